@@ -1,0 +1,1 @@
+"""The service around the core: configuration, time matching, pipeline, logs, commands."""

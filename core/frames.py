@@ -1,0 +1,99 @@
+"""Frames and their rotations. Signs are MAVLink's: nose up, right wing down and clockwise from north are positive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .types import CameraMount
+
+Rotation = NDArray[np.float64]
+
+R_CAMFRD_OPTICAL: Rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""The camera's own forward-right-down triad from its optical axes."""
+
+
+def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Rotation:
+    """R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3): intrinsic ZYX, as in MAVLink ATTITUDE (R_ned_frd)."""
+    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
+    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def euler_from_rotation(R: Rotation) -> tuple[float, float, float]:
+    """(roll, pitch, yaw) in rad of R = Rz Ry Rx; at |pitch| = 90 degrees roll is taken as 0."""
+    pitch = math.asin(max(-1.0, min(1.0, -float(R[2, 0]))))
+    if abs(R[2, 0]) > 1.0 - 1e-9:
+        return 0.0, pitch, math.atan2(-float(R[0, 1]), float(R[1, 1]))
+    return math.atan2(float(R[2, 1]), float(R[2, 2])), pitch, math.atan2(float(R[1, 0]), float(R[0, 0]))
+
+
+def rotation_from_quaternion(q_wxyz: tuple[float, float, float, float]) -> Rotation:
+    """(3, 3) rotation of a quaternion (w, x, y, z), normalised here."""
+    w, x, y, z = q_wxyz
+    n = math.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / n, x / n, y / n, z / n
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
+    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
+    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def rotation_frd_optical(mount: CameraMount) -> Rotation:
+    """R_frd_optical of a mounted camera, (3, 3)."""
+    return rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad) @ R_CAMFRD_OPTICAL
+
+
+def horizontal_heading_rad(R_ned_optical: Rotation) -> float:
+    """Heading of the optical axis projected on the horizontal, rad clockwise from north.
+
+    Of a camera that looks straight up or down it is the heading of its image's upward or downward edge, so that a
+    number always comes out; the extractor refuses such a tilt by itself (InvalidCause.TOO_STEEP)."""
+    forward = R_ned_optical[:, 2]
+    if math.hypot(forward[0], forward[1]) < 1e-6:
+        forward = R_ned_optical[:, 1] * (-1.0 if forward[2] > 0 else 1.0)
+    return math.atan2(float(forward[1]), float(forward[0]))
+
+
+def rotation_level_cam_optical(R_ned_optical: Rotation) -> Rotation:
+    """R_level_cam_optical, (3, 3): gravity-aligned, x along the camera's own horizontal heading."""
+    return rotation_from_euler(0.0, 0.0, -horizontal_heading_rad(R_ned_optical)) @ R_ned_optical
+
+
+def rotation_level_ned(yaw_rad: float) -> Rotation:
+    """R_level_ned of a vehicle with heading yaw_rad."""
+    return rotation_from_euler(0.0, 0.0, -yaw_rad)
+
+
+def level_from_level_cam(R_ned_frd: Rotation, mount: CameraMount) -> tuple[float, NDArray[np.float64]]:
+    """(yaw_rad, t_m): p_level = Rz(yaw) p_level_cam + t, from the camera's heading and lever arm."""
+    R_ned_optical = R_ned_frd @ rotation_frd_optical(mount)
+    vehicle_yaw = math.atan2(float(R_ned_frd[1, 0]), float(R_ned_frd[0, 0]))
+    yaw = horizontal_heading_rad(R_ned_optical) - vehicle_yaw
+    lever_ned = R_ned_frd @ np.array([mount.x_m, mount.y_m, mount.z_m])
+    return math.remainder(yaw, 2 * math.pi), rotation_level_ned(vehicle_yaw) @ lever_ned
