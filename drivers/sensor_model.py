@@ -1,0 +1,127 @@
+"""What a stereo depth camera makes of exact depth: noise constant in disparity, holes, wrong matches, the
+range clip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo
+
+DepthMm = NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorModel:
+    """The faults of a simulated camera; the defaults are a perfect one.
+
+    ke_per_m: noise, sigma_Z = ke * Z^2, normal and independent in 1/Z. dropout_share: single pixels without a
+    measurement. holes: elliptic blobs of about hole_radius_px without one. blind_left_px: columns that the
+    second imager does not see. mismatch_share: share of the pixels overwritten by 2x2 blocks of a disparity
+    drawn uniformly from the sensor's range. flying_share: share of the pixels at a depth edge that lie
+    somewhere between its two sides. saturated_share: pixels written as 65535. sky_is_far: beyond the range
+    the sensor says "far" instead of "no measurement"."""
+
+    ke_per_m: float = 0.0
+    dropout_share: float = 0.0
+    holes: int = 0
+    hole_radius_px: float = 12.0
+    blind_left_px: int = 0
+    mismatch_share: float = 0.0
+    flying_share: float = 0.0
+    saturated_share: float = 0.0
+    sky_is_far: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.ke_per_m <= 0.05:
+            raise ValueError(f"sensor model: ke_per_m={self.ke_per_m:g}, expected 0..0.05")
+        for name in ("dropout_share", "mismatch_share", "flying_share", "saturated_share"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"sensor model: {name}={getattr(self, name):g}, expected 0..1")
+        if self.holes < 0 or self.blind_left_px < 0 or not self.hole_radius_px > 0.0:
+            raise ValueError("sensor model: holes and blind_left_px must be >= 0, hole_radius_px > 0")
+
+
+PERFECT = SensorModel()
+TYPICAL = SensorModel(
+    ke_per_m=0.0015, dropout_share=0.05, holes=4, mismatch_share=0.002, flying_share=0.5, blind_left_px=16
+)
+"""Noise of a good stereo camera with the faults that the fidelity figures are stated for."""
+
+
+def generator(seed: int, frame: int) -> np.random.Generator:
+    """The random numbers of one frame: the same for the same (seed, frame) on every machine."""
+    return np.random.Generator(np.random.PCG64([seed, frame]))
+
+
+def measure(
+    depth_m: NDArray[np.float64], info: CameraInfo, model: SensorModel, seed: int, frame: int = 0
+) -> DepthMm:
+    """What the camera delivers for exact depth (H, W), metres, inf where nothing is: (H, W) uint16
+    millimetres.
+
+    Noise is added to 1/Z, hence constant in disparity. Too near is UNKNOWN_MM; beyond the range is UNKNOWN_MM
+    or, with sky_is_far, FAR_MM."""
+    rng = generator(seed, frame)
+    inverse = 1.0 / depth_m
+    if model.flying_share > 0.0:
+        inverse = _flying(inverse, model.flying_share, rng)
+    if model.ke_per_m > 0.0:
+        inverse = inverse + model.ke_per_m * rng.standard_normal(inverse.shape) * np.isfinite(depth_m)
+    if model.mismatch_share > 0.0:
+        inverse = _mismatches(inverse, info, model.mismatch_share, rng)
+    with np.errstate(divide="ignore"):
+        z_m = np.where(inverse > 0.0, 1.0 / inverse, np.inf)
+    far = FAR_MM if model.sky_is_far else UNKNOWN_MM
+    out = np.full(z_m.shape, UNKNOWN_MM, np.uint16)
+    out[z_m > info.max_range_m] = far
+    measured = (z_m >= info.min_range_m) & (z_m <= info.max_range_m)
+    out[measured] = np.rint(1000.0 * z_m[measured]).astype(np.uint16)
+    return _holes(out, model, rng)
+
+
+def _flying(inverse: NDArray[np.float64], share: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Replaces a share of the pixels beside a horizontal depth edge (a jump of 10 % or more) by a disparity
+    between both sides. What borders on the sky is left alone: there is nothing to mix with."""
+    left, right = inverse[:, :-1], inverse[:, 1:]
+    edge = (np.abs(left - right) > 0.1 * np.maximum(left, right)) & (left > 0.0) & (right > 0.0)
+    chosen = edge & (rng.random(edge.shape) < share)
+    side = rng.random(edge.shape) < 0.5
+    mix = rng.random(edge.shape)
+    value = mix * left + (1.0 - mix) * right
+    out = inverse.copy()
+    out[:, :-1][chosen & side] = value[chosen & side]
+    out[:, 1:][chosen & ~side] = value[chosen & ~side]
+    return out
+
+
+def _mismatches(
+    inverse: NDArray[np.float64], info: CameraInfo, share: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    height, width = inverse.shape
+    count = math.ceil(share * inverse.size / 4)
+    v, u = rng.integers(0, height - 1, count), rng.integers(0, width - 1, count)
+    value = rng.uniform(1.0 / info.max_range_m, 1.0 / info.min_range_m, count)
+    out = inverse.copy()
+    for dv in (0, 1):
+        for du in (0, 1):
+            out[v + dv, u + du] = value
+    return out
+
+
+def _holes(depth_mm: DepthMm, model: SensorModel, rng: np.random.Generator) -> DepthMm:
+    height, width = depth_mm.shape
+    if model.dropout_share > 0.0:
+        depth_mm[rng.random(depth_mm.shape) < model.dropout_share] = UNKNOWN_MM
+    if model.saturated_share > 0.0:
+        depth_mm[rng.random(depth_mm.shape) < model.saturated_share] = SATURATED_MM
+    v, u = np.ogrid[:height, :width]
+    for _ in range(model.holes):
+        cu, cv = rng.uniform(0, width), rng.uniform(0, height)
+        ru, rv = model.hole_radius_px * rng.uniform(0.5, 1.5, 2)
+        depth_mm[((u - cu) / ru) ** 2 + ((v - cv) / rv) ** 2 < 1.0] = UNKNOWN_MM
+    depth_mm[:, : model.blind_left_px] = UNKNOWN_MM
+    return depth_mm
