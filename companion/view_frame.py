@@ -1,0 +1,124 @@
+"""What the viewer draws of one camera frame, whichever way it came: from a log or straight from the pipeline."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import Rotation, euler_from_rotation, level_from_level_cam, rotation_frd_optical
+from core.frames import rotation_level_cam_optical as level_cam_optical
+from core.types import CameraInfo, FrameModel, readonly
+
+
+class Standing(StrEnum):
+    """How much may be read from a frame."""
+
+    VALID = "VALID"
+    BLIND = "BLIND"
+    NO_PRISMS = "NO PRISMS"
+    """The log holds the depth but nobody has extracted anything from it yet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ViewFrame:
+    """One frame of one camera. depth_mm: (H, W) uint16 as in DepthFrame, None when the log lacks it. R_ned_frd: attitude
+    used, (3, 3), None when there was none. model: in level_cam, None when the log has none. dropped: why the frame was
+    not used ("": it was). position_ned_m: of the vehicle, None without a pose."""
+
+    info: CameraInfo
+    sequence: int
+    t_ns: int
+    depth_mm: NDArray[np.uint16] | None = None
+    R_ned_frd: Rotation | None = None
+    model: FrameModel | None = None
+    dropped: str = ""
+    position_ned_m: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        k = self.info.intrinsics
+        if self.depth_mm is not None:
+            object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (k.height, k.width), "depth_mm"))
+        if self.model is not None and self.R_ned_frd is None:
+            raise ValueError(f"frame {self.sequence} of {self.info.camera}: a model without the attitude it was made with")
+
+    @property
+    def standing(self) -> Standing:
+        """Blind wins: a dropped frame says nothing even where the log holds no prisms at all."""
+        if self.dropped or (self.model is not None and not self.model.valid):
+            return Standing.BLIND
+        return Standing.VALID if self.model is not None else Standing.NO_PRISMS
+
+    @property
+    def cause(self) -> str:
+        """Why the frame is blind, in words; "" when it is not."""
+        if self.dropped:
+            return f"frame not used: {self.dropped}"
+        if self.model is not None and not self.model.valid:
+            return str(self.model.cause) or "no cause given"
+        return ""
+
+    @property
+    def R_level_cam_optical(self) -> Rotation | None:
+        """(3, 3), None without an attitude."""
+        if self.R_ned_frd is None:
+            return None
+        return level_cam_optical(self.R_ned_frd @ rotation_frd_optical(self.info.mount))
+
+    @property
+    def level_from_level_cam(self) -> tuple[float, NDArray[np.float64]]:
+        """(yaw_rad, t_m) of p_level = Rz(yaw) p_level_cam + t; identity without an attitude."""
+        if self.R_ned_frd is None:
+            return 0.0, np.zeros(3)
+        return level_from_level_cam(self.R_ned_frd, self.info.mount)
+
+    @property
+    def attitude_deg(self) -> tuple[float, float, float] | None:
+        """(roll, pitch, yaw) of the vehicle, degrees, MAVLink's signs."""
+        if self.R_ned_frd is None:
+            return None
+        roll, pitch, yaw = euler_from_rotation(self.R_ned_frd)
+        return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+
+    def without_depth(self) -> ViewFrame:
+        """The same frame without its image, to be kept in numbers."""
+        return replace(self, depth_mm=None)
+
+
+def describe(frame: ViewFrame, t_start_ns: int) -> tuple[str, str]:
+    """Two lines of text for a header: who and when, and what was found."""
+    who = f"{frame.info.camera}   frame {frame.sequence}   t = {(frame.t_ns - t_start_ns) / 1e9:.2f} s"
+    if frame.attitude_deg is None:
+        who += "   attitude: none"
+    else:
+        roll, pitch, yaw = frame.attitude_deg
+        who += f"   roll {roll:+.1f}°  pitch {pitch:+.1f}°  yaw {yaw:+.1f}°"
+    return who, describe_model(frame.model)
+
+
+def describe_model(model: FrameModel | None) -> str:
+    """What was found, in one line."""
+    if model is None:
+        return "no prisms in this log: run companion replay first"
+    ground = f"ground {model.ground.height_m:.2f} m below" if model.ground.seen else "no ground seen"
+    s = model.stats
+    return (
+        f"{len(model.planes)} planes in {s.clusters} clusters, {len(model.prisms)} prisms, {s.strips} strips   "
+        f"{ground}   measured {s.measured_share:.0%}  unknown {s.unknown_share:.0%}  far {s.far_share:.0%}"
+    )
+
+
+def choose(counts: list[int], blind: list[bool], *, spread: int = 5) -> list[int]:
+    """Indices of the frames worth a picture: `spread` evenly over the log, the one with most planes, the first blind.
+
+    counts: planes of each frame; blind: whether each frame is blind. Sorted, without doubles, empty for no frames."""
+    n = len(counts)
+    if n == 0:
+        return []
+    chosen = {round(k * (n - 1) / max(1, spread - 1)) for k in range(spread)}
+    chosen.add(max(range(n), key=lambda k: counts[k]))
+    chosen.update([blind.index(True)] if True in blind else [])
+    return sorted(chosen)
