@@ -1,0 +1,357 @@
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    CAUSE_NONE: _ClassVar[Cause]
+    CAUSE_NO_MEASUREMENT: _ClassVar[Cause]
+    CAUSE_TOO_STEEP: _ClassVar[Cause]
+    CAUSE_BAD_ROTATION: _ClassVar[Cause]
+    CAUSE_NO_ATTITUDE: _ClassVar[Cause]
+    CAUSE_ATTITUDE_TOO_OLD: _ClassVar[Cause]
+    CAUSE_FRAME_TOO_OLD: _ClassVar[Cause]
+    CAUSE_GAP_TOO_WIDE: _ClassVar[Cause]
+    CAUSE_NO_RATES: _ClassVar[Cause]
+    CAUSE_DUPLICATE_FRAME: _ClassVar[Cause]
+    CAUSE_LATE_FRAME: _ClassVar[Cause]
+    CAUSE_WRONG_SIZE: _ClassVar[Cause]
+    CAUSE_BUSY: _ClassVar[Cause]
+CAUSE_NONE: Cause
+CAUSE_NO_MEASUREMENT: Cause
+CAUSE_TOO_STEEP: Cause
+CAUSE_BAD_ROTATION: Cause
+CAUSE_NO_ATTITUDE: Cause
+CAUSE_ATTITUDE_TOO_OLD: Cause
+CAUSE_FRAME_TOO_OLD: Cause
+CAUSE_GAP_TOO_WIDE: Cause
+CAUSE_NO_RATES: Cause
+CAUSE_DUPLICATE_FRAME: Cause
+CAUSE_LATE_FRAME: Cause
+CAUSE_WRONG_SIZE: Cause
+CAUSE_BUSY: Cause
+
+class Vector3(_message.Message):
+    __slots__ = ("x", "y", "z")
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    x: float
+    y: float
+    z: float
+    def __init__(self, x: _Optional[float] = ..., y: _Optional[float] = ..., z: _Optional[float] = ...) -> None: ...
+
+class Quaternion(_message.Message):
+    __slots__ = ("w", "x", "y", "z")
+    W_FIELD_NUMBER: _ClassVar[int]
+    X_FIELD_NUMBER: _ClassVar[int]
+    Y_FIELD_NUMBER: _ClassVar[int]
+    Z_FIELD_NUMBER: _ClassVar[int]
+    w: float
+    x: float
+    y: float
+    z: float
+    def __init__(self, w: _Optional[float] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., z: _Optional[float] = ...) -> None: ...
+
+class AttitudeSample(_message.Message):
+    __slots__ = ("t_ns", "t_arrival_ns", "q_ned_frd", "rates_frd_rad_s")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    T_ARRIVAL_NS_FIELD_NUMBER: _ClassVar[int]
+    Q_NED_FRD_FIELD_NUMBER: _ClassVar[int]
+    RATES_FRD_RAD_S_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    t_arrival_ns: int
+    q_ned_frd: Quaternion
+    rates_frd_rad_s: Vector3
+    def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., q_ned_frd: _Optional[_Union[Quaternion, _Mapping]] = ..., rates_frd_rad_s: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
+
+class PoseSample(_message.Message):
+    __slots__ = ("t_ns", "t_arrival_ns", "position_ned_m", "velocity_ned_m_s", "reset_counter")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    T_ARRIVAL_NS_FIELD_NUMBER: _ClassVar[int]
+    POSITION_NED_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_NED_M_S_FIELD_NUMBER: _ClassVar[int]
+    RESET_COUNTER_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    t_arrival_ns: int
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+    reset_counter: int
+    def __init__(self, t_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., position_ned_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_ned_m_s: _Optional[_Union[Vector3, _Mapping]] = ..., reset_counter: _Optional[int] = ...) -> None: ...
+
+class CameraInfo(_message.Message):
+    __slots__ = ("camera", "width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "mount_roll_rad", "mount_pitch_rad", "mount_yaw_rad", "lever_arm_frd_m", "min_range_m", "max_range_m", "ke_per_m")
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    FX_PX_FIELD_NUMBER: _ClassVar[int]
+    FY_PX_FIELD_NUMBER: _ClassVar[int]
+    CX_PX_FIELD_NUMBER: _ClassVar[int]
+    CY_PX_FIELD_NUMBER: _ClassVar[int]
+    MOUNT_ROLL_RAD_FIELD_NUMBER: _ClassVar[int]
+    MOUNT_PITCH_RAD_FIELD_NUMBER: _ClassVar[int]
+    MOUNT_YAW_RAD_FIELD_NUMBER: _ClassVar[int]
+    LEVER_ARM_FRD_M_FIELD_NUMBER: _ClassVar[int]
+    MIN_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    MAX_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    KE_PER_M_FIELD_NUMBER: _ClassVar[int]
+    camera: str
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    mount_roll_rad: float
+    mount_pitch_rad: float
+    mount_yaw_rad: float
+    lever_arm_frd_m: Vector3
+    min_range_m: float
+    max_range_m: float
+    ke_per_m: float
+    def __init__(self, camera: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., fx_px: _Optional[float] = ..., fy_px: _Optional[float] = ..., cx_px: _Optional[float] = ..., cy_px: _Optional[float] = ..., mount_roll_rad: _Optional[float] = ..., mount_pitch_rad: _Optional[float] = ..., mount_yaw_rad: _Optional[float] = ..., lever_arm_frd_m: _Optional[_Union[Vector3, _Mapping]] = ..., min_range_m: _Optional[float] = ..., max_range_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ...) -> None: ...
+
+class AttitudeUsed(_message.Message):
+    __slots__ = ("source", "q_ned_frd", "distance_ns")
+    class Source(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        SOURCE_NONE: _ClassVar[AttitudeUsed.Source]
+        SOURCE_EXACT: _ClassVar[AttitudeUsed.Source]
+        SOURCE_INTERPOLATED: _ClassVar[AttitudeUsed.Source]
+        SOURCE_EXTRAPOLATED: _ClassVar[AttitudeUsed.Source]
+    SOURCE_NONE: AttitudeUsed.Source
+    SOURCE_EXACT: AttitudeUsed.Source
+    SOURCE_INTERPOLATED: AttitudeUsed.Source
+    SOURCE_EXTRAPOLATED: AttitudeUsed.Source
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    Q_NED_FRD_FIELD_NUMBER: _ClassVar[int]
+    DISTANCE_NS_FIELD_NUMBER: _ClassVar[int]
+    source: AttitudeUsed.Source
+    q_ned_frd: Quaternion
+    distance_ns: int
+    def __init__(self, source: _Optional[_Union[AttitudeUsed.Source, str]] = ..., q_ned_frd: _Optional[_Union[Quaternion, _Mapping]] = ..., distance_ns: _Optional[int] = ...) -> None: ...
+
+class PoseUsed(_message.Message):
+    __slots__ = ("source", "position_ned_m", "distance_ns", "reset_counter")
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    POSITION_NED_M_FIELD_NUMBER: _ClassVar[int]
+    DISTANCE_NS_FIELD_NUMBER: _ClassVar[int]
+    RESET_COUNTER_FIELD_NUMBER: _ClassVar[int]
+    source: AttitudeUsed.Source
+    position_ned_m: Vector3
+    distance_ns: int
+    reset_counter: int
+    def __init__(self, source: _Optional[_Union[AttitudeUsed.Source, str]] = ..., position_ned_m: _Optional[_Union[Vector3, _Mapping]] = ..., distance_ns: _Optional[int] = ..., reset_counter: _Optional[int] = ...) -> None: ...
+
+class LevelTransform(_message.Message):
+    __slots__ = ("yaw_rad", "translation_m")
+    YAW_RAD_FIELD_NUMBER: _ClassVar[int]
+    TRANSLATION_M_FIELD_NUMBER: _ClassVar[int]
+    yaw_rad: float
+    translation_m: Vector3
+    def __init__(self, yaw_rad: _Optional[float] = ..., translation_m: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
+
+class Planes(_message.Message):
+    __slots__ = ("corners_m", "margin_m", "support_px", "flags", "cluster")
+    CORNERS_M_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_M_FIELD_NUMBER: _ClassVar[int]
+    SUPPORT_PX_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    CLUSTER_FIELD_NUMBER: _ClassVar[int]
+    corners_m: _containers.RepeatedScalarFieldContainer[float]
+    margin_m: _containers.RepeatedScalarFieldContainer[float]
+    support_px: _containers.RepeatedScalarFieldContainer[int]
+    flags: _containers.RepeatedScalarFieldContainer[int]
+    cluster: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, corners_m: _Optional[_Iterable[float]] = ..., margin_m: _Optional[_Iterable[float]] = ..., support_px: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., cluster: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class Prism(_message.Message):
+    __slots__ = ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")
+    CLUSTER_FIELD_NUMBER: _ClassVar[int]
+    TOP_M_FIELD_NUMBER: _ClassVar[int]
+    BOTTOM_M_FIELD_NUMBER: _ClassVar[int]
+    CLOSED_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_M_FIELD_NUMBER: _ClassVar[int]
+    VERTICES_M_FIELD_NUMBER: _ClassVar[int]
+    PLANE_FIELD_NUMBER: _ClassVar[int]
+    cluster: int
+    top_m: float
+    bottom_m: float
+    closed: bool
+    margin_m: float
+    vertices_m: _containers.RepeatedScalarFieldContainer[float]
+    plane: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, cluster: _Optional[int] = ..., top_m: _Optional[float] = ..., bottom_m: _Optional[float] = ..., closed: bool = ..., margin_m: _Optional[float] = ..., vertices_m: _Optional[_Iterable[float]] = ..., plane: _Optional[_Iterable[int]] = ...) -> None: ...
+
+class FreeProfile(_message.Message):
+    __slots__ = ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")
+    AZIMUTH_EDGES_RAD_FIELD_NUMBER: _ClassVar[int]
+    LAYER_EDGES_M_FIELD_NUMBER: _ClassVar[int]
+    FREE_FROM_M_FIELD_NUMBER: _ClassVar[int]
+    FREE_TO_M_FIELD_NUMBER: _ClassVar[int]
+    END_FIELD_NUMBER: _ClassVar[int]
+    azimuth_edges_rad: _containers.RepeatedScalarFieldContainer[float]
+    layer_edges_m: _containers.RepeatedScalarFieldContainer[float]
+    free_from_m: _containers.RepeatedScalarFieldContainer[float]
+    free_to_m: _containers.RepeatedScalarFieldContainer[float]
+    end: bytes
+    def __init__(self, azimuth_edges_rad: _Optional[_Iterable[float]] = ..., layer_edges_m: _Optional[_Iterable[float]] = ..., free_from_m: _Optional[_Iterable[float]] = ..., free_to_m: _Optional[_Iterable[float]] = ..., end: _Optional[bytes] = ...) -> None: ...
+
+class Ground(_message.Message):
+    __slots__ = ("seen", "height_m", "slope_x", "slope_y", "share", "blind_beyond_m")
+    SEEN_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    SLOPE_X_FIELD_NUMBER: _ClassVar[int]
+    SLOPE_Y_FIELD_NUMBER: _ClassVar[int]
+    SHARE_FIELD_NUMBER: _ClassVar[int]
+    BLIND_BEYOND_M_FIELD_NUMBER: _ClassVar[int]
+    seen: bool
+    height_m: float
+    slope_x: float
+    slope_y: float
+    share: float
+    blind_beyond_m: float
+    def __init__(self, seen: bool = ..., height_m: _Optional[float] = ..., slope_x: _Optional[float] = ..., slope_y: _Optional[float] = ..., share: _Optional[float] = ..., blind_beyond_m: _Optional[float] = ...) -> None: ...
+
+class FrameStats(_message.Message):
+    __slots__ = ("measured_share", "unknown_share", "far_share", "flying_px", "ground_px", "strips", "dropped_strips", "clusters", "planes", "prisms", "overflow")
+    MEASURED_SHARE_FIELD_NUMBER: _ClassVar[int]
+    UNKNOWN_SHARE_FIELD_NUMBER: _ClassVar[int]
+    FAR_SHARE_FIELD_NUMBER: _ClassVar[int]
+    FLYING_PX_FIELD_NUMBER: _ClassVar[int]
+    GROUND_PX_FIELD_NUMBER: _ClassVar[int]
+    STRIPS_FIELD_NUMBER: _ClassVar[int]
+    DROPPED_STRIPS_FIELD_NUMBER: _ClassVar[int]
+    CLUSTERS_FIELD_NUMBER: _ClassVar[int]
+    PLANES_FIELD_NUMBER: _ClassVar[int]
+    PRISMS_FIELD_NUMBER: _ClassVar[int]
+    OVERFLOW_FIELD_NUMBER: _ClassVar[int]
+    measured_share: float
+    unknown_share: float
+    far_share: float
+    flying_px: int
+    ground_px: int
+    strips: int
+    dropped_strips: int
+    clusters: int
+    planes: int
+    prisms: int
+    overflow: int
+    def __init__(self, measured_share: _Optional[float] = ..., unknown_share: _Optional[float] = ..., far_share: _Optional[float] = ..., flying_px: _Optional[int] = ..., ground_px: _Optional[int] = ..., strips: _Optional[int] = ..., dropped_strips: _Optional[int] = ..., clusters: _Optional[int] = ..., planes: _Optional[int] = ..., prisms: _Optional[int] = ..., overflow: _Optional[int] = ...) -> None: ...
+
+class Publication(_message.Message):
+    __slots__ = ("boot_id", "number", "age_ns")
+    BOOT_ID_FIELD_NUMBER: _ClassVar[int]
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    AGE_NS_FIELD_NUMBER: _ClassVar[int]
+    boot_id: str
+    number: int
+    age_ns: int
+    def __init__(self, boot_id: _Optional[str] = ..., number: _Optional[int] = ..., age_ns: _Optional[int] = ...) -> None: ...
+
+class PrismsFrame(_message.Message):
+    __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "frame", "valid", "cause", "cause_text", "planes", "prisms", "free", "ground", "stats", "ke_per_m", "attitude", "pose", "transform", "publication")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    T_EXPOSURE_NS_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    VALID_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_TEXT_FIELD_NUMBER: _ClassVar[int]
+    PLANES_FIELD_NUMBER: _ClassVar[int]
+    PRISMS_FIELD_NUMBER: _ClassVar[int]
+    FREE_FIELD_NUMBER: _ClassVar[int]
+    GROUND_FIELD_NUMBER: _ClassVar[int]
+    STATS_FIELD_NUMBER: _ClassVar[int]
+    KE_PER_M_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    TRANSFORM_FIELD_NUMBER: _ClassVar[int]
+    PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    frame: str
+    valid: bool
+    cause: Cause
+    cause_text: str
+    planes: Planes
+    prisms: _containers.RepeatedCompositeFieldContainer[Prism]
+    free: FreeProfile
+    ground: Ground
+    stats: FrameStats
+    ke_per_m: float
+    attitude: AttitudeUsed
+    pose: PoseUsed
+    transform: LevelTransform
+    publication: Publication
+    def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., cause_text: _Optional[str] = ..., planes: _Optional[_Union[Planes, _Mapping]] = ..., prisms: _Optional[_Iterable[_Union[Prism, _Mapping]]] = ..., free: _Optional[_Union[FreeProfile, _Mapping]] = ..., ground: _Optional[_Union[Ground, _Mapping]] = ..., stats: _Optional[_Union[FrameStats, _Mapping]] = ..., ke_per_m: _Optional[float] = ..., attitude: _Optional[_Union[AttitudeUsed, _Mapping]] = ..., pose: _Optional[_Union[PoseUsed, _Mapping]] = ..., transform: _Optional[_Union[LevelTransform, _Mapping]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+
+class FrameDecision(_message.Message):
+    __slots__ = ("camera", "sequence", "t_exposure_ns", "t_arrival_ns", "used", "cause", "attitude", "attitude_cutoff_ns", "pose", "pose_text")
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    T_EXPOSURE_NS_FIELD_NUMBER: _ClassVar[int]
+    T_ARRIVAL_NS_FIELD_NUMBER: _ClassVar[int]
+    USED_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_CUTOFF_NS_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    POSE_TEXT_FIELD_NUMBER: _ClassVar[int]
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    t_arrival_ns: int
+    used: bool
+    cause: Cause
+    attitude: AttitudeUsed.Source
+    attitude_cutoff_ns: int
+    pose: AttitudeUsed.Source
+    pose_text: str
+    def __init__(self, camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., used: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., attitude: _Optional[_Union[AttitudeUsed.Source, str]] = ..., attitude_cutoff_ns: _Optional[int] = ..., pose: _Optional[_Union[AttitudeUsed.Source, str]] = ..., pose_text: _Optional[str] = ...) -> None: ...
+
+class CameraState(_message.Message):
+    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns")
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    GROUND_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    KE_PER_M_FIELD_NUMBER: _ClassVar[int]
+    LAST_T_EXPOSURE_NS_FIELD_NUMBER: _ClassVar[int]
+    camera: str
+    ground_height_m: float
+    ke_per_m: float
+    last_t_exposure_ns: int
+    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ...) -> None: ...
+
+class StateSnapshot(_message.Message):
+    __slots__ = ("cameras", "attitudes", "poses")
+    CAMERAS_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDES_FIELD_NUMBER: _ClassVar[int]
+    POSES_FIELD_NUMBER: _ClassVar[int]
+    cameras: _containers.RepeatedCompositeFieldContainer[CameraState]
+    attitudes: _containers.RepeatedCompositeFieldContainer[AttitudeSample]
+    poses: _containers.RepeatedCompositeFieldContainer[PoseSample]
+    def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ...) -> None: ...
+
+class RunInfo(_message.Message):
+    __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SOFTWARE_FIELD_NUMBER: _ClassVar[int]
+    CONFIG_JSON_FIELD_NUMBER: _ClassVar[int]
+    PACKAGES_FIELD_NUMBER: _ClassVar[int]
+    PROCESSOR_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    software: str
+    config_json: str
+    packages: _containers.RepeatedScalarFieldContainer[str]
+    processor: str
+    source: str
+    def __init__(self, schema_version: _Optional[int] = ..., software: _Optional[str] = ..., config_json: _Optional[str] = ..., packages: _Optional[_Iterable[str]] = ..., processor: _Optional[str] = ..., source: _Optional[str] = ...) -> None: ...
