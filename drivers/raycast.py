@@ -166,9 +166,7 @@ def _to_optical(kind: int, q: Floats, R: Floats, origin: Floats, out: Floats) ->
                 out[3 + 3 * i + j] = q[3 + 3 * i] * R[0, j] + q[4 + 3 * i] * R[1, j] + q[5 + 3 * i] * R[2, j]
     elif kind == CYLINDER:
         for j in range(3):
-            out[3 + j] = (
-                R[0, j] * (q[3] - origin[0]) + R[1, j] * (q[4] - origin[1]) + R[2, j] * (q[5] - origin[2])
-            )
+            out[3 + j] = R[0, j] * (q[3] - origin[0]) + R[1, j] * (q[4] - origin[1]) + R[2, j] * (q[5] - origin[2])
         out[6] = q[6]
     else:
         for j in range(3):
@@ -252,7 +250,5 @@ def cast_rays(
     local = np.empty((len(halfspaces), 4))
     local[:, :3] = halfspaces[:, :3] @ R
     local[:, 3] = halfspaces[:, 3] - halfspaces[:, :3] @ origin
-    _cast(
-        np.array(kinds), np.array(rows), np.array(corners), local, R, origin, k.fx, k.fy, k.cx, k.cy, z, which
-    )
+    _cast(np.array(kinds), np.array(rows), np.array(corners), local, R, origin, k.fx, k.fy, k.cx, k.cy, z, which)
     return z, which

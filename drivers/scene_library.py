@@ -176,6 +176,26 @@ def _no_ground(rng: np.random.Generator) -> Scene:
     return s.build()
 
 
+def _demo(rng: np.random.Generator) -> Scene:
+    """A street 30 m long with houses, lamps, cars, trees and a kiosk, closed by a facade with a window."""
+    s = SceneBuilder("demo")
+    s.ground()
+    for side in (-1.0, 1.0):
+        for i, x in enumerate((-4.0, 5.5, 15.0)):
+            s.box(f"house {i}", x + 3.7, side * (9.5 + rng.uniform(0.0, 1.0)), 7.5, 7.0, rng.uniform(5.0, 9.0))
+    s.gable("gable house", 19.0, -10.5, 7.0, 7.0, 4.0, 6.5, math.pi / 2)
+    for i, x in enumerate((4.0, 9.0, 14.0, 19.0)):
+        s.pole("lamp", x, -3.6 if i % 2 else 3.6, 0.14, 5.0)
+    s.box("car", 7.0, -4.6, 4.2, 1.8, 1.45, 0.03)
+    s.box("van", 12.5, 4.7, 5.0, 2.0, 2.3, -0.04)
+    s.tree("tree", 9.5, 4.0, 4.8, 1.4, 420, rng)
+    s.tree("tree by the facade", 16.5, -4.2, 5.2, 1.5, 420, rng)
+    width, height = WINDOW_M
+    s.wall("facade", (22.0, -9.0), (22.0, 9.0), 6.0, ((9.0 - width / 2, 1.0, width, height),))
+    s.wall("back wall", (28.0, -9.0), (28.0, 9.0), 6.0)
+    return s.build()
+
+
 SCENES: dict[str, Callable[[np.random.Generator], Scene]] = {
     "street": _street,
     "corner": _corner,
@@ -194,6 +214,7 @@ SCENES: dict[str, Callable[[np.random.Generator], Scene]] = {
     "open": _open,
     "tunnel": _tunnel,
     "no_ground": _no_ground,
+    "demo": _demo,
 }
 
 

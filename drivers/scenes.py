@@ -208,9 +208,7 @@ class SceneBuilder:
         top = np.array([[-length / 2, 0.0, -ridge], [length / 2, 0.0, -ridge]])
         self.convex(name, np.vstack([body, top]) @ _yaw_axes(yaw) + [x, y, 0.0], yaw)
 
-    def ramp(
-        self, name: str, x: float, y: float, length: float, width: float, height: float, yaw: float = 0.0
-    ) -> None:
+    def ramp(self, name: str, x: float, y: float, length: float, width: float, height: float, yaw: float = 0.0) -> None:
         """A wedge that rises from 0 to `height` along its heading."""
         low, high = np.array([-length / 2, -width / 2, -height]), np.array([length / 2, width / 2, 0.0])
         points = _corners(low, high, np.eye(3), np.zeros(3))
@@ -251,9 +249,7 @@ class SceneBuilder:
         """An ellipsoid with half-axes `radii` along its heading, across it and down."""
         axes, r = _yaw_axes(yaw), np.array(radii)
         matrix = axes / r[:, None]
-        self._add(
-            ELLIPSOID, [*centre, *matrix.ravel()], _corners(-r, r, axes, np.array(centre)), self.label(name)
-        )
+        self._add(ELLIPSOID, [*centre, *matrix.ravel()], _corners(-r, r, axes, np.array(centre)), self.label(name))
 
     def disc(self, name: str, centre: Point, normal: Point, radius: float) -> None:
         """A round flat leaf, seen from both sides."""

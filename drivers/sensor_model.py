@@ -57,9 +57,7 @@ def generator(seed: int, frame: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64([seed, frame]))
 
 
-def measure(
-    depth_m: NDArray[np.float64], info: CameraInfo, model: SensorModel, seed: int, frame: int = 0
-) -> DepthMm:
+def measure(depth_m: NDArray[np.float64], info: CameraInfo, model: SensorModel, seed: int, frame: int = 0) -> DepthMm:
     """What the camera delivers for exact depth (H, W), metres, inf where nothing is: (H, W) uint16
     millimetres.
 

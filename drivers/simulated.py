@@ -86,9 +86,7 @@ class Rendered:
 def look(scene: Scene, info: CameraInfo, R_ned_optical: Floats, position_ned_m: Floats) -> Truth:
     """The exact view of a scene from a camera at a position (ned, metres) with a rotation."""
     k = info.intrinsics
-    depth, solid = cast_rays(
-        scene.kinds, scene.rows, scene.corners, scene.halfspaces, k, R_ned_optical, position_ned_m
-    )
+    depth, solid = cast_rays(scene.kinds, scene.rows, scene.corners, scene.halfspaces, k, R_ned_optical, position_ned_m)
     R_level = rotation_level_cam_optical(R_ned_optical)
     u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
     rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1)

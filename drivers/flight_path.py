@@ -1,0 +1,91 @@
+"""A smooth path through waypoints whose position, attitude and rates are known at every instant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from core.frames import quaternion_from_euler, rotation_from_euler
+
+Floats = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+
+def body_rates(euler_rad: Triple, euler_rates_rad_s: Triple) -> Triple:
+    """Body rates p, q, r in frd (rad/s) of roll, pitch, yaw and their derivatives (R = Rz Ry Rx)."""
+    roll, pitch, _ = euler_rad
+    d_roll, d_pitch, d_yaw = euler_rates_rad_s
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    return (d_roll - d_yaw * sp, d_pitch * cr + d_yaw * sr * cp, -d_pitch * sr + d_yaw * cr * cp)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class VehicleState:
+    """The vehicle at one instant: ned metres and m/s, angles of R_ned_frd = Rz(yaw) Ry(pitch) Rx(roll), body
+    rates."""
+
+    position_ned_m: Triple
+    velocity_ned_m_s: Triple
+    euler_rad: Triple
+    rates_frd_rad_s: Triple
+
+    @property
+    def R_ned_frd(self) -> Floats:
+        """(3, 3) float64."""
+        return rotation_from_euler(*self.euler_rad)
+
+    @property
+    def q_ned_frd_wxyz(self) -> tuple[float, float, float, float]:
+        """Unit quaternion."""
+        return quaternion_from_euler(*self.euler_rad)
+
+
+class FlightPath:
+    """Cubic splines through waypoints, at rest at both ends, with an optional swaying of the attitude.
+
+    Before the first and after the last waypoint the vehicle hovers there (and goes on swaying)."""
+
+    def __init__(
+        self, waypoints: list[list[float]], *, sway_rad: Triple = (0.0, 0.0, 0.0), sway_hz: float = 0.7
+    ) -> None:
+        """waypoints: rows of t (s, increasing), x, y, z (ned, m), roll, pitch, yaw (rad; yaw not wrapped).
+
+        sway_rad: amplitude of a sine added to roll, pitch and yaw, each a third of a period apart."""
+        table = np.array(waypoints, dtype=np.float64)
+        if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] != 7 or not np.all(np.isfinite(table)):
+            raise ValueError("flight path: expected two or more finite rows of t, x, y, z, roll, pitch, yaw")
+        if not np.all(np.diff(table[:, 0]) > 0.0):
+            raise ValueError("flight path: the times of the waypoints must increase")
+        self._spline = CubicSpline(table[:, 0], table[:, 1:], bc_type="clamped")
+        self._velocity = self._spline.derivative()
+        self._first_s, self._last_s = float(table[0, 0]), float(table[-1, 0])
+        self._sway_rad, self._sway_rad_s = np.array(sway_rad), 2.0 * math.pi * sway_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last waypoint."""
+        return self._last_s
+
+    def at(self, t_s: float) -> VehicleState:
+        """The vehicle t_s after the start of the flight."""
+        inside = min(max(t_s, self._first_s), self._last_s)
+        value = np.asarray(self._spline(inside))
+        slope = np.asarray(self._velocity(inside)) if inside == t_s else np.zeros(6)
+        phase = self._sway_rad_s * t_s + 2.0 * math.pi / 3.0 * np.arange(3)
+        euler = value[3:] + self._sway_rad * np.sin(phase)
+        rates = slope[3:] + self._sway_rad * self._sway_rad_s * np.cos(phase)
+        angles, turn = _triple(euler), _triple(rates)
+        return VehicleState(
+            position_ned_m=_triple(value[:3]),
+            velocity_ned_m_s=_triple(slope[:3]),
+            euler_rad=angles,
+            rates_frd_rad_s=body_rates(angles, turn),
+        )
+
+
+def _triple(a: Floats) -> Triple:
+    return float(a[0]), float(a[1]), float(a[2])
