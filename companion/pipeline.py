@@ -1,0 +1,257 @@
+"""The one pipeline, live and in replay: events in the order of their arrival go in, what they say comes out.
+
+It holds no clock, file or socket; what it decides depends on the events alone (and on the state it was started with),
+so the same events give the same results, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import (
+    level_from_level_cam,
+    rotation_frd_optical,
+    rotation_from_quaternion,
+    rotation_level_cam_optical,
+    rotation_level_ned,
+)
+from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, PoseSample
+from drivers.base import Event
+
+from .reframe import LevelTransform, reframed
+from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser, SyncParams
+
+UNSEEN = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
+"""Dropped without a message of their own: the same or a newer exposure has been published already."""
+
+
+class FrameExtractor(Protocol):
+    """What the pipeline needs of core.extractor.Extractor."""
+
+    def extract(
+        self,
+        depth: NDArray[np.uint16],
+        info: CameraInfo,
+        R_level_optical: NDArray[np.float64],
+        state: ExtractorState = ...,
+        keep_strips: bool = ...,
+    ) -> tuple[FrameModel, ExtractorState]: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameDecision:
+    """Whether a frame was used, and if not, why. attitude_cutoff_ns: the newest attitude that had arrived by then."""
+
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    t_arrival_ns: int
+    cause: DropCause
+    attitude: Source = Source.NONE
+    attitude_cutoff_ns: int | None = None
+    pose: Source = Source.NONE
+    pose_text: str = ""
+
+    @property
+    def used(self) -> bool:
+        """Whether the extractor saw it."""
+        return self.cause is DropCause.NONE
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PrismsResult:
+    """What one frame says, in `frame` ("level" or "ned"). model None: it was dropped; drop says why."""
+
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    t_arrival_ns: int
+    frame: str
+    drop: DropCause
+    model: FrameModel | None
+    attitude: AttitudeAt | None = None
+    pose: PoseAt | None = None
+    transform: LevelTransform | None = None
+
+    @property
+    def valid(self) -> bool:
+        """Whether anything may be read from it; False: blind."""
+        return self.model is not None and self.model.valid
+
+    @property
+    def cause_text(self) -> str:
+        """Why it is not valid, in words; empty when it is."""
+        return str(self.drop) if self.model is None else str(self.model.cause)
+
+
+Output = FrameDecision | PrismsResult
+
+
+@dataclass(frozen=True, slots=True)
+class CameraState:
+    """What one camera's frames hand on."""
+
+    extractor: ExtractorState = field(default_factory=ExtractorState)
+    last_t_exposure_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineState:
+    """All that later frames depend on; a pipeline started with it goes on as the one it was taken from."""
+
+    cameras: tuple[tuple[str, CameraState], ...] = ()
+    attitudes: tuple[AttitudeSample, ...] = ()
+    poses: tuple[PoseSample, ...] = ()
+
+
+class Pipeline:
+    """Depth, attitude and position in; decisions and prisms out. One extractor a camera, made by `make_extractor`."""
+
+    def __init__(
+        self,
+        cameras: Sequence[CameraInfo],
+        make_extractor: Callable[[CameraInfo], FrameExtractor],
+        sync: SyncParams | None = None,
+        state: PipelineState | None = None,
+    ) -> None:
+        self._infos = {info.camera: info for info in cameras}
+        if len(self._infos) != len(cameras):
+            raise ValueError("pipeline: two cameras have the same name; give each its own")
+        self._extractors = {info.camera: make_extractor(info) for info in cameras}
+        self._sync = Synchroniser(sync or SyncParams())
+        self._states = {info.camera: CameraState() for info in cameras}
+        self.counts: Counter[str] = Counter()
+        if state is not None:
+            self._resume(state)
+
+    def _resume(self, state: PipelineState) -> None:
+        for name, camera in state.cameras:
+            if name in self._states:
+                self._states[name] = camera
+        for attitude in state.attitudes:
+            self._sync.attitudes.add(attitude)
+        for pose in state.poses:
+            self._sync.poses.add(pose)
+
+    def state(self) -> PipelineState:
+        """A snapshot that another pipeline can be started with."""
+        return PipelineState(tuple(self._states.items()), self._sync.attitudes.samples, self._sync.poses.samples)
+
+    def odd_samples(self) -> dict[str, int]:
+        """How many attitudes and positions came twice, late or after a restart."""
+        kinds = (("attitude", self._sync.attitudes.counts), ("pose", self._sync.poses.counts))
+        return {f"{kind}_{odd}": n for kind, counts in kinds for odd, n in sorted(counts.items())}
+
+    def handle(self, event: Event) -> tuple[Output, ...]:
+        """What one event leads to: nothing for a sample; for a frame its decision and, unless the same or a newer
+        exposure has been handled, its prisms. Raises ValueError for a camera that was not announced."""
+        if isinstance(event, AttitudeSample):
+            self._sync.attitudes.add(event)
+            return ()
+        if isinstance(event, PoseSample):
+            self._sync.poses.add(event)
+            return ()
+        return self._frame(event)
+
+    def _frame(self, frame: DepthFrame) -> tuple[Output, ...]:
+        info = self._infos.get(frame.camera)
+        if info is None:
+            raise ValueError(
+                f"pipeline: a frame of the unknown camera {frame.camera!r}; known: {', '.join(self._infos)}"
+            )
+        cause = self._place(frame, info)
+        attitude = self._sync.attitude_at(frame.t_exposure_ns) if cause is DropCause.NONE else cause
+        if isinstance(attitude, DropCause):
+            return self._dropped(frame, attitude)
+        pose = self._sync.pose_at(frame.t_exposure_ns) if self._sync.params.use_pose else "switched off"
+        result = self._extracted(frame, info, attitude, pose if isinstance(pose, PoseAt) else None)
+        decision = FrameDecision(
+            camera=frame.camera,
+            sequence=frame.sequence,
+            t_exposure_ns=frame.t_exposure_ns,
+            t_arrival_ns=frame.t_arrival_ns,
+            cause=DropCause.NONE,
+            attitude=attitude.source,
+            attitude_cutoff_ns=self._sync.attitudes.newest_ns,
+            pose=pose.source if isinstance(pose, PoseAt) else Source.NONE,
+            pose_text="" if isinstance(pose, PoseAt) else pose,
+        )
+        return decision, result
+
+    def _place(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
+        """Whether the frame fits its camera and comes after what was handled; a camera that restarted begins anew."""
+        last = self._states[frame.camera].last_t_exposure_ns
+        if last is not None and frame.t_exposure_ns <= last - round(self._sync.params.restart_step_s * NS):
+            self._states[frame.camera] = CameraState()
+            self.counts["camera_restarts"] += 1
+            last = None
+        if last is not None and frame.t_exposure_ns <= last:
+            return DropCause.DUPLICATE_FRAME if frame.t_exposure_ns == last else DropCause.LATE_FRAME
+        state = self._states[frame.camera].extractor
+        self._states[frame.camera] = CameraState(state, frame.t_exposure_ns)
+        if frame.depth_mm.shape != (info.intrinsics.height, info.intrinsics.width):
+            return DropCause.WRONG_SIZE
+        return DropCause.NONE
+
+    def _extracted(
+        self, frame: DepthFrame, info: CameraInfo, attitude: AttitudeAt, pose: PoseAt | None
+    ) -> PrismsResult:
+        R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
+        R_level_optical = rotation_level_cam_optical(R_ned_frd @ rotation_frd_optical(info.mount))
+        state = self._states[frame.camera]
+        extractor = self._extractors[frame.camera]
+        model, after = extractor.extract(
+            frame.depth_mm, info, R_level_optical, state=state.extractor, keep_strips=False
+        )
+        self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns)
+        transform = transform_from_level_cam(R_ned_frd, info, pose)
+        return PrismsResult(
+            camera=frame.camera,
+            sequence=frame.sequence,
+            t_exposure_ns=frame.t_exposure_ns,
+            t_arrival_ns=frame.t_arrival_ns,
+            frame="level" if pose is None else "ned",
+            drop=DropCause.NONE,
+            model=reframed(model, transform),
+            attitude=attitude,
+            pose=pose,
+            transform=transform,
+        )
+
+    def _dropped(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
+        decision = FrameDecision(
+            camera=frame.camera,
+            sequence=frame.sequence,
+            t_exposure_ns=frame.t_exposure_ns,
+            t_arrival_ns=frame.t_arrival_ns,
+            cause=cause,
+            attitude_cutoff_ns=self._sync.attitudes.newest_ns,
+        )
+        if cause in UNSEEN:
+            return (decision,)
+        blind = PrismsResult(
+            camera=frame.camera,
+            sequence=frame.sequence,
+            t_exposure_ns=frame.t_exposure_ns,
+            t_arrival_ns=frame.t_arrival_ns,
+            frame="level",
+            drop=cause,
+            model=None,
+        )
+        return decision, blind
+
+
+def transform_from_level_cam(R_ned_frd: NDArray[np.float64], info: CameraInfo, pose: PoseAt | None) -> LevelTransform:
+    """level_cam -> level, or with a position level_cam -> ned."""
+    yaw_rad, t_m = level_from_level_cam(R_ned_frd, info.mount)
+    if pose is not None:
+        heading_rad = float(np.arctan2(R_ned_frd[1, 0], R_ned_frd[0, 0]))
+        t_m = rotation_level_ned(heading_rad).T @ t_m + np.array(pose.position_ned_m)
+        yaw_rad += heading_rad
+    return LevelTransform(yaw_rad, (float(t_m[0]), float(t_m[1]), float(t_m[2])))

@@ -1,0 +1,75 @@
+"""A frame's model moved from level_cam into the frame it is published in: a turn about the vertical and a shift."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import FrameModel, FreeProfile, Ground, Prism
+
+
+@dataclass(frozen=True, slots=True)
+class LevelTransform:
+    """p_frame = Rz(yaw_rad) p_level_cam + translation_m; the translation is where the camera is."""
+
+    yaw_rad: float
+    translation_m: tuple[float, float, float]
+
+    def inverse(self) -> LevelTransform:
+        """p_level_cam = Rz(-yaw_rad) (p_frame - translation_m)."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        x, y, z = self.translation_m
+        return LevelTransform(-self.yaw_rad, (-(c * x + s * y), s * x - c * y, -z))
+
+
+def reframed(model: FrameModel, transform: LevelTransform) -> FrameModel:
+    """The model in the transform's target frame. Ranges and the ground's height stay counted from the camera; strips,
+    which are drawn over the image, are left out."""
+    planes = np.empty_like(model.planes)
+    planes[:, 0:2] = _turned(model.planes[:, 0:2], transform)
+    planes[:, 2:4] = _turned(model.planes[:, 2:4], transform)
+    planes[:, 4:6] = model.planes[:, 4:6].astype(np.float64) + transform.translation_m[2]
+    # far from the origin of ned float32 may round a very low plane to nothing
+    planes[:, 5] = np.maximum(planes[:, 5], np.nextafter(planes[:, 4], np.float32(np.inf)))
+    return replace(
+        model,
+        planes=planes,
+        prisms=tuple(_prism(prism, transform) for prism in model.prisms),
+        free=_free(model.free, transform),
+        ground=_ground(model.ground, transform),
+        strips=None,
+    )
+
+
+def _turned(xy_m: NDArray[np.float32], transform: LevelTransform) -> NDArray[np.float32]:
+    """(N, 2) float32 points turned and shifted in float64."""
+    c, s = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad)
+    x, y = xy_m[:, 0].astype(np.float64), xy_m[:, 1].astype(np.float64)
+    tx, ty, _ = transform.translation_m
+    return np.stack([c * x - s * y + tx, s * x + c * y + ty], axis=1).astype(np.float32)
+
+
+def _prism(prism: Prism, transform: LevelTransform) -> Prism:
+    top = np.float32(prism.top_m + transform.translation_m[2])
+    bottom = max(np.float32(prism.bottom_m + transform.translation_m[2]), np.nextafter(top, np.float32(np.inf)))
+    return replace(prism, top_m=float(top), bottom_m=float(bottom), vertices_m=_turned(prism.vertices_m, transform))
+
+
+def _free(free: FreeProfile, transform: LevelTransform) -> FreeProfile:
+    return replace(
+        free,
+        azimuth_edges_rad=(free.azimuth_edges_rad.astype(np.float64) + transform.yaw_rad).astype(np.float32),
+        layer_edges_m=(free.layer_edges_m.astype(np.float64) + transform.translation_m[2]).astype(np.float32),
+    )
+
+
+def _ground(ground: Ground, transform: LevelTransform) -> Ground:
+    c, s = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad)
+    return replace(
+        ground,
+        slope_x=c * ground.slope_x - s * ground.slope_y,
+        slope_y=s * ground.slope_x + c * ground.slope_y,
+    )

@@ -1,0 +1,66 @@
+"""Quaternions (w, x, y, z) for the synchronisation: product, power, interpolation, body rates."""
+
+from __future__ import annotations
+
+import math
+
+Quaternion = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
+
+
+def normalised(q: Quaternion) -> Quaternion:
+    """The unit quaternion of q."""
+    n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """a * b: first b, then a, as with rotation matrices."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """The inverse rotation of a unit quaternion."""
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+def from_rotation_vector(v: Vector) -> Quaternion:
+    """The rotation by |v| rad about v."""
+    angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    # sin(angle/2)/angle, by its series where the division loses digits
+    k = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(angle / 2) / angle
+    return (math.cos(angle / 2), k * v[0], k * v[1], k * v[2])
+
+
+def to_rotation_vector(q: Quaternion) -> Vector:
+    """The shortest rotation vector of a unit quaternion, rad."""
+    w, x, y, z = q if q[0] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
+    s = math.sqrt(x * x + y * y + z * z)
+    k = 2.0 if s < 1e-9 else 2.0 * math.atan2(s, w) / s
+    return (k * x, k * y, k * z)
+
+
+def slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
+    """From a (share 0) to b (share 1) the short way at constant rate."""
+    a, b = normalised(a), normalised(b)
+    v = to_rotation_vector(product(conjugate(a), b))
+    return normalised(product(a, from_rotation_vector((v[0] * share, v[1] * share, v[2] * share))))
+
+
+def rotate_by_rates(q_ned_frd: Quaternion, rates_frd_rad_s: Vector, dt_s: float) -> Quaternion:
+    """The attitude dt_s later (or earlier, negative) at constant body rates: q * exp(rates dt)."""
+    wx, wy, wz = rates_frd_rad_s
+    return normalised(product(normalised(q_ned_frd), from_rotation_vector((wx * dt_s, wy * dt_s, wz * dt_s))))
+
+
+def body_rates(a: Quaternion, b: Quaternion, dt_s: float) -> Vector:
+    """The constant body rates, rad/s, that turn a into b within dt_s."""
+    v = to_rotation_vector(product(conjugate(normalised(a)), normalised(b)))
+    return (v[0] / dt_s, v[1] / dt_s, v[2] / dt_s)
