@@ -1,0 +1,344 @@
+"""What the pipeline says, to and from its messages (osape.v1). What comes from the hardware: drivers/wire.py.
+
+Every `..._from_message` raises ValueError for a message that does not fit. Conversions there and back lose nothing:
+arrays are float32 on both sides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+from google.protobuf.message import Message
+from numpy.typing import NDArray
+
+from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.wire import (
+    attitude_from_message,
+    attitude_message,
+    pose_from_message,
+    pose_message,
+    quaternion_message,
+    vector_message,
+)
+
+from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
+from .reframe import LevelTransform
+from .sync import AttitudeAt, DropCause, PoseAt, Source
+
+SCHEMA_VERSION: Final = 1
+
+CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
+    InvalidCause.NO_MEASUREMENT: pb.CAUSE_NO_MEASUREMENT,
+    InvalidCause.TOO_STEEP: pb.CAUSE_TOO_STEEP,
+    InvalidCause.BAD_ROTATION: pb.CAUSE_BAD_ROTATION,
+    DropCause.NO_ATTITUDE: pb.CAUSE_NO_ATTITUDE,
+    DropCause.ATTITUDE_TOO_OLD: pb.CAUSE_ATTITUDE_TOO_OLD,
+    DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,
+    DropCause.GAP_TOO_WIDE: pb.CAUSE_GAP_TOO_WIDE,
+    DropCause.NO_RATES: pb.CAUSE_NO_RATES,
+    DropCause.DUPLICATE_FRAME: pb.CAUSE_DUPLICATE_FRAME,
+    DropCause.LATE_FRAME: pb.CAUSE_LATE_FRAME,
+    DropCause.WRONG_SIZE: pb.CAUSE_WRONG_SIZE,
+    DropCause.BUSY: pb.CAUSE_BUSY,
+}
+
+SOURCES: Final = {
+    Source.NONE: pb.AttitudeUsed.SOURCE_NONE,
+    Source.EXACT: pb.AttitudeUsed.SOURCE_EXACT,
+    Source.INTERPOLATED: pb.AttitudeUsed.SOURCE_INTERPOLATED,
+    Source.EXTRAPOLATED: pb.AttitudeUsed.SOURCE_EXTRAPOLATED,
+}
+
+_STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
+
+
+def wire_bytes(message: Message) -> bytes:
+    """The message's bytes, the same ones for the same content."""
+    return message.SerializeToString(deterministic=True)
+
+
+def cause_message(cause: InvalidCause | DropCause) -> pb.Cause:
+    """The number of a cause; both kinds of NONE are CAUSE_NONE."""
+    return CAUSES[cause] if cause else pb.CAUSE_NONE
+
+
+def _cause(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCause | DropCause:
+    if number == pb.CAUSE_NONE:
+        return kind("")
+    for cause, known in CAUSES.items():
+        if known == number and isinstance(cause, kind):
+            return cause
+    raise ValueError(f"cause {number} is not one of {kind.__name__}: was this written by a newer version?")
+
+
+def planes_message(model: FrameModel) -> pb.Planes:
+    """The planes of a model, packed."""
+    return pb.Planes(
+        corners_m=model.planes.ravel().tolist(),
+        margin_m=model.margin_m.tolist(),
+        support_px=model.support_px.tolist(),
+        flags=model.flags.tolist(),
+        cluster=model.cluster.tolist(),
+    )
+
+
+def prism_message(prism: Prism) -> pb.Prism:
+    """One prism."""
+    return pb.Prism(
+        cluster=prism.cluster,
+        top_m=prism.top_m,
+        bottom_m=prism.bottom_m,
+        closed=prism.closed,
+        margin_m=prism.margin_m,
+        vertices_m=prism.vertices_m.ravel().tolist(),
+        plane=prism.plane.tolist(),
+    )
+
+
+def prism_from_message(message: pb.Prism) -> Prism:
+    """One prism of a message."""
+    return Prism(
+        cluster=message.cluster,
+        top_m=message.top_m,
+        bottom_m=message.bottom_m,
+        closed=message.closed,
+        margin_m=message.margin_m,
+        vertices_m=_rows(message.vertices_m, 2, "vertices_m"),
+        plane=np.array(message.plane, dtype=np.int32),
+    )
+
+
+def free_message(free: FreeProfile) -> pb.FreeProfile:
+    """The free-range profile."""
+    return pb.FreeProfile(
+        azimuth_edges_rad=free.azimuth_edges_rad.tolist(),
+        layer_edges_m=free.layer_edges_m.tolist(),
+        free_from_m=free.free_from_m.ravel().tolist(),
+        free_to_m=free.free_to_m.ravel().tolist(),
+        end=free.end.tobytes(),
+    )
+
+
+def free_from_message(message: pb.FreeProfile) -> FreeProfile:
+    """The free-range profile of a message."""
+    layers = max(0, len(message.layer_edges_m) - 1)
+    directions = max(0, len(message.azimuth_edges_rad) - 1)
+    return FreeProfile(
+        azimuth_edges_rad=np.array(message.azimuth_edges_rad, dtype=np.float32),
+        layer_edges_m=np.array(message.layer_edges_m, dtype=np.float32),
+        free_from_m=_table(np.array(message.free_from_m, dtype=np.float32), directions, layers, "free_from_m"),
+        free_to_m=_table(np.array(message.free_to_m, dtype=np.float32), directions, layers, "free_to_m"),
+        end=_table(np.frombuffer(message.end, dtype=np.uint8), directions, layers, "end"),
+    )
+
+
+def ground_message(ground: Ground) -> pb.Ground:
+    """The ground under the camera."""
+    return pb.Ground(
+        seen=ground.seen,
+        height_m=ground.height_m,
+        slope_x=ground.slope_x,
+        slope_y=ground.slope_y,
+        share=ground.share,
+        blind_beyond_m=ground.blind_beyond_m,
+    )
+
+
+def ground_from_message(message: pb.Ground) -> Ground:
+    """The ground of a message."""
+    return Ground(
+        seen=message.seen,
+        height_m=message.height_m,
+        slope_x=message.slope_x,
+        slope_y=message.slope_y,
+        share=message.share,
+        blind_beyond_m=message.blind_beyond_m,
+    )
+
+
+def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
+    """What one frame says; for a dropped frame valid = false and why."""
+    message = pb.PrismsFrame(
+        schema_version=SCHEMA_VERSION,
+        camera=result.camera,
+        sequence=result.sequence,
+        t_exposure_ns=result.t_exposure_ns,
+        frame=result.frame,
+        valid=result.valid,
+        cause=cause_message(result.drop if result.model is None else result.model.cause),
+        cause_text=result.cause_text,
+    )
+    if result.model is not None:
+        _put_model(message, result.model)
+    if result.attitude is not None:
+        message.attitude.source = SOURCES[result.attitude.source]
+        message.attitude.q_ned_frd.CopyFrom(quaternion_message(result.attitude.q_ned_frd_wxyz))
+        message.attitude.distance_ns = result.attitude.distance_ns
+    if result.pose is not None:
+        message.pose.source = SOURCES[result.pose.source]
+        message.pose.position_ned_m.CopyFrom(vector_message(result.pose.position_ned_m))
+        message.pose.distance_ns = result.pose.distance_ns
+        message.pose.reset_counter = result.pose.reset_counter
+    if result.transform is not None:
+        message.transform.yaw_rad = result.transform.yaw_rad
+        message.transform.translation_m.CopyFrom(vector_message(result.transform.translation_m))
+    return message
+
+
+def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
+    message.planes.CopyFrom(planes_message(model))
+    message.prisms.extend(prism_message(prism) for prism in model.prisms)
+    message.free.CopyFrom(free_message(model.free))
+    message.ground.CopyFrom(ground_message(model.ground))
+    message.stats.CopyFrom(pb.FrameStats(**{name: getattr(model.stats, name) for name in _STATS}))
+    message.ke_per_m = model.ke_per_m
+
+
+def model_from_message(message: pb.PrismsFrame) -> FrameModel | None:
+    """The model of a message, in the message's frame; None for a dropped frame, which has none."""
+    if not message.HasField("stats"):
+        return None
+    cause = _cause(message.cause, InvalidCause)
+    if not isinstance(cause, InvalidCause):
+        raise ValueError(f"cause {message.cause} of a frame that was extracted")
+    planes = message.planes
+    return FrameModel(
+        valid=message.valid,
+        cause=cause,
+        planes=_rows(planes.corners_m, 6, "corners_m"),
+        support_px=np.array(planes.support_px, dtype=np.int32),
+        margin_m=np.array(planes.margin_m, dtype=np.float32),
+        flags=np.array(planes.flags, dtype=np.uint8),
+        cluster=np.array(planes.cluster, dtype=np.int32),
+        prisms=tuple(prism_from_message(prism) for prism in message.prisms),
+        free=free_from_message(message.free),
+        ground=ground_from_message(message.ground),
+        stats=FrameStats(**{name: getattr(message.stats, name) for name in _STATS}),
+        ke_per_m=message.ke_per_m,
+    )
+
+
+def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
+    """What one frame says, of a message. Its arrival is not part of the message and comes out as 0."""
+    if message.schema_version != SCHEMA_VERSION:
+        raise ValueError(f"prisms of schema version {message.schema_version}; this software reads {SCHEMA_VERSION}")
+    model = model_from_message(message)
+    drop = DropCause.NONE
+    if model is None:
+        dropped = _cause(message.cause, DropCause)
+        drop = dropped if isinstance(dropped, DropCause) else DropCause.NONE
+    return PrismsResult(
+        camera=message.camera,
+        sequence=message.sequence,
+        t_exposure_ns=message.t_exposure_ns,
+        t_arrival_ns=0,
+        frame=message.frame,
+        drop=drop,
+        model=model,
+        attitude=_attitude_at(message.attitude) if message.HasField("attitude") else None,
+        pose=_pose_at(message.pose) if message.HasField("pose") else None,
+        transform=_transform(message.transform) if message.HasField("transform") else None,
+    )
+
+
+def _attitude_at(message: pb.AttitudeUsed) -> AttitudeAt:
+    q = message.q_ned_frd
+    return AttitudeAt((q.w, q.x, q.y, q.z), Source(message.source), message.distance_ns)
+
+
+def _pose_at(message: pb.PoseUsed) -> PoseAt:
+    p = message.position_ned_m
+    return PoseAt((p.x, p.y, p.z), Source(message.source), message.distance_ns, message.reset_counter)
+
+
+def _transform(message: pb.LevelTransform) -> LevelTransform:
+    t = message.translation_m
+    return LevelTransform(message.yaw_rad, (t.x, t.y, t.z))
+
+
+def decision_message(decision: FrameDecision) -> pb.FrameDecision:
+    """Whether a frame was used, and why not."""
+    return pb.FrameDecision(
+        camera=decision.camera,
+        sequence=decision.sequence,
+        t_exposure_ns=decision.t_exposure_ns,
+        t_arrival_ns=decision.t_arrival_ns,
+        used=decision.used,
+        cause=cause_message(decision.cause),
+        attitude=SOURCES[decision.attitude],
+        attitude_cutoff_ns=decision.attitude_cutoff_ns,
+        pose=SOURCES[decision.pose],
+        pose_text=decision.pose_text,
+    )
+
+
+def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
+    """A decision of a message."""
+    cause = _cause(message.cause, DropCause)
+    if not isinstance(cause, DropCause):
+        raise ValueError(f"cause {message.cause} of a decision")
+    return FrameDecision(
+        camera=message.camera,
+        sequence=message.sequence,
+        t_exposure_ns=message.t_exposure_ns,
+        t_arrival_ns=message.t_arrival_ns,
+        cause=cause,
+        attitude=Source(message.attitude),
+        attitude_cutoff_ns=message.attitude_cutoff_ns if message.HasField("attitude_cutoff_ns") else None,
+        pose=Source(message.pose),
+        pose_text=message.pose_text,
+    )
+
+
+def state_message(state: PipelineState) -> pb.StateSnapshot:
+    """What later frames depend on."""
+    return pb.StateSnapshot(
+        cameras=[
+            pb.CameraState(
+                camera=name,
+                ground_height_m=camera.extractor.ground_height_m,
+                ke_per_m=camera.extractor.ke_per_m,
+                last_t_exposure_ns=camera.last_t_exposure_ns,
+            )
+            for name, camera in state.cameras
+        ],
+        attitudes=[attitude_message(sample) for sample in state.attitudes],
+        poses=[pose_message(sample) for sample in state.poses],
+    )
+
+
+def state_from_message(message: pb.StateSnapshot) -> PipelineState:
+    """A snapshot of a message."""
+    cameras = tuple(
+        (
+            camera.camera,
+            CameraState(
+                ExtractorState(camera.ground_height_m, camera.ke_per_m),
+                camera.last_t_exposure_ns if camera.HasField("last_t_exposure_ns") else None,
+            ),
+        )
+        for camera in message.cameras
+    )
+    return PipelineState(
+        cameras,
+        tuple(attitude_from_message(sample) for sample in message.attitudes),
+        tuple(pose_from_message(sample) for sample in message.poses),
+    )
+
+
+def _rows(values: Iterable[float], columns: int, name: str) -> NDArray[np.float32]:
+    """(N, columns) float32 of packed numbers."""
+    flat = np.array(list(values), dtype=np.float32)
+    if len(flat) % columns:
+        raise ValueError(f"{name}: {len(flat)} numbers do not make rows of {columns}")
+    return flat.reshape(-1, columns)
+
+
+def _table(flat: NDArray[Any], directions: int, layers: int, name: str) -> NDArray[Any]:
+    if len(flat) != directions * layers:
+        raise ValueError(f"{name}: {len(flat)} numbers, expected {directions} directions x {layers} layers")
+    return flat.reshape(directions, layers)
