@@ -4,7 +4,7 @@ range clip."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,12 @@ class SensorModel:
                 raise ValueError(f"sensor model: {name}={getattr(self, name):g}, expected 0..1")
         if self.holes < 0 or self.blind_left_px < 0 or not self.hole_radius_px > 0.0:
             raise ValueError("sensor model: holes and blind_left_px must be >= 0, hole_radius_px > 0")
+
+    def scaled_to(self, width: int) -> SensorModel:
+        """The same faults for an image of another width than 640 px: lengths in pixels follow it."""
+        factor = width / 640.0
+        radius, blind = self.hole_radius_px * factor, round(self.blind_left_px * factor)
+        return replace(self, hole_radius_px=radius, blind_left_px=blind)
 
 
 PERFECT = SensorModel()

@@ -126,7 +126,8 @@ class SimulatedFlight:
             depth: NDArray[np.uint16] = np.full((k.height, k.width), UNKNOWN_MM, np.uint16)
         else:
             truth = self.truth(info, self._exposure_ns(shown))
-            depth = measure(truth.depth_m, info, self.plan.sensor, self._seed * 64 + camera_number, shown)
+            sensor = self.plan.sensor.scaled_to(info.intrinsics.width)
+            depth = measure(truth.depth_m, info, sensor, self._seed * 64 + camera_number, shown)
         return DepthFrame(
             camera=info.camera,
             sequence=index,

@@ -1,0 +1,111 @@
+"""The sensor model's statistics, each against what its field promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM
+from drivers.sensor_model import PERFECT, TYPICAL, SensorModel, measure
+from drivers.simulated import camera_info, render
+
+INFO = camera_info(320, 240)
+
+
+def flat(z_m: float) -> np.ndarray:
+    return np.full((240, 320), z_m)
+
+
+def test_perfect_sensor_rounds_to_millimetres() -> None:
+    assert (measure(flat(7.1234), INFO, PERFECT, 0) == 7123).all()
+
+
+@pytest.mark.parametrize("z_m", [2.0, 6.0, 11.0])
+def test_noise_is_constant_in_disparity(z_m: float) -> None:
+    ke = 0.005
+    d = measure(flat(z_m), INFO, SensorModel(ke_per_m=ke), 1)
+    assert (d != UNKNOWN_MM).all()
+    inverse = 1000.0 / d.astype(np.float64)
+    assert inverse.std() == pytest.approx(ke, rel=0.02)
+    assert inverse.mean() == pytest.approx(1.0 / z_m, abs=5 * ke / np.sqrt(d.size))
+
+
+def test_same_seed_and_frame_same_noise() -> None:
+    first, again = (measure(flat(8.0), INFO, TYPICAL, 4, 9) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != measure(flat(8.0), INFO, TYPICAL, 4, 10)).mean() > 0.5
+    assert (first != measure(flat(8.0), INFO, TYPICAL, 5, 9)).mean() > 0.5
+
+
+def test_range_clip_and_sky() -> None:
+    depth = np.concatenate([flat(0.2)[:60], flat(5.0)[:60], flat(25.0)[:60], flat(np.inf)[:60]])
+    for sky_is_far, beyond in ((False, UNKNOWN_MM), (True, FAR_MM)):
+        d = measure(depth, INFO, SensorModel(sky_is_far=sky_is_far), 0)
+        assert [int(d[row, 7]) for row in (0, 60, 120, 180)] == [UNKNOWN_MM, 5000, beyond, beyond]
+
+
+def test_noise_never_makes_a_surface_of_the_sky() -> None:
+    d = measure(flat(np.inf), INFO, SensorModel(ke_per_m=0.05), 2)
+    assert (d == UNKNOWN_MM).all()
+
+
+def test_dropouts_saturation_and_blind_band() -> None:
+    model = SensorModel(dropout_share=0.05, saturated_share=0.02, blind_left_px=13)
+    d = measure(flat(5.0), INFO, model, 3)
+    assert (d[:, :13] == UNKNOWN_MM).all()
+    rest = d[:, 13:]
+    assert (rest == UNKNOWN_MM).mean() == pytest.approx(0.05 * 0.98, rel=0.1)
+    assert (rest == SATURATED_MM).mean() == pytest.approx(0.02, rel=0.15)
+
+
+def test_holes_are_blobs() -> None:
+    d = measure(flat(5.0), INFO, SensorModel(holes=3, hole_radius_px=10.0), 5)
+    hole = d == UNKNOWN_MM
+    assert 100 < hole.sum() < 3 * np.pi * 15.0**2
+    inner = hole[1:-1, 1:-1] & hole[:-2, 1:-1] & hole[2:, 1:-1] & hole[1:-1, :-2] & hole[1:-1, 2:]
+    assert inner.sum() > 0.7 * hole.sum()
+
+
+def test_mismatches_cover_their_share_in_blocks_of_two() -> None:
+    d = measure(flat(10.0), INFO, SensorModel(mismatch_share=0.002), 6)
+    wrong = d != 10000
+    assert wrong.mean() == pytest.approx(0.002, rel=0.1)
+    v, u = np.nonzero(wrong[:-1, :-1])
+    beside = sum(
+        bool(wrong[max(0, a - 1) : a + 2, max(0, b - 1) : b + 2].sum() >= 4) for a, b in zip(v, u, strict=True)
+    )
+    assert beside == len(v)
+
+
+def test_flying_pixels_lie_between_both_sides_and_only_beside_the_edge() -> None:
+    depth = flat(10.0)
+    depth[:, :160] = 4.0
+    d = measure(depth, INFO, SensorModel(flying_share=0.4), 7).astype(int)
+    changed = d != np.rint(1000 * depth)
+    assert set(np.nonzero(changed)[1]) == {159, 160}
+    assert changed.sum() == pytest.approx(0.4 * 240, rel=0.2)
+    assert (d[changed] >= 4000).all()
+    assert (d[changed] <= 10000).all()
+
+
+def test_scaled_faults_follow_the_image_width() -> None:
+    half = TYPICAL.scaled_to(320)
+    assert (half.hole_radius_px, half.blind_left_px) == (TYPICAL.hole_radius_px / 2, TYPICAL.blind_left_px / 2)
+    assert half.ke_per_m == TYPICAL.ke_per_m
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"ke_per_m": -1.0}, {"dropout_share": 1.5}, {"holes": -1}, {"hole_radius_px": 0.0}, {"ke_per_m": float("nan")}],
+)
+def test_impossible_faults_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        SensorModel(**wrong)
+
+
+def test_rendered_frame_is_truth_plus_noise() -> None:
+    r = render("street", INFO, sensor=SensorModel(ke_per_m=0.0015), seed=2)
+    both = (r.depth_mm > 0) & np.isfinite(r.truth.depth_m) & (r.truth.depth_m < 15.0)
+    error = 1000.0 / r.depth_mm[both] - 1.0 / r.truth.depth_m[both]
+    assert both.mean() > 0.5
+    assert error.std() == pytest.approx(0.0015, rel=0.03)

@@ -1,0 +1,182 @@
+"""Flights: rates against finite differences, order of arrival, determinism, failures, the camera on a clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.frames import rotation_from_quaternion
+from core.types import AttitudeSample, CameraMount, DepthFrame, PoseSample
+from drivers.base import DeviceLost, DeviceNotFound
+from drivers.flight_path import FlightPath, body_rates
+from drivers.flights import FLIGHTS, flight_plan
+from drivers.simulated import camera_info
+from drivers.simulated_flight import Rates, SimulatedDepthSource, SimulatedFlight
+
+SMALL = {"width": 64, "height": 48}
+
+
+def path() -> FlightPath:
+    return FlightPath(
+        [[0, 0, 0, -2, 0, 0, 0], [1, 1, 2, -3, 0.5, -0.4, 1.0], [3, 4, 2, -2, -0.4, 0.3, 4.0]],
+        sway_rad=(0.05, 0.1, 0.2),
+    )
+
+
+@pytest.mark.parametrize("t_s", [0.0, 0.31, 1.0, 1.77, 2.9, 3.5])
+def test_body_rates_and_velocity_are_the_derivatives(t_s: float) -> None:
+    p, h = path(), 1e-5
+    before, now, after = p.at(t_s - h), p.at(t_s), p.at(t_s + h)
+    W = now.R_ned_frd.T @ (after.R_ned_frd - before.R_ned_frd) / (2 * h)
+    np.testing.assert_allclose((W[2, 1], W[0, 2], W[1, 0]), now.rates_frd_rad_s, atol=2e-4)
+    v = (np.array(after.position_ned_m) - np.array(before.position_ned_m)) / (2 * h)
+    np.testing.assert_allclose(v, now.velocity_ned_m_s, atol=2e-4)
+
+
+def test_path_passes_its_waypoints_and_rests_beyond_them() -> None:
+    p = FlightPath([[0, 0, 0, -2, 0, 0, 0], [1, 1, 2, -3, 0.5, -0.4, 1.0], [3, 4, 2, -2, 0, 0.3, 4.0]])
+    assert p.at(1.0).position_ned_m == pytest.approx((1.0, 2.0, -3.0))
+    assert p.at(1.0).euler_rad == pytest.approx((0.5, -0.4, 1.0))
+    assert p.at(9.0).position_ned_m == pytest.approx((4.0, 2.0, -2.0))
+    assert p.at(9.0).velocity_ned_m_s == (0.0, 0.0, 0.0)
+
+
+def test_body_rates_of_a_pure_yaw_while_pitched() -> None:
+    assert body_rates((0.0, math.pi / 2, 0.0), (0.0, 0.0, 1.0)) == pytest.approx((-1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "rows", [[[0, 0, 0, 0, 0, 0, 0]], [[0] * 7, [0] * 7], [[0] * 6, [1] * 6], [[0] * 7, [1] * 6 + [math.nan]]]
+)
+def test_impossible_paths_are_refused(rows: list[list[float]]) -> None:
+    with pytest.raises(ValueError, match="flight path"):
+        FlightPath(rows)
+
+
+@pytest.mark.parametrize("name", list(FLIGHTS))
+def test_events_come_in_order_of_arrival_and_are_reproducible(name: str) -> None:
+    flight = SimulatedFlight(name, seed=2, duration_s=0.5, **SMALL)
+    events, again = list(flight.events()), list(SimulatedFlight(name, seed=2, duration_s=0.5, **SMALL).events())
+    arrivals = [e.t_arrival_ns for e in events]
+    assert arrivals == sorted(arrivals)
+    assert {type(e) for e in events} == {DepthFrame, AttitudeSample, PoseSample}
+    assert len(events) == len(again)
+    for a, b in zip(events, again, strict=True):
+        assert a.t_arrival_ns == b.t_arrival_ns
+        if isinstance(a, DepthFrame):
+            assert isinstance(b, DepthFrame)
+            np.testing.assert_array_equal(a.depth_mm, b.depth_mm)
+
+
+def test_samples_are_the_true_state_at_their_instant_and_arrive_later() -> None:
+    flight = SimulatedFlight("tilted", **SMALL)
+    for a in flight.attitudes()[::20]:
+        truth = flight.state(a.t_ns)
+        np.testing.assert_allclose(rotation_from_quaternion(a.q_ned_frd_wxyz), truth.R_ned_frd, atol=1e-12)
+        assert a.rates_frd_rad_s == truth.rates_frd_rad_s
+        assert 0.006e9 <= a.t_arrival_ns - a.t_ns <= 0.0121e9
+    first = flight.poses()[0]
+    assert first.t_ns < flight.start_ns
+    assert flight.poses()[-1].t_ns > flight.start_ns + 4.5e9
+
+
+def test_tilted_flight_reaches_thirty_degrees() -> None:
+    flight = SimulatedFlight("tilted", **SMALL)
+    euler = np.array([flight.plan.path.at(t).euler_rad for t in np.linspace(0.0, 4.5, 91)])
+    assert np.degrees(euler[:, 0].max()) > 29.0
+    assert np.degrees(euler[:, 0].min()) < -29.0
+    assert np.degrees(euler[:, 1].min()) < -29.0
+
+
+def test_broken_flight_fails_as_planned() -> None:
+    flight = SimulatedFlight("broken", **SMALL)
+    frames = {i: flight.frame(i) for i in range(flight.frame_count())}
+    assert [i for i, f in frames.items() if f is None] == [50, 51, 52, 53]
+    depth = {i: f.depth_mm for i, f in frames.items() if f is not None}
+    assert [i for i, d in depth.items() if not d.any()] == list(range(10, 18))
+    assert all(np.array_equal(depth[24], depth[i]) for i in range(25, 32))
+    assert not np.array_equal(depth[23], depth[24])
+    assert not np.array_equal(depth[31], depth[32])
+    stamps = [a.t_ns for a in flight.attitudes()]
+    gap = int(np.argmax(np.diff(stamps)))
+    assert (stamps[gap + 1] - stamps[gap]) * 1e-9 == pytest.approx(1.02, abs=0.03)
+
+
+def test_mount_and_lever_arm_move_the_camera() -> None:
+    mount = CameraMount(yaw_rad=math.pi / 2, x_m=0.2, z_m=-0.1)
+    base = camera_info(64, 48)
+    right = type(base)("right", base.intrinsics, mount=mount)
+    flight = SimulatedFlight("street", cameras=(base, right))
+    t_ns = flight.start_ns
+    state = flight.state(t_ns)
+    R, at = flight.camera_pose(right, t_ns)
+    np.testing.assert_allclose(R[:, 2], state.R_ned_frd[:, 1], atol=1e-12)
+    np.testing.assert_allclose(at, np.array(state.position_ned_m) + state.R_ned_frd @ [0.2, 0.0, -0.1])
+    frames = [
+        e
+        for e in SimulatedFlight("street", cameras=(base, right), duration_s=0.2).events()
+        if isinstance(e, DepthFrame)
+    ]
+    assert sorted({f.camera for f in frames}) == ["front", "right"]
+    with pytest.raises(ValueError, match="same name"):
+        SimulatedFlight("street", cameras=(base, base))
+
+
+def test_unknown_flight_and_impossible_rates_are_refused() -> None:
+    with pytest.raises(ValueError, match="demo"):
+        flight_plan("nowhere")
+    with pytest.raises(ValueError, match="depth_hz"):
+        Rates(depth_hz=0.0)
+
+
+class Clock:
+    """A clock that only `wait` moves."""
+
+    def __init__(self) -> None:
+        self.now_ns = 77_000_000_000
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+
+
+def test_camera_delivers_the_newest_frame_once_and_never_before_it_arrived() -> None:
+    clock = Clock()
+    with SimulatedDepthSource(SimulatedFlight("street", duration_s=1.0, **SMALL), clock) as source:
+        assert source.read(1.0) is None
+        clock.wait(0.06)
+        first = source.read(0.0)
+        assert first is not None
+        assert first.sequence == 0
+        assert first.t_arrival_ns <= clock()
+        assert 77_000_000_000 <= first.t_exposure_ns < first.t_arrival_ns
+        assert source.read(0.0) is None
+        clock.wait(0.35)
+        newest = source.read(0.0)
+        assert newest is not None
+        assert newest.sequence == 3
+        clock.wait(5.0)
+        assert source.read(0.0) is not None
+        with pytest.raises(DeviceLost, match="over"):
+            source.read(0.0)
+
+
+def test_camera_waits_with_its_pace_and_repeats_with_growing_numbers() -> None:
+    clock = Clock()
+    source = SimulatedDepthSource(
+        SimulatedFlight("street", duration_s=0.3, **SMALL), clock, pace=clock.wait, repeat=True
+    )
+    source.open()
+    frames = [f for f in (source.read(2.0) for _ in range(10)) if f is not None]
+    assert [f.sequence for f in frames] == list(range(10))
+    exposures = [f.t_exposure_ns for f in frames]
+    assert exposures == sorted(exposures)
+    np.testing.assert_array_equal(frames[1].depth_mm, frames[5].depth_mm)
+    source.close()
+    source.close()
+    with pytest.raises(DeviceNotFound, match="open"):
+        source.read(0.0)
