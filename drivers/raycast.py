@@ -20,10 +20,11 @@ from core.types import Intrinsics
 _F = TypeVar("_F", bound=Callable[..., object])
 Floats = NDArray[np.float64]
 
-PLANE, CONVEX, ELLIPSOID, CYLINDER, DISC = 0, 1, 2, 3, 4
+PLANE, CONVEX, ELLIPSOID, CYLINDER, DISC, RECTANGLE = 0, 1, 2, 3, 4, 5
 """Kinds of solids and their 12 numbers. PLANE: n (3), k with n.p = k. CONVEX: first and count of its
-half-spaces. ELLIPSOID: centre (3), then the (3, 3) matrix M with |M (p - centre)| = 1 on the surface.
-CYLINDER: both end points of the axis (6), radius. DISC: centre (3), unit normal (3), radius."""
+half-spaces. ELLIPSOID: centre (3), then the (3, 3) matrix M with |M (p - centre)| = 1 on the surface. CYLINDER: both
+end points of the axis (6), radius. DISC: centre (3), unit normal (3), radius. RECTANGLE: one corner (3) and the two
+perpendicular edges from it (6)."""
 ROW = 12
 NEAR_M = 1e-3
 
@@ -150,6 +151,22 @@ def _hit_disc(x: float, y: float, q: Floats) -> float:
 
 
 @_kernel
+def _hit_rectangle(x: float, y: float, q: Floats) -> float:
+    """Depth of the hit of a rectangle; q: corner (3) and both edges (6) in optical."""
+    nx, ny, nz = q[4] * q[8] - q[5] * q[7], q[5] * q[6] - q[3] * q[8], q[3] * q[7] - q[4] * q[6]
+    along = nx * x + ny * y + nz
+    if along == 0.0:
+        return math.inf
+    t = (nx * q[0] + ny * q[1] + nz * q[2]) / along
+    ex, ey, ez = t * x - q[0], t * y - q[1], t - q[2]
+    for i in (3, 6):
+        share = ex * q[i] + ey * q[i + 1] + ez * q[i + 2]
+        if share < 0.0 or share > q[i] * q[i] + q[i + 1] * q[i + 1] + q[i + 2] * q[i + 2]:
+            return math.inf
+    return t if t > NEAR_M else math.inf
+
+
+@_kernel
 def _to_optical(kind: int, q: Floats, R: Floats, origin: Floats, out: Floats) -> None:
     """One solid's row in optical -> out (12,); R = R_world_optical, origin: the camera's centre in the
     world."""
@@ -171,7 +188,9 @@ def _to_optical(kind: int, q: Floats, R: Floats, origin: Floats, out: Floats) ->
     else:
         for j in range(3):
             out[3 + j] = R[0, j] * q[3] + R[1, j] * q[4] + R[2, j] * q[5]
-        out[6] = q[6]
+            out[6 + j] = R[0, j] * q[6] + R[1, j] * q[7] + R[2, j] * q[8]
+        if kind == DISC:
+            out[6] = q[6]
 
 
 @_kernel
@@ -220,6 +239,8 @@ def _cast(
                     t = _hit_cylinder(x, y, q)
                 elif kind == DISC:
                     t = _hit_disc(x, y, q)
+                elif kind == RECTANGLE:
+                    t = _hit_rectangle(x, y, q)
                 else:
                     along = q[0] * x + q[1] * y + q[2]
                     t = q[3] / along if along != 0.0 and q[3] / along > NEAR_M else math.inf

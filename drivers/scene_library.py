@@ -127,8 +127,8 @@ def _mixture(rng: np.random.Generator) -> Scene:
 
 def _slope(rng: np.random.Generator) -> Scene:
     s = SceneBuilder("slope")
-    s.ground(math.tan(math.radians(-5.0)), math.tan(math.radians(2.0)))
-    s.box("house", 12.0, -3.0, 5.0, 5.0, 8.0, rng.uniform(0.0, 0.5), -1.0)
+    s.ground(math.tan(math.radians(-2.5)), math.tan(math.radians(1.0)))
+    s.box("house", 12.0, -3.0, 5.0, 5.0, 8.0, rng.uniform(0.0, 0.5), base=-1.0)
     s.box("pillar", 7.0, 2.5, 1.0, 1.0, 4.0)
     return s.build()
 

@@ -1,0 +1,68 @@
+"""Opening sizes in hand-made models."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.openings import opening_size
+from drivers.scenes import SceneBuilder
+from drivers.simulated import Rendered, camera_info, render
+
+
+def facade(yaw: float = 0.0) -> tuple[Rendered, np.ndarray]:
+    """A wall 6 m ahead with a window of 2.9 x 2.1 m from 1 m up, and its exact planes in level_cam for yaw 0."""
+    b = SceneBuilder("test")
+    b.ground()
+    b.wall("facade", (6.0, -5.0), (6.0, 5.0), 5.0, ((3.5, 1.0, 2.9, 2.1),))
+    frame = render(b.build(), camera_info(64, 48), yaw_rad=yaw)
+    y0, y1 = -1.5, 1.4
+    planes = [[6, -5, 6, y0, -3, 2], [6, y1, 6, 5, -3, 2], [6, y0, 6, y1, -3, -1.1], [6, y0, 6, y1, 1.0, 2]]
+    return frame, np.array(planes, np.float64)
+
+
+def test_exact_model_keeps_the_exact_size() -> None:
+    frame, planes = facade()
+    size = opening_size(frame.scene.openings[0], frame, planes)
+    assert (size.true_width_m, size.true_height_m) == pytest.approx((2.9, 2.1))
+    assert (size.width_m, size.height_m) == pytest.approx((2.9, 2.1), abs=0.021)
+    assert size.free_share > 0.98
+
+
+def test_turned_camera_finds_the_same_opening() -> None:
+    frame, planes = facade(yaw=0.3)
+    c, s = np.cos(0.3), np.sin(0.3)
+    turned = planes.copy()
+    turned[:, 0:2] = planes[:, 0:2] @ np.array([[c, -s], [s, c]])
+    turned[:, 2:4] = planes[:, 2:4] @ np.array([[c, -s], [s, c]])
+    size = opening_size(frame.scene.openings[0], frame, turned)
+    assert (size.width_m, size.height_m) == pytest.approx((2.9, 2.1), abs=0.021)
+
+
+def test_narrowed_widened_filled_and_missing() -> None:
+    frame, planes = facade()
+    opening = frame.scene.openings[0]
+    narrow = planes.copy()
+    narrow[0, 3] += 0.2
+    assert opening_size(opening, frame, narrow).width_m == pytest.approx(2.7, abs=0.021)
+    wide = planes.copy()
+    wide[1, 1] += 0.3
+    wide[2:, 3] += 0.3
+    assert opening_size(opening, frame, wide).width_m == pytest.approx(3.2, abs=0.021)
+    filled = np.vstack([planes, [[6.3, -2, 6.3, 2, -3, 2]]])
+    size = opening_size(opening, frame, filled)
+    assert (size.width_m, size.height_m, size.free_share) == (0.0, 0.0, 0.0) or size.free_share == 0.0
+    assert opening_size(opening, frame, np.zeros((0, 6))).free_share == 1.0
+
+
+def test_planes_far_behind_the_wall_do_not_close_it() -> None:
+    frame, planes = facade()
+    behind = np.vstack([planes, [[8.0, -9, 8.0, 9, -9, 2]]])
+    assert opening_size(frame.scene.openings[0], frame, behind).free_share > 0.98
+
+
+def test_plane_that_crosses_the_wall_closes_only_its_part() -> None:
+    frame, planes = facade()
+    door = np.vstack([planes, [[0.0, 0.0, 12.0, 0.0, -3, 2]]])
+    size = opening_size(frame.scene.openings[0], frame, door)
+    assert size.width_m == pytest.approx(1.5, abs=0.03)
