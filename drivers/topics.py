@@ -6,6 +6,14 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import Message
+
+from .proto import osape_v1_pb2 as pb
+
 ENCODING: Final = "protobuf"
 
 _CAMERA_PLACE = "{camera}"
@@ -13,12 +21,17 @@ _CAMERA_PLACE = "{camera}"
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One kind of message. `name` may hold the place `{camera}`; schema: full protobuf name."""
+    """One kind of message. `name` may hold the place `{camera}`."""
 
     name: str
-    schema: str
+    message: type[Message]
     rate: str
     what: str
+
+    @property
+    def schema(self) -> str:
+        """The full name of the message's type."""
+        return str(self.message.DESCRIPTOR.full_name)
 
     def of(self, camera: str = "") -> str:
         """The topic's name, for one camera where it is one a camera."""
@@ -34,25 +47,17 @@ class Topic:
 
 
 TOPICS: Final[dict[str, Topic]] = {
-    "run": Topic("/run", "osape.v1.RunInfo", "once, first", "software, effective configuration"),
-    "camera_info": Topic(
-        "/camera/{camera}/info", "osape.v1.CameraInfo", "once", "intrinsics, mount, range, noise prior"
-    ),
-    "calibration": Topic(
-        "/camera/{camera}/calibration", "foxglove.CameraCalibration", "once", "intrinsics for viewers"
-    ),
-    "state": Topic("/state", "osape.v1.StateSnapshot", "once", "the state that the frames after it depend on"),
-    "depth": Topic("/camera/{camera}/depth", "foxglove.RawImage", "each frame", "16UC1, mm along the optical axis"),
-    "attitude": Topic("/vehicle/attitude", "osape.v1.AttitudeSample", "as received", "attitude and body rates"),
-    "pose": Topic("/vehicle/pose", "osape.v1.PoseSample", "as received", "position and velocity"),
-    "decision": Topic("/camera/{camera}/decision", "osape.v1.FrameDecision", "each frame", "used or dropped, and why"),
-    "prisms": Topic(
-        "/camera/{camera}/prisms", "osape.v1.PrismsFrame", "each frame", "planes, prisms, free space, counts"
-    ),
-    "scene": Topic("/camera/{camera}/scene", "foxglove.SceneUpdate", "each frame", "the prisms, drawn, for viewers"),
-    "transform": Topic(
-        "/tf", "foxglove.FrameTransform", "each frame", "up -> ned -> level -> frd -> camera, for viewers"
-    ),
+    "run": Topic("/run", pb.RunInfo, "once, first", "software, effective configuration"),
+    "camera_info": Topic("/camera/{camera}/info", pb.CameraInfo, "once", "intrinsics, mount, range, noise prior"),
+    "calibration": Topic("/camera/{camera}/calibration", CameraCalibration, "once", "intrinsics for viewers"),
+    "state": Topic("/state", pb.StateSnapshot, "once", "the state that the frames after it depend on"),
+    "depth": Topic("/camera/{camera}/depth", RawImage, "each frame", "16UC1, mm along the optical axis"),
+    "attitude": Topic("/vehicle/attitude", pb.AttitudeSample, "as received", "attitude and body rates"),
+    "pose": Topic("/vehicle/pose", pb.PoseSample, "as received", "position and velocity"),
+    "decision": Topic("/camera/{camera}/decision", pb.FrameDecision, "each frame", "used or dropped, and why"),
+    "prisms": Topic("/camera/{camera}/prisms", pb.PrismsFrame, "each frame", "planes, prisms, free space, counts"),
+    "scene": Topic("/camera/{camera}/scene", SceneUpdate, "each frame", "the prisms, drawn, for viewers"),
+    "transform": Topic("/tf", FrameTransform, "each frame", "up -> ned -> level -> frd -> camera, for viewers"),
 }
 """Key -> topic. The order is that of the table in the docs."""
 

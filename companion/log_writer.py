@@ -1,0 +1,180 @@
+"""Writes logs: the same input gives the same bytes, on every run.
+
+A log is written as FILE.active and gets its name when it is whole; a killed run leaves an .active file, which
+`companion recover` makes whole.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Final
+
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message
+from mcap.writer import CompressionType, Writer
+
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import BadData, Event, EventSource
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.topics import ENCODING, TOPICS, camera_name_fits
+from drivers.wire import attitude_message, calibration_message, camera_message, depth_message, pose_message
+
+from .messages import decision_message, prisms_message, state_message, wire_bytes
+from .pipeline import FrameDecision, Output, PipelineState
+from .scene import scene_message, transform_messages
+
+LIBRARY: Final = "osape-companion log 1"
+"""In the file's header; a fixed text, so that a newer MCAP library does not change the bytes."""
+CHUNK_BYTES: Final = 1 << 20
+ACTIVE: Final = ".active"
+
+
+class LogWriter:
+    """A log in the making. As a context manager it is finished at the end, or left as .active after an exception.
+
+    Raises OSError (no space, no rights) and ValueError for stamps and names that a log cannot hold."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.active_path = self.path.with_name(self.path.name + ACTIVE)
+        self._file: BinaryIO = self.active_path.open("wb")
+        self._writer = start_writer(self._file)
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._infos: dict[str, CameraInfo] = {}
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.finish()
+        else:
+            self._file.close()
+
+    def begin(
+        self, run: pb.RunInfo, cameras: Iterable[CameraInfo], state: PipelineState | None = None, t_ns: int = 0
+    ) -> None:
+        """What every log opens with. t_ns: where on the time line, best that of the first event."""
+        self.write("run", run, t_ns)
+        for info in cameras:
+            self._infos[info.camera] = info
+            self.write("camera_info", camera_message(info), t_ns, camera=info.camera)
+            self.write("calibration", calibration_message(info, t_ns), t_ns, camera=info.camera)
+        self.write("state", state_message(state or PipelineState()), t_ns)
+
+    def event(self, event: Event) -> None:
+        """What came from the hardware, at its arrival."""
+        arrival_ns = event.t_arrival_ns
+        if isinstance(event, DepthFrame):
+            self.write("depth", depth_message(event), arrival_ns, event.camera, event.sequence, event.t_exposure_ns)
+        elif isinstance(event, AttitudeSample):
+            self.write("attitude", attitude_message(event), arrival_ns, publish_ns=event.t_ns)
+        elif isinstance(event, PoseSample):
+            self.write("pose", pose_message(event), arrival_ns, publish_ns=event.t_ns)
+
+    def output(self, output: Output) -> None:
+        """What the pipeline said, at the arrival of the frame it is about."""
+        at = (output.t_arrival_ns, output.camera, output.sequence, output.t_exposure_ns)
+        if isinstance(output, FrameDecision):
+            self.write("decision", decision_message(output), *at)
+            return
+        self.write("prisms", prisms_message(output), *at)
+        self.write("scene", scene_message(output), *at)
+        for transform in transform_messages(output, self._infos[output.camera]):
+            self.write("transform", transform, output.t_arrival_ns, publish_ns=output.t_exposure_ns)
+
+    def write(
+        self,
+        key: str,
+        message: Message,
+        t_ns: int,
+        camera: str = "",
+        sequence: int = 0,
+        publish_ns: int | None = None,
+    ) -> None:
+        """One message of the table of topics. t_ns: its arrival."""
+        publish_ns = t_ns if publish_ns is None else publish_ns
+        if not 0 <= t_ns < 1 << 63 or publish_ns >= 1 << 63:
+            raise ValueError(
+                f"log: stamp {t_ns} ns cannot be written; stamps count from the start of the system's clock"
+            )
+        if not 0 <= sequence < 1 << 32:
+            raise ValueError(f"log: sequence {sequence} cannot be written; expected 0..{(1 << 32) - 1}")
+        # a stamp before the clock's zero (a wrong clock estimate) stays in the message; the record cannot hold it
+        self._writer.add_message(self._channel(key, camera), t_ns, wire_bytes(message), max(0, publish_ns), sequence)
+
+    def _channel(self, key: str, camera: str) -> int:
+        topic = TOPICS[key]
+        name = topic.of(camera)
+        if name not in self._channels:
+            if camera and not camera_name_fits(camera):
+                raise ValueError(f"log: camera name {camera!r}; use letters, digits, dot, dash and underscore")
+            if topic.schema not in self._schemas:
+                data = schema_bytes(topic.message)
+                self._schemas[topic.schema] = self._writer.register_schema(topic.schema, ENCODING, data)
+            self._channels[name] = self._writer.register_channel(name, ENCODING, self._schemas[topic.schema])
+        return self._channels[name]
+
+    def finish(self) -> None:
+        """Writes the closing part and gives the file its name. May be called again."""
+        if self._file.closed:
+            return
+        finish_file(self._writer, self._file, self.active_path, self.path)
+
+
+def start_writer(stream: BinaryIO) -> Writer:
+    """An MCAP writer that has begun."""
+    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+    writer.start(profile="", library=LIBRARY)
+    return writer
+
+
+def finish_file(writer: Writer, stream: BinaryIO, active: Path, path: Path) -> None:
+    """Ends the file, waits until it is on the disk and names it."""
+    finish: Callable[[], None] = writer.finish
+    finish()
+    stream.flush()
+    os.fsync(stream.fileno())
+    stream.close()
+    os.replace(active, path)
+
+
+def schema_bytes(kind: type[Message]) -> bytes:
+    """A message type with all it depends on, dependencies first: what makes a log self-describing."""
+    files: dict[str, Any] = {}
+
+    def add(descriptor: Any) -> None:
+        for needed in descriptor.dependencies:
+            add(needed)
+        files.setdefault(descriptor.name, descriptor)
+
+    add(kind.DESCRIPTOR.file)
+    collection = FileDescriptorSet()
+    for descriptor in files.values():
+        descriptor.CopyToProto(collection.file.add())
+    return wire_bytes(collection)
+
+
+def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> int:
+    """Writes a source's events into a log without prisms; returns their number. When the source raises BadData the
+    log is finished with what was delivered before, and the error goes on."""
+    number = 0
+    with LogWriter(path) as log:
+        try:
+            for event in source.events():
+                if number == 0:
+                    log.begin(run, source.cameras, t_ns=event.t_arrival_ns)
+                log.event(event)
+                number += 1
+        except BadData:
+            log.finish()
+            raise
+        if number == 0:
+            log.begin(run, source.cameras)
+    return number
