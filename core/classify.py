@@ -1,0 +1,151 @@
+"""Pixels: measured, unknown or far; flying pixels; and how noisy this frame is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .params import Params
+from .types import FAR_MM, SATURATED_MM, CameraInfo
+
+UNKNOWN, FAR = np.float32(0.0), np.float32(-1.0)
+"""Values of the inverse-depth image besides a measured 1/Z > 0."""
+
+
+def depth_to_mm(depth: NDArray[np.uint16] | NDArray[np.float32], out: NDArray[np.uint16]) -> None:
+    """Writes depth as uint16 millimetres into `out` (H, W).
+
+    uint16 is taken as it is. Of float32 metres, anything not finite, not positive or beyond 65.533 m becomes
+    UNKNOWN_MM: infinity too, since most stereo nodes write it where they found no match. Raises ValueError on any
+    other dtype or on a shape that is not that of `out`."""
+    if depth.shape != out.shape:
+        raise ValueError(
+            f"depth image is {depth.shape[1::-1]}, the camera's intrinsics say {out.shape[1::-1]} (width, height): "
+            "use the intrinsics of this resolution"
+        )
+    if depth.dtype == np.uint16:
+        np.copyto(out, depth)
+    elif depth.dtype == np.float32:
+        with np.errstate(invalid="ignore"):
+            good = (depth > 0.0005) & (depth < 65.533)
+        out[...] = np.where(good, np.where(good, depth, 0.0) * 1000.0 + 0.5, 0.0).astype(np.uint16)
+    else:
+        raise ValueError(f"depth of dtype {depth.dtype}: expected uint16 millimetres or float32 metres")
+
+
+def inverse_depth_table(info: CameraInfo, ke_per_m: float) -> NDArray[np.float32]:
+    """(65536,) float32: uint16 millimetres -> 1/Z in 1/m, UNKNOWN or FAR.
+
+    Too near is UNKNOWN. Beyond the maximum range is FAR, and so is what lies so close to it that only its near noise
+    tail would survive the clip and come out metres too close: the cut is at max / (1 + 3 ke max)."""
+    z_mm = np.arange(65536)
+    table = np.full(65536, UNKNOWN, np.float32)
+    cut_mm = 1000.0 * info.max_range_m / (1.0 + 3.0 * ke_per_m * info.max_range_m)
+    measured = (z_mm >= max(1.0, 1000.0 * info.min_range_m)) & (z_mm <= cut_mm)
+    table[measured] = 1000.0 / z_mm[measured]
+    table[z_mm > cut_mm] = FAR
+    table[FAR_MM] = FAR
+    table[SATURATED_MM] = UNKNOWN
+    return table
+
+
+@njit(cache=True, nogil=True)
+def classify(depth_mm, table, relative, absolute, raw, out):
+    """Looks every pixel up and marks flying pixels unknown; returns counts (measured, far, flying).
+
+    depth_mm: (H, W) uint16. table: (65536,) float32. relative: share of the disparity; absolute: 1/m. raw, out: (H, W)
+    float32 inverse depth, before and after. A flying pixel lies strictly between its left and right (or upper
+    and lower) neighbours in disparity and far from both; what stands in front of both is a thin thing, and is kept."""
+    rows, cols = depth_mm.shape
+    measured = 0
+    far = 0
+    flying = 0
+    for v in range(rows):
+        for u in range(cols):
+            d = table[depth_mm[v, u]]
+            raw[v, u] = d
+            out[v, u] = d
+    for v in range(rows):
+        for u in range(cols):
+            d = raw[v, u]
+            if d > 0.0:
+                measured += 1
+                t = absolute + relative * d
+                fly = False
+                if 0 < u < cols - 1:
+                    a, b = raw[v, u - 1], raw[v, u + 1]
+                    if a > 0.0 and b > 0.0:
+                        fly = (a - d > t and d - b > t) or (b - d > t and d - a > t)
+                if not fly and 0 < v < rows - 1:
+                    a, b = raw[v - 1, u], raw[v + 1, u]
+                    if a > 0.0 and b > 0.0:
+                        fly = (a - d > t and d - b > t) or (b - d > t and d - a > t)
+                if fly:
+                    out[v, u] = 0.0
+                    flying += 1
+            elif d < 0.0:
+                far += 1
+    return measured, far, flying
+
+
+_TILES_V, _TILES_U = 6, 8
+_STEP = 2
+_BINS = 512
+_MIN_SAMPLES = 120
+
+
+@njit(cache=True, nogil=True)
+def tile_roughness(inverse, focal_px, bin_px, max_inverse, hist, out):
+    """Median |second difference| of disparity in each tile of the image, px; -1 where too few pixels are measured.
+
+    inverse: (H, W) float32. hist: (512,) int32 scratch. out: (6, 8) float32. On a flat surface disparity is linear in
+    the image, so its second difference along a row is noise alone: sigma * sqrt(6)."""
+    rows, cols = inverse.shape
+    for tv in range(_TILES_V):
+        for tu in range(_TILES_U):
+            hist[:] = 0
+            n = 0
+            for v in range(tv * rows // _TILES_V, (tv + 1) * rows // _TILES_V, 3):
+                for u in range(tu * cols // _TILES_U + _STEP, (tu + 1) * cols // _TILES_U - _STEP):
+                    a, b, c = inverse[v, u - _STEP], inverse[v, u], inverse[v, u + _STEP]
+                    if a > 0.0 and b > 0.0 and c > 0.0 and b < max_inverse:
+                        n += 1
+                        hist[min(_BINS - 1, int(abs(a - 2.0 * b + c) * focal_px / bin_px))] += 1
+            out[tv, tu] = -1.0
+            if n >= _MIN_SAMPLES:
+                below = 0
+                for i in range(_BINS):
+                    if 2 * (below + hist[i]) >= n:
+                        out[tv, tu] = bin_px * (i + (0.5 * n - below) / hist[i])
+                        break
+                    below += hist[i]
+
+
+def estimate_ke(inverse: NDArray[np.float32], focal_px: float, prior: float, last: float, params: Params) -> float:
+    """Noise constant ke (1/m, sigma_Z = ke Z^2) measured from one frame, blended with the last estimate.
+
+    The lower quartile of the tiles' medians is taken: the smoothest parts of the picture, since leaves and edges only
+    add. Stays within prior/span..prior*span and moves in steps of 5 %, so that tables need not be rebuilt each frame.
+    Ours: the paper takes ke as known; a wrong one is costly."""
+    if not params.estimate_noise or params.paper:
+        return prior
+    hist = np.zeros(_BINS, np.int32)
+    tiles = np.empty((_TILES_V, _TILES_U), np.float32)
+    # closer than 1.5 m the millimetre steps of the depth image outweigh the noise
+    tile_roughness(inverse, focal_px, 0.05, 1.0 / 1.5, hist, tiles)
+    good = tiles[tiles >= 0.0]
+    seed = last if math.isfinite(last) else prior
+    if good.size < 3:
+        return seed
+    sigma_px = float(np.quantile(good, 0.25)) / (0.6745 * math.sqrt(6.0))
+    measured = max(sigma_px, params.min_sigma_px) / focal_px
+    measured = min(max(measured, prior / params.noise_prior_span), prior * params.noise_prior_span)
+    memory = params.noise_memory if math.isfinite(last) else 0.0
+    blended = math.exp(memory * math.log(seed) + (1.0 - memory) * math.log(measured))
+    step = math.log(1.05)
+    if math.isfinite(last) and abs(math.log(blended / last)) < 0.75 * step:
+        return last
+    return math.exp(step * round(math.log(blended) / step))

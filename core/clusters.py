@@ -1,0 +1,119 @@
+"""Section 4.4: which strips belong together because the vehicle cannot pass between them.
+
+Algorithm 1 with its distance made whole: horizontal gap below Ws and vertical gap below Hs. Only the frontier, the
+last strips of each cluster that can still be reached, is looked at; clusters that meet later join.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from .strips import BOTTOM, CLUSTER, TOP, D, U
+
+# columns of the place table
+X, Y, Z_TOP, Z_BOTTOM = range(4)
+
+
+@njit(cache=True, nogil=True)
+def place_strips(ints, floats, n, f, cu, lateral, tan_edge, place):
+    """place: (N, 4) float32 x, y, top, bottom of each strip in level_cam, metres (Eq. 15)."""
+    for i in range(n):
+        x = f / floats[i, D]
+        middle = (ints[i, TOP] + ints[i, BOTTOM]) // 2
+        place[i, X] = x
+        place[i, Y] = x * (ints[i, U] - cu) / f * lateral[middle]
+        place[i, Z_TOP] = x * tan_edge[ints[i, TOP]]
+        place[i, Z_BOTTOM] = x * tan_edge[ints[i, BOTTOM] + 1]
+
+
+@njit(cache=True, nogil=True)
+def root_of(parent, i):
+    """Root of i in the union-find forest, halving the path."""
+    for _ in range(64):
+        if parent[i] == i:
+            break
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True, nogil=True)
+def cluster_strips(ints, place, n, ws, hs, column_m_per_x, parent, frontier):
+    """Writes CLUSTER (numbered from 0 in order of first appearance); returns the number of clusters.
+
+    place: see place_strips. column_m_per_x: width of one column at 1 m. parent, frontier: (N,) int32 scratch."""
+    size = 0
+    for i in range(n):
+        parent[i] = i
+        u = ints[i, U]
+        replaced = -1
+        nearest = ws
+        kept = 0
+        for k in range(size):
+            j = frontier[k]
+            # nothing in this column or a later one can come within Ws of it any more
+            if (u - ints[j, U] - 1) * column_m_per_x * place[j, X] > 2.0 * ws:
+                continue
+            frontier[kept] = j
+            vertical = max(place[i, Z_TOP] - place[j, Z_BOTTOM], place[j, Z_TOP] - place[i, Z_BOTTOM])
+            if vertical < hs:
+                horizontal = math.hypot(place[i, X] - place[j, X], place[i, Y] - place[j, Y])
+                if horizontal < ws:
+                    a, b = root_of(parent, i), root_of(parent, j)
+                    if a != b:
+                        parent[max(a, b)] = min(a, b)
+                    if horizontal < nearest and ints[j, U] < u:
+                        nearest, replaced = horizontal, kept
+            kept += 1
+        size = kept
+        # the strip takes the place of the one it continues, unless that one stands out on its other side
+        if replaced >= 0 and nearest < 0.25 * ws and covers(place, i, frontier[replaced]):
+            frontier[replaced] = i
+        else:
+            frontier[size] = i
+            size += 1
+    return number_clusters(ints, parent, n)
+
+
+@njit(cache=True, nogil=True)
+def covers(place, i, j):
+    """Whether strip i reaches at least as high and as low as strip j, give or take a tenth of its height."""
+    slack = 0.1 * (place[j, Z_BOTTOM] - place[j, Z_TOP]) + 0.02
+    return place[i, Z_TOP] <= place[j, Z_TOP] + slack and place[i, Z_BOTTOM] >= place[j, Z_BOTTOM] - slack
+
+
+@njit(cache=True, nogil=True)
+def number_clusters(ints, parent, n):
+    """Numbers the roots 0, 1, ... in order of their first strip; returns how many there are."""
+    count = 0
+    for i in range(n):
+        r = root_of(parent, i)
+        if r == i:
+            ints[i, CLUSTER] = count
+            count += 1
+        else:
+            ints[i, CLUSTER] = ints[r, CLUSTER]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def cluster_paper(ints, place, n, ws, last_of_cluster):
+    """Algorithm 1 as printed: distance to the last strip of each cluster, nearest below Ws takes it; returns the count.
+
+    last_of_cluster: (N,) int32 scratch. The gap counts no height. Clusters that meet later stay apart."""
+    count = 0
+    for i in range(n):
+        best, nearest = -1, ws
+        for c in range(count):
+            j = last_of_cluster[c]
+            gap = math.hypot(place[i, X] - place[j, X], place[i, Y] - place[j, Y])
+            if gap < nearest:
+                best, nearest = c, gap
+        if best < 0:
+            best = count
+            count += 1
+        ints[i, CLUSTER] = best
+        last_of_cluster[best] = i
+    return count

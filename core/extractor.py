@@ -1,0 +1,350 @@
+"""The paper on one page: `Extractor.extract` follows its Figure 3, with the stages in the order in which they run."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import clusters, fill, planes_paper, refine, strips, support, tracks
+from . import planes as pl
+from .classify import classify, depth_to_mm, estimate_ke, inverse_depth_table
+from .density import BinTable, bin_table
+from .frames import Rotation
+from .free_space import free_profile, nothing_known
+from .ground import NO_GROUND, find_ground, ground_gate
+from .level import (
+    ViewGeometry,
+    level_paper,
+    level_safe,
+    pool_columns,
+    pooled_geometry,
+    tilt_rad,
+    view_geometry,
+    view_geometry_paper,
+)
+from .params import Params
+from .prisms import layered_prisms
+from .settings import float_settings, int_settings
+from .types import (
+    CameraInfo,
+    ExtractorState,
+    FrameModel,
+    FrameStats,
+    Ground,
+    InvalidCause,
+    PlaneFlags,
+    StripTable,
+)
+
+_REACH_M = 0.9
+"""A joined plane covers nothing farther than this from what was seen; below Hs and below Ws/2 in any case."""
+
+
+class Extractor:
+    """Turns depth frames into planes. Holds its parameters and scratch memory, nothing that outlives a frame.
+
+    Not for two threads at once; make one each."""
+
+    def __init__(self, params: Params | None = None) -> None:
+        self.params = params or Params()
+        self._bins: tuple[tuple[float, float, float], BinTable] | None = None
+        self._inverse_table: tuple[tuple[CameraInfo, float], NDArray[np.float32]] | None = None
+        self._buffers: dict[str, NDArray[Any]] = {}
+
+    def extract(
+        self,
+        depth: NDArray[np.uint16] | NDArray[np.float32],
+        info: CameraInfo,
+        R_level_optical: Rotation,
+        state: ExtractorState | None = None,
+        *,
+        keep_strips: bool = False,
+    ) -> tuple[FrameModel, ExtractorState]:
+        """(model, next state) of one depth frame.
+
+        depth: (H, W) uint16 millimetres or float32 metres along the optical axis. R_level_optical: (3, 3) rotation from
+        `optical` to `level_cam` at mid-exposure. A pure function of its arguments and the parameters. Raises
+        ValueError where the image does not fit the intrinsics; a frame that says nothing comes back as
+        valid = False with its cause."""
+        state = state or ExtractorState()
+        R = np.ascontiguousarray(R_level_optical, np.float64)
+        k = info.intrinsics
+        depth_mm = self._buffer("depth", (k.height, k.width), np.uint16)
+        depth_to_mm(depth, depth_mm)
+        cause = rotation_cause(R, self.params)
+        if cause:
+            return self._blind(info, cause), state
+        inverse, counts = self._classify(depth_mm, info, state)
+        stats = self._pixel_stats(counts, depth_mm.size)
+        if stats.measured_share + stats.far_share < self.params.min_measured_share:
+            return self._blind(info, InvalidCause.NO_MEASUREMENT, stats), state
+        ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
+
+        codes, view = self._level(inverse, info, R)
+        ground = self._ground(inverse, info, R, ke, state)
+        ints, floats, found, ground_px = self._strips(codes, view, ground, info, ke)
+        ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
+        count, planes, plane_ints, moments = self._planes(ints, floats, place, n, view)
+
+        return self._model(
+            codes, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
+            {"ground_px": ground_px, "dropped_strips": found - n}, stats, keep_strips,
+        ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
+
+    # ---- pixels -------------------------------------------------------------------------------------------------
+
+    def _classify(
+        self, depth_mm: NDArray[np.uint16], info: CameraInfo, state: ExtractorState
+    ) -> tuple[NDArray[np.float32], tuple[int, int, int]]:
+        """Inverse depth with unknown and far marked, flying pixels taken out; counts (measured, far, flying)."""
+        ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
+        if self._inverse_table is None or self._inverse_table[0] != (info, ke):
+            self._inverse_table = ((info, ke), inverse_depth_table(info, ke))
+        raw = self._buffer("raw", depth_mm.shape, np.float32)
+        inverse = self._buffer("inverse", depth_mm.shape, np.float32)
+        relative = 1e9 if self.params.paper else self.params.flying_relative
+        counts = classify(depth_mm, self._inverse_table[1], relative, self.params.flying_sigmas * ke, raw, inverse)
+        return inverse, counts
+
+    def _level(
+        self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation
+    ) -> tuple[NDArray[np.uint16], ViewGeometry]:
+        """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval."""
+        if self.params.paper:
+            view = view_geometry_paper(info, R)
+            codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
+            level_paper(inverse, view.H, view.lateral, view.f_px * view.quantum, codes)
+        else:
+            view = view_geometry(info, R, self.params)
+            codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
+            level_safe(inverse, info, R, view, codes, self._buffer("picked", (inverse.size,), np.uint8))
+        step = self.params.column_step
+        if step > 1:
+            view = pooled_geometry(view, step)
+            pooled = self._buffer("pooled", (view.cols, view.rows), np.uint16)
+            pool_columns(codes, step, pooled)
+            codes = pooled
+        return codes, view
+
+    def _ground(
+        self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
+    ) -> Ground:
+        """The ground, before any density; the paper looks for horizontal surfaces among the rest only."""
+        if self.params.paper:
+            return NO_GROUND
+        points = self._buffer("points", (30000, 5), np.float32)
+        return find_ground(inverse, info, R, ke, state.ground_height_m, self.params, points)
+
+    # ---- strips and clusters ------------------------------------------------------------------------------------
+
+    def _strips(
+        self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32], int, int]:
+        """Sections 4.1-4.3: tables of strips, their number, and the ground pixels taken out."""
+        sigma_d = max(ke * view.f_px, self.params.min_sigma_px)
+        key = (view.f_px, view.quantum, sigma_d)
+        if self._bins is None or self._bins[0] != key:
+            self._bins = (key, bin_table(*key, self.params))
+        bins = self._bins[1]
+        gate, shift = ground_gate(ground, view, ke, self.params)
+        limit = 48
+        ints = self._buffer("ints", (view.cols * limit, 9), np.int32)
+        floats = self._buffer("floats", (view.cols * limit, 3), np.float32)
+        states = self._buffer("states", codes.shape, np.uint8)
+        ground_px = self._buffer("ground_px", (view.cols,), np.int32)
+        tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
+        found = strips.extract_strips(
+            codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
+            bins.weights, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints, floats, states,
+            ground_px, limit,
+        )  # fmt: skip
+        return ints, floats, found, int(ground_px.sum())
+
+    def _supported_clusters(
+        self, ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, view: ViewGeometry, info: CameraInfo, ke: float
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], int]:
+        """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
+        p, k = self.params, info.intrinsics
+        columns = self._buffer("columns", (view.cols + 1,), np.int32)
+        scratch_i = self._buffer("scratch_i", (len(ints), 2), np.int32)
+        parent, other = np.ascontiguousarray(scratch_i[:, 0]), np.ascontiguousarray(scratch_i[:, 1])
+        place = self._buffer("place", (len(ints), 4), np.float32)
+        if not p.paper:
+            sigma_d = max(ke * view.f_px, p.min_sigma_px)
+            keep = self._buffer("keep", (len(ints),), np.uint8)
+            n = support.drop_unsupported(
+                ints, floats, n, view.cols, sigma_d, p.min_support_px, p.support_columns, columns, keep
+            )
+        support.index_columns(ints, n, view.cols, columns)
+        support.sort_columns(ints, floats, view.cols, columns)
+        clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
+        hs, ws = p.passable_height_m, p.passable_width_m
+        if p.paper:
+            count = clusters.cluster_paper(ints, place, n, ws, parent)
+            spans = np.empty((max(count, 1), 2), np.float32)
+            fill.fill_paper(ints, place, n, hs, count, spans)
+            return ints, floats, place, n
+        support.mark_cuts(ints, n, view.H, k.width, k.height)
+        column_t = float(view.lateral[0]) / view.f_px
+        clusters.cluster_strips(ints, place, n, ws, hs, column_t, parent, other)
+        fill.fill_low_gaps(ints, floats, place, n, view.cols, columns, view.f_px, hs, p.band_step_m, p.line_sigmas)
+        runs, spans = np.empty((fill.MAX_RUNS, 3), np.int32), np.empty((fill.MAX_RUNS, 3), np.float32)
+        fill.fill_slits(
+            ints, floats, place, n, view.cols, columns, view.f_px, column_t, hs, ws, p.band_step_m, p.line_sigmas,
+            p.link_gap_px, runs, spans, other,
+        )  # fmt: skip
+        raw = self._buffer("raw_near", (len(ints),), np.float32)
+        support.smooth_near(ints, floats, n, view.cols, columns, raw)
+        clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
+        return ints, floats, place, n
+
+    # ---- planes -------------------------------------------------------------------------------------------------
+
+    def _planes(
+        self, ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int, view: ViewGeometry
+    ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
+        p = self.params
+        size = 2 * max(n, 1) + 16
+        planes = self._buffer("planes", (size, 7), np.float64)
+        plane_ints = self._buffer("plane_ints", (size, 6), np.int32)
+        moments = self._buffer("moments", (size, 6), np.float64)
+        column_t = float(view.lateral[0]) / view.f_px
+        if p.paper:
+            count = planes_paper.planes_paper(ints, floats, place, n, view, p, planes, plane_ints, moments)
+            return count, planes, plane_ints, moments
+        columns = self._buffer("columns", (view.cols + 1,), np.int32)
+        track_ints = self._buffer("track_ints", (size, 3), np.int32)
+        track_floats = self._buffer("track_floats", (size, 6), np.float64)
+        plane_of, parent = self._buffer("plane_of", (size,), np.int32), self._buffer("parent", (size,), np.int32)
+        count = tracks.grow_tracks(
+            ints, floats, place, n, view.cols, columns, view.f_px, view.cu, view.lateral, p.passable_height_m,
+            p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, moments, track_ints, track_floats,
+        )  # fmt: skip
+        grown = count
+        parent[:count] = np.arange(count)
+        ends_t = (0.5 + p.footprint_px) * column_t
+        pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
+        where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px)
+        pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
+        reach = min(_REACH_M, 0.45 * p.passable_width_m, 0.9 * p.passable_height_m)
+        pl.merge_planes(
+            count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.link_slope_px, reach,
+            math.radians(p.plane_angle_deg), 0.5 * p.passable_width_m,
+        )  # fmt: skip
+        count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
+        pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
+        pl.shift_to_near_side(count, planes)
+        refine.meet_neighbours(count, planes, plane_ints, 0.5, column_t)
+        count = refine.close_pockets(
+            count, size, planes, plane_ints, moments, p.passable_width_m, column_t, p.ground_tolerance_m
+        )
+        refine.drop_covered(count, planes, plane_ints, p.passable_width_m, column_t)
+        return count, planes, plane_ints, moments
+
+    # ---- what comes out -----------------------------------------------------------------------------------------
+
+    def _model(
+        self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float,
+        ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
+        plane_ints: NDArray[np.int32], moments: NDArray[np.float64], more: dict[str, int], pixels: FrameStats,
+        keep_strips: bool,
+    ) -> FrameModel:  # fmt: skip
+        alive = np.flatnonzero(plane_ints[:count, pl.P_SUPPORT] >= 0)
+        used, used_ints = planes[alive], plane_ints[alive]
+        rows, margin = plane_rows(used, moments[alive], self.params)
+        flags = plane_flags(used, used_ints, view)
+        cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
+        prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m)
+        free = free_profile(
+            codes, view, ground, info.max_range_m, ke, self.params, len(used), used, used_ints, margin
+        )
+        stats = FrameStats(
+            measured_share=pixels.measured_share, unknown_share=pixels.unknown_share, far_share=pixels.far_share,
+            flying_px=pixels.flying_px, strips=n, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms),
+            **more,
+        )  # fmt: skip
+        return FrameModel(
+            valid=True, cause=InvalidCause.NONE, planes=rows, support_px=used_ints[:, pl.P_SUPPORT].astype(np.int32),
+            margin_m=margin, flags=flags, cluster=cluster, prisms=prisms, free=free, ground=ground, stats=stats,
+            ke_per_m=ke, strips=strip_table(ints, place, n) if keep_strips else None,
+        )  # fmt: skip
+
+    def _blind(self, info: CameraInfo, cause: InvalidCause, stats: FrameStats | None = None) -> FrameModel:
+        """The model of a frame that says nothing: nothing in it may be taken as free."""
+        return FrameModel(
+            valid=False, cause=cause, planes=np.zeros((0, 6), np.float32), support_px=np.zeros(0, np.int32),
+            margin_m=np.zeros(0, np.float32), flags=np.zeros(0, np.uint8), cluster=np.zeros(0, np.int32), prisms=(),
+            free=nothing_known(self.params), ground=NO_GROUND, stats=stats or FrameStats(), ke_per_m=info.ke_per_m,
+        )  # fmt: skip
+
+    def _pixel_stats(self, counts: tuple[int, int, int], size: int) -> FrameStats:
+        measured, far, flying = counts
+        return FrameStats(
+            measured_share=(measured - flying) / size, far_share=far / size,
+            unknown_share=(size - measured - far + flying) / size, flying_px=flying,
+        )  # fmt: skip
+
+    def _buffer(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+        """Scratch memory that is kept from frame to frame and grows to the largest frame seen."""
+        need = math.prod(shape)
+        held = self._buffers.get(name)
+        if held is None or held.size < need or held.dtype != dtype:
+            held = np.zeros(need, dtype)
+            self._buffers[name] = held
+        return held[:need].reshape(shape)
+
+
+def rotation_cause(R: Rotation, params: Params) -> InvalidCause:
+    """Why this rotation gives no model, NONE if it does."""
+    if R.shape != (3, 3) or not np.all(np.isfinite(R)) or np.abs(R @ R.T - np.eye(3)).max() > 1e-3:
+        return InvalidCause.BAD_ROTATION
+    if np.linalg.det(R) < 0.0 or abs(R[1, 2]) > 0.02 or R[0, 2] < -0.02:
+        return InvalidCause.BAD_ROTATION  # level_cam's x is the optical axis' own heading
+    return InvalidCause.TOO_STEEP if tilt_rad(R) > math.radians(params.max_tilt_deg) else InvalidCause.NONE
+
+
+def plane_rows(
+    planes: NDArray[np.float64], moments: NDArray[np.float64], params: Params
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(N, 6) float32 a_x, a_y, b_x, b_y, top, bottom and (N,) margins, m, of the table of planes.py.
+
+    a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the near edge
+    still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
+    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T0], 1e-6)
+    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T1], 1e-6)
+    rows = np.stack(
+        [x0, x0 * planes[:, pl.T0], x1, x1 * planes[:, pl.T1], planes[:, pl.Z0], planes[:, pl.Z1]], axis=1
+    ).astype(np.float32)
+    rows[:, 5] = np.maximum(rows[:, 5], rows[:, 4] + 1e-3)
+    noise = np.maximum(x0, x1) ** 2 / np.sqrt(np.maximum(moments[:, 0], 1e-9))
+    front = np.clip(planes[:, pl.FRONT] + params.safe_distance_m, 0.0, params.safe_distance_m)
+    return rows, (front + params.margin_sigmas * noise).astype(np.float32)
+
+
+def plane_flags(planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view: ViewGeometry) -> NDArray[np.uint8]:
+    """(N,) uint8 PlaneFlags."""
+    column_t = float(view.lateral[0]) / view.f_px
+    inferred = plane_ints[:, pl.P_INFERRED] > 0
+    flags = np.where(inferred | (plane_ints[:, pl.P_FILL] > 0), int(PlaneFlags.INFERRED), 0)
+    flags |= np.where(inferred, 0, int(PlaneFlags.UNKNOWN_BEHIND))
+    flags |= np.where(planes[:, pl.T0] <= (1.5 - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
+    flags |= np.where(planes[:, pl.T1] >= (view.cols - 2.5 - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0)
+    flags |= np.where(plane_ints[:, pl.P_CUT] & 1, int(PlaneFlags.CUT_TOP), 0)
+    flags |= np.where(plane_ints[:, pl.P_CUT] & 2, int(PlaneFlags.CUT_BOTTOM), 0)
+    flags |= np.where(plane_ints[:, pl.P_KIND] >= strips.IRREGULAR, int(PlaneFlags.IRREGULAR), 0)
+    return flags.astype(np.uint8)
+
+
+def strip_table(ints: NDArray[np.int32], place: NDArray[np.float32], n: int) -> StripTable:
+    """A copy of the strips for drawing and tests."""
+    on = np.flatnonzero(ints[:n, strips.SUPPORT] > 0)
+    column = ints[on].T.copy()
+    x, y, top, bottom = place[on].T.copy()
+    return StripTable(
+        u=column[strips.U], row_top=column[strips.TOP], row_bottom=column[strips.BOTTOM], x_m=x, y_m=y, top_m=top,
+        bottom_m=bottom, support_px=column[strips.SUPPORT], cluster=column[strips.CLUSTER],
+    )  # fmt: skip

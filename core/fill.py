@@ -1,0 +1,201 @@
+"""Section 5.1: gaps between strips of one column that the vehicle cannot pass are filled.
+
+A gap lower than Hs is filled. A gap of Hs or more is kept only where it is open over a width of Ws or more, or opens to a
+side; a slit between solid sides is filled. Filling joins neighbours only, never the space under a whole bridge,
+and what was filled without having been seen is counted, so that its plane says INFERRED.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from .clusters import Z_BOTTOM, Z_TOP, X
+from .strips import BOTTOM, CLUSTER, FILL, NEAR, SIGMA, SUPPORT, TOP, D
+
+MAX_RUNS = 32
+# columns of the table of open runs of gaps
+R_FIRST, R_LAST, R_CLUSTER = range(3)
+
+
+@njit(cache=True, nogil=True)
+def next_below(ints, i, last):
+    """The strip of this column (up to last) that follows strip i downwards in its cluster, or -1."""
+    found = -1
+    for j in range(i + 1, last):
+        if (
+            ints[j, CLUSTER] == ints[i, CLUSTER]
+            and ints[j, SUPPORT] > 0
+            and ints[j, TOP] > ints[i, BOTTOM]
+            and (found < 0 or ints[j, TOP] < ints[found, TOP])
+        ):
+            found = j
+    return found
+
+
+@njit(cache=True, nogil=True)
+def fill_gap(ints, floats, i, j, f, step_m, sigmas):
+    """Closes the gap between strip i and strip j below it: one strip where they lie on one surface, else the farther grows."""
+    rows = ints[j, TOP] - ints[i, BOTTOM] - 1
+    d = min(floats[i, D], floats[j, D])
+    noise = sigmas * math.hypot(floats[i, SIGMA], floats[j, SIGMA])
+    if abs(floats[i, D] - floats[j, D]) <= max(step_m * d * d / f, noise):
+        a, b = 1.0 / floats[i, SIGMA] ** 2, 1.0 / floats[j, SIGMA] ** 2
+        floats[i, D] = (a * floats[i, D] + b * floats[j, D]) / (a + b)
+        floats[i, NEAR] = max(floats[i, NEAR], floats[j, NEAR])
+        floats[i, SIGMA] = 1.0 / math.sqrt(a + b)
+        ints[i, BOTTOM] = ints[j, BOTTOM]
+        ints[i, SUPPORT] += ints[j, SUPPORT]
+        ints[i, FILL] += rows + ints[j, FILL]
+        ints[j, SUPPORT] = 0  # joined: dropped by the caller
+        return True
+    if floats[i, D] <= floats[j, D]:
+        ints[i, BOTTOM] = ints[j, TOP] - 1
+        ints[i, FILL] += rows
+    else:
+        ints[j, TOP] = ints[i, BOTTOM] + 1
+        ints[j, FILL] += rows
+    return False
+
+
+@njit(cache=True, nogil=True)
+def gap_height(place, i, j):
+    """Clear height between strip i and strip j below it, m."""
+    return place[j, Z_TOP] - place[i, Z_BOTTOM]
+
+
+@njit(cache=True, nogil=True)
+def fill_low_gaps(ints, floats, place, n, cols, first_of_column, f, hs, step_m, sigmas):
+    """Fills every gap lower than Hs between vertical neighbours of one cluster, from the top down."""
+    for u in range(cols):
+        last = first_of_column[u + 1]
+        for i in range(first_of_column[u], last):
+            if ints[i, SUPPORT] == 0:
+                continue
+            for _ in range(last - i):
+                j = next_below(ints, i, last)
+                if j < 0 or gap_height(place, i, j) >= hs:
+                    break
+                place_bottom = place[j, Z_BOTTOM]
+                if not fill_gap(ints, floats, i, j, f, step_m, sigmas):
+                    break
+                place[i, Z_BOTTOM] = place_bottom
+
+
+@njit(cache=True, nogil=True)
+def closed_at(ints, place, first, last, cluster, z, x, ws):
+    """Whether a strip of the cluster among first..last-1 stands at height z, less than Ws from distance x."""
+    for j in range(first, last):
+        if (
+            ints[j, CLUSTER] == cluster
+            and ints[j, SUPPORT] > 0
+            and place[j, Z_TOP] <= z <= place[j, Z_BOTTOM]
+            and abs(place[j, X] - x) < ws
+        ):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def fill_slits(
+    ints, floats, place, n, cols, first_of_column, f, column_m_per_x, hs, ws, step_m, sigmas, link, runs, spans, lower
+):
+    """Fills gaps of Hs or more that are open over less than Ws and closed on both sides; returns how many it filled.
+
+    runs: (32, 3) int32, spans: (32, 3) float32 (top, bottom, x), lower: (N,) int32: scratch. A run is a row of
+    neighbouring columns whose gaps share at least Hs of height."""
+    open_runs = 0
+    filled = 0
+    for i in range(n):
+        lower[i] = -1
+    for u in range(cols + 1):
+        if u < cols:
+            last = first_of_column[u + 1]
+            for i in range(first_of_column[u], last):
+                if ints[i, SUPPORT] == 0:
+                    continue
+                j = next_below(ints, i, last)
+                if j < 0 or gap_height(place, i, j) < hs:
+                    continue
+                lower[i] = j
+                open_runs = _join_run(ints, place, i, j, u, hs, runs, spans, open_runs)
+        kept = 0
+        for r in range(open_runs):
+            if u < cols and u - runs[r, R_LAST] <= link:
+                runs[kept], spans[kept] = runs[r], spans[r]
+                kept += 1
+                continue
+            width = (runs[r, R_LAST] - runs[r, R_FIRST] + 1) * column_m_per_x * spans[r, 2]
+            if width < ws and _bounded(ints, place, first_of_column, cols, link, ws, runs[r], spans[r]):
+                filled += _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, runs[r], spans[r], lower)
+        open_runs = kept
+    return filled
+
+
+@njit(cache=True, nogil=True)
+def _join_run(ints, place, i, j, u, hs, runs, spans, open_runs):
+    """Adds the gap i-j of column u to the run whose opening it shares, or opens a run; returns the number of runs."""
+    top, bottom = place[i, Z_BOTTOM], place[j, Z_TOP]
+    for r in range(open_runs):
+        if runs[r, R_CLUSTER] == ints[i, CLUSTER] and runs[r, R_LAST] < u:
+            lo, hi = max(spans[r, 0], top), min(spans[r, 1], bottom)
+            if hi - lo >= hs:
+                spans[r, 0], spans[r, 1], spans[r, 2] = lo, hi, max(spans[r, 2], max(place[i, X], place[j, X]))
+                runs[r, R_LAST] = u
+                return open_runs
+    if open_runs < MAX_RUNS:
+        runs[open_runs, R_FIRST], runs[open_runs, R_LAST], runs[open_runs, R_CLUSTER] = u, u, ints[i, CLUSTER]
+        spans[open_runs, 0], spans[open_runs, 1] = top, bottom
+        spans[open_runs, 2] = max(place[i, X], place[j, X])
+        return open_runs + 1
+    return open_runs
+
+
+@njit(cache=True, nogil=True)
+def _bounded(ints, place, first_of_column, cols, link, ws, run, span):
+    """Whether both sides of a run are closed within `link` columns at the middle of its height."""
+    z = 0.5 * (span[0] + span[1])
+    left = False
+    right = False
+    for k in range(1, link + 1):
+        a, b = run[R_FIRST] - k, run[R_LAST] + k
+        if a >= 0 and not left:
+            left = closed_at(ints, place, first_of_column[a], first_of_column[a + 1], run[R_CLUSTER], z, span[2], ws)
+        if b < cols and not right:
+            right = closed_at(ints, place, first_of_column[b], first_of_column[b + 1], run[R_CLUSTER], z, span[2], ws)
+    return left and right
+
+
+@njit(cache=True, nogil=True)
+def _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, run, span, lower):
+    """Fills the gaps of one run; returns how many."""
+    filled = 0
+    for u in range(run[R_FIRST], run[R_LAST] + 1):
+        for i in range(first_of_column[u], first_of_column[u + 1]):
+            j = lower[i]
+            if j < 0 or ints[i, SUPPORT] == 0 or ints[j, SUPPORT] == 0 or ints[i, CLUSTER] != run[R_CLUSTER]:
+                continue
+            if place[i, Z_BOTTOM] <= span[0] + 1e-3 and place[j, Z_TOP] >= span[1] - 1e-3:
+                fill_gap(ints, floats, i, j, f, step_m, sigmas)
+                lower[i] = -1
+                filled += 1
+    return filled
+
+
+@njit(cache=True, nogil=True)
+def fill_paper(ints, place, n, hs, clusters, spans):
+    """Section 5.1 as printed: both complements of a strip within its cluster's height below Hs are filled.
+
+    The complements are those of the whole cluster, so that a strip far from both ends keeps them. spans: (clusters, 2)
+    float32 scratch. Changes the heights in `place`, not the rows."""
+    for c in range(clusters):
+        spans[c, 0], spans[c, 1] = 1e9, -1e9
+    for i in range(n):
+        c = ints[i, CLUSTER]
+        spans[c, 0] = min(spans[c, 0], place[i, Z_TOP])
+        spans[c, 1] = max(spans[c, 1], place[i, Z_BOTTOM])
+    for i in range(n):
+        c = ints[i, CLUSTER]
+        if place[i, Z_TOP] - spans[c, 0] < hs and spans[c, 1] - place[i, Z_BOTTOM] < hs:
+            place[i, Z_TOP], place[i, Z_BOTTOM] = spans[c, 0], spans[c, 1]

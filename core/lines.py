@@ -1,0 +1,53 @@
+"""A vertical plane as a line, by full moments that can be added (Eq. 17, with the term the paper leaves out).
+
+The line is a*x + b*y = 1 in level_cam, that is s = a + b*t with t = y/x (tangent of azimuth) and s = 1/x (inverse
+forward distance). Stereo noise is constant in s, so least squares in (t, s) is the maximum-likelihood fit; in metres it
+is the total-least-squares fit of the same points with weights 1/x^4, normalised by the plane's distance instead of its
+normal, which takes away TLS's pull towards the camera. Only a plane through the camera itself cannot be written so,
+and no camera sees that. Moments: W, t, s, tt, ts, ss, each a sum over weights 1/sigma_s^2.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+W, T, S, TT, TS, SS = range(6)
+
+
+@njit(cache=True, nogil=True)
+def add_point(moments, t, s, weight):
+    """Adds one strip at (t, s) with weight 1/sigma_s^2 to moments (6,) float64."""
+    moments[W] += weight
+    moments[T] += weight * t
+    moments[S] += weight * s
+    moments[TT] += weight * t * t
+    moments[TS] += weight * t * s
+    moments[SS] += weight * s * s
+
+
+@njit(cache=True, nogil=True)
+def fit_line(moments, slope_prior):
+    """(a, b, t_mean, t_scatter) of s = a + b*t; slope_prior: weight (1/variance) of a slope of 0.
+
+    The prior only speaks where the points are too few or too close to carry a slope."""
+    w = moments[W]
+    t_mean, s_mean = moments[T] / w, moments[S] / w
+    scatter = max(0.0, moments[TT] - w * t_mean * t_mean)
+    b = (moments[TS] - w * t_mean * s_mean) / (scatter + slope_prior)
+    return s_mean - b * t_mean, b, t_mean, scatter
+
+
+@njit(cache=True, nogil=True)
+def misfit(moments, a, b):
+    """Weighted mean square of s - a - b*t over what the moments stand for; 1 means as noisy as expected per strip."""
+    m = moments
+    total = m[SS] - 2.0 * a * m[S] - 2.0 * b * m[TS] + a * a * m[W] + 2.0 * a * b * m[T] + b * b * m[TT]
+    return max(0.0, total) / m[W]
+
+
+@njit(cache=True, nogil=True)
+def incidence_cosine(a, b, t):
+    """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1."""
+    return abs(a + b * t) / (math.hypot(a, b) * math.sqrt(1.0 + t * t))

@@ -1,0 +1,216 @@
+"""Sections 5.2 and 5.3, the merge: straight pieces become planes, planes that stand for one thing become one.
+
+A plane is a line a*x + b*y = 1 (see lines.py) between two tangents of azimuth and two heights. No plane may lie more than
+`safe_distance_m` behind the robust near edge of the strips it stands for: what exceeds that shifts it towards the
+camera, what remains is published as its margin.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from .lines import W, fit_line, incidence_cosine
+from .strips import BOTTOM, CUT, FILL, NEAR, SUPPORT, TOP, TRACK
+from .tracks import T_T0, T_T1, tangent
+
+# columns of the float table of planes: line a, b; first and last tangent; heights (m, down); misfit in front (m)
+A, B, T0, T1, Z0, Z1, FRONT = range(7)
+# columns of the integer table
+P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED = range(6)
+MOST_M = 1e9
+
+
+@njit(cache=True, nogil=True)
+def distance_at(plane, t):
+    """Forward distance x of a plane at tangent t; MOST_M where its line never crosses that ray."""
+    s = plane[A] + plane[B] * t
+    return 1.0 / s if s > 1e-6 else MOST_M
+
+
+@njit(cache=True, nogil=True)
+def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, planes, plane_ints, plane_of):
+    """A plane of each track: line and ends; heights and support come from `measure_planes`."""
+    for k in range(tracks):
+        a, b, _, _ = fit_line(moments[k], 1.0 / (slope * slope))
+        planes[k, A], planes[k, B] = a, b
+        planes[k, T0], planes[k, T1] = track_floats[k, T_T0] - half_column_t, track_floats[k, T_T1] + half_column_t
+        plane_ints[k, P_INFERRED] = 0
+        plane_of[k] = k
+
+
+@njit(cache=True, nogil=True)
+def measure_planes(
+    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, count, plane_of, planes, plane_ints
+):  # fmt: skip
+    """Heights, support, filled rows, cuts, clusters and the misfit in front, of every plane, from its strips.
+
+    plane_of: (tracks,) int32 root plane of a track. FRONT is the largest excess of the robust near edge over
+    safe_distance, perpendicular to the plane, and at least what keeps half a metre along the viewing ray."""
+    for k in range(count):
+        planes[k, Z0], planes[k, Z1], planes[k, FRONT] = MOST_M, -MOST_M, -MOST_M
+        plane_ints[k, P_SUPPORT], plane_ints[k, P_FILL], plane_ints[k, P_CUT], plane_ints[k, P_KIND] = 0, 0, 0, 0
+    for i in range(n):
+        if ints[i, SUPPORT] == 0:
+            continue
+        k = plane_of[ints[i, TRACK]]
+        t = tangent(ints, i, cu, f, lateral)
+        x = distance_at(planes[k], t)
+        top = x * (tan_edge[ints[i, TOP]] - footprint_t)
+        bottom = x * (tan_edge[ints[i, BOTTOM] + 1] + footprint_t)
+        if top < planes[k, Z0]:
+            planes[k, Z0] = top
+            plane_ints[k, P_CUT] = (plane_ints[k, P_CUT] & ~1) | (ints[i, CUT] & 1)
+        if bottom > planes[k, Z1]:
+            planes[k, Z1] = bottom
+            plane_ints[k, P_CUT] = (plane_ints[k, P_CUT] & ~2) | (ints[i, CUT] & 2)
+        plane_ints[k, P_SUPPORT] += ints[i, SUPPORT]
+        plane_ints[k, P_FILL] += ints[i, FILL]
+        plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, 4])
+        plane_ints[k, P_CLUSTER] = ints[i, 5]
+        # the near edge along the ray, and its distance to the plane
+        ray = (x - f / floats[i, NEAR]) * math.sqrt(1.0 + t * t)
+        cosine = incidence_cosine(planes[k, A], planes[k, B], t)
+        planes[k, FRONT] = max(planes[k, FRONT], max(ray * cosine - safe_m, (ray - 0.5) * cosine))
+
+
+@njit(cache=True, nogil=True)
+def shift_to_near_side(count, planes):
+    """Moves each plane towards the camera by FRONT where that is positive; FRONT becomes 0 there."""
+    for k in range(count):
+        if planes[k, FRONT] > 0.0:
+            c = 1.0 / math.hypot(planes[k, A], planes[k, B])
+            scale = c / max(0.05, c - planes[k, FRONT])
+            planes[k, A] *= scale
+            planes[k, B] *= scale
+            planes[k, FRONT] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _outside_m(plane, t, z, x):
+    """Distance of the point (t, z) at range x from a plane's rectangle, in the rectangle's own face."""
+    side = max(0.0, max(plane[T0] - t, t - plane[T1])) * x
+    height = max(0.0, max(plane[Z0] - z, z - plane[Z1]))
+    return math.hypot(side, height)
+
+
+@njit(cache=True, nogil=True)
+def joined_reach_m(p, q, x):
+    """How far the joined rectangle of planes p and q reaches beyond both: its farthest corner, or half their gap."""
+    t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
+    z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
+    reach = 0.5 * max(max(p[T0], q[T0]) - min(p[T1], q[T1]), 0.0) * x
+    reach = max(reach, 0.5 * max(max(p[Z0], q[Z0]) - min(p[Z1], q[Z1]), 0.0))
+    for t in (t0, t1):
+        for z in (z0, z1):
+            reach = max(reach, min(_outside_m(p, t, z, x), _outside_m(q, t, z, x)))
+    return reach
+
+
+@njit(cache=True, nogil=True)
+def deviation(p, moments, a, b, tolerance_m, sigmas):
+    """How far a new line leaves plane p at its ends, over what is allowed (below 1: it may replace it)."""
+    worst = 0.0
+    for t in (p[T0], p[T1]):
+        old = distance_at(p, t)
+        s = a + b * t
+        if s <= 1e-6:
+            return 2.0
+        noise = sigmas * old * old / math.sqrt(moments[W])
+        worst = max(worst, abs(1.0 / s - old) / (tolerance_m + min(noise, 2.0 * tolerance_m)))
+    return worst
+
+
+@njit(cache=True, nogil=True)
+def turn_rad(p, q):
+    """Angle between two planes."""
+    cross = p[A] * q[B] - p[B] * q[A]
+    dot = p[A] * q[A] + p[B] * q[B]
+    return abs(math.atan2(cross, dot))
+
+
+@njit(cache=True, nogil=True)
+def merge_cost(p, q, mp, mq, total, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m):
+    """(cost, a, b) of one plane for both p and q; cost below 1: they stand for one thing. total: (6,) scratch.
+
+    Opening rule: no point of the joined rectangle lies farther than reach_m (below Hs and Ws/2) from what was seen,
+    so that no opening the vehicle could pass is ever closed here."""
+    x = 0.5 * (distance_at(p, 0.5 * (p[T0] + p[T1])) + distance_at(q, 0.5 * (q[T0] + q[T1])))
+    # cheap refusal first: most pairs are far apart
+    if (max(p[T0], q[T0]) - min(p[T1], q[T1])) * x > 2.0 * reach_m:
+        return 2.0, 0.0, 0.0
+    if max(p[Z0], q[Z0]) - min(p[Z1], q[Z1]) > 2.0 * reach_m:
+        return 2.0, 0.0, 0.0
+    reach = joined_reach_m(p, q, x) / reach_m
+    if reach > 1.0:
+        return 2.0, 0.0, 0.0
+    if turn_rad(p, q) > angle_rad and min((p[T1] - p[T0]), (q[T1] - q[T0])) * x > long_m:
+        return 2.0, 0.0, 0.0
+    for m in range(6):
+        total[m] = mp[m] + mq[m]
+    a, b, _, _ = fit_line(total, 1.0 / (slope * slope))
+    worst = max(deviation(p, mp, a, b, tolerance_m, sigmas), deviation(q, mq, a, b, tolerance_m, sigmas))
+    return worst + 0.2 * reach, a, b
+
+
+@njit(cache=True, nogil=True)
+def merge_planes(count, planes, plane_ints, moments, parent, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m):
+    """Joins planes of one cluster, cheapest partner first, until none fits (Eq. 17); dead ones get a negative support.
+
+    parent: (N,) int32, the plane that took each one over."""
+    total = moments[0].copy()
+    for _round in range(12):
+        changed = False
+        for i in range(count):
+            if plane_ints[i, P_SUPPORT] < 0:
+                continue
+            for _ in range(count):
+                best, cost, best_a, best_b = -1, 1.0, 0.0, 0.0
+                for j in range(count):
+                    if j == i or plane_ints[j, P_SUPPORT] < 0 or plane_ints[j, P_CLUSTER] != plane_ints[i, P_CLUSTER]:
+                        continue
+                    c, a, b = merge_cost(
+                        planes[i], planes[j], moments[i], moments[j], total,
+                        tolerance_m, sigmas, slope, reach_m, angle_rad, long_m,
+                    )  # fmt: skip
+                    if c < cost:
+                        best, cost, best_a, best_b = j, c, a, b
+                if best < 0:
+                    break
+                _absorb(planes, plane_ints, moments, i, best, best_a, best_b)
+                parent[best] = i
+                changed = True
+        if not changed:
+            break
+
+
+@njit(cache=True, nogil=True)
+def _absorb(planes, plane_ints, moments, i, j, a, b):
+    p, q = planes[i], planes[j]
+    p[A], p[B] = a, b
+    p[T0], p[T1] = min(p[T0], q[T0]), max(p[T1], q[T1])
+    p[Z0], p[Z1] = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
+    for m in range(6):
+        moments[i, m] += moments[j, m]
+    plane_ints[i, P_SUPPORT] += plane_ints[j, P_SUPPORT]
+    plane_ints[j, P_SUPPORT] = -1
+
+
+@njit(cache=True, nogil=True)
+def compact_planes(count, planes, plane_ints, moments, parent, plane_of, tracks):
+    """Moves the living planes to the front and points every track at its plane; returns how many live."""
+    alive = 0
+    for k in range(count):
+        if plane_ints[k, P_SUPPORT] >= 0:
+            planes[alive], plane_ints[alive], moments[alive] = planes[k], plane_ints[k], moments[k]
+            parent[k] = -1 - alive  # negative: the new number
+            alive += 1
+    for t in range(tracks):
+        k = plane_of[t]
+        for _ in range(count):
+            if parent[k] < 0:
+                break
+            k = parent[k]
+        plane_of[t] = -1 - parent[k]
+    return alive

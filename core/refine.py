@@ -1,0 +1,132 @@
+"""Sections 5.2 (concave conversion) and 5.3: neighbours meet, pockets too small to enter close, the covered goes.
+
+Where the paper's text and its listing differ, the text is right: what lies on the far side of the chord between its
+neighbours goes when that chord is shorter than Ws; what stands out towards the camera always stays.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from .planes import FRONT, P_CLUSTER, P_CUT, P_FILL, P_INFERRED, P_KIND, P_SUPPORT, T0, T1, Z0, Z1, A, B, distance_at
+
+
+@njit(cache=True, nogil=True)
+def facing_gap_m(p, q):
+    """Distance between the right end of p and the left end of q, seen from above."""
+    xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
+    return math.hypot(xp - xq, xp * p[T1] - xq * q[T0])
+
+
+@njit(cache=True, nogil=True)
+def meet_neighbours(count, planes, plane_ints, reach_m, column_t):
+    """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
+
+    Only over columns nobody stands in front of, and at most reach_m along either plane."""
+    for i in range(count):
+        for j in range(count):
+            p, q = planes[i], planes[j]
+            if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] + q[T1] <= p[T0] + p[T1]:
+                continue
+            if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) <= 0.0 or abs(q[T0] - p[T1]) > 40.0 * column_t:
+                continue
+            if facing_gap_m(p, q) > reach_m or abs(p[B] - q[B]) < 1e-6:
+                continue
+            t = (q[A] - p[A]) / (p[B] - q[B])
+            if not (p[T0] < t < q[T1]):
+                continue
+            x = distance_at(p, t)
+            far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
+            if far <= reach_m and x < 1e8:
+                p[T1] = t
+                q[T0] = t
+
+
+@njit(cache=True, nogil=True)
+def _step_m(p, t_from, t_to):
+    """Length along plane p between two tangents."""
+    x0, x1 = distance_at(p, t_from), distance_at(p, t_to)
+    return math.hypot(x1 - x0, x1 * t_to - x0 * t_from)
+
+
+@njit(cache=True, nogil=True)
+def stands_between(count, planes, plane_ints, i, j, t, z, x):
+    """Whether a plane other than i and j already closes the ray (t, z/x) in front of x or just behind it."""
+    for k in range(count):
+        p = planes[k]
+        if k in (i, j) or plane_ints[k, P_SUPPORT] < 0 or not p[T0] <= t <= p[T1]:
+            continue
+        own = distance_at(p, t)
+        if own < x + 0.3 and p[Z0] <= z / x * own <= p[Z1]:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least_height_m):
+    """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count.
+
+    The chord goes from end to end over the height both share. What lies behind it in the pocket is left to
+    `drop_covered`. Gaps of under two columns need none: no ray passes there."""
+    first = count
+    for i in range(first):
+        p = planes[i]
+        best, nearest = -1, ws
+        for j in range(first):
+            q = planes[j]
+            if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] - p[T1] < 2.0 * column_t:
+                continue
+            if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) < least_height_m:
+                continue
+            gap = facing_gap_m(p, q)
+            if gap < nearest:
+                best, nearest = j, gap
+        if best < 0 or count >= limit:
+            continue
+        q = planes[best]
+        s0, s1 = 1.0 / distance_at(p, p[T1]), 1.0 / distance_at(q, q[T0])
+        t = 0.5 * (p[T1] + q[T0])
+        z = 0.5 * (max(p[Z0], q[Z0]) + min(p[Z1], q[Z1]))
+        if stands_between(first, planes, plane_ints, i, best, t, z, 2.0 / (s0 + s1)):
+            continue
+        new = planes[count]
+        new[B] = (s1 - s0) / (q[T0] - p[T1])
+        new[A] = s0 - new[B] * p[T1]
+        new[T0], new[T1] = p[T1], q[T0]
+        new[Z0], new[Z1], new[FRONT] = max(p[Z0], q[Z0]), min(p[Z1], q[Z1]), max(p[FRONT], q[FRONT])
+        plane_ints[count, P_CLUSTER], plane_ints[count, P_SUPPORT] = plane_ints[i, P_CLUSTER], 0
+        plane_ints[count, P_FILL], plane_ints[count, P_CUT], plane_ints[count, P_KIND] = 1, 0, 0
+        plane_ints[count, P_INFERRED] = 1
+        moments[count] = moments[i] + moments[best]
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def covered_by(p, q, depth_m, slack_t):
+    """Whether plane q hides plane p wholly, standing less than depth_m in front of it: nothing can be in between."""
+    if p[T0] < q[T0] - slack_t or p[T1] > q[T1] + slack_t:
+        return False
+    for t in (p[T0], p[T1]):
+        inside = min(max(t, q[T0]), q[T1])
+        xp, xq = distance_at(p, inside), distance_at(q, inside)
+        if xq > xp or xp - xq > depth_m or xp > 1e8:
+            return False
+        if p[Z0] / xp < q[Z0] / xq - slack_t or p[Z1] / xp > q[Z1] / xq + slack_t:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def drop_covered(count, planes, plane_ints, depth_m, slack_t):
+    """Marks planes hidden wholly by one nearer plane of their cluster within depth_m; their support becomes negative."""
+    for i in range(count):
+        for j in range(count):
+            if i == j or plane_ints[j, P_SUPPORT] < 0 or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER]:
+                continue
+            if covered_by(planes[i], planes[j], depth_m, slack_t):
+                plane_ints[j, P_SUPPORT] += max(0, plane_ints[i, P_SUPPORT])
+                plane_ints[i, P_SUPPORT] = -1
+                break

@@ -1,0 +1,446 @@
+"""Sections 4.1-4.3 for one column: density, windows, strips, and the irregular rest.
+
+A strip is a vertical run of pixels at one distance: (disparity, column, first row, last row). Every kernel works
+on plain arrays. Tables of strips: ints (N, 9) int32 U, TOP, BOTTOM (rows, inclusive), SUPPORT (source pixels), KIND,
+CLUSTER, TRACK, FILL (rows filled, not seen), CUT (1: top, 2: bottom cut by the image border); floats (N, 3) float32
+D (disparity, px), NEAR (of the robust near edge), SIGMA (1 sigma of D).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .density import MAX_PEAKS, NO_PEAK, find_peaks, soft_counts
+from .level import source_rows_per_row
+
+FREE_PX, GROUND_PX, NONE_PX, FAR_PX, TAKEN_PX = range(5)
+"""What a row of the column is: a measurement nobody has yet, ground, unknown, far, or a strip's."""
+
+# columns of the integer table of strips
+U, TOP, BOTTOM, SUPPORT, KIND, CLUSTER, TRACK, FILL, CUT = range(9)
+# columns of the float table
+D, NEAR, SIGMA = range(3)
+
+SMOOTH, ROUGH, IRREGULAR, HORIZONTAL = range(4)
+
+# indices of the float settings handed to the kernels
+(
+    S_SIGMA_D, S_F, S_HS, S_HD, S_ALPHA, S_VALLEY, S_MAJORITY, S_ROUGH, S_QUANTILE, S_BAND_STEP, S_BAND_SIGMAS,
+    S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM,
+) = range(18)  # fmt: skip
+# indices of the integer settings
+I_WINDOW_MIN, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS = range(7)
+
+
+@njit(cache=True, nogil=True)
+def histogram(line, gate, shift, tan_mid, bin_of_code, bins, state, hist):
+    """Sorts one column into bins and takes the ground out; returns the number of ground pixels.
+
+    line: (V,) uint16 codes. gate: (65536,) float32, the tangent of elevation below which a code is ground;
+    shift: the sideways slope of the ground in this column. bins: (V,) uint16 out. state: (V,) uint8 out."""
+    hist[:] = 0
+    ground = 0
+    for v in range(line.shape[0]):
+        code = line[v]
+        bins[v] = 0
+        if code < 2:
+            state[v] = NONE_PX if code == 0 else FAR_PX
+        elif tan_mid[v] - shift > gate[code]:
+            state[v] = GROUND_PX
+            ground += 1
+        else:
+            state[v] = FREE_PX
+            b = bin_of_code[code]
+            bins[v] = b
+            hist[b] += 1
+    return ground
+
+
+@njit(cache=True, nogil=True)
+def kth_largest(values, n, k):
+    """The k-th largest of values[:n], k counted from 1; reorders values."""
+    left, right, want = 0, n - 1, k - 1
+    for _ in range(2 * n + 2):
+        if left >= right:
+            break
+        pivot = values[(left + right) // 2]
+        i, j = left, right
+        for _a in range(n + 1):
+            if i > j:
+                break
+            for _b in range(n):
+                if values[i] <= pivot:
+                    break
+                i += 1
+            for _b in range(n):
+                if values[j] >= pivot:
+                    break
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if want <= j:
+            right = j
+        elif want >= i:
+            left = i
+        else:
+            break
+    return values[want]
+
+
+@njit(cache=True, nogil=True)
+def add_strip(ints, floats, n, first_of_column, limit, u, top, bottom, support, kind, d, near, sigma):
+    """Appends a strip; when the column is full the nearest-lying strip grows to cover it instead: nothing is lost."""
+    if n - first_of_column < limit:
+        ints[n, U], ints[n, TOP], ints[n, BOTTOM] = u, top, bottom
+        ints[n, SUPPORT], ints[n, KIND], ints[n, CLUSTER], ints[n, TRACK] = support, kind, -1, -1
+        ints[n, FILL], ints[n, CUT] = 0, 0
+        floats[n, D], floats[n, NEAR], floats[n, SIGMA] = d, near, sigma
+        return n + 1
+    i = n - 1
+    ints[i, TOP], ints[i, BOTTOM] = min(ints[i, TOP], top), max(ints[i, BOTTOM], bottom)
+    ints[i, SUPPORT] += support
+    floats[i, D], floats[i, NEAR] = max(floats[i, D], d), max(floats[i, NEAR], near)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def near_side(values, n, mean, fs, si):
+    """(disparity, near edge) of rough or irregular pixels; reorders values.
+
+    The near edge is the k-th closest less two sigma of noise, never behind the mean; the strip stands at most
+    safe_distance behind it (Eq. 9 with a k-th largest for its one-pixel maximum)."""
+    k = max(si[I_RANK], int(fs[S_QUANTILE] * n))
+    k = min(k, (n + 1) // 2)
+    closest = kth_largest(values, n, k)
+    near = max(closest - np.float32(2.0 * fs[S_SIGMA_D]), mean)
+    behind = fs[S_F] / (fs[S_F] / near + fs[S_SAFE])
+    return max(mean, np.float32(behind)), near
+
+
+@njit(cache=True, nogil=True)
+def emit_pixels(
+    line, state, member, label, top, bottom, rough, kind, u, H, fs, si, scratch, ints, floats, n, first, limit
+):
+    """One strip from the rows top..bottom with member[v] == label, and marks them taken; returns the new count."""
+    count = 0
+    total = np.float64(0.0)
+    first_row = -1
+    last_row = -1
+    for v in range(top, bottom + 1):
+        if member[v] == label and state[v] == FREE_PX:
+            d = np.float32(line[v] / fs[S_QUANTUM])
+            scratch[count] = d
+            total += d
+            count += 1
+            if first_row < 0:
+                first_row = v
+            last_row = v
+    if count == 0:
+        return n
+    mean = np.float32(total / count)
+    d, near = mean, mean
+    if rough:
+        d, near = near_side(scratch, count, mean, fs, si)
+    sigma = fs[S_SIGMA_D] / math.sqrt(count)
+    scale = min(1.0, source_rows_per_row(H, u, 0.5 * (first_row + last_row)))
+    support = max(1, int(count * scale + 0.5))
+    return add_strip(
+        ints, floats, n, first, limit, u, first_row, last_row, support, kind, d, near, np.float32(sigma)
+    )
+
+
+@njit(cache=True, nogil=True)
+def split_bands(line, state, member, label, top, bottom, fs, si, cuts):
+    """Where a run of members steps in depth: cuts[:k] are the first rows of its parts (cuts[0] = top); returns k.
+
+    Means of short bands are compared with the mean of the part so far; two bands in a row must be off, by the
+    greater of band_step_m and the noise of both means, for a new part to begin."""
+    cuts[0] = top
+    parts = 1
+    part_sum, part_n = 0.0, 0
+    pending = -1
+    held_sum, held_n = 0.0, 0
+    rows = si[I_BAND_ROWS]
+    for band in range((bottom - top) // rows + 1):
+        v0 = top + band * rows
+        s, c = 0.0, 0
+        for v in range(v0, min(bottom, v0 + rows - 1) + 1):
+            if member[v] == label and state[v] == FREE_PX:
+                s += line[v] / fs[S_QUANTUM]
+                c += 1
+        if c == 0:
+            continue
+        if part_n == 0:
+            part_sum, part_n = s, c
+            continue
+        mean = part_sum / part_n
+        step = fs[S_BAND_STEP] * mean * mean / fs[S_F]
+        noise = fs[S_BAND_SIGMAS] * fs[S_SIGMA_D] * math.sqrt(1.0 / c + 1.0 / part_n)
+        if abs(s / c - mean) <= max(step, noise):
+            part_sum, part_n = part_sum + s + held_sum, part_n + c + held_n
+            pending, held_sum, held_n = -1, 0.0, 0
+        elif pending < 0:
+            pending, held_sum, held_n = v0, s, c
+        else:
+            if parts < cuts.shape[0]:
+                cuts[parts] = pending
+                parts += 1
+            part_sum, part_n = held_sum + s, held_n + c
+            pending, held_sum, held_n = -1, 0.0, 0
+    return parts
+
+
+@njit(cache=True, nogil=True)
+def window_blocks(line, state, member, label, first, last, block, counts):
+    """Members, valid pixels and sum of codes in blocks of half a window; returns the number of blocks.
+
+    counts: (3, >= blocks) int64. Windows half a window apart are then two neighbouring blocks."""
+    blocks = (last - first) // block + 1
+    for j in range(blocks):
+        m, valid, s = 0, 0, np.int64(0)
+        for v in range(first + j * block, min(last, first + (j + 1) * block - 1) + 1):
+            if state[v] == FREE_PX:
+                valid += 1
+                s += np.int64(line[v])
+                if member[v] == label:
+                    m += 1
+        counts[0, j], counts[1, j], counts[2, j] = m, valid, s
+    return blocks
+
+
+@njit(cache=True, nogil=True)
+def window_half_rows(d, fs, si, rows):
+    """Half the window's length (Eq. 7, 8): Hs * g(x) px with Z_near = max(Z/2, Z - ke Z^2), in [least, V]."""
+    z = fs[S_F] / d
+    z_near = max(0.5 * z, z - fs[S_KE] * z * z)
+    length = min(max(fs[S_HS] * fs[S_F] / z_near, si[I_WINDOW_MIN]), rows)
+    return max(2, int(length / 2.0 + 0.5))
+
+
+@njit(cache=True, nogil=True)
+def slide_windows(
+    line, state, member, label, d, low_code, high_code, rough, u, H, fs, si, scratch, counts, cuts,
+    ints, floats, n, first_of_column, limit,
+):  # fmt: skip
+    """Section 4.2 for one peak: accepted windows become segments, segments strips; returns the new count.
+
+    A window is accepted when most of its valid pixels belong to the peak and their mean lies in its interval. A
+    segment ends at its first and last members. The scan goes on after an end, so a peak can give several
+    segments (the lintel over a window). What a segment covers and is not nearer than the peak is taken with it."""
+    rows = line.shape[0]
+    first, last = -1, -1
+    for v in range(rows):
+        if member[v] == label and state[v] == FREE_PX:
+            if first < 0:
+                first = v
+            last = v
+    if first < 0:
+        return n
+    block = window_half_rows(d, fs, si, rows)
+    blocks = window_blocks(line, state, member, label, first, last, block, counts)
+    run = -1
+    for j in range(blocks):
+        k = min(j + 1, blocks - 1)
+        m, valid, s = counts[0, j], counts[1, j], counts[2, j]
+        if k > j:
+            m, valid, s = m + counts[0, k], valid + counts[1, k], s + counts[2, k]
+        size = valid
+        if si[I_PAPER] == 1:
+            size = (k - j + 1) * block
+        need = min(si[I_WINDOW_MIN], 3)
+        good = m >= need and m > fs[S_MAJORITY] * size and low_code * valid <= s <= high_code * valid
+        if good and run < 0:
+            run = j
+        if run >= 0 and (not good or j == blocks - 1):
+            a = first + run * block
+            b = min(last, first + (j + 1) * block - 1)
+            n = finish_segment(
+                line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts,
+                ints, floats, n, first_of_column, limit,
+            )  # fmt: skip
+            run = -1
+            if si[I_PAPER] == 1:
+                break
+    return n
+
+
+@njit(cache=True, nogil=True)
+def finish_segment(
+    line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts, ints, floats, n, first, limit
+):
+    """Strips of one accepted run of rows a..b, split where it steps; its pixels are taken."""
+    for v in range(a, b + 1):
+        if member[v] == label and state[v] == FREE_PX:
+            break
+        a += 1
+    for _v in range(b - a + 1):
+        if member[b] == label and state[b] == FREE_PX:
+            break
+        b -= 1
+    if si[I_PAPER] == 1:
+        n = emit_paper(line, state, a, b, rough, u, fs, ints, floats, n, first, limit)
+    else:
+        parts = split_bands(line, state, member, label, a, b, fs, si, cuts)
+        for i in range(parts):
+            end = b if i == parts - 1 else cuts[i + 1] - 1
+            n = emit_pixels(
+                line, state, member, label, cuts[i], end, rough, ROUGH if rough else SMOOTH, u, H, fs, si, scratch,
+                ints, floats, n, first, limit,
+            )  # fmt: skip
+    tail = high_code + fs[S_SIGMA_D] * fs[S_QUANTUM]
+    for v in range(a, b + 1):
+        if state[v] == FREE_PX and (line[v] <= tail or si[I_PAPER] == 1):
+            state[v] = TAKEN_PX
+    return n
+
+
+@njit(cache=True, nogil=True)
+def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n, first, limit):
+    """Eq. 9 as printed: the mean or the one-pixel maximum over all measured pixels between both ends."""
+    count, total, most = 0, 0.0, 0.0
+    for v in range(a, b + 1):
+        if state[v] == FREE_PX or state[v] == TAKEN_PX:
+            d = line[v] / fs[S_QUANTUM]
+            total += d
+            most = max(most, d)
+            count += 1
+    if count == 0:
+        return n
+    d = most if rough else total / count
+    sigma = fs[S_SIGMA_D] / math.sqrt(count)
+    kind = ROUGH if rough else SMOOTH
+    return add_strip(
+        ints, floats, n, first, limit, u, a, b, count, kind, np.float32(d), np.float32(d), np.float32(sigma)
+    )
+
+
+@njit(cache=True, nogil=True)
+def is_horizontal(line, member, label, top, bottom, fs):
+    """Eq. 12-14: do disparity and row of these pixels correlate, and does their line meet the horizon?
+
+    In the levelled view the vanishing row is the horizon whatever the pitch."""
+    n, sd, sv, sdd, svv, sdv = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for v in range(top, bottom + 1):
+        if member[v] == label:
+            d = line[v] / fs[S_QUANTUM]
+            n, sd, sv, sdd, svv, sdv = n + 1, sd + d, sv + v, sdd + d * d, svv + 1.0 * v * v, sdv + d * v
+    if n < 6:
+        return False
+    var_d, var_v, cov = sdd - sd * sd / n, svv - sv * sv / n, sdv - sd * sv / n
+    if var_d <= 1e-9 or var_v <= 1e-9:
+        return False
+    r = cov / math.sqrt(var_d * var_v)
+    centre = (sv / n * sdd - sd / n * sdv) / (sdd - sd * sd / n)
+    return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
+
+
+@njit(cache=True, nogil=True)
+def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n, first, limit):
+    """Section 4.3: what no window took, in segments; returns the new count.
+
+    A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
+    than irregular_depth_m. `member` is overwritten with the segment's mark."""
+    rows = line.shape[0]
+    paper = si[I_PAPER] == 1
+    mark = 0
+    top, last = -1, -1
+    least, most = 0.0, 0.0
+    for v in range(rows):
+        member[v] = NO_PEAK
+    for v in range(rows + 1):
+        open_ = top >= 0
+        taken = v < rows and state[v] == FREE_PX
+        d = line[v] / fs[S_QUANTUM] if taken else 0.0
+        close = open_ and (v == rows or v - last > si[I_GAP])
+        if open_ and taken and not close:
+            lo, hi = min(least, d), max(most, d)
+            if paper:
+                close = v - top + 1 > fs[S_HD] * most
+            else:
+                noise = 4.0 * fs[S_SIGMA_D]
+                jump = abs(d - line[last] / fs[S_QUANTUM]) > max(noise, 0.08 * d)
+                depth = fs[S_F] / lo - fs[S_F] / hi
+                deep = depth > fs[S_DEPTH] + noise * fs[S_F] / (lo * lo)
+                close = jump or deep or v - top + 1 > fs[S_HD] * hi
+        if close:
+            n = close_irregular(
+                line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n, first, limit
+            )
+            mark = (mark + 1) % NO_PEAK
+            top = -1
+        if taken:
+            if top < 0:
+                top, least, most = v, d, d
+            member[v] = mark
+            last, least, most = v, min(least, d), max(most, d)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n, first, limit):
+    """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
+    horizontal = is_horizontal(line, member, mark, top, last, fs)
+    if si[I_PAPER] == 1:
+        if horizontal:
+            return n
+        return emit_paper(line, state, top, last, True, u, fs, ints, floats, n, first, limit)
+    kind = HORIZONTAL if horizontal else IRREGULAR
+    return emit_pixels(
+        line, state, member, mark, top, last, True, kind, u, H, fs, si, scratch, ints, floats, n, first, limit
+    )
+
+
+@njit(cache=True, nogil=True)
+def extract_strips(
+    codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, fs, si,
+    ints, floats, states, ground_px, limit,
+):  # fmt: skip
+    """All strips of a levelled view, column by column; returns their number.
+
+    codes: (cols, rows) uint16. gate, shift: see `histogram`; shift: (cols,) float32. tan_mid: (rows,) float32.
+    The bin arrays: BinTable. fs, si: settings by the S_ and I_ indices. ints, floats: outputs. states: (cols, rows)
+    uint8 out. limit: strips a column may have."""
+    cols, rows = codes.shape
+    n_bins = bin_px.shape[0]
+    hist = np.zeros(n_bins, np.int32)
+    counts = np.zeros(n_bins, np.int32)
+    bins = np.zeros(rows, np.uint16)
+    member = np.zeros(rows, np.uint8)
+    peak_of_bin = np.zeros(n_bins, np.uint8)
+    low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
+    scratch = np.zeros(rows, np.float32)
+    blocks = np.zeros((3, rows + 2), np.int64)
+    cuts = np.zeros(64, np.int32)
+    n = 0
+    for u in range(cols):
+        line, state = codes[u], states[u]
+        first = n
+        ground_px[u] = histogram(line, gate, shift[u], tan_mid, bin_of_code, bins, state, hist)
+        soft_counts(hist, weights, counts)
+        peaks = find_peaks(counts, threshold, fs[S_VALLEY], fs[S_ALPHA], low, high, top)
+        peak_of_bin[:] = NO_PEAK
+        for p in range(peaks):
+            peak_of_bin[low[p] : high[p] + 1] = p
+        for v in range(rows):
+            member[v] = peak_of_bin[bins[v]] if bins[v] > 0 else NO_PEAK
+        for p in range(peaks):
+            x = top[p]
+            spread = bin_px[high[p]] - bin_px[low[p]] + bin_width_px[x]
+            e = fs[S_SIGMA_D] + 2.0 * fs[S_ALPHA] * weights.shape[0] * bin_width_px[x]
+            if si[I_PAPER] == 1:
+                # as printed: ke*(C f/x)^2, metres, added to a disparity
+                e += fs[S_KE] * (fs[S_F] / bin_px[x]) ** 2 - fs[S_SIGMA_D]
+            rough = spread > fs[S_ROUGH] * e
+            low_code = (bin_px[low[p]] - 0.5 * bin_width_px[low[p]]) * fs[S_QUANTUM]
+            high_code = (bin_px[high[p]] + 0.5 * bin_width_px[high[p]]) * fs[S_QUANTUM]
+            n = slide_windows(
+                line, state, member, p, bin_px[x], low_code, high_code, rough, u, H, fs, si, scratch, blocks, cuts,
+                ints, floats, n, first, limit,
+            )  # fmt: skip
+        n = irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n, first, limit)
+    return n

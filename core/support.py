@@ -1,0 +1,127 @@
+"""Which strips stay: a thing needs enough source pixels, its own or its neighbours'; and where the image cut it."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from .level import outside_source
+from .strips import BOTTOM, CUT, NEAR, SIGMA, SUPPORT, TOP, D, U
+
+
+@njit(cache=True, nogil=True)
+def drop_unsupported(ints, floats, n, cols, sigma_d, least_px, reach, first_of_column, keep):
+    """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
+
+    A strip of one or two pixels is kept when strips of neighbouring columns within `reach`, two rows and four sigma
+    (or 5 %) of disparity bring the support to least_px: a pole has it in its own column, a wire along its row; a
+    mismatch of two by two pixels has it nowhere. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
+    index_columns(ints, n, cols, first_of_column)
+    for i in range(n):
+        total = ints[i, SUPPORT]
+        u = ints[i, U]
+        near = max(4.0 * sigma_d, 0.05 * floats[i, D])
+        for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
+            if total >= least_px:
+                break
+            if w == u:
+                continue
+            for j in range(first_of_column[w], first_of_column[w + 1]):
+                apart = max(ints[j, TOP] - ints[i, BOTTOM], ints[i, TOP] - ints[j, BOTTOM])
+                if apart <= 2 + abs(w - u) and abs(floats[j, D] - floats[i, D]) <= near:
+                    total += ints[j, SUPPORT]
+        keep[i] = total >= least_px
+    return compact(ints, floats, n, keep)
+
+
+@njit(cache=True, nogil=True)
+def index_columns(ints, n, cols, first_of_column):
+    """first_of_column[u]..first_of_column[u + 1]: the strips of column u (strips are in column order)."""
+    i = 0
+    for u in range(cols + 1):
+        for _ in range(n - i):
+            if ints[i, U] >= u:
+                break
+            i += 1
+        first_of_column[u] = i
+
+
+@njit(cache=True, nogil=True)
+def compact(ints, floats, n, keep):
+    """Moves the strips with keep != 0 to the front; returns their number."""
+    m = 0
+    for i in range(n):
+        if keep[i]:
+            if m != i:
+                ints[m] = ints[i]
+                floats[m] = floats[i]
+            m += 1
+    return m
+
+
+@njit(cache=True, nogil=True)
+def sort_column(ints, floats, first, last):
+    """Orders the strips first..last-1 of one column by top row, then from near to far (insertion sort: few, nearly sorted)."""
+    for i in range(first + 1, last):
+        row = ints[i].copy()
+        value = floats[i].copy()
+        at = i
+        for j in range(i - 1, first - 1, -1):
+            if ints[j, TOP] < row[TOP] or (ints[j, TOP] == row[TOP] and floats[j, D] >= value[D]):
+                break
+            ints[j + 1] = ints[j]
+            floats[j + 1] = floats[j]
+            at = j
+        ints[at] = row
+        floats[at] = value
+
+
+@njit(cache=True, nogil=True)
+def sort_columns(ints, floats, cols, first_of_column):
+    """Orders the strips of every column from top to bottom."""
+    for u in range(cols):
+        sort_column(ints, floats, first_of_column[u], first_of_column[u + 1])
+
+
+@njit(cache=True, nogil=True)
+def mark_cuts(ints, n, H, cols, rows):
+    """Sets CUT where the next cell above (1) or below (2) a strip is outside the source image (cols x rows)."""
+    for i in range(n):
+        cut = 0
+        if outside_source(H, ints[i, U], ints[i, TOP] - 2, cols, rows):
+            cut = 1
+        if outside_source(H, ints[i, U], ints[i, BOTTOM] + 2, cols, rows):
+            cut += 2
+        ints[i, CUT] = cut
+
+
+@njit(cache=True, nogil=True)
+def smooth_near(ints, floats, n, cols, first_of_column, raw):
+    """Near edge as the median over three columns of touching strips, so that one column alone moves no plane.
+
+    raw: (N,) float32 scratch. A strip without both neighbours keeps its own. Thin things keep theirs by SIGMA: where a
+    neighbour lies farther off than three sigma it is another thing."""
+    index_columns(ints, n, cols, first_of_column)
+    for i in range(n):
+        raw[i] = floats[i, NEAR]
+    for i in range(n):
+        u = ints[i, U]
+        if u == 0 or u == cols - 1:
+            continue
+        left = _touching(ints, floats, i, first_of_column[u - 1], first_of_column[u])
+        right = _touching(ints, floats, i, first_of_column[u + 1], first_of_column[u + 2])
+        if left >= 0 and right >= 0:
+            a, b, c = raw[left], raw[i], raw[right]
+            middle = max(min(a, b), min(max(a, b), c))
+            floats[i, NEAR] = max(middle, floats[i, D])
+
+
+@njit(cache=True, nogil=True)
+def _touching(ints, floats, i, first, last):
+    """The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1."""
+    best, found = 0.1 * floats[i, D] + 3.0 * floats[i, SIGMA], -1
+    for j in range(first, last):
+        if ints[j, TOP] <= ints[i, BOTTOM] and ints[i, TOP] <= ints[j, BOTTOM]:
+            off = abs(floats[j, D] - floats[i, D])
+            if off < best:
+                best, found = off, j
+    return found
