@@ -1,7 +1,7 @@
 """The fidelity figures on scenes with known truth: one row a scene, tilt and noise, then the worst of each.
 
 Run `python -m benchmarks.fidelity --quick`, or with --scenes, --tilts, --ke, --seeds, --heights. Progress
-goes to stderr, the table to stdout, all figures to --json FILE. """
+goes to stderr, the table to stdout, all figures to --json FILE."""
 
 from __future__ import annotations
 

@@ -84,6 +84,20 @@ def _print_recall(rows: list[Row]) -> None:
     for row in thin:
         kept = ", ".join(f"{r.distance_m:.1f} m ({r.width_px:.1f} px) {100 * r.kept:.0f} %" for r in row.recall)
         print(f"  {_case_name(row):<42}{kept}")
+    for scene, ke in sorted({(row.case.scene, row.case.ke_per_m) for row in thin}):
+        mine = [row for row in thin if (row.case.scene, row.case.ke_per_m) == (scene, ke)]
+        names = sorted({r.name for row in mine for r in row.recall}, key=lambda name: _nearest(mine, name))
+        means = [f"{name} {100 * _mean_kept(mine, name):.0f} %" for name in names]
+        print(f"  ke {ke:g}, {scene}, mean of {len(mine)} cases: " + ", ".join(means))
+
+
+def _nearest(rows: list[Row], name: str) -> float:
+    return min(r.distance_m for row in rows for r in row.recall if r.name == name)
+
+
+def _mean_kept(rows: list[Row], name: str) -> float:
+    kept = [r.kept for row in rows for r in row.recall if r.name == name]
+    return sum(kept) / len(kept)
 
 
 def _worst(rows: Iterable[Row], value: Callable[[Row], float]) -> tuple[float, str]:

@@ -108,8 +108,7 @@ def _wires(rng: np.random.Generator) -> Scene:
     s = SceneBuilder("wires")
     s.ground()
     for i, (x, height) in enumerate(((4.0, 2.6), (6.0, 3.0), (9.0, 3.6), (12.0, 4.4))):
-        x += rng.uniform(-0.1, 0.1)
-        s.cylinder(f"wire at {x:.1f} m", (x, -9.0, -height), (x + 0.5, 9.0, -height), 0.01 + 0.005 * i)
+        s.cylinder(f"wire at {x:g} m", (x, -9.0, -height), (x + rng.uniform(-0.6, 0.6), 9.0, -height), 0.01 + 0.005 * i)
     return s.build()
 
 

@@ -59,6 +59,7 @@ def test_table_and_json_of_a_small_run(tmp_path: Path, capsys: pytest.CaptureFix
         assert [g["cell_m"] for g in row["grids"]] == [0.1, 0.2, 0.4, 0.8]
     assert len(rows[0]["openings"]) == 2
     assert "2.90 x 2.10 ->" in printed
-    assert [r["name"] for r in rows[1]["recall"]][0].startswith("pole at 4")
+    assert rows[1]["recall"][0]["name"].startswith("pole at 4")
+    assert "poles, mean of 1 cases: pole at 4 m" in printed
     assert "worst of structured" in printed
     assert "worst of thin" in printed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.frames import rotation_from_quaternion
-from core.types import AttitudeSample, CameraMount, DepthFrame, PoseSample
+from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, PoseSample
 from drivers.base import DeviceLost, DeviceNotFound
 from drivers.flight_path import FlightPath, body_rates
 from drivers.flights import FLIGHTS, flight_plan
@@ -80,6 +80,20 @@ def test_samples_are_the_true_state_at_their_instant_and_arrive_later() -> None:
     first = flight.poses()[0]
     assert first.t_ns < flight.start_ns
     assert flight.poses()[-1].t_ns > flight.start_ns + 4.5e9
+
+
+@pytest.mark.parametrize("name", list(FLIGHTS))
+def test_no_flight_comes_near_to_anything(name: str) -> None:
+    """Seen all around the vehicle, level, once a second: a camera inside a solid would not see it."""
+    flight = SimulatedFlight(name)
+    around = tuple(
+        CameraInfo(f"{i}", camera_info(64, 48, focal_px=32.0).intrinsics, CameraMount(yaw_rad=i * math.pi / 2))
+        for i in range(4)
+    )
+    for t_s in np.arange(0.0, flight.duration_s + 0.1, 1.0):
+        for camera in around:
+            truth = flight.truth(camera, flight.start_ns + round(t_s * 1e9))
+            assert truth.depth_m[~truth.drawn_ground].min(initial=99.0) > 0.8
 
 
 def test_tilted_flight_reaches_thirty_degrees() -> None:
