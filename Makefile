@@ -1,0 +1,65 @@
+# `make demo` and `make test` make their own environment; nothing but make and Python >= 3.11 (with venv) is needed.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+SOURCES := core drivers companion tests benchmarks examples
+# compiled kernels live in the checkout: a second run starts at once, `make clean` forgets them
+export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help env demo test soak golden proto lint config-docs clean
+
+help: ## what can be made
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
+
+env: $(STAMP) ## the environment in .venv, made from nothing
+
+$(STAMP): pyproject.toml .ci/constraints.txt .ci/find-python
+	@python="$$(bash .ci/find-python)"; \
+	if ! "$(BIN)/python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+		echo "making $(VENV) with $$python"; \
+		rm -rf $(VENV); \
+		"$$python" -m venv $(VENV); \
+	fi; \
+	echo "installing what pyproject.toml and .ci/constraints.txt say (some minutes the first time)"; \
+	"$(BIN)/python" -m pip install --quiet --constraint .ci/constraints.txt --editable '.[dev]' && touch $@
+
+demo: $(STAMP) ## a simulated flight turned into prisms, pictures and a page (under two minutes)
+	@$(BIN)/companion demo $(ARGS)
+
+lint: $(STAMP) ## ruff, mypy, the contracts between the packages
+	@$(BIN)/ruff check $(SOURCES)
+	@$(BIN)/ruff format --check $(SOURCES)
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+# The core runs twice more: without the JIT and with bounds checks (their kernels are cached apart, a cached kernel
+# without checks must not stand in for one with them). The whole suite comes last: its summary closes the run.
+test: lint ## all checks, at most 10 minutes on two cores
+	@echo "== the core without the JIT"
+	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
+	@echo "== the core with bounds checks"
+	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
+	@echo "== everything"
+	@$(BIN)/pytest -n 2 -m "not soak" tests
+
+soak: $(STAMP) ## the long runs (hours)
+	@$(BIN)/pytest -m soak tests
+
+golden: $(STAMP) ## rewrite the golden results and show what changed
+	@$(BIN)/pytest -p no:xdist --update-golden tests
+
+proto: $(STAMP) ## the Python code of the message schema
+	@PYTHON=$(BIN)/python sh drivers/proto/generate.sh
+
+config-docs: $(STAMP) ## rewrite the tables of docs/configuration.md from the parameters
+	@$(BIN)/python -m companion.config_docs docs/configuration.md
+
+clean: ## forget the environment, the compiled kernels and what demo and tests left
+	rm -rf $(VENV) .numba-cache demo-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage
+	find $(SOURCES) -type d -name __pycache__ -prune -exec rm -rf {} +

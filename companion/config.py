@@ -1,0 +1,209 @@
+"""The configuration: TOML in, a frozen `Config` out; every mistake is told at once, with its key and its remedy.
+
+The sections are the fields of plain dataclasses whose metadata hold range, unit and meaning ({"min", "max", "unit",
+"doc"} or "choices"): nothing is listed twice. Angles are degrees here and on the command line, nowhere else.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Union
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import Field as Bounds
+
+from core.params import Params
+
+from .config_camera import CameraConfig, OutputConfig
+from .sync import SyncParams
+
+SECTIONS: dict[str, type] = {"extractor": Params, "sync": SyncParams, "camera": CameraConfig, "output": OutputConfig}
+"""TOML section -> the dataclass it fills; `camera` may stand several times."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The effective configuration. Raises ValueError when two cameras have the same name."""
+
+    extractor: Params = field(default_factory=Params)
+    sync: SyncParams = field(default_factory=SyncParams)
+    cameras: tuple[CameraConfig, ...] = ()
+    output: OutputConfig = field(default_factory=OutputConfig)
+
+    def __post_init__(self) -> None:
+        names = [c.name for c in self.cameras]
+        for name in sorted({n for n in names if names.count(n) > 1}):
+            raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
+
+    def camera(self, name: str) -> CameraConfig:
+        """The section of a camera; one that changes nothing where there is none."""
+        return next((c for c in self.cameras if c.name == name), CameraConfig(name=name))
+
+
+class ConfigError(Exception):
+    """A configuration that cannot be used: `problems` holds one line for each mistake."""
+
+    def __init__(self, source: str, problems: list[str]) -> None:
+        self.source, self.problems = source, tuple(problems)
+        count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
+        super().__init__("\n".join([f"{source}: {count}", *(f"  {p}" for p in problems)]))
+
+
+def load_config(path: Path) -> Config:
+    """The configuration in a TOML file. Raises ConfigError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(path), ["not a text file in UTF-8; a configuration is a TOML file"]) from error
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror}); check the path, configs/default.toml is one to start from"
+        raise ConfigError(str(path), [problem]) from error
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        problem = f"not valid TOML: {error}; strings need quotes, decimals a digit on both sides of the dot"
+        raise ConfigError(str(path), [problem]) from error
+    return config_of(content, str(path))
+
+
+def config_text(config: Config) -> str:
+    """The effective configuration as JSON, every key written out; the same text for the same configuration."""
+    content = {
+        "extractor": asdict(config.extractor),
+        "sync": asdict(config.sync),
+        "camera": [{k: v for k, v in asdict(c).items() if v is not None} for c in config.cameras],
+        "output": asdict(config.output),
+    }
+    return json.dumps(content, sort_keys=True, indent=1, allow_nan=False)
+
+
+def config_from_text(text: str, source: str = "the configuration in the log") -> Config:
+    """The configuration that `config_text` wrote. Raises ConfigError."""
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ConfigError(source, [f"not valid JSON: {error}; the log is damaged"]) from error
+    if not isinstance(content, dict):
+        raise ConfigError(source, ["not an object of sections; the log is damaged"])
+    return config_of(content, source)
+
+
+def config_of(content: Mapping[str, Any], source: str) -> Config:
+    """The configuration of nested tables as TOML and JSON give them. Raises ConfigError with all mistakes."""
+    try:
+        valid = _FILE.model_validate(dict(content)).model_dump()
+    except ValidationError as error:
+        raise ConfigError(source, [_words(e, content) for e in error.errors(include_url=False)]) from error
+    try:
+        return Config(
+            extractor=Params(**valid["extractor"]),
+            sync=SyncParams(**valid["sync"]),
+            cameras=tuple(CameraConfig(**section) for section in valid["camera"]),
+            output=OutputConfig(**valid["output"]),
+        )
+    except ValueError as error:  # what concerns several keys at once
+        raise ConfigError(source, [str(error)]) from error
+
+
+def expected(f: Field[Any]) -> str:
+    """What a key may hold, in words."""
+    meta, kind = f.metadata, _plain_type(f)
+    if "choices" in meta:
+        return "one of " + ", ".join(f'"{c}"' for c in meta["choices"])
+    if "min" in meta:
+        unit = f" {meta['unit']}" if meta["unit"] else ""
+        whole = "a whole number " if kind is int else ""
+        low, high = (str(v) if isinstance(v, int) else f"{v:g}" for v in (meta["min"], meta["max"]))
+        return f"{whole}{low}..{high}{unit}"
+    return {bool: "true or false", str: "a text in quotes"}.get(kind, "a number")
+
+
+def fields_of(section: str) -> tuple[Field[Any], ...]:
+    """The keys of a section, in order."""
+    return fields(SECTIONS[section])
+
+
+def _plain_type(f: Field[Any]) -> Any:
+    """int of `int`, float of `float | None`."""
+    owner = next(c for c in SECTIONS.values() if any(g is f for g in fields(c)))
+    hint = typing.get_type_hints(owner)[f.name]
+    if typing.get_origin(hint) in (Union, types.UnionType):
+        return next(a for a in typing.get_args(hint) if a is not types.NoneType)
+    return hint
+
+
+def _section_model(section: str) -> type[BaseModel]:
+    """A pydantic model with the keys, types and ranges of a section's dataclass."""
+    columns: dict[str, Any] = {}
+    for f in fields_of(section):
+        kind: Any = _plain_type(f)
+        default = ... if f.default is MISSING else f.default
+        limits: dict[str, Any] = {}
+        if "min" in f.metadata:
+            limits = {"ge": f.metadata["min"], "le": f.metadata["max"]}
+        if "choices" in f.metadata:
+            limits = {"pattern": f"^(?:{'|'.join(map(re.escape, f.metadata['choices']))})$"}
+        if "pattern" in f.metadata:
+            limits = {"pattern": f.metadata["pattern"]}
+        if f.default is None:
+            kind = kind | None
+        columns[f.name] = (kind, Bounds(default, **limits))
+    config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    model: type[BaseModel] = create_model(section, __config__=config, **columns)
+    return model
+
+
+_SECTION_MODELS = {name: _section_model(name) for name in SECTIONS}
+_COLUMNS: dict[str, Any] = {name: (model, Bounds(default_factory=model)) for name, model in _SECTION_MODELS.items()}
+_COLUMNS["camera"] = (types.GenericAlias(list, (_SECTION_MODELS["camera"],)), Bounds(default_factory=list))
+_FILE: type[BaseModel] = create_model("file", __config__=ConfigDict(extra="forbid"), **_COLUMNS)
+
+
+def _words(error: Any, content: Mapping[str, Any]) -> str:
+    """One mistake in words: where, what stands there, what may, what to do."""
+    path: tuple[Any, ...] = error["loc"]
+    section = str(path[0])
+    where = _place(path)
+    if error["type"] == "extra_forbidden":
+        return _unknown(path, where)
+    if error["type"] == "missing":
+        return f"{where} is missing: {_doc(section, path[-1])}"
+    if section not in SECTIONS or len(path) < (3 if section == "camera" else 2):
+        form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
+        return f"{where}: expected {form}"
+    key = next(f for f in fields_of(section) if f.name == path[-1])
+    value = json.dumps(error["input"], default=str, ensure_ascii=False)
+    return f"{where} = {value}: expected {expected(key)} ({key.metadata['doc']})"
+
+
+def _place(path: tuple[Any, ...]) -> str:
+    if path[0] == "camera" and len(path) > 1 and isinstance(path[1], int):
+        return " ".join([f"[[camera]] number {path[1] + 1}:", *map(str, path[2:])])
+    return f"[{path[0]}] {path[1]}" if len(path) > 1 else f"[{path[0]}]"
+
+
+def _unknown(path: tuple[Any, ...], where: str) -> str:
+    key, section = str(path[-1]), str(path[0])
+    if len(path) == 1:
+        known = list(SECTIONS)
+        homes = [name for name in SECTIONS if any(f.name == key for f in fields_of(name))]
+        if homes:
+            return f"{key}: belongs under [{homes[0]}]; put it below that line"
+        what = "section"
+    else:
+        known, what = [f.name for f in fields_of(section)], "key"
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    remedy = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
+    return f"{where}: no such {what}; {remedy}"
+
+
+def _doc(section: str, key: Any) -> str:
+    return str(next(f.metadata["doc"] for f in fields_of(section) if f.name == key))

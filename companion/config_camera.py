@@ -1,0 +1,78 @@
+"""The sections of the configuration that stand for no parameters of the algorithm: the cameras and the output."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from core.types import CameraInfo, CameraMount
+
+
+def _number(low: float, high: float, unit: str, doc: str, default: float | None = None) -> Any:
+    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
+
+
+def _choice(default: str, choices: tuple[str, ...], doc: str) -> Any:
+    return field(default=default, metadata={"choices": choices, "unit": "", "doc": doc})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraConfig:
+    """What the configuration says about one camera. What it leaves out (None) stays as the camera or the recording
+    has it. Raises ValueError when the ranges contradict each other."""
+
+    name: str = field(
+        metadata={"pattern": r"^[A-Za-z0-9._-]+$", "unit": "", "doc": "letters, digits, dot, dash, underscore"}
+    )
+    kind: str = _choice("mcap", ("mcap", "simulated"), "where its frames come from: a recording, or the simulator")
+    roll_deg: float | None = _number(-180.0, 180.0, "deg", "mount: right side down is positive")
+    pitch_deg: float | None = _number(-90.0, 90.0, "deg", "mount: looking up is positive")
+    yaw_deg: float | None = _number(-180.0, 180.0, "deg", "mount: looking to the right is positive")
+    x_m: float | None = _number(-10.0, 10.0, "m", "lever arm from the autopilot, forward")
+    y_m: float | None = _number(-10.0, 10.0, "m", "lever arm, to the right")
+    z_m: float | None = _number(-10.0, 10.0, "m", "lever arm, down")
+    min_range_m: float | None = _number(0.01, 10.0, "m", "nearest depth that the camera measures")
+    max_range_m: float | None = _number(0.5, 65.0, "m", "farthest depth that is used")
+    ke_per_m: float | None = _number(
+        1e-5, 0.05, "1/m", "noise: sigma_Z = ke * Z^2; a prior where the noise is measured"
+    )
+    flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
+    width_px: int = _number(16, 4096, "px", "simulated only: width of the image, 4:3", 640)
+    seed: int = _number(0, 1_000_000, "", "simulated only: scene and noise", 0)
+
+    def __post_init__(self) -> None:
+        if self.min_range_m is not None and self.max_range_m is not None and self.min_range_m >= self.max_range_m:
+            raise ValueError(
+                f'[[camera]] "{self.name}": min_range_m = {self.min_range_m:g} must be less than '
+                f"max_range_m = {self.max_range_m:g}"
+            )
+
+    def applied_to(self, info: CameraInfo) -> CameraInfo:
+        """The camera's description with what the configuration says of it. Raises ValueError where that does not
+        fit together."""
+        angles = {"roll_rad": self.roll_deg, "pitch_rad": self.pitch_deg, "yaw_rad": self.yaw_deg}
+        mount: dict[str, Any] = {k: math.radians(v) for k, v in angles.items() if v is not None}
+        mount |= {k: getattr(self, k) for k in ("x_m", "y_m", "z_m") if getattr(self, k) is not None}
+        said: dict[str, Any] = {k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m")}
+        given = {k: v for k, v in said.items() if v is not None}
+        return replace(info, mount=replace(info.mount, **mount), **given)
+
+    @property
+    def mount(self) -> CameraMount:
+        """The mount, with 0 for what is not said."""
+        roll, pitch, yaw = (math.radians(a or 0.0) for a in (self.roll_deg, self.pitch_deg, self.yaw_deg))
+        return CameraMount(roll, pitch, yaw, self.x_m or 0.0, self.y_m or 0.0, self.z_m or 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputConfig:
+    """What a replay writes beside the prisms."""
+
+    scene: bool = field(
+        default=True, metadata={"unit": "", "doc": "the prisms drawn, for viewers (foxglove.SceneUpdate)"}
+    )
+    transforms: bool = field(default=True, metadata={"unit": "", "doc": "the frames' transforms, for viewers"})
+    copy_input: bool = field(
+        default=False, metadata={"unit": "", "doc": "depth, attitude and position again, so that one file holds all"}
+    )

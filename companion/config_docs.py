@@ -1,0 +1,54 @@
+"""The tables of docs/configuration.md, made from the parameters themselves (`make config-docs`)."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import MISSING, Field
+from pathlib import Path
+from typing import Any
+
+from .config import SECTIONS, expected, fields_of
+
+BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tables -->"
+TITLES = {
+    "extractor": "`[extractor]`: the algorithm",
+    "sync": "`[sync]`: which attitude belongs to a frame",
+    "camera": "`[[camera]]`: one for each camera",
+    "output": "`[output]`: what a replay writes",
+}
+
+
+def tables() -> str:
+    """Markdown of all sections: key, default, what may stand there, meaning."""
+    parts: list[str] = []
+    for section in SECTIONS:
+        parts += [f"## {TITLES[section]}", "", "| key | default | may be | meaning |", "|---|---|---|---|"]
+        parts += [_row(f) for f in fields_of(section)]
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _row(f: Field[Any]) -> str:
+    if f.default is MISSING:
+        default = "must be given"
+    elif f.default is None:
+        default = "as recorded"
+    elif isinstance(f.default, bool):
+        default = f"`{str(f.default).lower()}`"
+    else:
+        default = f'`"{f.default}"`' if isinstance(f.default, str) else f"`{f.default:g}`"
+    meaning = str(f.metadata["doc"]).replace("|", "\\|")
+    return f"| `{f.name}` | {default} | {expected(f)} | {meaning} |"
+
+
+def with_tables(text: str) -> str:
+    """A document with the tables between its two marks made anew. Raises ValueError where the marks are missing."""
+    if BEGIN not in text or END not in text:
+        raise ValueError(f"the document needs the lines {BEGIN} and {END}")
+    head, rest = text.split(BEGIN, 1)
+    return f"{head}{BEGIN}\n\n{tables()}\n{END}{rest.split(END, 1)[1]}"
+
+
+if __name__ == "__main__":
+    document = Path(sys.argv[1])
+    document.write_text(with_tables(document.read_text(encoding="utf-8")), encoding="utf-8")

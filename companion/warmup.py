@@ -1,0 +1,168 @@
+"""`companion warmup`: every kernel compiled and cached before take-off, and a damaged cache mended.
+
+The kernels run in a child process: a truncated or corrupt cache file (a power cut while it was written) can raise
+anything, or end the process outright. Whatever happens there, the parent sees it, deletes the cached kernels and
+lets a second child compile them again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core.types import CameraInfo, ExtractorState, Intrinsics
+
+from .console import fail, say, say_json
+
+CACHED = ("*.nbi", "*.nbc")
+"""numba's index and code files: nothing else is ever deleted."""
+TIMEOUT_S = 1200.0
+"""Compiling takes about a minute on two cores and several on a Raspberry Pi."""
+
+
+class WarmupError(Exception):
+    """The kernels cannot be made ready; the message says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Warmup:
+    """cache: where compiled kernels lie (several places when NUMBA_CACHE_DIR is not set); deleted: cache files that
+    were damaged or stood beside such, and are made again; cached: files there now."""
+
+    cache: tuple[str, ...]
+    deleted: int
+    cached: int
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's arguments."""
+    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: all kernels are compiled; 1: they cannot be."""
+    try:
+        done = warm_up()
+    except WarmupError as error:
+        fail(str(error))
+        return 1
+    if args.json:
+        say_json({"cache": list(done.cache), "deleted": done.deleted, "cached": done.cached})
+        return 0
+    if done.deleted:
+        say(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
+    say(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}")
+    return 0
+
+
+def warm_up() -> Warmup:
+    """Compiles or loads every kernel, in a child process. Raises WarmupError."""
+    _check_cache_place()
+    folders = cache_folders()
+    first = _child()
+    deleted = 0
+    if first.returncode != 0:
+        deleted = _delete(folders)
+        if not deleted:
+            raise WarmupError(f"the kernels do not run: {_last_words(first)}")
+        second = _child()
+        if second.returncode != 0:
+            raise WarmupError(
+                f"the kernels do not run, also after {deleted} cached files were deleted: {_last_words(second)}"
+            )
+    cached = len(list(_cached_files(folders)))
+    return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
+
+
+def run_kernels() -> None:
+    """Runs the extractor on small frames of both kinds, uint16 millimetres and float32 metres, in both modes."""
+    from core.extractor import Extractor
+    from core.params import Params
+
+    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
+    tilt = 0.2
+    c, s = np.cos(tilt), np.sin(tilt)
+    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ level
+    frame = _frame()
+    for mode in ("safe", "paper"):
+        extractor = Extractor(Params(mode=mode))
+        for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32)):
+            state = ExtractorState()
+            for R in (level, tilted):
+                _, state = extractor.extract(depth, info, R, state, keep_strips=True)
+
+
+def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
+    """(120, 160) uint16: ground 1.5 m below, a wall with a hole, a pole, scattered pixels, some of them unknown."""
+    rng = np.random.default_rng(1)
+    depth = np.full((120, 160), 6000, np.uint16)
+    rows = np.arange(70, 120)
+    depth[70:] = np.minimum(6000, 1500 * 112.5 / (rows - 59.5)).astype(np.uint16)[:, None]
+    depth[20:50, 100:130] = 9000
+    depth[10:100, 40:43] = 3000
+    depth[5:60, 5:30] = rng.integers(4000, 5500, (55, 25)).astype(np.uint16)
+    depth[rng.random(depth.shape) < 0.05] = 0
+    return depth
+
+
+def cache_folders() -> list[Path]:
+    """Where numba keeps compiled kernels of this project: NUMBA_CACHE_DIR, else beside the sources (and the user's
+    own cache where those cannot be written)."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if named:
+        return [Path(named)]
+    root = Path(__file__).resolve().parent.parent
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+    return [root / "core" / "__pycache__", root / "drivers" / "__pycache__", user]
+
+
+def _cached_files(folders: list[Path]) -> Iterator[Path]:
+    for folder in folders:
+        for pattern in CACHED:
+            yield from folder.rglob(pattern)
+
+
+def _delete(folders: list[Path]) -> int:
+    files = list(_cached_files(folders))
+    for file in files:
+        file.unlink(missing_ok=True)
+    return len(files)
+
+
+def _check_cache_place() -> None:
+    """numba's own message for a cache that cannot be written names neither the directory nor a remedy."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if not named:
+        return
+    try:
+        Path(named).mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=named):
+            pass
+    except OSError as error:
+        raise WarmupError(
+            f"NUMBA_CACHE_DIR = {named} cannot be written ({error.strerror}); "
+            "name a directory that this user may write, or unset it"
+        ) from error
+
+
+def _child() -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from companion.warmup import run_kernels; run_kernels()"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise WarmupError(f"compiling did not end within {TIMEOUT_S:g} s; is the machine overloaded?") from error
+
+
+def _last_words(child: subprocess.CompletedProcess[str]) -> str:
+    if child.returncode < 0:
+        return f"the process was ended by signal {-child.returncode}"
+    return (child.stderr.strip().splitlines() or [f"exit status {child.returncode}"])[-1]

@@ -1,0 +1,159 @@
+"""The configuration: shipped files load, mistakes are told all at once, the text in a log gives the same back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.config import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, load_config
+from companion.config_camera import CameraConfig
+from companion.config_docs import tables, with_tables
+from companion.sync import SyncParams
+from core.params import Params
+from core.types import CameraInfo, CameraMount, Intrinsics
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = sorted((ROOT / "configs").glob("*.toml"))
+INFO = CameraInfo("front", Intrinsics(640, 480, 450.0, 450.0, 319.5, 239.5))
+
+
+def problems(content: dict[str, object]) -> tuple[str, ...]:
+    with pytest.raises(ConfigError) as caught:
+        config_of(content, "my.toml")
+    assert "my.toml" in str(caught.value)
+    return caught.value.problems
+
+
+def test_there_are_shipped_files() -> None:
+    assert {p.name for p in SHIPPED} >= {"default.toml", "indoor.toml", "simulated.toml"}
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.name)
+def test_every_shipped_file_loads_and_survives_the_log(path: Path) -> None:
+    config = load_config(path)
+    assert config_from_text(config_text(config)) == config
+
+
+def test_default_file_holds_the_defaults() -> None:
+    config = load_config(ROOT / "configs" / "default.toml")
+    assert config.extractor == Params()
+    assert config.sync == SyncParams()
+
+
+def test_an_empty_file_is_the_default(tmp_path: Path) -> None:
+    empty = tmp_path / "e.toml"
+    empty.write_text("")
+    assert load_config(empty) == Config()
+
+
+def test_whole_numbers_become_floats() -> None:
+    """A kernel called with an int would be compiled once more, in flight."""
+    value = config_of({"extractor": {"passable_height_m": 2}}, "x").extractor.passable_height_m
+    assert value == 2.0
+    assert type(value) is float
+
+
+def test_all_mistakes_at_once() -> None:
+    found = problems(
+        {
+            "extractor": {"min_obstacel_height_m": 1.0, "passable_height_m": 99.0, "column_step": 1.5, "mode": "fast"},
+            "sync": {"max_gap_s": -1.0, "use_pose": 1},
+            "cameras": [],
+            "camera": [{"nmae": "a"}, {"name": "b", "kind": "sonar", "x_m": "1"}],
+            "max_extrapolation_s": 0.1,
+        }
+    )
+    text = "\n".join(found)
+    assert len(found) == 12
+    assert "min_obstacel_height_m: no such key; did you mean min_obstacle_height_m?" in text
+    assert "[extractor] passable_height_m = 99.0: expected 0.2..10 m" in text
+    assert "[extractor] column_step = 1.5: expected a whole number 1..16" in text
+    assert '[extractor] mode = "fast": expected one of "safe", "paper"' in text
+    assert "[sync] max_gap_s = -1.0: expected 0.005..1 s" in text
+    assert "[sync] use_pose = 1: expected true or false" in text
+    assert "[cameras]: no such section; did you mean camera?" in text
+    assert "[[camera]] number 1: name is missing" in text
+    assert "[[camera]] number 1: nmae: no such key; did you mean name?" in text
+    assert '[[camera]] number 2: kind = "sonar": expected one of "mcap", "simulated"' in text
+    assert '[[camera]] number 2: x_m = "1": expected -10..10 m' in text
+    assert "max_extrapolation_s: belongs under [sync]" in text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"camera": {"name": "x"}}, "[[camera]] with double brackets"),
+        ({"extractor": 3}, "expected a section [extractor]"),
+        ({"camera": [{"name": "x"}, {"name": "x"}]}, "stands 2 times"),
+        ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
+        ({"camera": [{"name": "a b"}]}, "letters, digits"),
+        ({"sync": {"max_gap_s": math.nan}}, "expected 0.005..1 s"),
+    ],
+)
+def test_single_mistakes(content: dict[str, object], words: str) -> None:
+    assert words in problems(content)[0]
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"),
+    [(b"[extractor\n", "not valid TOML"), (b"\xff\xfe\x00", "UTF-8"), (b"[sync]\nmax_gap_s = .1\n", "line 2")],
+)
+def test_unreadable_files(tmp_path: Path, raw: bytes, words: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_bytes(raw)
+    with pytest.raises(ConfigError, match=words):
+        load_config(path)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"check the path"):
+        load_config(tmp_path / "none.toml")
+
+
+@given(text=st.text(max_size=60))
+def test_a_damaged_text_in_a_log_is_refused_or_whole(text: str) -> None:
+    config, told = None, ()
+    try:
+        config = config_from_text(text)
+    except ConfigError as error:
+        told = error.problems
+    assert config == Config() if not told else config is None
+
+
+NUMBERS = [f for f in fields(Params) if "min" in f.metadata and f.type == "float"]
+
+
+@given(st.data())
+def test_any_values_in_range_survive_the_log(data: st.DataObject) -> None:
+    values = {f.name: data.draw(st.floats(f.metadata["min"], f.metadata["max"]), f.name) for f in NUMBERS}
+    config = Config(
+        extractor=Params(**values), cameras=(CameraConfig(name="a", pitch_deg=data.draw(st.floats(-90, 90))),)
+    )
+    assert config_from_text(config_text(config)) == config
+
+
+def test_a_camera_section_changes_only_what_it_says() -> None:
+    recorded = CameraInfo("front", INFO.intrinsics, CameraMount(pitch_rad=0.3, x_m=0.2), 0.4, 12.0, 0.002)
+    config = config_of({"camera": [{"name": "front", "roll_deg": 90, "max_range_m": 8}]}, "x")
+    info = config.camera("front").applied_to(recorded)
+    assert info.mount == CameraMount(roll_rad=math.pi / 2, pitch_rad=0.3, x_m=0.2)
+    assert (info.min_range_m, info.max_range_m, info.ke_per_m) == (0.4, 8.0, 0.002)
+    assert config.camera("rear").applied_to(recorded) == recorded
+
+
+def test_every_key_has_its_meaning_and_bounds() -> None:
+    for section, owner in SECTIONS.items():
+        for f in fields(owner):
+            assert f.metadata.get("doc"), f"[{section}] {f.name}"
+            assert "unit" in f.metadata, f"[{section}] {f.name}"
+
+
+def test_the_documented_tables_are_up_to_date() -> None:
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert text == with_tables(text), "run `make config-docs`"
+    assert "min_obstacle_height_m" in tables()
