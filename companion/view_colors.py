@@ -22,7 +22,8 @@ def range_index(range_m: NDArray[np.floating], info: CameraInfo) -> NDArray[np.u
     """Byte of each distance in metres between the camera's nearest and farthest range, same shape; clipped."""
     span = np.log(info.max_range_m / info.min_range_m)
     share = np.log(np.maximum(range_m, 1e-3) / info.min_range_m) / span
-    return (FIRST + np.clip(np.rint(share * (LAST - FIRST)), 0, LAST - FIRST)).astype(np.uint8)
+    steps = np.clip(np.rint(share * (LAST - FIRST)), 0, LAST - FIRST)
+    return np.asarray(FIRST + steps, dtype=np.uint8)
 
 
 def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo) -> NDArray[np.uint8]:

@@ -12,7 +12,16 @@ from core.types import StripTable
 from .view_colors import FIRST, LAST, depth_rgb, index_range_m, palette
 from .view_frame import ViewFrame
 from .view_geometry import nearest_m, outline_px, plane_corners_m
-from .view_panel import FAR_COLOR, RING_M, UNKNOWN_COLOR, far_to_near, inferred, model_missing, nothing_to_draw, plane_rgb
+from .view_panel import (
+    FAR_COLOR,
+    RING_M,
+    UNKNOWN_COLOR,
+    far_to_near,
+    inferred,
+    model_missing,
+    nothing_to_draw,
+    plane_rgb,
+)
 
 LABELS = 8
 """Planes that get their distance written on them, the largest in the image first."""
@@ -50,7 +59,17 @@ def _stamp(ax: Any, text: str) -> None:
     """Writes across an image that nothing was found in, so that nobody takes it for an empty scene."""
     box = {"facecolor": "#c62828" if text.startswith("BLIND") else "#b26a00", "edgecolor": "none", "pad": 8}
     ax.text(
-        0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", fontsize=15, weight="bold", color="white", bbox=box, wrap=True
+        0.5,
+        0.5,
+        text,
+        transform=ax.transAxes,
+        ha="center",
+        va="center",
+        fontsize=15,
+        weight="bold",
+        color="white",
+        bbox=box,
+        wrap=True,
     )
 
 

@@ -43,7 +43,9 @@ class ViewFrame:
         if self.depth_mm is not None:
             object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (k.height, k.width), "depth_mm"))
         if self.model is not None and self.R_ned_frd is None:
-            raise ValueError(f"frame {self.sequence} of {self.info.camera}: a model without the attitude it was made with")
+            raise ValueError(
+                f"frame {self.sequence} of {self.info.camera}: a model without the attitude it was made with"
+            )
 
     @property
     def standing(self) -> Standing:

@@ -62,14 +62,14 @@ def nearest_m(planes: NDArray[np.float32]) -> Floats:
     d = b - a
     length2 = np.maximum(np.einsum("ij,ij->i", d, d), 1e-12)
     t = np.clip(-np.einsum("ij,ij->i", a, d) / length2, 0.0, 1.0)
-    return np.hypot(*(a + t[:, None] * d).T)
+    return np.asarray(np.hypot(*(a + t[:, None] * d).T))
 
 
 def free_normals(planes: NDArray[np.float32]) -> Floats:
     """(N, 2) unit vectors x, y to the free side: right of a -> b seen from above, (-dy, dx) with x forward, y right."""
     d = (planes[:, 2:4] - planes[:, 0:2]).astype(np.float64)
     normal = np.stack([-d[:, 1], d[:, 0]], axis=1)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
 
 
 def layer_at(free: FreeProfile, z_m: float) -> int | None:
@@ -83,9 +83,7 @@ def border_rays(k: Intrinsics, R_level_optical: Rotation, samples: int = 33) -> 
     u = np.linspace(-0.5, k.width - 0.5, samples)
     v = np.linspace(-0.5, k.height - 0.5, samples)
     first, last_u, last_v = np.full(samples, -0.5), np.full(samples, u[-1]), np.full(samples, v[-1])
-    px = np.concatenate(
-        [np.stack(s, axis=1) for s in ((u, first), (last_u, v), (u[::-1], last_v), (first, v[::-1]))]
-    )
+    px = np.concatenate([np.stack(s, axis=1) for s in ((u, first), (last_u, v), (u[::-1], last_v), (first, v[::-1]))])
     rays = np.stack([(px[:, 0] - k.cx) / k.fx, (px[:, 1] - k.cy) / k.fy, np.ones(len(px))], axis=1)
     return rays @ R_level_optical.T
 

@@ -20,12 +20,21 @@ GROUND_COLOR = "#795548"
 RING_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 
 
-def nothing_to_draw(ax: Any, text: str) -> None:
+def nothing_to_draw(ax: Any, text: str, *, blind: bool = False) -> None:
     """Fills an empty panel with a word instead of a picture."""
-    ax.set_facecolor("#d9d9d9")
+    ax.set_facecolor("#f6d5d5" if blind else "#d9d9d9")
     ax.set_xticks([])
     ax.set_yticks([])
-    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", fontsize=13, color="#404040")
+    ax.text(
+        0.5,
+        0.5,
+        text,
+        transform=ax.transAxes,
+        ha="center",
+        va="center",
+        fontsize=13,
+        color="#b71c1c" if blind else "#404040",
+    )
 
 
 def model_missing(frame: ViewFrame) -> str:

@@ -41,10 +41,19 @@ def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
     """Writes the picture of one frame, WIDTH_PX x HEIGHT_PX. Raises ViewError, OSError."""
     figure = new_figure()
     _header(figure, frame, t_start_ns)
-    draw_depth(figure.add_axes((0.015, 0.415, 0.44, 0.45)), figure.add_axes((0.462, 0.47, 0.012, 0.395)), frame)
-    draw_side(figure.add_axes((0.045, 0.1, 0.455, 0.225)), frame)
-    draw_top(figure.add_axes((0.555, 0.1, 0.435, 0.765)), frame)
+    image, scale = _image_place(frame)
+    draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)
+    draw_side(figure.add_axes((0.045, 0.118, 0.455, 0.215)), frame)
+    draw_top(figure.add_axes((0.555, 0.118, 0.435, 0.747)), frame)
     figure.savefig(path, dpi=DPI, metadata={"Software": "osape-companion"})
+
+
+def _image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(left, bottom, width, height) of the image and of the scale beside it, as shares of the figure."""
+    k, left, top = frame.info.intrinsics, 0.015, 0.865
+    size_px = min(0.43 * WIDTH_PX / k.width, 0.45 * HEIGHT_PX / k.height)
+    width, height = k.width * size_px / WIDTH_PX, k.height * size_px / HEIGHT_PX
+    return (left, top - height, width, height), (left + width + 0.008, top - height, 0.012, height)
 
 
 def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
@@ -62,7 +71,9 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
     }[standing]
     who, what = describe(frame, t_start_ns)
     if standing is Standing.BLIND:
-        what = "Nothing may be taken as free in this frame." + (f"   {what}" if frame.model is not None else "")
+        what = "Nothing may be taken as free in this frame."
+        if frame.model is not None:
+            what += f"   measured {frame.model.stats.measured_share:.0%} of the image"
     figure.text(0.015, 1 - band / 2, shorten(says, 120), color="white", fontsize=17, weight="bold", va="center")
     figure.text(0.015, 1 - band - 0.02, who, fontsize=12, weight="bold", va="center", color="#202020")
     figure.text(0.015, 1 - band - 0.043, what, fontsize=11, va="center", color="#202020")

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.types import FrameModel
 
-from .view_frame import ViewFrame
+from .view_frame import Standing, ViewFrame
 from .view_geometry import elevation_ahead_rad
 from .view_panel import (
     FREE_COLOR,
@@ -32,7 +32,7 @@ def draw_side(ax: Any, frame: ViewFrame) -> None:
     ax.set_title("From the side (what stands straight ahead is drawn full)", fontsize=12, loc="left")
     missing = model_missing(frame)
     if frame.model is None or missing:
-        nothing_to_draw(ax, missing)
+        nothing_to_draw(ax, missing, blind=frame.standing is Standing.BLIND)
         return
     forward = extent_m(frame)
     low, high = _heights(frame.model)
@@ -76,13 +76,19 @@ def _free_ahead(ax: Any, model: FrameModel) -> None:
         near, far = float(model.free.free_from_m[ahead, k]), float(model.free.free_to_m[ahead, k])
         if far > near:
             size = far - near, float(layers[k + 1] - layers[k])
-            ax.add_patch(Rectangle((near, -float(layers[k + 1])), *size, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5))
+            ax.add_patch(
+                Rectangle(
+                    (near, -float(layers[k + 1])), *size, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5
+                )
+            )
 
 
 def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:
     """The ground's line with its slope, and from where on low things cannot be told from it."""
     if not model.ground.seen:
-        ax.text(0.985, 0.06, "no ground seen", transform=ax.transAxes, ha="right", fontsize=9, color=GROUND_COLOR, zorder=9)
+        ax.text(
+            0.985, 0.06, "no ground seen", transform=ax.transAxes, ha="right", fontsize=9, color=GROUND_COLOR, zorder=9
+        )
         return
     g = model.ground
     x = np.array([0.0, forward])
@@ -107,8 +113,8 @@ def _planes(ax: Any, frame: ViewFrame) -> None:
         ax.add_patch(
             Rectangle(
                 (x0, -p[k, 5]), max(x1 - x0, 1e-3), p[k, 5] - p[k, 4],
-                facecolor=(*colors[k], 0.3 if ahead else 0.06),
-                edgecolor=(*colors[k], 1.0 if ahead else 0.35),
+                facecolor=(*colors[k], 0.3 if ahead else 0.12),
+                edgecolor=(*colors[k], 1.0 if ahead else 0.75),
                 linewidth=2.4 if ahead else 1.0,
                 linestyle=(0, (3, 1.8)) if dashed[k] else "-",
                 zorder=5 if ahead else 4,
@@ -123,7 +129,9 @@ def _view_edges(ax: Any, frame: ViewFrame, forward: float) -> None:
         return
     for angle in elevation_ahead_rad(frame.info.intrinsics, R):
         if abs(angle) < math.radians(89):
-            ax.plot([0, forward], [0, forward * math.tan(angle)], color="#1565c0", linewidth=1.0, linestyle="-.", zorder=3)
+            ax.plot(
+                [0, forward], [0, forward * math.tan(angle)], color="#1565c0", linewidth=1.0, linestyle="-.", zorder=3
+            )
 
 
 def _legend(ax: Any, model: FrameModel) -> None:

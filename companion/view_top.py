@@ -9,7 +9,7 @@ import numpy as np
 
 from core.types import FrameModel
 
-from .view_frame import ViewFrame
+from .view_frame import Standing, ViewFrame
 from .view_geometry import field_of_view_rad, free_normals, layer_at
 from .view_panel import (
     FREE_COLOR,
@@ -32,7 +32,7 @@ def draw_top(ax: Any, frame: ViewFrame) -> None:
     ax.set_title("From above (forward is up)", fontsize=12, loc="left")
     missing = model_missing(frame)
     if frame.model is None or missing:
-        nothing_to_draw(ax, missing)
+        nothing_to_draw(ax, missing, blind=frame.standing is Standing.BLIND)
         return
     half_width, forward, behind = _limits(ax, frame)
     ax.set_facecolor(tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR))
@@ -75,10 +75,12 @@ def _free(ax: Any, model: FrameModel) -> str:
     left = np.stack([np.sin(edges[:-1]), np.cos(edges[:-1])], axis=1)
     right = np.stack([np.sin(edges[1:]), np.cos(edges[1:])], axis=1)
     known = far > near
-    quads = np.stack(
-        [left * near[:, None], left * far[:, None], right * far[:, None], right * near[:, None]], axis=1
-    )[known]
-    ax.add_collection(PolyCollection(list(quads), facecolors=FREE_COLOR, edgecolors=FREE_COLOR, linewidths=0.3, zorder=1))
+    quads = np.stack([left * near[:, None], left * far[:, None], right * far[:, None], right * near[:, None]], axis=1)[
+        known
+    ]
+    ax.add_collection(
+        PolyCollection(list(quads), facecolors=FREE_COLOR, edgecolors=FREE_COLOR, linewidths=0.3, zorder=1)
+    )
     top, bottom = model.free.layer_edges_m[layer : layer + 2]
     return f"{-bottom:+.1f} .. {-top:+.1f} m"
 
@@ -127,7 +129,9 @@ def _planes(ax: Any, frame: ViewFrame, tick_m: float) -> None:
     widths = np.where(level, 3.2, 1.3)
     casing = np.where(level, 4.6, 2.3)
     ax.add_collection(LineCollection(lines, colors="black", linewidths=casing, alpha=0.55, capstyle="butt", zorder=5))
-    ax.add_collection(LineCollection(lines, colors=colors, linewidths=widths, linestyles=styles, capstyle="butt", zorder=6))
+    ax.add_collection(
+        LineCollection(lines, colors=colors, linewidths=widths, linestyles=styles, capstyle="butt", zorder=6)
+    )
     middle = (a + b) / 2
     ticks = list(np.stack([middle, middle + normal * tick_m], axis=1))
     ax.add_collection(LineCollection(ticks, colors="black", linewidths=0.9, zorder=6))
@@ -151,6 +155,6 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))
     ax.legend(
         *zip(*marks, strict=True),
-        loc="upper left", bbox_to_anchor=(-0.02, -0.05), ncols=4, fontsize=8.5, frameon=False,
+        loc="upper left", bbox_to_anchor=(-0.06, -0.05), ncols=3, fontsize=8.5, frameon=False,
         handlelength=1.8, columnspacing=1.2, borderaxespad=0.2,
     )  # fmt: skip
