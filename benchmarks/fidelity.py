@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.grid_prisms import CELLS_M, grid_prisms, obstacle_points
 from benchmarks.metrics import NAN, PLANE_BYTES, Rays, distances, rays_of, recall, score
-from benchmarks.openings import opening_size
+from benchmarks.openings import in_view, opening_size
 from benchmarks.report import print_report
 from benchmarks.rows import Case, GridScore, Row
 from core.extractor import Extractor
@@ -89,7 +89,7 @@ def run_case(case: Case, params: Params, extractor: Extractor, frames: int = 2, 
         ground_height_m=model.ground.height_m if model.ground.seen else NAN,
         ke_estimate_per_m=model.ke_per_m,
         grids=grid_scores(last, rays, case.ke_per_m) if grids else [],
-        openings=[opening_size(o, last, planes) for o in last.scene.openings],
+        openings=[opening_size(o, last, planes) for o in last.scene.openings if in_view(o, last)],
         recall=recall(last, rays, planes),
     )
 

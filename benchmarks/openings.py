@@ -33,6 +33,22 @@ class OpeningSize:
     free_share: float
 
 
+def in_view(opening: Opening, frame: Rendered) -> bool:
+    """Whether the camera sees the opening with the border around it, so that its size can be asked for."""
+    a, b = np.array(opening.a_m), np.array(opening.b_m)
+    out = (b - a) / math.dist(opening.a_m, opening.b_m) * BORDER_M
+    k = frame.info.intrinsics
+    for x, y in (a - out, b + out):
+        for z in (opening.top_m - BORDER_M, opening.bottom_m + BORDER_M):
+            p = (np.array([x, y, z]) - frame.position_ned_m) @ frame.R_ned_optical
+            if p[2] <= 0.0:
+                return False
+            u, v = k.fx * p[0] / p[2] + k.cx, k.fy * p[1] / p[2] + k.cy
+            if not (0.0 <= u <= k.width - 1 and 0.0 <= v <= k.height - 1):
+                return False
+    return True
+
+
 def opening_size(opening: Opening, frame: Rendered, planes: Floats) -> OpeningSize:
     """The size that an opening has in a model (planes (N, 6), level_cam) of a frame."""
     to_level = rotation_level_ned(horizontal_heading_rad(frame.R_ned_optical))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.openings import opening_size
+from benchmarks.openings import in_view, opening_size
 from drivers.scenes import SceneBuilder
 from drivers.simulated import Rendered, camera_info, render
 
@@ -66,3 +66,11 @@ def test_plane_that_crosses_the_wall_closes_only_its_part() -> None:
     door = np.vstack([planes, [[0.0, 0.0, 12.0, 0.0, -3, 2]]])
     size = opening_size(frame.scene.openings[0], frame, door)
     assert size.width_m == pytest.approx(1.5, abs=0.03)
+
+
+def test_openings_cut_by_the_image_or_behind_the_camera_are_not_in_view() -> None:
+    frame, _ = facade()
+    opening = frame.scene.openings[0]
+    assert in_view(opening, frame)
+    assert not in_view(opening, facade(yaw=0.5)[0])
+    assert not in_view(opening, facade(yaw=3.1)[0])
