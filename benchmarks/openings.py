@@ -15,7 +15,7 @@ from drivers.simulated import Rendered
 Floats = NDArray[np.float64]
 
 STEP_M = 0.01
-BORDER_M = 0.6
+BORDER_M = 0.25
 """How far beyond the true opening a free rectangle may reach."""
 REACH_M = 0.75
 """Planes within this distance of the wall's plane close it."""
