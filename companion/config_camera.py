@@ -74,5 +74,5 @@ class OutputConfig:
     )
     transforms: bool = field(default=True, metadata={"unit": "", "doc": "the frames' transforms, for viewers"})
     copy_input: bool = field(
-        default=False, metadata={"unit": "", "doc": "depth, attitude and position again, so that one file holds all"}
+        default=True, metadata={"unit": "", "doc": "the depth images again, so that one file holds all"}
     )

@@ -78,15 +78,16 @@ class LogWriter:
         elif isinstance(event, PoseSample):
             self.write("pose", pose_message(event), arrival_ns, publish_ns=event.t_ns)
 
-    def output(self, output: Output) -> None:
-        """What the pipeline said, at the arrival of the frame it is about."""
+    def output(self, output: Output, scene: bool = True, transforms: bool = True) -> None:
+        """What the pipeline said, at the arrival of the frame it is about; drawn for viewers where asked for."""
         at = (output.t_arrival_ns, output.camera, output.sequence, output.t_exposure_ns)
         if isinstance(output, FrameDecision):
             self.write("decision", decision_message(output), *at)
             return
         self.write("prisms", prisms_message(output), *at)
-        self.write("scene", scene_message(output), *at)
-        for transform in transform_messages(output, self._infos[output.camera]):
+        if scene:
+            self.write("scene", scene_message(output), *at)
+        for transform in transform_messages(output, self._infos[output.camera]) if transforms else ():
             self.write("transform", transform, output.t_arrival_ns, publish_ns=output.t_exposure_ns)
 
     def write(

@@ -39,7 +39,8 @@ class FrameExtractor(Protocol):
         depth: NDArray[np.uint16],
         info: CameraInfo,
         R_level_optical: NDArray[np.float64],
-        state: ExtractorState = ...,
+        state: ExtractorState | None = ...,
+        *,
         keep_strips: bool = ...,
     ) -> tuple[FrameModel, ExtractorState]: ...
 

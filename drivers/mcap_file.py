@@ -89,12 +89,23 @@ class McapRecording:
     def events(self) -> Iterator[Event]:
         """Depth, attitude and pose in file order. Samples and images that do not fit are left out; where the file is
         damaged the pass ends. Either is told at the end by BadData, after everything readable was delivered."""
+        for item in self.events_with():
+            if not isinstance(item, LoggedMessage):
+                yield item
+
+    def events_with(self, *keys: str) -> Iterator[Event | LoggedMessage]:
+        """events(), with messages of these kinds in their places among them."""
         rejected: list[str] = []
-        for item in self._messages(EVENT_KEYS, rejected):
+        for item in self._messages((*EVENT_KEYS, *keys), rejected):
+            if item.key not in EVENT_KEYS:
+                yield item
+                continue
             try:
-                yield self._event(item)
+                event = self._event(item)
             except ValueError as error:
                 rejected.append(f"{TOPICS[item.key].of(item.camera)}: {error}")
+                continue
+            yield event
         if rejected:
             raise BadData(
                 f"{self.path}: {len(rejected)} messages could not be used and were left out, the first: {rejected[0]}; "

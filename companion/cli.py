@@ -1,0 +1,84 @@
+"""The command `companion`. Only the module of the command that is asked for is imported."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, Final
+
+COMMANDS: Final[dict[str, tuple[str, str]]] = {
+    "demo": ("demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
+    "import": ("import_recording", "make a log of a folder of depth images, or of a ROS 2 recording"),
+    "replay": ("replay", "run a recorded flight through the pipeline; compare with what was recorded"),
+    "view": ("view", "draw a log: pictures and a page with the prisms in 3-D"),
+    "info": ("info", "what is in a log: topics, rates, gaps, damage"),
+    "recover": ("recover", "make a whole file of a damaged or unfinished one"),
+    "check-config": ("check_config", "check a configuration file"),
+    "warmup": ("warmup", "compile what is compiled at first use"),
+}
+"""Command -> its module in this package (add_parser, run) and what it does."""
+
+_INTERRUPTED: Final = 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command. 0: done; 1: it failed, stderr says why and what to do; 2: wrong use."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = _parser(words[0] if words else "")
+    try:
+        args = parser.parse_args(words)
+    except SystemExit as end:  # argparse ends so after --help and on wrong use
+        return end.code if isinstance(end.code, int) else 2
+    if args.version:
+        return _print_version()
+    if args.command is None:
+        parser.print_usage(sys.stderr)
+        print("companion: error: a command is needed; --help lists them", file=sys.stderr)
+        return 2
+    try:
+        return int(_module(args.command).run(args))
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except _expected_errors() as error:
+        print(f"companion: error: {error}", file=sys.stderr)
+        return 1
+
+
+def _parser(command: str) -> argparse.ArgumentParser:
+    """The parser with the full options of one command, the others by name only."""
+    parser = argparse.ArgumentParser(prog="companion", description="Obstacle perception for multirotors.")
+    parser.add_argument("--version", action="store_true", help="print the version")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND")
+    for name, (_, words) in COMMANDS.items():
+        if name == command:
+            _module(name).add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=words)
+    return parser
+
+
+def _module(command: str) -> Any:
+    """The module of a command."""
+    return importlib.import_module(f".{COMMANDS[command][0]}", __package__)
+
+
+def _expected_errors() -> tuple[type[Exception], ...]:
+    """Those whose message says what is wrong and what to do; anything else is a defect and shows its trace."""
+    from drivers.base import DriverError
+
+    from .config import ConfigError
+
+    return DriverError, ConfigError, ValueError, OSError
+
+
+def _print_version() -> int:
+    from .run_info import software
+
+    print(software())
+    return 0

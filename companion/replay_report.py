@@ -1,0 +1,111 @@
+"""What a replay found, for people and machines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .compare import Comparison, Key
+from .console import say
+from .tally import Tally
+
+_LISTED = 5
+
+
+@dataclass(slots=True)
+class Replay:
+    """What a replay found. damage: what was wrong with the input, None when it was whole."""
+
+    tally: Tally
+    odd_samples: dict[str, int]
+    cameras: tuple[str, ...]
+    comparison: Comparison | None = None
+    damage: str | None = None
+
+
+def problems_of(result: Replay) -> list[str]:
+    """What keeps the command from success, in words with a remedy."""
+    problems = [result.damage] if result.damage else []
+    first = result.tally.first_dropped
+    if first is not None:
+        causes = ", ".join(f"{n} x {cause}" for cause, n in sorted(result.tally.dropped.items()))
+        problems.append(
+            f"{result.tally.dropped.total()} of {result.tally.frames} frames were dropped and are published as blind "
+            f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
+            "Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]"
+        )
+    elif result.tally.frames == 0 and not result.damage:
+        problems.append("no depth image in the input: nothing was computed")
+    if result.comparison is not None and not result.comparison.passed:
+        problems.append(_check_problem(result.comparison))
+    return problems
+
+
+def _check_problem(comparison: Comparison) -> str:
+    if comparison.compared == 0:
+        return (
+            "check: nothing to compare: no frame has both a depth image and prisms in the input; "
+            "check a log written by `companion replay -o` with its depth images"
+        )
+    return f"check: {comparison.different} of {comparison.compared} frames differ; first: {comparison.first}"
+
+
+def report(result: Replay, path: Path, output: Path | None, problems: list[str]) -> dict[str, Any]:
+    """The object of `--json`."""
+    comparison = result.comparison
+    check = None
+    if comparison is not None:
+        check = {
+            "passed": comparison.passed,
+            "compared": comparison.compared,
+            "different": comparison.different,
+            "first_difference": str(comparison.first) if comparison.first else None,
+            "missing_from_log": [_named(key) for key in comparison.only_computed],
+            "without_depth": [_named(key) for key in comparison.only_logged],
+        }
+    return {
+        "input": str(path),
+        "output": str(output) if output else None,
+        "cameras": list(result.cameras),
+        **result.tally.as_json(),
+        "odd_samples": result.odd_samples,
+        "check": check,
+        "problems": problems,
+    }
+
+
+def _named(key: Key) -> dict[str, Any]:
+    return {"camera": key[0], "sequence": key[1], "t_exposure_ns": key[2]}
+
+
+def say_report(result: Replay, output: Path | None) -> None:
+    """The summary for people."""
+    t = result.tally
+    say(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
+    attitude = ", ".join(f"{n} {how}" for how, n in sorted(t.attitude.items())) or "none"
+    say(f"attitude at exposure: {attitude}")
+    if t.valid:
+        mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms a frame on average"
+        say(f"{t.valid} frames say something: {mean}; ground seen in {t.ground_seen}")
+    for cause, n in sorted(t.blind.items()):
+        say(f"{n} frames say nothing: {cause}")
+    for cause, n in sorted(t.dropped.items()):
+        say(f"{n} frames dropped: {cause}")
+    for odd, n in result.odd_samples.items():
+        say(f"{n} {odd.replace('_', ' ', 1).replace('_', ' ')}")
+    if result.comparison is not None:
+        _say_check(result.comparison)
+    if output is not None:
+        say(f"written: {output}")
+
+
+def _say_check(comparison: Comparison) -> None:
+    verdict = "equal" if comparison.passed else "NOT equal"
+    how = "bit by bit" if comparison.tolerance == 0.0 else f"within {comparison.tolerance:g}"
+    say(f"check: {comparison.compared} frames compared {how}: {verdict}")
+    for keys, what in ((comparison.only_computed, "missing from the log"), (comparison.only_logged, "without depth")):
+        if keys:
+            some = ", ".join(f"{camera} {sequence}" for camera, sequence, _ in keys[:_LISTED])
+            more = ", ..." if len(keys) > _LISTED else ""
+            say(f"check: {len(keys)} frames not comparable, {what}: {some}{more}")
