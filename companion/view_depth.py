@@ -18,6 +18,7 @@ from .view_panel import (
     UNKNOWN_COLOR,
     far_to_near,
     inferred,
+    line_width,
     model_missing,
     nothing_to_draw,
     plane_rgb,
@@ -89,7 +90,8 @@ def strip_segments_px(strips: StripTable, frame: ViewFrame) -> list[NDArray[np.f
 def _strips(ax: Any, frame: ViewFrame, strips: StripTable) -> None:
     from matplotlib.collections import LineCollection
 
-    ax.add_collection(LineCollection(strip_segments_px(strips, frame), colors=[(1, 1, 1, 0.33)], linewidths=0.7))
+    alpha = min(0.35, 0.12 + 150 / len(strips.u))
+    ax.add_collection(LineCollection(strip_segments_px(strips, frame), colors=[(1, 1, 1, alpha)], linewidths=0.7))
 
 
 def plane_outlines_px(frame: ViewFrame) -> list[NDArray[np.float64]]:
@@ -107,12 +109,13 @@ def _planes(ax: Any, frame: ViewFrame) -> None:
     if frame.model is None:
         return
     planes, outlines = frame.model.planes, plane_outlines_px(frame)
+    line = line_width(len(planes), 1.7)
     colors, dashed = plane_rgb(frame, planes), inferred(frame.model.flags)
     for k in far_to_near(planes):
         if len(outlines[k]) < 3:
             continue
         style = (0, (4, 2.5)) if dashed[k] else "-"
-        for color, width in (("black", 3.6), (0.35 + 0.65 * colors[k], 1.7)):
+        for color, width in (("black", 2.1 * line), (0.35 + 0.65 * colors[k], line)):
             patch = Polygon(outlines[k], closed=True, fill=False, edgecolor=color, linewidth=width, linestyle=style)
             ax.add_patch(patch)
     _labels(ax, frame, outlines)

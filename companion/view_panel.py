@@ -59,6 +59,11 @@ def far_to_near(planes: NDArray[np.float32]) -> NDArray[np.intp]:
     return np.argsort(-nearest_m(planes), kind="stable")
 
 
+def line_width(n: int, few: float) -> float:
+    """Width in points of the outlines of n planes: `few` for a handful, half as wide for a crowd."""
+    return few * min(1.0, max(0.5, 1.2 - 0.01 * n))
+
+
 def extent_m(frame: ViewFrame) -> float:
     """How far forward the panels reach: what was found plus some air, never beyond the camera's range plus air."""
     reach = [4.0]

@@ -18,6 +18,7 @@ from .view_panel import (
     extent_m,
     far_to_near,
     inferred,
+    line_width,
     model_missing,
     nothing_to_draw,
     plane_rgb,
@@ -126,8 +127,9 @@ def _planes(ax: Any, frame: ViewFrame, tick_m: float) -> None:
     level = (p[:, 4] <= CAMERA_LAYER_M) & (p[:, 5] >= CAMERA_LAYER_M)
     styles = [(0, (3, 1.8)) if d else "-" for d in dashed]
     lines = list(np.stack([a, b], axis=1))
-    widths = np.where(level, 3.2, 1.3)
-    casing = np.where(level, 4.6, 2.3)
+    width = line_width(len(p), 3.2)
+    widths = np.where(level, width, 0.4 * width)
+    casing = widths + 1.2
     ax.add_collection(LineCollection(lines, colors="black", linewidths=casing, alpha=0.55, capstyle="butt", zorder=5))
     ax.add_collection(
         LineCollection(lines, colors=colors, linewidths=widths, linestyles=styles, capstyle="butt", zorder=6)
