@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
 
 from benchmarks.rows import Row
 
@@ -100,35 +102,64 @@ def _mean_kept(rows: list[Row], name: str) -> float:
     return sum(kept) / len(kept)
 
 
-def _worst(rows: Iterable[Row], value: Callable[[Row], float]) -> tuple[float, str]:
-    scored = [(value(row), row) for row in rows]
-    known = [(x, row) for x, row in scored if not math.isnan(x)]
+@dataclass(frozen=True, slots=True)
+class _Measure:
+    """A figure of the summary: its value, what it is shown in, and the rays that it is a share of (None: none)."""
+
+    name: str
+    value: Callable[[Row], float]
+    scale: float = 1.0
+    unit: str = ""
+    rays: Callable[[Row], int] | None = None
+
+
+def _obstacle_rays(row: Row) -> int:
+    return row.score.obstacle_rays
+
+
+def _open_rays(row: Row) -> int:
+    return row.score.open_rays
+
+
+_MEASURES = (
+    _Measure("mean error / 3DP 0.1 m", error_ratio),
+    _Measure("mean error", lambda r: r.score.mean_m, 1.0, "m", _obstacle_rays),
+    _Measure("missed", lambda r: r.score.missed, 100.0, "%", _obstacle_rays),
+    _Measure("missed, margin subtracted", lambda r: r.score.missed_margin, 100.0, "%", _obstacle_rays),
+    _Measure("phantom", lambda r: r.score.phantom, 100.0, "%", _obstacle_rays),
+    _Measure("phantom over ground and sky", lambda r: r.score.phantom_open, 100.0, "%", _open_rays),
+    _Measure("open rays stopped", lambda r: r.score.open_stopped, 100.0, "%", _open_rays),
+    _Measure("planes / 3DP 0.8 m", plane_ratio),
+    _Measure("bytes / 3DP 0.8 m", byte_ratio),
+)
+
+
+def _summary(measure: _Measure, rows: list[Row]) -> str:
+    """Worst, median and, of shares, the figure over the rays of all cases together."""
+    known = sorted(((measure.value(r), i) for i, r in enumerate(rows) if not math.isnan(measure.value(r))))
     if not known:
-        return math.nan, "-"
-    x, row = max(known, key=lambda entry: entry[0])
-    return x, _case_name(row)
+        return f"  {measure.name:<30}{'-':>9}"
+    worst, where = known[-1]
+    middle = measure.scale * median(value for value, _ in known)
+    text = f"  {measure.name:<30}{measure.scale * worst:>9.3f} {measure.unit:<2} (median {middle:.3f}"
+    if measure.rays is None:
+        return f"{text})  {_case_name(rows[where])}"
+    weights = [measure.rays(rows[i]) for _, i in known]
+    pooled = sum(v * w for (v, _), w in zip(known, weights, strict=True)) / max(1, sum(weights))
+    rays = measure.rays(rows[where])
+    return f"{text}, all rays {measure.scale * pooled:.3f})  {_case_name(rows[where])}, {rays} rays"
 
 
 def _print_worst(rows: list[Row]) -> None:
-    measures: tuple[tuple[str, Callable[[Row], float], float, str], ...] = (
-        ("mean error / 3DP 0.1 m", error_ratio, 1.0, ""),
-        ("mean error", lambda r: r.score.mean_m, 1.0, "m"),
-        ("missed", lambda r: r.score.missed, 100.0, "%"),
-        ("missed, margin subtracted", lambda r: r.score.missed_margin, 100.0, "%"),
-        ("phantom", lambda r: r.score.phantom, 100.0, "%"),
-        ("phantom over ground and sky", lambda r: r.score.phantom_open, 100.0, "%"),
-        ("open rays stopped", lambda r: r.score.open_stopped, 100.0, "%"),
-        ("planes / 3DP 0.8 m", plane_ratio, 1.0, ""),
-        ("bytes / 3DP 0.8 m", byte_ratio, 1.0, ""),
-    )
     for ke in sorted({row.case.ke_per_m for row in rows}):
         for family in sorted({row.family for row in rows}):
             mine = [row for row in rows if row.family == family and row.case.ke_per_m == ke]
             if not mine:
                 continue
-            print(f"\nworst of {family}, ke {ke:g} ({len(mine)} cases)")
-            for name, value, scale, unit in measures:
-                worst, where = _worst(mine, value)
-                known = [v for v in map(value, mine) if not math.isnan(v)]
-                middle = sorted(known)[len(known) // 2] if known else math.nan
-                print(f"  {name:<30}{scale * worst:>9.3f} {unit:<2} (median {scale * middle:.3f})  {where}")
+            # an invalid frame says nothing: it lets nothing pass, and is counted instead of scored
+            silent = [_case_name(row) for row in mine if not row.valid]
+            print(f"\nworst of {family}, ke {ke:g} ({len(mine) - len(silent)} cases)")
+            if silent:
+                print(f"  {len(silent)} more gave no valid model: {'; '.join(silent)}")
+            for measure in _MEASURES:
+                print(_summary(measure, [row for row in mine if row.valid]))

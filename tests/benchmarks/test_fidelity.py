@@ -63,3 +63,11 @@ def test_table_and_json_of_a_small_run(tmp_path: Path, capsys: pytest.CaptureFix
     assert "poles, mean of 1 cases: pole at 4 m" in printed
     assert "worst of structured" in printed
     assert "worst of thin" in printed
+
+
+def test_a_frame_that_says_nothing_is_counted_and_not_scored(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--scenes", "open,stones", "--tilts", "0:30", "--ke", "0.0015", "--width", "160", "--no-grids"]) == 0
+    printed = capsys.readouterr().out
+    assert "INVALID" in printed
+    assert "worst of ground, ke 0.0015 (0 cases)" in printed
+    assert "1 more gave no valid model: open +0/+30" in printed
