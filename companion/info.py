@@ -23,6 +23,7 @@ from .console import fail, say, say_json
 _GAP_MEDIANS: Final = 3.0
 """An interval longer than this many times the usual one is a gap."""
 _NS: Final = 1_000_000_000
+_LISTED: Final = 40
 _REGULAR: Final = ("depth", "attitude", "pose")
 """Kinds whose gaps matter."""
 
@@ -200,10 +201,13 @@ def say_facts(facts: Facts) -> None:
         say("not a recording of this software: none of its topics is known")
     for info in facts.cameras:
         say(_camera_line(info))
-    width = max((len(name) for name in facts.topics), default=0)
-    for topic in facts.topics.values():
+    listed = list(facts.topics.values())[:_LISTED]
+    width = max((len(topic.topic) for topic in listed), default=0)
+    for topic in listed:
         rate = f"{topic.rate_hz:8.2f} Hz" if topic.rate_hz is not None else " " * 11
         say(f"  {topic.topic:<{width}} {len(topic.times_ns):8d} {rate}  {topic.size / 1e6:9.3f} MB  {topic.schema}")
+    if len(facts.topics) > len(listed):
+        say(f"  and {len(facts.topics) - len(listed)} more topics (--json lists all)")
     start_ns = span[0] if span else 0
     for topic in facts.topics.values():
         _say_odd(topic, start_ns)

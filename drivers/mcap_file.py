@@ -22,7 +22,7 @@ from .wire import attitude_from_message, camera_from_message, depth_from_message
 
 EVENT_KEYS: Final = ("depth", "attitude", "pose")
 _ROS2_DEPTH: Final = ("sensor_msgs/msg/Image", "sensor_msgs/Image")
-_LISTED: Final = 6
+_LISTED: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,7 @@ class McapRecording:
         self._infos: dict[str, CameraInfo] = {}
         self._scan: McapScan | None = None
         self._share_read = 0.0
+        self._head_damage: Damage | None = None
         self._read_head()
 
     @property
@@ -161,11 +162,16 @@ class McapRecording:
             found = {c.id: our_channel(c, scan.schemas.get(c.schema_id)) for c in scan.channels.values()}
             depth = [camera for kind in found.values() if kind is not None for key, camera in [kind] if key == "depth"]
             others = [c for c in scan.channels.values() if found[c.id] is None]
-            if not any(found.values()):
+            if not any(found.values()) and (others or self._head_damage is None):
                 raise BadData(_refusal(self.path, scan, others))
         finally:
             scan.close()
         missing = [camera for camera in depth if camera not in self._infos]
+        if self._head_damage is not None and (missing or not self._infos):
+            raise BadData(
+                f"{self.path}: damaged at byte {self._head_damage.offset}: {self._head_damage.cause}; what describes "
+                "the cameras is lost, nothing can be replayed. Use another copy of the file"
+            )
         if missing:
             names = ", ".join(TOPICS["camera_info"].of(camera) for camera in missing)
             raise BadData(
@@ -177,6 +183,8 @@ class McapRecording:
         awaited = _described(scan)
         begun = False
         for item in scan.items():
+            if isinstance(item, Damage):
+                self._head_damage = self._head_damage or item
             if not isinstance(item, Logged):
                 continue
             found = our_channel(item.channel, item.schema)
@@ -239,7 +247,7 @@ def _refusal(path: Path, scan: McapScan, others: list[Channel]) -> str:
         remedy = "give a log written by companion, or convert one with `companion import`"
     depth, info, attitude = (TOPICS[key] for key in ("depth", "camera_info", "attitude"))
     return (
-        f"{path}: not a recording of this software. It lacks depth ({depth.schema} on {depth.name}), camera "
-        f"({info.schema} on {info.name}) and attitude ({attitude.schema} on {attitude.name}); "
+        f"{path}: not a recording of this software. It lacks depth ({depth.schema} on {depth.of('<name>')}), camera "
+        f"({info.schema} on {info.of('<name>')}) and attitude ({attitude.schema} on {attitude.name}); "
         f"it has {has}{more}. Remedy: {remedy}"
     )

@@ -1,0 +1,203 @@
+"""The pipeline with an extractor that is easy to foresee: decisions, frames, state."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from companion.pipeline import FrameDecision, Pipeline, PrismsResult, transform_from_level_cam
+from companion.reframe import LevelTransform, reframed
+from companion.sync import DropCause, PoseAt, Source
+from core.frames import (
+    rotation_frd_optical,
+    rotation_from_euler,
+    rotation_level_cam_optical,
+)
+from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics, InvalidCause
+
+from .recordings import INFO, MS, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
+
+
+def pipeline(state=None, cameras=(INFO,)) -> Pipeline:
+    return Pipeline(cameras, EasyExtractor, state=state)
+
+
+def outputs(events, line: Pipeline | None = None):
+    line = line or pipeline()
+    return [output for event in events for output in line.handle(event)]
+
+
+def test_each_frame_gives_a_decision_and_prisms():
+    found = outputs(flight(5))
+    decisions, results = found[::2], found[1::2]
+    assert all(isinstance(d, FrameDecision) and d.used for d in decisions)
+    assert [r.sequence for r in results] == list(range(5))
+    assert all(r.valid and r.frame == "ned" and r.cause_text == "" for r in results)
+    assert {d.attitude for d in decisions} == {Source.INTERPOLATED}
+    assert all(d.attitude_cutoff_ns <= d.t_arrival_ns for d in decisions)
+
+
+def test_only_what_has_arrived_is_used():
+    """The attitude after the exposure arrives after the frame: the frame is carried forward, not interpolated."""
+    early = frame(0, START_NS + 10 * MS, arrival_ns=START_NS + 12 * MS)
+    before, after = attitude(START_NS), attitude(START_NS + 20 * MS)
+    (decision, _) = outputs([before, early, after])
+    assert decision.attitude is Source.EXTRAPOLATED
+    assert decision.attitude_cutoff_ns == START_NS
+    (decision, _) = outputs([before, after, early])
+    assert decision.attitude is Source.INTERPOLATED
+
+
+def test_a_frame_without_attitude_is_blind_and_says_so():
+    decision, result = outputs([frame(0, START_NS)])
+    assert decision.cause is DropCause.NO_ATTITUDE
+    assert decision.attitude_cutoff_ns is None
+    assert isinstance(result, PrismsResult)
+    assert not result.valid
+    assert result.model is None
+    assert result.cause_text == "no attitude had arrived"
+
+
+def test_a_frame_that_says_nothing_keeps_its_cause():
+    empty = dataclasses.replace(frame(0, START_NS), depth_mm=np.zeros((48, 64), np.uint16))
+    decision, result = outputs([attitude(START_NS), empty])
+    assert decision.used
+    assert not result.valid
+    assert result.cause_text == str(InvalidCause.NO_MEASUREMENT)
+
+
+def test_an_image_of_the_wrong_size_is_blind():
+    wrong = dataclasses.replace(frame(0, START_NS), depth_mm=np.ones((24, 64), np.uint16))
+    decision, result = outputs([attitude(START_NS), wrong])
+    assert decision.cause is DropCause.WRONG_SIZE
+    assert not result.valid
+
+
+def test_the_same_and_earlier_exposures_are_told_but_not_published():
+    samples = [attitude(START_NS + i * 20 * MS) for i in range(6)]
+    later = frame(2, START_NS + 50 * MS)
+    found = outputs([*samples, later, later, frame(1, START_NS + 40 * MS)])
+    assert [type(f) for f in found] == [FrameDecision, PrismsResult, FrameDecision, FrameDecision]
+    assert [found[2].cause, found[3].cause] == [DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME]
+
+
+def test_a_camera_that_restarts_begins_anew():
+    line = pipeline()
+    outputs([attitude(START_NS), frame(0, START_NS), frame(1, START_NS + 10 * MS)], line)
+    assert dict(line.state().cameras)["front"].extractor.ground_height_m == 2.0
+    back_ns = START_NS - 2000 * MS
+    (decision, result) = outputs([attitude(back_ns), frame(0, back_ns)], line)
+    assert decision.used
+    assert result.model.ground.height_m == 0.0
+    assert dict(line.state().cameras)["front"].extractor.ground_height_m == 1.0
+    assert line.counts["camera_restarts"] == 1
+
+
+def test_an_unknown_camera_is_refused():
+    with pytest.raises(ValueError, match=r"unknown camera 'rear'; known: front"):
+        outputs([frame(0, START_NS, camera="rear")])
+
+
+def test_two_cameras_need_two_names():
+    with pytest.raises(ValueError, match="same name"):
+        pipeline(cameras=(INFO, INFO))
+
+
+def test_cameras_do_not_share_state():
+    rear = dataclasses.replace(INFO, camera="rear", mount=CameraMount(yaw_rad=np.pi))
+    line = pipeline(cameras=(INFO, rear))
+    outputs([attitude(START_NS), frame(0, START_NS), frame(1, START_NS + MS), frame(0, START_NS, camera="rear")], line)
+    states = dict(line.state().cameras)
+    assert states["front"].extractor.ground_height_m == 2.0
+    assert states["rear"].extractor.ground_height_m == 1.0
+
+
+@pytest.mark.parametrize("cut", [1, 17, 40, 61])
+def test_a_pipeline_started_from_a_snapshot_goes_on_exactly(cut):
+    events = flight(8)
+    whole = [o for o in outputs(events) if isinstance(o, PrismsResult)]
+    first = pipeline()
+    early = [o for o in outputs(events[:cut], first) if isinstance(o, PrismsResult)]
+    late = [o for o in outputs(events[cut:], pipeline(first.state())) if isinstance(o, PrismsResult)]
+    assert len(early) + len(late) == len(whole) == 8
+    for a, b in zip(whole, early + late, strict=True):
+        assert (a.sequence, a.attitude, a.pose, a.transform) == (b.sequence, b.attitude, b.pose, b.transform)
+        np.testing.assert_array_equal(a.model.planes, b.model.planes)
+        assert a.model.ground == b.model.ground
+
+
+def test_without_a_position_the_model_is_in_level():
+    found = outputs(flight(2, poses=False))
+    assert {r.frame for r in found[1::2]} == {"level"}
+    assert found[0].pose_text == "no position had arrived"
+
+
+@pytest.mark.parametrize("with_pose", [False, True])
+@pytest.mark.parametrize(
+    "mount", [CameraMount(), INFO.mount, CameraMount(yaw_rad=np.pi, x_m=-0.3), CameraMount(pitch_rad=-0.6, yaw_rad=1.5)]
+)
+def test_a_point_ends_where_the_chain_of_rotations_puts_it(mount, with_pose):
+    """level_cam -> published, against optical -> frd -> ned done directly."""
+    info = CameraInfo("c", INFO.intrinsics, mount)
+    R_ned_frd = rotation_from_euler(0.2, -0.15, 2.1)
+    R_frd_optical = rotation_frd_optical(mount)
+    p_optical = np.array([0.7, -0.4, 5.0])
+    p_frd = R_frd_optical @ p_optical + [mount.x_m, mount.y_m, mount.z_m]
+    p_ned = R_ned_frd @ p_frd
+    at = PoseAt((10.0, -20.0, -30.0), Source.EXACT, 0, 0) if with_pose else None
+    expected = p_ned + at.position_ned_m if at else rotation_from_euler(0.0, 0.0, -2.1) @ p_ned
+
+    p_level_cam = rotation_level_cam_optical(R_ned_frd @ R_frd_optical) @ p_optical
+    transform = transform_from_level_cam(R_ned_frd, info, at)
+    found = rotation_from_euler(0.0, 0.0, transform.yaw_rad) @ p_level_cam + transform.translation_m
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_reframing_moves_everything_alike_and_back():
+    transform = LevelTransform(0.7, (3.0, -4.0, 5.0))
+    model = easy_model(4.0, 2.0)
+    moved = reframed(model, transform)
+    c, s = np.cos(0.7), np.sin(0.7)
+    a = model.planes[0, 0:2]
+    np.testing.assert_allclose(moved.planes[0, 0:2], [c * a[0] - s * a[1] + 3, s * a[0] + c * a[1] - 4], rtol=1e-6)
+    np.testing.assert_allclose(moved.planes[:, 4:], model.planes[:, 4:] + 5.0)
+    np.testing.assert_array_equal(moved.prisms[0].vertices_m[0], moved.planes[0, 0:2])
+    assert moved.prisms[0].top_m == moved.planes[0, 4]
+    np.testing.assert_allclose(moved.free.azimuth_edges_rad, model.free.azimuth_edges_rad + 0.7, rtol=1e-6)
+    np.testing.assert_allclose(moved.free.layer_edges_m, model.free.layer_edges_m + 5.0)
+    assert moved.ground.slope_x == pytest.approx(c * 0.01 + s * 0.02)
+    assert moved.ground.height_m == model.ground.height_m
+    back = reframed(moved, transform.inverse())
+    np.testing.assert_allclose(back.planes, model.planes, atol=1e-5)
+    np.testing.assert_allclose(back.ground.slope_y, model.ground.slope_y)
+
+
+def test_a_very_low_plane_far_from_the_origin_stays_a_plane():
+    low = dataclasses.replace(easy_model(4.0, 2.0), prisms=())
+    planes = low.planes.copy()
+    planes[:, 5] = np.nextafter(planes[:, 4], np.float32(np.inf))
+    moved = reframed(dataclasses.replace(low, planes=planes), LevelTransform(0.0, (0.0, 0.0, -5000.0)))
+    assert np.all(moved.planes[:, 4] < moved.planes[:, 5])
+
+
+def test_the_wrong_size_does_not_reach_the_extractor():
+    info = CameraInfo("front", Intrinsics(32, 24, 25.0, 25.0, 15.5, 11.5))
+    found = outputs([attitude(START_NS), frame(0, START_NS)], pipeline(cameras=(info,)))
+    assert found[0].cause is DropCause.WRONG_SIZE
+
+
+def test_positions_can_be_left_aside():
+    from companion.sync import SyncParams
+
+    line = Pipeline((INFO,), EasyExtractor, SyncParams(use_pose=False))
+    _, result = outputs([attitude(START_NS), pose(START_NS), frame(0, START_NS)], line)
+    assert result.frame == "level"
+
+
+def test_a_frame_is_not_an_odd_sample():
+    line = pipeline()
+    outputs([attitude(START_NS), attitude(START_NS)], line)
+    assert line.odd_samples() == {"attitude_duplicates": 1}
+    assert isinstance(frame(0, 0), DepthFrame)

@@ -1,0 +1,210 @@
+"""Attitude and position at mid-exposure: against analytic motion, and what happens to odd stamps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.rotation import (
+    body_rates,
+    conjugate,
+    from_rotation_vector,
+    normalised,
+    product,
+    rotate_by_rates,
+    slerp,
+    to_rotation_vector,
+)
+from companion.sync import NS, DropCause, PoseAt, Source, Synchroniser, SyncParams
+from core.frames import rotation_from_quaternion
+from core.types import AttitudeSample, PoseSample
+
+MS = 1_000_000
+angles = st.floats(-3.0, 3.0)
+vectors = st.tuples(angles, angles, angles)
+
+
+def angle_between(a, b) -> float:
+    v = to_rotation_vector(product(conjugate(normalised(a)), normalised(b)))
+    return math.sqrt(sum(c * c for c in v))
+
+
+def turning(t_ns: int, start, rates, with_rates: bool = True) -> AttitudeSample:
+    """Constant body rates from `start` at t = 0: what slerp and the rates must reproduce exactly."""
+    q = product(normalised(start), from_rotation_vector(tuple(r * t_ns / NS for r in rates)))
+    return AttitudeSample(t_ns, t_ns + 5 * MS, q, tuple(rates) if with_rates else None)
+
+
+def synchroniser(*samples: AttitudeSample | PoseSample, **params) -> Synchroniser:
+    sync = Synchroniser(SyncParams(**params))
+    for sample in samples:
+        (sync.poses if isinstance(sample, PoseSample) else sync.attitudes).add(sample)
+    return sync
+
+
+@given(vectors, vectors)
+def test_the_product_of_quaternions_is_that_of_rotations(a, b):
+    p, q = from_rotation_vector(a), from_rotation_vector(b)
+    expected = rotation_from_quaternion(p) @ rotation_from_quaternion(q)
+    np.testing.assert_allclose(rotation_from_quaternion(product(p, q)), expected, atol=1e-12)
+
+
+@given(vectors, vectors, st.floats(0.0, 1.0))
+def test_slerp_turns_at_constant_rate_the_short_way(a, b, share):
+    p, q = from_rotation_vector(a), from_rotation_vector(b)
+    whole = angle_between(p, q)
+    middle = slerp(p, q, share)
+    assert math.isclose(angle_between(p, middle), share * whole, abs_tol=1e-7)
+    assert math.isclose(angle_between(middle, q), (1 - share) * whole, abs_tol=1e-7)
+    negative = (-q[0], -q[1], -q[2], -q[3])  # the same attitude
+    assert angle_between(slerp(p, negative, share), middle) < 1e-6
+
+
+@given(vectors, st.tuples(*[st.floats(-1.05, 1.05)] * 3), st.integers(1, 59 * MS))
+def test_a_turn_of_60_degrees_a_second_is_met_exactly_between_samples(start, rates, t_ns):
+    q0 = from_rotation_vector(start)
+    sync = synchroniser(turning(0, q0, rates, False), turning(60 * MS, q0, rates, False))
+    at = sync.attitude_at(t_ns)
+    assert at.source is Source.INTERPOLATED
+    assert angle_between(at.q_ned_frd_wxyz, turning(t_ns, q0, rates).q_ned_frd_wxyz) < 1e-6
+    assert at.distance_ns == min(t_ns, 60 * MS - t_ns)
+
+
+@given(vectors, st.tuples(*[st.floats(-1.05, 1.05)] * 3), st.integers(1, 50 * MS), st.booleans())
+def test_a_turn_is_carried_forward_by_rates_or_by_differences(start, rates, ahead_ns, told):
+    q0 = from_rotation_vector(start)
+    sync = synchroniser(turning(0, q0, rates, told), turning(20 * MS, q0, rates, told))
+    at = sync.attitude_at(20 * MS + ahead_ns)
+    assert at.source is Source.EXTRAPOLATED
+    truth = turning(20 * MS + ahead_ns, q0, rates).q_ned_frd_wxyz
+    assert angle_between(at.q_ned_frd_wxyz, truth) < 1e-6
+
+
+@given(st.floats(0.0, 2.0), st.integers(0, 20 * MS))
+def test_the_error_between_samples_of_an_accelerated_turn_is_the_analytic_one(acceleration, t_ns):
+    """A yaw of 1/2 a t^2: the chord is off by a/2 t (T - t), at most a T^2 / 8."""
+
+    def yaw(t: int) -> AttitudeSample:
+        angle = 0.5 * acceleration * (t / NS) ** 2
+        return AttitudeSample(t, t, from_rotation_vector((0.0, 0.0, angle)))
+
+    at = synchroniser(yaw(0), yaw(20 * MS)).attitude_at(t_ns)
+    expected = 0.5 * acceleration * (t_ns / NS) * (0.02 - t_ns / NS)
+    assert math.isclose(angle_between(at.q_ned_frd_wxyz, yaw(t_ns).q_ned_frd_wxyz), expected, abs_tol=1e-7)
+
+
+@given(vectors, st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.floats(0.01, 0.5))
+def test_body_rates_undo_the_turn_they_are_taken_from(start, rates, dt_s):
+    q = from_rotation_vector(start)
+    found = body_rates(q, rotate_by_rates(q, rates, dt_s), dt_s)
+    np.testing.assert_allclose(found, rates, atol=1e-6)
+
+
+def test_an_exact_stamp_is_taken_as_it_is():
+    q = (0.6, 0.8, 0.0, 0.0)
+    at = synchroniser(AttitudeSample(7, 9, q)).attitude_at(7)
+    assert (at.q_ned_frd_wxyz, at.source, at.distance_ns) == (q, Source.EXACT, 0)
+
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+STILL = (0.0, 0.0, 0.0)
+
+
+def still(t_ms: float, rates=STILL) -> AttitudeSample:
+    return AttitudeSample(round(t_ms * MS), round(t_ms * MS), LEVEL, rates)
+
+
+@pytest.mark.parametrize(
+    ("samples", "t_ms", "expected"),
+    [
+        ((), 0, DropCause.NO_ATTITUDE),
+        ((still(0),), 51, DropCause.ATTITUDE_TOO_OLD),
+        ((still(0),), 50, Source.EXTRAPOLATED),
+        ((still(0, None),), 10, DropCause.NO_RATES),
+        ((still(100), still(120)), 49, DropCause.FRAME_TOO_OLD),
+        ((still(100), still(120)), 50, Source.EXTRAPOLATED),
+        ((still(0), still(150)), 75, Source.INTERPOLATED),
+        ((still(0), still(151)), 75, DropCause.GAP_TOO_WIDE),
+        ((still(0), still(151)), 30, Source.EXTRAPOLATED),
+        ((still(0), still(151)), 120, Source.EXTRAPOLATED),
+        ((still(0, None), still(151, None)), 30, DropCause.NO_RATES),
+        ((still(0, None), still(140, None)), 160, Source.EXTRAPOLATED),
+    ],
+)
+def test_what_is_bounded_is_dropped_with_its_cause(samples, t_ms, expected):
+    answer = synchroniser(*samples).attitude_at(t_ms * MS)
+    assert (answer if isinstance(answer, DropCause) else answer.source) is expected
+
+
+@given(st.permutations(range(8)))
+def test_the_order_of_arrival_does_not_change_what_is_held(order):
+    samples = [turning(i * 20 * MS, LEVEL, (0.3, -0.2, 0.9)) for i in range(8)]
+    shuffled = synchroniser(*(samples[i] for i in order))
+    assert shuffled.attitudes.samples == tuple(samples)
+    in_order = synchroniser(*samples)
+    assert shuffled.attitude_at(31 * MS) == in_order.attitude_at(31 * MS)
+    late = sum(any(earlier > i for earlier in order[:k]) for k, i in enumerate(order))
+    assert shuffled.attitudes.counts["out_of_order"] == late
+
+
+def test_of_two_samples_with_one_stamp_the_first_stays():
+    first, second = still(10), AttitudeSample(10 * MS, 0, (0.0, 1.0, 0.0, 0.0))
+    sync = synchroniser(first, second, still(20))
+    assert sync.attitudes.samples == (first, still(20))
+    assert sync.attitudes.counts["duplicates"] == 1
+
+
+def test_stamps_that_step_back_far_begin_anew():
+    sync = synchroniser(still(5000), still(5020), still(3900))
+    assert sync.attitudes.samples == (still(3900),)
+    assert sync.attitudes.counts["restarts"] == 1
+    assert sync.attitude_at(5010 * MS) is DropCause.ATTITUDE_TOO_OLD
+
+
+def test_a_stamp_from_the_far_future_does_not_blind_for_long():
+    sync = synchroniser(still(0), still(3_600_000), still(20), still(40))
+    assert sync.attitude_at(30 * MS).source is Source.INTERPOLATED
+
+
+def test_the_number_held_is_bounded():
+    sync = synchroniser(*(still(i) for i in range(50)), held_samples=8)
+    assert [s.t_ns for s in sync.attitudes.samples] == [i * MS for i in range(42, 50)]
+
+
+def position(t_ms: float, x_m: float, velocity=(2.0, 0.0, 0.0), reset: int = 0) -> PoseSample:
+    return PoseSample(round(t_ms * MS), 0, (x_m, 1.0, -2.0), velocity, reset)
+
+
+def test_positions_are_interpolated_and_carried():
+    sync = synchroniser(position(0, 0.0), position(100, 0.4))
+    assert sync.pose_at(25 * MS) == PoseAt((0.1, 1.0, -2.0), Source.INTERPOLATED, 25 * MS, 0)
+    carried = sync.pose_at(150 * MS)
+    assert carried.source is Source.EXTRAPOLATED
+    assert carried.position_ned_m == pytest.approx((0.5, 1.0, -2.0))
+    assert sync.pose_at(100 * MS).source is Source.EXACT
+
+
+def test_no_position_where_none_is_known():
+    assert isinstance(synchroniser().pose_at(0), str)
+    assert isinstance(synchroniser(position(0, 0.0)).pose_at(201 * MS), str)
+    assert isinstance(synchroniser(position(0, 0.0, None)).pose_at(1), str)
+
+
+def test_a_jump_of_the_estimate_is_never_interpolated_across():
+    sync = synchroniser(position(0, 0.0, reset=0), position(100, 50.0, reset=1))
+    before, after = sync.pose_at(20 * MS), sync.pose_at(80 * MS)
+    assert (before.source, after.source) == (Source.EXTRAPOLATED, Source.EXTRAPOLATED)
+    assert before.position_ned_m[0] == pytest.approx(0.04)
+    assert after.position_ned_m[0] == pytest.approx(49.96)
+    assert (before.reset_counter, after.reset_counter) == (0, 1)
+
+
+def test_bounds_are_checked():
+    with pytest.raises(ValueError, match=r"max_gap_s = 3\.0, expected 0\.005\.\.1\.0 s"):
+        SyncParams(max_gap_s=3.0)
+    with pytest.raises(ValueError, match="held_samples"):
+        SyncParams(held_samples=math.nan)
