@@ -176,7 +176,7 @@ class Extractor:
             sigma_d = max(ke * view.f_px, p.min_sigma_px)
             keep = self._buffer("keep", (len(ints),), np.uint8)
             n = support.drop_unsupported(
-                ints, floats, n, view.cols, sigma_d, p.min_support_px, p.support_columns, columns, keep
+                ints, floats, n, view.cols, sigma_d, p.min_support_px * strips.PX, p.support_columns, columns, keep
             )
         support.index_columns(ints, n, view.cols, columns)
         support.sort_columns(ints, floats, view.cols, columns)
@@ -234,6 +234,7 @@ class Extractor:
         pl.merge_planes(
             count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.link_slope_px, reach,
             math.radians(p.plane_angle_deg), 0.5 * p.passable_width_m,
+            self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 4), np.float64),
         )  # fmt: skip
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
         pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
@@ -268,7 +269,7 @@ class Extractor:
             **more,
         )  # fmt: skip
         return FrameModel(
-            valid=True, cause=InvalidCause.NONE, planes=rows, support_px=used_ints[:, pl.P_SUPPORT].astype(np.int32),
+            valid=True, cause=InvalidCause.NONE, planes=rows, support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32),
             margin_m=margin, flags=flags, cluster=cluster, prisms=prisms, free=free, ground=ground, stats=stats,
             ke_per_m=ke, strips=strip_table(ints, place, n) if keep_strips else None,
         )  # fmt: skip
@@ -346,5 +347,5 @@ def strip_table(ints: NDArray[np.int32], place: NDArray[np.float32], n: int) -> 
     x, y, top, bottom = place[on].T.copy()
     return StripTable(
         u=column[strips.U], row_top=column[strips.TOP], row_bottom=column[strips.BOTTOM], x_m=x, y_m=y, top_m=top,
-        bottom_m=bottom, support_px=column[strips.SUPPORT], cluster=column[strips.CLUSTER],
+        bottom_m=bottom, support_px=column[strips.SUPPORT] // strips.PX, cluster=column[strips.CLUSTER],
     )  # fmt: skip

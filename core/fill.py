@@ -20,17 +20,19 @@ R_FIRST, R_LAST, R_CLUSTER = range(3)
 
 
 @njit(cache=True, nogil=True)
-def next_below(ints, i, last):
-    """The strip of this column (up to last) that follows strip i downwards in its cluster, or -1."""
+def next_below(ints, i, first, last):
+    """The strip of this column (first..last-1) that follows strip i downwards in its cluster, or -1.
+
+    -1 also where another strip of the cluster goes on past the end of strip i: then no gap begins there."""
     found = -1
-    for j in range(i + 1, last):
-        if (
-            ints[j, CLUSTER] == ints[i, CLUSTER]
-            and ints[j, SUPPORT] > 0
-            and ints[j, TOP] > ints[i, BOTTOM]
-            and (found < 0 or ints[j, TOP] < ints[found, TOP])
-        ):
-            found = j
+    for j in range(first, last):
+        if j == i or ints[j, CLUSTER] != ints[i, CLUSTER] or ints[j, SUPPORT] == 0:
+            continue
+        if ints[j, TOP] > ints[i, BOTTOM]:
+            if found < 0 or ints[j, TOP] < ints[found, TOP]:
+                found = j
+        elif ints[j, BOTTOM] > ints[i, BOTTOM] or (ints[j, BOTTOM] == ints[i, BOTTOM] and j > i):
+            return -1
     return found
 
 
@@ -74,7 +76,7 @@ def fill_low_gaps(ints, floats, place, n, cols, first_of_column, f, hs, step_m, 
             if ints[i, SUPPORT] == 0:
                 continue
             for _ in range(last - i):
-                j = next_below(ints, i, last)
+                j = next_below(ints, i, first_of_column[u], last)
                 if j < 0 or gap_height(place, i, j) >= hs:
                     break
                 place_bottom = place[j, Z_BOTTOM]
@@ -115,7 +117,7 @@ def fill_slits(
             for i in range(first_of_column[u], last):
                 if ints[i, SUPPORT] == 0:
                     continue
-                j = next_below(ints, i, last)
+                j = next_below(ints, i, first_of_column[u], last)
                 if j < 0 or gap_height(place, i, j) < hs:
                     continue
                 lower[i] = j

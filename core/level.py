@@ -90,15 +90,17 @@ def _axis(low_px: float, high_px: float, source_centre: float) -> tuple[float, i
 
 
 @njit(cache=True, nogil=True)
-def source_rows_per_row(H, u, v):
-    """How many source pixels one row of the levelled view spans at cell (u, v): below 1 rows repeat pixels."""
-    w0 = H[2, 0] * u + H[2, 1] * (v - 0.5) + H[2, 2]
-    w1 = H[2, 0] * u + H[2, 1] * (v + 0.5) + H[2, 2]
-    if w0 <= 1e-6 or w1 <= 1e-6:
+def source_px_per_cell(H, u, v):
+    """Area of a cell of the levelled view in source pixels at (u, v): below 1 cells repeat pixels.
+
+    The Jacobian of the homography, det(H) / w^3."""
+    w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
+    if w <= 1e-6:
         return 0.0
-    du = (H[0, 0] * u + H[0, 1] * (v + 0.5) + H[0, 2]) / w1 - (H[0, 0] * u + H[0, 1] * (v - 0.5) + H[0, 2]) / w0
-    dv = (H[1, 0] * u + H[1, 1] * (v + 0.5) + H[1, 2]) / w1 - (H[1, 0] * u + H[1, 1] * (v - 0.5) + H[1, 2]) / w0
-    return math.hypot(du, dv)
+    a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
+    b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
+    c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
+    return abs(a - b + c) / (w * w * w)
 
 
 @njit(cache=True, nogil=True)

@@ -155,11 +155,54 @@ def merge_cost(p, q, mp, mq, total, tolerance_m, sigmas, slope, reach_m, angle_r
 
 
 @njit(cache=True, nogil=True)
-def merge_planes(count, planes, plane_ints, moments, parent, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m):
+def near_evidence(t, z, x, reach_m, piece, following, pieces):
+    """Whether the point (t, z) at range x lies within reach_m of a piece of the chain that begins at `piece`."""
+    for _ in range(pieces.shape[0]):
+        if piece < 0:
+            break
+        side = max(0.0, max(pieces[piece, 0] - t, t - pieces[piece, 1])) * x
+        height = max(0.0, max(pieces[piece, 2] - z, z - pieces[piece, 3]))
+        if side * side + height * height <= reach_m * reach_m:
+            return True
+        piece = following[piece]
+    return False
+
+
+@njit(cache=True, nogil=True)
+def joined_on_evidence(p, q, i, j, reach_m, following, pieces):
+    """Whether every point of the joined rectangle outside both lies within reach_m of a piece that was really seen.
+
+    Rectangles may already cover more than was seen, so that without this planes creep over an opening in small steps. pieces:
+    (tracks, 4) t0, t1, top, bottom of what each track saw; following: the next piece of a plane, -1 at the end."""
+    x = 0.5 * (distance_at(p, 0.5 * (p[T0] + p[T1])) + distance_at(q, 0.5 * (q[T0] + q[T1])))
+    t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
+    z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
+    across = min(32, 1 + int((t1 - t0) * x / (0.5 * reach_m)))
+    down = min(32, 1 + int((z1 - z0) / (0.5 * reach_m)))
+    for a in range(across + 1):
+        t = t0 + (t1 - t0) * a / across
+        for b in range(down + 1):
+            z = z0 + (z1 - z0) * b / down
+            if (p[T0] <= t <= p[T1] and p[Z0] <= z <= p[Z1]) or (q[T0] <= t <= q[T1] and q[Z0] <= z <= q[Z1]):
+                continue
+            if not near_evidence(t, z, x, reach_m, i, following, pieces) and not near_evidence(
+                t, z, x, reach_m, j, following, pieces
+            ):
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def merge_planes(
+    count, planes, plane_ints, moments, parent, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m, following, pieces
+):  # fmt: skip
     """Joins planes of one cluster, cheapest partner first, until none fits (Eq. 17); dead ones get a negative support.
 
-    parent: (N,) int32, the plane that took each one over."""
+    parent: (N,) int32, the plane that took each one over. following: (N,) int32 and pieces: (N, 4) float64, scratch."""
     total = moments[0].copy()
+    for k in range(count):
+        following[k] = -1
+        pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3] = planes[k, T0], planes[k, T1], planes[k, Z0], planes[k, Z1]
     for _round in range(12):
         changed = False
         for i in range(count):
@@ -174,15 +217,28 @@ def merge_planes(count, planes, plane_ints, moments, parent, tolerance_m, sigmas
                         planes[i], planes[j], moments[i], moments[j], total,
                         tolerance_m, sigmas, slope, reach_m, angle_rad, long_m,
                     )  # fmt: skip
-                    if c < cost:
+                    if c < cost and joined_on_evidence(planes[i], planes[j], i, j, reach_m, following, pieces):
                         best, cost, best_a, best_b = j, c, a, b
                 if best < 0:
                     break
                 _absorb(planes, plane_ints, moments, i, best, best_a, best_b)
+                _chain(following, i, best)
                 parent[best] = i
                 changed = True
         if not changed:
             break
+
+
+@njit(cache=True, nogil=True)
+def _chain(following, i, j):
+    """Appends the pieces of plane j to those of plane i."""
+    last = j
+    for _ in range(following.shape[0]):
+        if following[last] < 0:
+            break
+        last = following[last]
+    following[last] = following[i]
+    following[i] = j
 
 
 @njit(cache=True, nogil=True)

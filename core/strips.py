@@ -1,7 +1,7 @@
 """Sections 4.1-4.3 for one column: density, windows, strips, and the irregular rest.
 
 A strip is a vertical run of pixels at one distance: (disparity, column, first row, last row). Every kernel works
-on plain arrays. Tables of strips: ints (N, 9) int32 U, TOP, BOTTOM (rows, inclusive), SUPPORT (source pixels), KIND,
+on plain arrays. Tables of strips: ints (N, 9) int32 U, TOP, BOTTOM (rows, inclusive), SUPPORT (distinct source pixels, in 1/16), KIND,
 CLUSTER, TRACK, FILL (rows filled, not seen), CUT (1: top, 2: bottom cut by the image border); floats (N, 3) float32
 D (disparity, px), NEAR (of the robust near edge), SIGMA (1 sigma of D).
 """
@@ -14,10 +14,13 @@ import numpy as np
 from numba import njit
 
 from .density import MAX_PEAKS, NO_PEAK, find_peaks, soft_counts
-from .level import source_rows_per_row
+from .level import source_px_per_cell
 
 FREE_PX, GROUND_PX, NONE_PX, FAR_PX, TAKEN_PX = range(5)
 """What a row of the column is: a measurement nobody has yet, ground, unknown, far, or a strip's."""
+
+PX = 16
+"""Support is counted in sixteenths of a source pixel: where the view magnifies, a cell is less than one."""
 
 # columns of the integer table of strips
 U, TOP, BOTTOM, SUPPORT, KIND, CLUSTER, TRACK, FILL, CUT = range(9)
@@ -147,8 +150,8 @@ def emit_pixels(
     if rough:
         d, near = near_side(scratch, count, mean, fs, si)
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
-    scale = min(1.0, source_rows_per_row(H, u, 0.5 * (first_row + last_row)))
-    support = max(1, int(count * scale + 0.5))
+    share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
+    support = max(1, int(PX * count * share + 0.5))
     return add_strip(
         ints, floats, n, first, limit, u, first_row, last_row, support, kind, d, near, np.float32(sigma)
     )
@@ -315,7 +318,7 @@ def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n, first, limit):
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
     kind = ROUGH if rough else SMOOTH
     return add_strip(
-        ints, floats, n, first, limit, u, a, b, count, kind, np.float32(d), np.float32(d), np.float32(sigma)
+        ints, floats, n, first, limit, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma)
     )
 
 

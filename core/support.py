@@ -9,28 +9,38 @@ from .strips import BOTTOM, CUT, NEAR, SIGMA, SUPPORT, TOP, D, U
 
 
 @njit(cache=True, nogil=True)
-def drop_unsupported(ints, floats, n, cols, sigma_d, least_px, reach, first_of_column, keep):
+def drop_unsupported(ints, floats, n, cols, sigma_d, least, reach, first_of_column, keep):
     """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
 
-    A strip of one or two pixels is kept when strips of neighbouring columns within `reach`, two rows and four sigma
-    (or 5 %) of disparity bring the support to least_px: a pole has it in its own column, a wire along its row; a
-    mismatch of two by two pixels has it nowhere. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
+    A strip of less than `least` support is kept when other small strips of neighbouring columns, within `reach`, two
+    rows and four sigma (or 5 %) of disparity, bring it to `least`: a pole has it in its own column, a wire along its
+    row; a mismatch of two by two pixels has it nowhere. What lies within four sigma of a large strip beside it is that
+    strip's noise, and counts there. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
     index_columns(ints, n, cols, first_of_column)
     for i in range(n):
-        total = ints[i, SUPPORT]
-        u = ints[i, U]
-        near = max(4.0 * sigma_d, 0.05 * floats[i, D])
-        for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
-            if total >= least_px:
-                break
-            if w == u:
-                continue
-            for j in range(first_of_column[w], first_of_column[w + 1]):
-                apart = max(ints[j, TOP] - ints[i, BOTTOM], ints[i, TOP] - ints[j, BOTTOM])
-                if apart <= 2 + abs(w - u) and abs(floats[j, D] - floats[i, D]) <= near:
-                    total += ints[j, SUPPORT]
-        keep[i] = total >= least_px
+        keep[i] = 1
+        if ints[i, SUPPORT] < least:
+            keep[i] = _carried(ints, floats, i, cols, sigma_d, least, reach, first_of_column)
     return compact(ints, floats, n, keep)
+
+
+@njit(cache=True, nogil=True)
+def _carried(ints, floats, i, cols, sigma_d, least, reach, first_of_column):
+    """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0."""
+    total = ints[i, SUPPORT]
+    u = ints[i, U]
+    for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
+        for j in range(first_of_column[w], first_of_column[w + 1]):
+            apart = max(ints[j, TOP] - ints[i, BOTTOM], ints[i, TOP] - ints[j, BOTTOM])
+            off = abs(floats[j, D] - floats[i, D])
+            if j == i or apart > 2 + abs(w - u) or off > max(4.0 * sigma_d, 0.05 * floats[i, D]):
+                continue
+            if ints[j, SUPPORT] >= 4 * least:
+                if off <= 4.5 * sigma_d and abs(w - u) <= 1:
+                    return 0
+            elif w != u:
+                total += ints[j, SUPPORT]
+    return 1 if total >= least else 0
 
 
 @njit(cache=True, nogil=True)

@@ -17,7 +17,7 @@ from .strips import BOTTOM, CLUSTER, CUT, SIGMA, SUPPORT, TOP, TRACK, D, U
 
 # columns of the integer table of tracks
 T_LAST_U, T_LAST, T_COUNT = range(3)
-# columns of the float table: first and last t, span of tops and bottoms seen (m)
+# columns of the float table: first and last t; highest top of all and lowest real one; highest real bottom, lowest of all
 T_T0, T_T1, T_TOP_MIN, T_TOP_MAX, T_BOTTOM_MIN, T_BOTTOM_MAX = range(6)
 
 
@@ -36,29 +36,28 @@ def strip_sigma_s(floats, i, f):
 
 @njit(cache=True, nogil=True)
 def heights_go_on(ints, place, track, i, hs):
-    """Whether strip i continues a track's heights: tops and bottoms within Hs of all so far, cut ends being wildcards."""
-    cut = ints[i, CUT]
-    if not (cut & 1):
-        top = place[i, Z_TOP]
-        if max(track[T_TOP_MAX], top) - min(track[T_TOP_MIN], top) > hs:
-            return False
-    if not (cut & 2):
-        bottom = place[i, Z_BOTTOM]
-        if max(track[T_BOTTOM_MAX], bottom) - min(track[T_BOTTOM_MIN], bottom) > hs:
-            return False
-    return True
+    """Whether strip i continues a track's heights: tops within Hs of each other, and bottoms.
+
+    An end cut by the image border is a bound, not a corner: the thing goes on at least so far, so that a cut end only
+    contradicts a real end that lies more than Hs short of it."""
+    cut, top, bottom = ints[i, CUT], place[i, Z_TOP], place[i, Z_BOTTOM]
+    lowest_top = track[T_TOP_MAX] if cut & 1 else max(track[T_TOP_MAX], top)
+    highest_bottom = track[T_BOTTOM_MIN] if cut & 2 else min(track[T_BOTTOM_MIN], bottom)
+    return (
+        lowest_top - min(track[T_TOP_MIN], top) <= hs and max(track[T_BOTTOM_MAX], bottom) - highest_bottom <= hs
+    )
 
 
 @njit(cache=True, nogil=True)
 def widen_heights(ints, place, track, i):
-    """Takes the heights of strip i into a track's spans; cut ends say nothing."""
-    cut = ints[i, CUT]
-    if not (cut & 1):
-        track[T_TOP_MIN] = min(track[T_TOP_MIN], place[i, Z_TOP])
-        track[T_TOP_MAX] = max(track[T_TOP_MAX], place[i, Z_TOP])
-    if not (cut & 2):
-        track[T_BOTTOM_MIN] = min(track[T_BOTTOM_MIN], place[i, Z_BOTTOM])
-        track[T_BOTTOM_MAX] = max(track[T_BOTTOM_MAX], place[i, Z_BOTTOM])
+    """Takes the heights of strip i into a track's spans: all of its ends outwards, only real ones inwards."""
+    cut, top, bottom = ints[i, CUT], place[i, Z_TOP], place[i, Z_BOTTOM]
+    track[T_TOP_MIN] = min(track[T_TOP_MIN], top)
+    track[T_BOTTOM_MAX] = max(track[T_BOTTOM_MAX], bottom)
+    if not cut & 1:
+        track[T_TOP_MAX] = max(track[T_TOP_MAX], top)
+    if not cut & 2:
+        track[T_BOTTOM_MIN] = min(track[T_BOTTOM_MIN], bottom)
 
 
 @njit(cache=True, nogil=True)
