@@ -10,8 +10,9 @@ from .config import Config, ConfigError, fields_of, load_config
 from .console import fail, say, say_json
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's arguments."""
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion check-config`."""
+    parser = subparsers.add_parser("check-config", help="check a configuration file")
     parser.add_argument("file", type=Path, metavar="FILE", help="a configuration (TOML)")
     parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
 

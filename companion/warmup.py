@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +43,9 @@ class Warmup:
     cached: int
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's arguments."""
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion warmup`."""
+    parser = subparsers.add_parser("warmup", help="compile what is compiled at first use")
     parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
 
 

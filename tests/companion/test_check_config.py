@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 import pytest
 
-from companion.check_config import add_arguments, run
+from companion.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def call(*words: str) -> int:
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    return run(parser.parse_args(words))
+    return main(["check-config", *words])
 
 
 def test_a_usable_file_is_called_so(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,85 @@
+"""One depth PNG as uint16 millimetres, with every way in which it may be unfit told apart."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import FAR_MM, UNKNOWN_MM
+from drivers.base import BadData
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+COLOURS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGBA"}
+
+
+def read_depth_png(
+    path: Path, size: tuple[int, int], unit_mm: float = 1.0, invalid: Sequence[int] = (0, 65535)
+) -> NDArray[np.uint16]:
+    """(H, W) uint16 millimetres, UNKNOWN_MM where the file's value is in `invalid` or cannot be held.
+
+    size: (width, height) that the intrinsics are for. unit_mm: millimetres of one step. Raises BadData."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadData(
+            f"{path}: cannot be read ({error.strerror}); the file that frames.csv names must be there"
+        ) from error
+    width, height = _checked(path, data)
+    if (width, height) != size:
+        raise BadData(
+            f"{path}: {width}x{height} pixels, but intrinsics.json is for {size[0]}x{size[1]}; "
+            "intrinsics must be of the same resolution as the images"
+        )
+    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if raw is None or raw.dtype != np.uint16 or raw.shape != (height, width):
+        raise BadData(f"{path}: its pixels cannot be decoded; write it again as a 16-bit grey PNG")
+    depth = millimetres(raw, unit_mm)
+    depth[np.isin(raw, np.array(list(invalid), dtype=np.int64))] = UNKNOWN_MM
+    return depth
+
+
+def millimetres(raw: NDArray[np.uint16], unit_mm: float) -> NDArray[np.uint16]:
+    """uint16 millimetres of uint16 steps. What millimetres cannot hold is unknown: the two largest values mean
+    "far" and "saturated" in this project, and no recorder meant that by them."""
+    if unit_mm == 1.0:
+        depth = raw.copy()
+        depth[raw >= FAR_MM] = UNKNOWN_MM
+        return depth
+    scaled = np.rint(raw.astype(np.float64) * unit_mm)
+    return np.where(scaled < FAR_MM, scaled, UNKNOWN_MM).astype(np.uint16)
+
+
+def _checked(path: Path, data: bytes) -> tuple[int, int]:
+    """(width, height) of a whole 16-bit grey PNG; OpenCV alone would convert other kinds or show half of one."""
+    if not data.startswith(SIGNATURE):
+        raise BadData(f"{path}: not a PNG; depth images are 16-bit grey PNGs")
+    at, header, ended = len(SIGNATURE), b"", False
+    while at + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        body = data[at + 8 : at + 8 + length]
+        tail = data[at + 8 + length : at + 12 + length]
+        if len(tail) < 4:
+            break
+        if zlib.crc32(kind + body) != struct.unpack(">I", tail)[0]:
+            raise BadData(f"{path}: damaged (wrong checksum); copy it again from where it was recorded")
+        header = header or body
+        at += 12 + length
+        ended = kind == b"IEND"
+        if ended:
+            break
+    if not ended or len(header) != 13:
+        raise BadData(f"{path}: cut short; copy it again from where it was recorded")
+    width, height, bits, colour = struct.unpack_from(">IIBB", header)
+    if bits != 16 or colour != 0:
+        kind_name = COLOURS.get(colour, f"colour type {colour}")
+        raise BadData(
+            f"{path}: {bits}-bit {kind_name}, expected 16-bit grey; save the depth itself (uint16), "
+            "not a picture of it for looking at"
+        )
+    return int(width), int(height)
