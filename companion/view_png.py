@@ -18,7 +18,7 @@ BANNER_PX = 46
 BANNER_COLOR = {Standing.VALID: "#2e7d32", Standing.BLIND: "#c62828", Standing.NO_PRISMS: "#b26a00"}
 
 
-class ViewError(Exception):
+class ViewError(ValueError):
     """The pictures cannot be made; the message names the cause and the remedy."""
 
 

@@ -1,0 +1,320 @@
+// The page: reads the embedded data, wires the controls, shows one frame at a time.
+
+import * as THREE from "three";
+import { Orbit } from "viewer/orbit";
+import { FrameScene } from "viewer/scene";
+import * as model from "viewer/model";
+
+const $ = (id) => document.getElementById(id);
+const VIEWS = {
+  behind: { azimuth: 0, elevation: 0.42, distance: 13 },
+  top: { azimuth: 0, elevation: Math.PI / 2, distance: 24 },
+  side: { azimuth: Math.PI / 2, elevation: 0.06, distance: 20 },
+  eye: { azimuth: 0, elevation: 0.02, distance: 0.6 },
+};
+const AHEAD = { behind: 4, top: 8, side: 7, eye: 0.6 };
+
+async function unpack(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return JSON.parse(await new Response(stream).text());
+}
+
+class App {
+  constructor(data) {
+    this.data = data;
+    this.at = 0;
+    this.camera = -1;
+    this.view = "behind";
+    this.renderer = new THREE.WebGLRenderer({ canvas: $("canvas"), antialias: true, preserveDrawingBuffer: true });
+    this.eye = new THREE.PerspectiveCamera(55, 1, 0.05, 1000);
+    this.frames = new FrameScene(data);
+    this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
+    this.images = new Map();
+    this.#controls();
+    this.#fromAddress();
+    new ResizeObserver(() => this.#resize()).observe($("stage"));
+    this.#resize();
+    this.look(this.view);
+    this.show(this.at);
+  }
+
+  /** Asks for one drawing at the next refresh. */
+  ask() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => {
+      this.asked = false;
+      this.renderer.render(this.frames.scene, this.eye);
+      document.body.dataset.drawn = String(this.at);
+    });
+  }
+
+  get options() {
+    return {
+      what: $("what").value, by: $("by").value, world: $("world").value, ground: $("ground").checked,
+      free: $("free").checked, inferred: $("inferred").checked, labels: $("labels").checked,
+      normals: $("normals").checked, points: $("points").checked,
+    };
+  }
+
+  place(frame) {
+    let last = [0, 0, 0];
+    for (let k = this.at; k >= 0; k--) if (this.data.frames[k].pos) { last = this.data.frames[k].pos; break; }
+    return model.worldFromLevel(frame, this.options.world, last);
+  }
+
+  /** Turns the eye to one of VIEWS, about a point ahead of the vehicle. */
+  look(name) {
+    this.view = name;
+    const frame = this.data.frames[this.at], place = this.place(frame), view = VIEWS[name];
+    const ahead = model.toDrawing(model.toWorld([AHEAD[name], 0, name === "eye" ? frame.cam[2] : 0], place));
+    this.orbit.set({ ...view, azimuth: view.azimuth - place.yaw, target: ahead });
+    this.anchor = place;
+  }
+
+  async show(k) {
+    this.at = Math.min(this.data.frames.length - 1, Math.max(0, k));
+    const frame = this.data.frames[this.at], options = this.options, place = this.place(frame);
+    this.#follow(place);
+    this.#words(frame, options);
+    $("slider").value = String(this.at);
+    this.frames.draw(frame, options, place, null, 0);
+    this.ask();
+    const image = await this.image(this.at);
+    if (this.data.frames[this.at] !== frame) return;
+    this.#depth(frame, image);
+    if (options.points && image) this.frames.draw(frame, options, place, image.bytes, image.width);
+    this.ask();
+  }
+
+  /** Moves the eye along with the vehicle, keeping the way it looks. */
+  #follow(place) {
+    if (!this.anchor) return;
+    const level = model.toLevel([-this.orbit.target[2], this.orbit.target[0], -this.orbit.target[1]], this.anchor);
+    this.orbit.set({ azimuth: this.orbit.azimuth - (place.yaw - this.anchor.yaw),
+      target: model.toDrawing(model.toWorld(level, place)) });
+    this.anchor = place;
+  }
+
+  #words(frame, options) {
+    const { data } = this, camera = data.cameras[frame.c];
+    $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.standing] || "empty";
+    $("banner").textContent = frame.standing === "BLIND"
+      ? `BLIND: ${frame.cause}. Nothing may be taken as free.` : frame.standing === "VALID" ? "VALID"
+        : "NO PRISMS in this log: run companion replay first";
+    $("stage").classList.toggle("blind", frame.standing === "BLIND");
+    $("count").textContent = `${this.at + 1} / ${data.frames.length}`;
+    const rows = [["camera", camera.name], ["frame", frame.sequence], ["time", `${frame.t.toFixed(2)} s`],
+      ["attitude", frame.attitude ? `roll ${frame.attitude[0]}°, pitch ${frame.attitude[1]}°, yaw ${frame.attitude[2]}°` : "none"],
+      ["position", frame.pos ? `${frame.pos.map((v) => v.toFixed(2)).join(", ")} m (north, east, down)`
+        : options.world === "ned" ? "unknown: drawn at the last known one" : "none"], ...frame.facts];
+    $("facts").replaceChildren(...rows.map(([name, value]) => {
+      const row = document.createElement("tr");
+      for (const [tag, text] of [["th", name], ["td", value]]) row.appendChild(document.createElement(tag)).textContent = text;
+      return row;
+    }));
+  }
+
+  /** {bytes, width, height} of a frame's small depth image, null without one. */
+  async image(k) {
+    const frame = this.data.frames[k];
+    if (!frame.depth) return null;
+    if (!this.images.has(k)) {
+      if (this.images.size > 32) this.images.delete(this.images.keys().next().value);
+      const picture = new Image();
+      picture.src = `data:image/png;base64,${frame.depth}`;
+      await picture.decode();
+      const canvas = new OffscreenCanvas(picture.width, picture.height), pen = canvas.getContext("2d");
+      pen.drawImage(picture, 0, 0);
+      const rgba = pen.getImageData(0, 0, picture.width, picture.height).data;
+      const bytes = new Uint8Array(rgba.length / 4);
+      for (let i = 0; i < bytes.length; i++) bytes[i] = rgba[4 * i];
+      this.images.set(k, { bytes, width: picture.width, height: picture.height });
+    }
+    return this.images.get(k);
+  }
+
+  #depth(frame, image) {
+    const canvas = $("depth"), pen = canvas.getContext("2d"), camera = this.data.cameras[frame.c];
+    $("nodepth").hidden = image !== null;
+    canvas.hidden = image === null;
+    this.picture = image;
+    if (image === null) return;
+    const scale = Math.max(1, Math.round(640 / image.width));
+    Object.assign(canvas, { width: image.width * scale, height: image.height * scale });
+    const small = new ImageData(image.width, image.height);
+    for (let i = 0; i < image.bytes.length; i++) {
+      let color = model.paletteColor(this.data.palette, image.bytes[i]);
+      const stripe = (((i % image.width) + Math.floor(i / image.width)) >> 2) & 1;
+      if (image.bytes[i] === model.UNKNOWN && stripe) color = color.map((v) => v * 0.8);
+      small.data.set([...color.map((v) => 255 * v), 255], 4 * i);
+    }
+    const source = new OffscreenCanvas(image.width, image.height);
+    source.getContext("2d").putImageData(small, 0, 0);
+    pen.imageSmoothingEnabled = false;
+    pen.drawImage(source, 0, 0, canvas.width, canvas.height);
+    if (frame.R && frame.standing === "VALID") this.#outlines(pen, canvas.width / camera.width, frame, camera);
+  }
+
+  #outlines(pen, scale, frame, camera) {
+    for (const wall of model.planeWalls(frame).sort((a, b) => b.distance - a.distance)) {
+      const corners = [[wall.ax, wall.ay, wall.top], [wall.bx, wall.by, wall.top], [wall.bx, wall.by, wall.bottom],
+        [wall.ax, wall.ay, wall.bottom]].map((p) => model.projectPixel(p, camera, frame));
+      if (corners.includes(null)) continue;
+      pen.beginPath();
+      corners.forEach(([u, v]) => pen.lineTo((u + 0.5) * scale, (v + 0.5) * scale));
+      pen.closePath();
+      pen.setLineDash(wall.flags & model.INFERRED ? [7, 5] : []);
+      for (const [color, width] of [["#000", 3.2], ["#fff", 1.4]]) Object.assign(pen, { strokeStyle: color, lineWidth: width }), pen.stroke();
+    }
+  }
+
+  step(direction) {
+    const next = model.stepFrame(this.data.frames, this.at, direction, this.camera);
+    if (next === this.at) this.play(false);
+    else this.show(next);
+  }
+
+  play(on) {
+    this.playing = on;
+    $("play").textContent = on ? "❚❚" : "▶";
+    $("play").title = on ? "pause (space)" : "play (space)";
+    if (!on) return;
+    let frames = this.data.frames;
+    if (model.stepFrame(frames, this.at, 1, this.camera) === this.at) this.show(0);
+    const began = performance.now(), from = frames[this.at].t;
+    const tick = () => {
+      if (!this.playing || this.began !== began) return;
+      const t = from + ((performance.now() - began) / 1000) * Number($("speed").value), k = model.frameAt(frames, t);
+      if (k > this.at && (this.camera < 0 || frames[k].c === this.camera)) this.show(k);
+      if (t > frames[frames.length - 1].t) return this.play(false);
+      requestAnimationFrame(tick);
+    };
+    this.began = began;
+    requestAnimationFrame(tick);
+  }
+
+  #controls() {
+    const { data } = this;
+    $("title").textContent = data.title;
+    $("note").textContent = data.note;
+    $("slider").max = String(data.frames.length - 1);
+    $("slider").addEventListener("input", () => { this.play(false); this.show(Number($("slider").value)); });
+    $("prev").addEventListener("click", () => { this.play(false); this.step(-1); });
+    $("next").addEventListener("click", () => { this.play(false); this.step(1); });
+    $("play").addEventListener("click", () => this.play(!this.playing));
+    $("speed").addEventListener("change", () => this.playing && this.play(true));
+    for (const id of ["what", "by", "ground", "free", "inferred", "labels", "normals", "points"]) {
+      $(id).addEventListener("change", () => { this.#legend(); this.show(this.at); });
+    }
+    $("world").disabled = !data.frames.some((f) => f.pos);
+    $("world").addEventListener("change", () => { this.look(this.view); this.show(this.at); });
+    for (const name of Object.keys(VIEWS)) $(`view-${name}`).addEventListener("click", () => this.look(name));
+    data.cameras.forEach((camera, k) => $("camera").add(new Option(camera.name, String(k))));
+    $("camera").parentElement.hidden = data.cameras.length < 2;
+    $("camera").addEventListener("change", () => {
+      this.camera = Number($("camera").value);
+      if (this.camera >= 0 && data.frames[this.at].c !== this.camera) this.step(1);
+    });
+    addEventListener("keydown", (e) => this.#key(e));
+    $("canvas").addEventListener("pointermove", (e) => this.#hover(e));
+    $("canvas").addEventListener("pointerleave", () => { $("tip").hidden = true; });
+    $("depth").addEventListener("pointermove", (e) => this.#hoverDepth(e));
+    $("depth").addEventListener("pointerleave", () => { $("tip").hidden = true; });
+    this.#legend();
+  }
+
+  #key(e) {
+    if (e.target.matches?.("select, input:not([type=checkbox]):not([type=range])") || e.ctrlKey || e.metaKey || e.altKey) return;
+    const acts = { ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), Home: () => this.show(0),
+      End: () => this.show(this.data.frames.length - 1), " ": () => this.play(!this.playing),
+      1: () => this.look("behind"), 2: () => this.look("top"), 3: () => this.look("side"), 4: () => this.look("eye") };
+    if (!acts[e.key]) return;
+    e.preventDefault();
+    if (e.key !== " " && this.playing && e.key.length > 1) this.play(false);
+    acts[e.key]();
+  }
+
+  #tip(e, text) {
+    const tip = $("tip");
+    tip.hidden = !text;
+    tip.textContent = text || "";
+    tip.style.left = `${Math.min(e.clientX + 14, innerWidth - 260)}px`;
+    tip.style.top = `${e.clientY + 14}px`;
+  }
+
+  #hover(e) {
+    if (this.orbit.dragging || !this.frames.walls) return this.#tip(e, "");
+    const box = $("canvas").getBoundingClientRect(), ray = new THREE.Raycaster();
+    ray.setFromCamera(new THREE.Vector2(((e.clientX - box.left) / box.width) * 2 - 1,
+      1 - ((e.clientY - box.top) / box.height) * 2), this.eye);
+    const [hit] = ray.intersectObject(this.frames.walls);
+    const wall = hit && this.frames.shown[hit.faceIndex >> 1], z = this.data.frames[this.at].cam[2];
+    this.#tip(e, wall && `${model.metres(wall.distance)} away; ${(z - wall.bottom).toFixed(1)} to ${(z - wall.top).toFixed(1)} m above`
+      + ` the camera; margin ${wall.margin.toFixed(2)} m; cluster ${wall.cluster}; ${wall.support} px; ${model.flagWords(wall.flags)}`);
+  }
+
+  #hoverDepth(e) {
+    const { picture } = this, box = $("depth").getBoundingClientRect();
+    if (!picture) return;
+    const u = Math.min(picture.width - 1, Math.floor(((e.clientX - box.left) / box.width) * picture.width));
+    const v = Math.min(picture.height - 1, Math.floor(((e.clientY - box.top) / box.height) * picture.height));
+    const byte = picture.bytes[v * picture.width + u], camera = this.data.cameras[this.data.frames[this.at].c];
+    this.#tip(e, byte === model.UNKNOWN ? "unknown: no measurement" : byte === model.FAR ? "free to the maximum range"
+      : `about ${model.indexRange(byte, camera).toFixed(1)} m deep`);
+  }
+
+  #legend() {
+    const { palette, cameras } = this.data, by = $("by").value, camera = cameras[0];
+    const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
+    const sample = (flags) => css(model.wallColor({ flags }, "flags", camera, palette));
+    const marks = { distance: [], cluster: [["one colour for each cluster", "#7aa"]],
+      flags: [["measured", sample(0)], ["partly inferred", sample(1)], ["unknown behind", sample(2)], ["irregular", sample(64)]] }[by];
+    const stops = Array.from({ length: 16 }, (_, k) => css(model.paletteColor(palette, 1 + Math.round((k * 253) / 15))));
+    $("ramp").style.background = `linear-gradient(90deg, ${stops.join(",")})`;
+    $("ticks").replaceChildren(...[camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m).map((m) => {
+      const tick = document.createElement("span");
+      tick.textContent = `${m} m`;
+      tick.style.left = `${((model.rangeIndex(m, camera) - 1) / 253) * 100}%`;
+      return tick;
+    }));
+    $("marks").replaceChildren(...marks.map(([text, color]) => {
+      const mark = document.createElement("span");
+      mark.textContent = text;
+      mark.style.setProperty("--mark", color);
+      return mark;
+    }));
+  }
+
+  /** #frame=12&view=top&world=ned&by=flags&what=planes&points=1 opens the page so. */
+  #fromAddress() {
+    const wants = new URLSearchParams(location.hash.slice(1));
+    for (const id of ["what", "by", "world"]) {
+      if ([...$(id).options].some((o) => o.value === wants.get(id)) && !$(id).disabled) $(id).value = wants.get(id);
+    }
+    for (const id of ["ground", "free", "inferred", "labels", "normals", "points"]) {
+      if (wants.has(id)) $(id).checked = wants.get(id) === "1";
+    }
+    this.at = Math.min(this.data.frames.length - 1, Math.max(0, Number(wants.get("frame")) || 0));
+    if (VIEWS[wants.get("view")]) this.view = wants.get("view");
+    this.#legend();
+  }
+
+  #resize() {
+    const { clientWidth: w, clientHeight: h } = $("stage");
+    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.renderer.setSize(w, h, false);
+    this.eye.aspect = w / Math.max(1, h);
+    this.eye.updateProjectionMatrix();
+    this.ask();
+  }
+}
+
+try {
+  window.app = new App(await unpack($("data").textContent));
+} catch (error) {
+  $("banner").className = "blind";
+  $("banner").textContent = `This page cannot be shown: ${error.message}. It needs a browser of 2023 or later with WebGL.`;
+  throw error;
+}

@@ -1,0 +1,195 @@
+// What is drawn of one frame. Everything is made anew for each frame and given back to the graphics card before the next.
+
+import * as THREE from "three";
+import * as model from "viewer/model";
+
+const FREE = 0x43c46b, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20];
+
+export class FrameScene {
+  constructor(data) {
+    this.data = data;
+    this.scene = new THREE.Scene();
+    this.scene.background = new THREE.Color(0x14181d);
+    this.group = new THREE.Group();
+    this.scene.add(this.group);
+    this.walls = null;
+  }
+
+  clear() {
+    this.group.traverse((o) => {
+      o.geometry?.dispose();
+      o.material?.map?.dispose();
+      o.material?.dispose();
+    });
+    this.group.clear();
+    this.walls = null;
+  }
+
+  /** Draws a frame. show: what to show and how; index: bytes of the small depth image or null, w: its width. */
+  draw(frame, show, place, index, w) {
+    this.clear();
+    const camera = this.data.cameras[frame.c];
+    this.at = (p) => model.toDrawing(model.toWorld(p, place));
+    this.#vehicle(frame, camera);
+    if (show.ground) this.#ground(frame, place);
+    if (show.world === "ned") this.#path();
+    if (frame.standing === "BLIND") return;
+    if (show.points && index && frame.R) this.#points(frame, camera, index, w);
+    if (show.free) this.#free(frame);
+    this.#walls(frame, show, camera);
+  }
+
+  #add(object) { this.group.add(object); return object; }
+
+  #lines(points, color, dash) {
+    if (!points.length) return;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute(points.flat(), 3));
+    const look = { transparent: true, ...(typeof color === "number" ? { color } : { vertexColors: true }) };
+    if (typeof color !== "number") geometry.setAttribute("color", new THREE.Float32BufferAttribute(color.flat(), 3));
+    const material = dash ? new THREE.LineDashedMaterial({ ...look, dashSize: dash, gapSize: dash * 0.7 })
+      : new THREE.LineBasicMaterial(look);
+    const lines = this.#add(new THREE.LineSegments(geometry, material));
+    if (dash) lines.computeLineDistances();
+    return lines;
+  }
+
+  #walls(frame, show, camera) {
+    const all = show.what === "planes" ? model.planeWalls(frame) : model.prismWalls(frame);
+    const walls = all.filter((wall) => show.inferred || !(wall.flags & model.INFERRED));
+    const faces = [], colors = [], solid = [[], []], dashed = [[], []], normals = [];
+    for (const wall of walls) {
+      const color = model.wallColor(wall, show.by, camera, this.data.palette);
+      const [a, b, c, d] = [[wall.ax, wall.ay, wall.top], [wall.bx, wall.by, wall.top],
+        [wall.bx, wall.by, wall.bottom], [wall.ax, wall.ay, wall.bottom]].map(this.at);
+      const [nx, ny] = model.freeNormal(wall.ax, wall.ay, wall.bx, wall.by);
+      const shade = 0.72 + 0.28 * Math.abs(nx);
+      faces.push(a, b, c, a, c, d);
+      for (let k = 0; k < 6; k++) colors.push(color.map((v) => v * shade));
+      const edges = wall.flags & model.INFERRED ? dashed : solid;
+      edges[0].push(a, b, b, c, c, d, d, a);
+      for (let k = 0; k < 8; k++) edges[1].push(color.map((v) => 0.35 + 0.65 * v));
+      const middle = [(wall.ax + wall.bx) / 2, (wall.ay + wall.by) / 2, (wall.top + wall.bottom) / 2];
+      const reach = Math.max(wall.margin, 0.15);
+      normals.push(this.at(middle), this.at([middle[0] + nx * reach, middle[1] + ny * reach, middle[2]]));
+    }
+    this.shown = walls;
+    if (walls.length) {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
+      geometry.setAttribute("color", new THREE.Float32BufferAttribute(colors.flat(), 3));
+      this.walls = this.#add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
+        vertexColors: true, transparent: true, opacity: 0.62, side: THREE.DoubleSide, depthWrite: false })));
+    }
+    this.#lines(...solid);
+    this.#lines(...dashed, 0.18);
+    if (show.normals) this.#lines(normals, 0xffffff);
+    if (show.labels) this.#labels(all);
+  }
+
+  #labels(walls) {
+    const nearest = new Map();
+    for (const wall of walls) {
+      if (!nearest.has(wall.cluster) || wall.distance < nearest.get(wall.cluster).distance) nearest.set(wall.cluster, wall);
+    }
+    for (const wall of [...nearest.values()].sort((p, q) => p.distance - q.distance).slice(0, 20)) {
+      const at = [(wall.ax + wall.bx) / 2, (wall.ay + wall.by) / 2, wall.top - 0.15];
+      this.#text(model.metres(wall.distance), this.at(at), "#ffffff", 0.030);
+    }
+  }
+
+  #text(text, at, color, size) {
+    const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "600 44px sans-serif";
+    pen.font = font;
+    canvas.width = Math.ceil(pen.measureText(text).width) + 24;
+    canvas.height = 60;
+    pen.font = font;
+    pen.fillStyle = "rgba(0,0,0,0.6)";
+    pen.fillRect(0, 0, canvas.width, canvas.height);
+    pen.fillStyle = color;
+    pen.textBaseline = "middle";
+    pen.fillText(text, 12, 32);
+    const map = new THREE.CanvasTexture(canvas);
+    map.colorSpace = THREE.SRGBColorSpace;
+    const sprite = this.#add(new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false })));
+    sprite.scale.set((size * canvas.width) / canvas.height, size, 1);
+    sprite.position.set(...at);
+    sprite.renderOrder = 10;
+  }
+
+  #free(frame) {
+    const faces = [];
+    for (const [a, b, c, d] of model.freeSectors(frame)) {
+      for (const p of [a, b, c, a, c, d]) faces.push(this.at([p[0], p[1], frame.cam[2]]));
+    }
+    if (!faces.length) return;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
+    this.#add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
+      color: FREE, transparent: true, opacity: 0.22, side: THREE.DoubleSide, depthWrite: false })));
+  }
+
+  #points(frame, camera, index, w) {
+    const { points, bytes } = model.depthPoints(index, w, camera, frame);
+    const at = new Float32Array(points.length), colors = new Float32Array(points.length);
+    for (let k = 0; k < points.length; k += 3) {
+      at.set(this.at([points[k], points[k + 1], points[k + 2]]), k);
+      colors.set(model.paletteColor(this.data.palette, bytes[k / 3]), k);
+    }
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(at, 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(colors, 3));
+    this.#add(new THREE.Points(geometry, new THREE.PointsMaterial({ size: 2, sizeAttenuation: false, vertexColors: true })));
+  }
+
+  #ground(frame, place) {
+    const seen = frame.ground !== null, reach = 40, lines = [], bold = [];
+    const height = (p) => {
+      if (!seen) return frame.cam[2];
+      const [h, sx, sy] = frame.ground, q = model.toLevel([...p, 0], place);
+      return frame.cam[2] + h + sx * (q[0] - frame.cam[0]) + sy * (q[1] - frame.cam[1]);
+    };
+    const put = (p) => model.toDrawing([p[0], p[1], height(p) + place.t[2]]);
+    const middle = place.t.slice(0, 2).map(Math.round);
+    for (let k = -reach; k <= reach; k++) {
+      for (const [p, q] of [[[k, -reach], [k, reach]], [[-reach, k], [reach, k]]]) {
+        const [a, b] = [p, q].map((o) => put([o[0] + middle[0], o[1] + middle[1]]));
+        const axis = p[0] === q[0] ? middle[0] + k : middle[1] + k;
+        (axis % 5 === 0 ? bold : lines).push(a, b);
+      }
+    }
+    for (const [group, opacity] of [[lines, 0.16], [bold, 0.4]]) {
+      this.#lines(group, seen ? 0x9c8570 : 0x7d8791, seen ? 0 : 0.25).material.opacity = seen ? opacity : opacity / 2;
+    }
+    for (const r of RINGS) {
+      const ring = [], point = (a) => {
+        const world = model.toWorld([frame.cam[0] + r * Math.cos(a), frame.cam[1] + r * Math.sin(a), 0], place);
+        return put(world);
+      };
+      for (let k = 0; k < 72; k++) ring.push(point((k * Math.PI) / 36), point(((k + 1) * Math.PI) / 36));
+      this.#lines(ring, 0x8fa3b5).material.opacity = 0.6;
+      this.#text(`${r} m`, point(0.75), "#b8c7d6", 0.018);
+    }
+  }
+
+  #vehicle(frame, camera) {
+    const arms = [];
+    for (const [x, y] of [[0.25, 0.25], [0.25, -0.25]]) arms.push(this.at([x, y, 0]), this.at([-x, -y, 0]));
+    arms.push(this.at([0, 0, 0]), this.at([0.5, 0, 0]));
+    this.#lines(arms, PATH);
+    if (!frame.R) return;
+    const eye = this.at(frame.cam), lines = [], corners = [];
+    for (const [u, v] of [[0, 0], [1, 0], [1, 1], [0, 1]]) {
+      const ray = [u * camera.width - 0.5, v * camera.height - 0.5];
+      corners.push(this.at(model.pixelPoint(...ray, 1.2, camera, frame)));
+    }
+    corners.forEach((p, k) => lines.push(eye, p, p, corners[(k + 1) % 4]));
+    this.#lines(lines, frame.standing === "BLIND" ? BLIND : VIEW);
+  }
+
+  #path() {
+    const places = this.data.frames.filter((f) => f.pos).map((f) => model.toDrawing(f.pos)), lines = [];
+    for (let k = 0; k + 1 < places.length; k++) lines.push(places[k], places[k + 1]);
+    this.#lines(lines, PATH);
+  }
+}
