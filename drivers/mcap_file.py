@@ -142,6 +142,7 @@ class McapRecording:
                 rejected.append(f"{item.channel.topic}: {error}")
                 continue
             yield LoggedMessage(*found, item.message.log_time, item.message.sequence, message)
+        self._share_read = 1.0
         self.close()
 
     def _event(self, item: LoggedMessage) -> Event:

@@ -20,7 +20,7 @@ from drivers import wire
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.topics import TOPICS, camera_name_fits, find_topic
 
-from .recordings import INFO, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
+from .made_up import INFO, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 
 
 def results() -> list[PrismsResult]:

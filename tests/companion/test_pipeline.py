@@ -17,7 +17,7 @@ from core.frames import (
 )
 from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics, InvalidCause
 
-from .recordings import INFO, MS, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
+from .made_up import INFO, MS, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 
 
 def pipeline(state=None, cameras=(INFO,)) -> Pipeline:

@@ -1,0 +1,322 @@
+"""Writing logs, telling what is in them, making damaged ones whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from companion.cli import main
+from companion.info import gather
+from companion.log_writer import LIBRARY, LogWriter, schema_bytes, write_recording
+from companion.pipeline import Pipeline
+from companion.recover import default_output, recover
+from companion.run_info import run_info
+from core.types import AttitudeSample
+from drivers.base import BadData, DriverError
+from drivers.mcap_file import McapRecording
+from drivers.mcap_scan import Damage, Logged, McapScan
+from drivers.topics import TOPICS
+
+from .made_up import INFO, MS, START_NS, EasyExtractor, Events, attitude, flight, frame, write_flight
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A flight with prisms, long enough for several chunks."""
+    path = tmp_path_factory.mktemp("log") / "flight.mcap"
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    with LogWriter(path) as log:
+        log.begin(run_info("simulated"), (INFO,), pipeline.state(), START_NS)
+        for event in flight(400):
+            log.event(event)
+            for output in pipeline.handle(event):
+                log.output(output)
+    return path
+
+
+# ---- writing ----------------------------------------------------------------------------------------------------
+
+
+def test_the_stock_reader_reads_a_log(whole):
+    with whole.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().library == LIBRARY
+        summary = reader.get_summary()
+        topics = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
+        assert topics == {topic.of("front"): topic.schema for topic in TOPICS.values()}
+        assert len(summary.chunk_indexes) > 1
+        assert sum(1 for _ in reader.iter_messages()) == summary.statistics.message_count
+    assert all(index.compression == "zstd" for index in summary.chunk_indexes)
+
+
+def test_schemas_hold_all_they_depend_on():
+    for topic in TOPICS.values():
+        known: set[str] = set()
+        for file in FileDescriptorSet.FromString(schema_bytes(topic.message)).file:
+            assert set(file.dependency) <= known, "dependencies come first"
+            known.add(file.name)
+        assert topic.message.DESCRIPTOR.file.name in known
+
+
+def test_messages_stand_at_their_arrival_with_the_frames_number(whole):
+    for item in McapScan(whole).items():
+        assert isinstance(item, Logged)
+        if item.channel.topic == "/camera/front/depth":
+            assert item.message.log_time == START_NS + item.message.sequence * 100 * MS + 47 * MS
+            assert item.message.publish_time == START_NS + item.message.sequence * 100 * MS + 7 * MS
+
+
+def test_a_log_gets_its_name_when_it_is_whole(tmp_path):
+    log = LogWriter(tmp_path / "a.mcap")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap.active"]
+    log.begin(run_info("live"), (INFO,))
+    log.finish()
+    log.finish()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_a_log_that_failed_keeps_what_was_written_under_its_active_name(tmp_path):
+    class Broken(Exception):
+        pass
+
+    def write() -> None:
+        with LogWriter(tmp_path / "a.mcap") as log:
+            log.begin(run_info("live"), (INFO,))
+            raise Broken
+
+    with pytest.raises(Broken):
+        write()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap.active"]
+
+
+@pytest.mark.parametrize(
+    ("t_ns", "sequence", "camera", "words"),
+    [
+        (-1, 0, "front", "stamp -1 ns"),
+        (5, -1, "front", "sequence -1"),
+        (5, 1 << 32, "front", "sequence"),
+        (5, 0, "a/b", "'a/b'"),
+    ],
+)
+def test_what_a_log_cannot_hold_is_refused(tmp_path, t_ns, sequence, camera, words):
+    log = LogWriter(tmp_path / "a.mcap")
+    with pytest.raises(ValueError, match=words):
+        log.write("depth", frame_message(), t_ns, camera, sequence)
+    log.finish()
+
+
+def frame_message():
+    from drivers.wire import depth_message
+
+    return depth_message(frame(0, START_NS))
+
+
+def test_a_source_that_breaks_off_leaves_a_whole_log(tmp_path):
+    class Cut(Events):
+        def events(self):
+            yield from flight(2)
+            raise BadData("source: cut there; use another copy")
+
+    with pytest.raises(BadData, match="cut there"):
+        write_recording(Cut([]), tmp_path / "a.mcap", run_info("import"))
+    with McapRecording(tmp_path / "a.mcap") as recording:
+        assert len(list(recording.events())) == len(flight(2))
+
+
+# ---- info -------------------------------------------------------------------------------------------------------
+
+
+def test_info_tells_topics_rates_and_gaps(tmp_path, capsys):
+    events = [e for e in flight(30) if not (isinstance(e, AttitudeSample) and 6_000 <= e.t_ns / MS < 6_500)]
+    path = write_flight(tmp_path / "gap.mcap", events)
+    assert main(["info", str(path), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    topics = {t["topic"]: t for t in report["topics"]}
+    assert topics["/camera/front/depth"]["messages"] == 30
+    assert topics["/camera/front/depth"]["rate_hz"] == pytest.approx(10.0)
+    assert topics["/camera/front/depth"]["gaps"] == 0
+    assert topics["/vehicle/attitude"]["gaps"] == 1
+    assert topics["/vehicle/attitude"]["longest_interval_s"] == pytest.approx(0.52)
+    assert report["cameras"][0]["width_px"] == 64
+    assert report["duration_s"] == pytest.approx(7.985 - 4.965)
+    assert report["damage"] == []
+    assert main(["info", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "/vehicle/attitude: 1 gaps, the longest 0.520 s, 1.020 s in" in text
+    assert "camera front: 64x48" in text
+
+
+def test_info_counts_decisions_and_blind_frames(tmp_path, capsys):
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    path = tmp_path / "blind.mcap"
+    events = [frame(0, START_NS), attitude(START_NS + 50 * MS), frame(1, START_NS + 50 * MS)]
+    with LogWriter(path) as log:
+        log.begin(run_info("replay"), (INFO,), t_ns=START_NS)
+        for event in events:
+            log.event(event)
+            for output in pipeline.handle(event):
+                log.output(output)
+    facts = gather(path)
+    assert dict(facts.decisions) == {"no attitude": 1, "used": 1}
+    assert (facts.valid, dict(facts.invalid)) == (1, {"no attitude had arrived": 1})
+    assert main(["info", str(path)]) == 0
+    assert "prisms: 1 frames say something; 1 blind: no attitude had arrived" in capsys.readouterr().out
+
+
+def test_info_tells_of_damage_and_of_strangers(whole, tmp_path, shared_data, capsys):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-1000])
+    assert main(["info", str(cut)]) == 1
+    assert "`companion recover" in capsys.readouterr().err
+    assert main(["info", str(shared_data / "mcap" / "keelson_ais_protobuf.mcap")]) == 0
+    text = capsys.readouterr().out
+    assert "not a recording of this software" in text
+    assert len(text.splitlines()) < 60
+    assert main(["info", str(tmp_path / "none.mcap")]) == 1
+
+
+def test_info_of_a_log_without_messages(tmp_path, capsys):
+    path = tmp_path / "empty.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+    assert main(["info", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["duration_s"] is None
+    assert main(["info", str(path)]) == 0
+
+
+# ---- recover ----------------------------------------------------------------------------------------------------
+
+
+def payloads(path: Path) -> list[tuple[str, int, bytes]]:
+    found = []
+    for item in McapScan(path).items():
+        if isinstance(item, Logged):
+            found.append((item.channel.topic, item.message.log_time, item.message.data))
+    return found
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.9, 0.999])
+def test_a_cut_log_becomes_whole(whole, tmp_path, share, capsys):
+    data = whole.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(len(data) * share)])
+    assert main(["recover", str(cut), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    out = tmp_path / "cut.recovered.mcap"
+    assert report["output"] == str(out)
+    assert not [item for item in McapScan(out).items() if isinstance(item, Damage)]
+    expected = payloads(whole)
+    found = payloads(out)
+    assert report["messages"] == len(found)
+    assert found == expected[: len(found)]
+    assert len(found) > 0.8 * share * len(expected)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
+
+
+def test_a_corrupt_chunk_is_left_out_and_the_rest_kept(whole, tmp_path, capsys):
+    data = bytearray(whole.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(data)
+    result = recover(bad)
+    assert len(result.damages) == 1
+    assert not result.damages[0].fatal
+    lost = len(payloads(whole)) - result.messages
+    assert 0 < lost < result.messages
+    assert payloads(result.output)[-1] == payloads(whole)[-1]
+    assert main(["info", str(result.output)]) == 0
+
+
+def test_a_lost_first_chunk_does_not_lose_the_channels(whole, tmp_path):
+    """They are described there, and again at the end of the file."""
+    data = bytearray(whole.read_bytes())
+    data[3000] ^= 0x10
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(data)
+    assert recover(bad).messages > 100
+
+
+def test_a_killed_log_gets_its_own_name(tmp_path):
+    log = LogWriter(tmp_path / "flight.mcap")
+    log.begin(run_info("live"), (INFO,), t_ns=START_NS)
+    for event in flight(300):
+        log.event(event)
+    active = tmp_path / "f2.mcap.active"
+    active.write_bytes(log.active_path.read_bytes())
+    log.finish()
+    assert recover(active).output == tmp_path / "f2.mcap"
+    with pytest.raises(ValueError, match="exists already"):
+        default_output(active)
+    with McapRecording(tmp_path / "f2.mcap") as recording:
+        assert len(list(recording.events())) > 100
+
+
+def test_a_whole_log_is_left_alone(whole, tmp_path, capsys):
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(whole.read_bytes())
+    assert main(["recover", str(copy)]) == 0
+    assert "nothing to recover" in capsys.readouterr().out
+    assert [p.name for p in tmp_path.iterdir()] == ["copy.mcap"]
+
+
+def test_attachments_and_metadata_are_kept(tmp_path):
+    path = tmp_path / "extra.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/x", "json", 0)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.add_metadata("about", {"who": "me"})
+        writer.add_attachment(1, 2, "notes.txt", "text/plain", b"hello")
+        writer.flush()
+    result = recover(path)
+    assert (result.messages, result.others) == (1, 2)
+    with result.output.open("rb") as stream:
+        reader = make_reader(stream)
+        assert [a.data for a in reader.iter_attachments()] == [b"hello"]
+        assert [m.metadata for m in reader.iter_metadata()] == [{"who": "me"}]
+
+
+@pytest.mark.parametrize("content", [b"", b"no log", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + bytes(500)])
+def test_where_nothing_is_readable_nothing_is_written(tmp_path, content, capsys):
+    path = tmp_path / "bad.mcap"
+    path.write_bytes(content)
+    with pytest.raises(DriverError):
+        recover(path)
+    assert main(["recover", str(path)]) == 1
+    assert capsys.readouterr().err.startswith("companion: error: ")
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.mcap"]
+
+
+def test_an_unreadable_file_is_not_overwritten(whole):
+    with pytest.raises(ValueError, match="the same file"):
+        recover(whole, whole)
+
+
+# ---- the front --------------------------------------------------------------------------------------------------
+
+
+def test_help_names_all_commands(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(
+        name in text for name in ("demo", "import", "replay", "view", "info", "recover", "check-config", "warmup")
+    )
+
+
+@pytest.mark.parametrize("words", [[], ["fly"], ["replay"], ["info"], ["replay", "a", "--tolerance", "7"]])
+def test_wrong_use_is_status_2(words, capsys):
+    assert main(words) == 2
+    assert "error" in capsys.readouterr().err
+
+
+def test_the_version_is_told(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("osape-companion ")
