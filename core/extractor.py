@@ -25,6 +25,7 @@ from .level import (
     view_geometry,
     view_geometry_paper,
 )
+from .openings import opening_masks
 from .params import Params
 from .prisms import layered_prisms
 from .settings import float_settings, int_settings
@@ -87,7 +88,7 @@ class Extractor:
         ground = self._ground(inverse, info, R, ke, state)
         ints, floats, found, ground_px = self._strips(codes, view, ground, info, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
-        count, planes, plane_ints, moments = self._planes(ints, floats, place, n, view)
+        count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
 
         return self._model(
             codes, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
@@ -204,7 +205,8 @@ class Extractor:
     # ---- planes -------------------------------------------------------------------------------------------------
 
     def _planes(
-        self, ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int, view: ViewGeometry
+        self, codes: NDArray[np.uint16], ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
+        view: ViewGeometry, info: CameraInfo,
     ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
@@ -225,6 +227,7 @@ class Extractor:
             p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, moments, track_ints, track_floats,
         )  # fmt: skip
         grown = count
+        masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p)
         parent[:count] = np.arange(count)
         ends_t = (0.5 + p.footprint_px) * column_t
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
@@ -234,14 +237,14 @@ class Extractor:
         pl.merge_planes(
             count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.link_slope_px, reach,
             math.radians(p.plane_angle_deg), 0.5 * p.passable_width_m,
-            self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 4), np.float64),
+            self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 4), np.float64), masks, frame,
         )  # fmt: skip
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
         pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
         pl.shift_to_near_side(count, planes)
         refine.meet_neighbours(count, planes, plane_ints, 0.5, column_t)
         count = refine.close_pockets(
-            count, size, planes, plane_ints, moments, p.passable_width_m, column_t, p.ground_tolerance_m
+            count, size, planes, plane_ints, moments, p.passable_width_m, column_t, p.ground_tolerance_m, masks, frame
         )
         refine.drop_covered(count, planes, plane_ints, p.passable_width_m, column_t)
         return count, planes, plane_ints, moments

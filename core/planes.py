@@ -12,6 +12,7 @@ import math
 from numba import njit
 
 from .lines import W, fit_line, incidence_cosine
+from .openings import is_open
 from .strips import BOTTOM, CUT, FILL, NEAR, SUPPORT, TOP, TRACK
 from .tracks import T_T0, T_T1, tangent
 
@@ -20,6 +21,7 @@ A, B, T0, T1, Z0, Z1, FRONT = range(7)
 # columns of the integer table
 P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED = range(6)
 MOST_M = 1e9
+_BESIDE_M = 0.1
 
 
 @njit(cache=True, nogil=True)
@@ -169,24 +171,26 @@ def near_evidence(t, z, x, reach_m, piece, following, pieces):
 
 
 @njit(cache=True, nogil=True)
-def joined_on_evidence(p, q, i, j, reach_m, following, pieces):
-    """Whether every point of the joined rectangle outside both lies within reach_m of a piece that was really seen.
+def joined_on_evidence(p, q, i, j, reach_m, following, pieces, masks, frame):
+    """Whether every point of the joined rectangle outside both lies within reach_m of a piece that was really seen, and
+    no such point in an opening (openings.py), a tenth of a metre beside the evidence apart.
 
     Rectangles may already cover more than was seen, so that without this planes creep over an opening in small steps. pieces:
     (tracks, 4) t0, t1, top, bottom of what each track saw; following: the next piece of a plane, -1 at the end."""
     x = 0.5 * (distance_at(p, 0.5 * (p[T0] + p[T1])) + distance_at(q, 0.5 * (q[T0] + q[T1])))
     t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
     z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
-    across = min(32, 1 + int((t1 - t0) * x / (0.5 * reach_m)))
-    down = min(32, 1 + int((z1 - z0) / (0.5 * reach_m)))
+    across = min(32, 2 + int((t1 - t0) * x / (0.4 * reach_m)))
+    down = min(32, 2 + int((z1 - z0) / (0.4 * reach_m)))
     for a in range(across + 1):
         t = t0 + (t1 - t0) * a / across
         for b in range(down + 1):
             z = z0 + (z1 - z0) * b / down
             if (p[T0] <= t <= p[T1] and p[Z0] <= z <= p[Z1]) or (q[T0] <= t <= q[T1] and q[Z0] <= z <= q[Z1]):
                 continue
-            if not near_evidence(t, z, x, reach_m, i, following, pieces) and not near_evidence(
-                t, z, x, reach_m, j, following, pieces
+            limit = _BESIDE_M if is_open(masks, t, z / x, x, frame) else reach_m
+            if not near_evidence(t, z, x, limit, i, following, pieces) and not near_evidence(
+                t, z, x, limit, j, following, pieces
             ):
                 return False
     return True
@@ -194,7 +198,8 @@ def joined_on_evidence(p, q, i, j, reach_m, following, pieces):
 
 @njit(cache=True, nogil=True)
 def merge_planes(
-    count, planes, plane_ints, moments, parent, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m, following, pieces
+    count, planes, plane_ints, moments, parent, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m, following, pieces,
+    masks, frame,
 ):  # fmt: skip
     """Joins planes of one cluster, cheapest partner first, until none fits (Eq. 17); dead ones get a negative support.
 
@@ -217,7 +222,9 @@ def merge_planes(
                         planes[i], planes[j], moments[i], moments[j], total,
                         tolerance_m, sigmas, slope, reach_m, angle_rad, long_m,
                     )  # fmt: skip
-                    if c < cost and joined_on_evidence(planes[i], planes[j], i, j, reach_m, following, pieces):
+                    if c < cost and joined_on_evidence(
+                        planes[i], planes[j], i, j, reach_m, following, pieces, masks, frame
+                    ):
                         best, cost, best_a, best_b = j, c, a, b
                 if best < 0:
                     break

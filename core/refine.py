@@ -10,6 +10,7 @@ import math
 
 from numba import njit
 
+from .openings import is_open
 from .planes import FRONT, P_CLUSTER, P_CUT, P_FILL, P_INFERRED, P_KIND, P_SUPPORT, T0, T1, Z0, Z1, A, B, distance_at
 
 
@@ -65,11 +66,11 @@ def stands_between(count, planes, plane_ints, i, j, t, z, x):
 
 
 @njit(cache=True, nogil=True)
-def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least_height_m):
+def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least_height_m, masks, frame):
     """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count.
 
     The chord goes from end to end over the height both share. What lies behind it in the pocket is left to
-    `drop_covered`. Gaps of under two columns need none: no ray passes there."""
+    `drop_covered`. Gaps of under two columns need none: no ray passes there. An opening (openings.py) stays open."""
     first = count
     for i in range(first):
         p = planes[i]
@@ -89,7 +90,8 @@ def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least
         s0, s1 = 1.0 / distance_at(p, p[T1]), 1.0 / distance_at(q, q[T0])
         t = 0.5 * (p[T1] + q[T0])
         z = 0.5 * (max(p[Z0], q[Z0]) + min(p[Z1], q[Z1]))
-        if stands_between(first, planes, plane_ints, i, best, t, z, 2.0 / (s0 + s1)):
+        x = 2.0 / (s0 + s1)
+        if is_open(masks, t, z / x, x, frame) or stands_between(first, planes, plane_ints, i, best, t, z, x):
             continue
         new = planes[count]
         new[B] = (s1 - s0) / (q[T0] - p[T1])

@@ -35,10 +35,10 @@ def _carried(ints, floats, i, cols, sigma_d, least, reach, first_of_column):
             off = abs(floats[j, D] - floats[i, D])
             if j == i or apart > 2 + abs(w - u) or off > max(4.0 * sigma_d, 0.05 * floats[i, D]):
                 continue
-            if ints[j, SUPPORT] >= 4 * least:
-                if off <= 4.5 * sigma_d and abs(w - u) <= 1:
-                    return 0
-            elif w != u:
+            inside = ints[i, TOP] >= ints[j, TOP] - 1 and ints[i, BOTTOM] <= ints[j, BOTTOM] + 1
+            if inside and abs(w - u) <= 1 and off <= 4.5 * sigma_d and ints[j, SUPPORT] >= 4 * least:
+                return 0
+            if not inside or ints[j, SUPPORT] < 4 * least:
                 total += ints[j, SUPPORT]
     return 1 if total >= least else 0
 
