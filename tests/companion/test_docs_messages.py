@@ -1,0 +1,40 @@
+"""docs/messages.md covers the schema and the table of topics."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from companion.scene import FAR_M, LIFETIME_S, NEAR_M
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.topics import TOPICS
+
+from ..conftest import CHECKOUT
+
+TEXT = (CHECKOUT / "docs" / "messages.md").read_text(encoding="utf-8")
+
+
+def test_the_table_is_the_table():
+    rows = [line for line in TEXT.splitlines() if line.startswith("| `/")]
+    expected = [f"| `{t.name}` | `{t.schema}` | {t.rate} | {t.what} |" for t in TOPICS.values()]
+    assert rows == expected
+
+
+@pytest.mark.parametrize("name", sorted(set(pb.DESCRIPTOR.message_types_by_name) - {"Vector3", "Quaternion"}))
+def test_every_field_is_told(name):
+    words = set(re.findall(r"`(?:\w+\.)?(\w+)`", TEXT))
+    missing = [f for f in pb.DESCRIPTOR.message_types_by_name[name].fields_by_name if f not in words]
+    assert missing == []
+
+
+def test_every_cause_is_told():
+    line = next(line for line in TEXT.splitlines() if line.startswith("`Cause`"))
+    told = {int(n) for n in re.findall(r"(?:: |, |; )(\d+) ", line)}
+    assert told == {number for name, number in pb.Cause.items() if name != "CAUSE_NONE"}
+
+
+def test_the_colours_are_told():
+    frames = (CHECKOUT / "docs" / "frames.md").read_text(encoding="utf-8")
+    assert f"red at {NEAR_M:g} m to blue at {FAR_M:g} m, and vanish after a second" in frames
+    assert LIFETIME_S == 1
