@@ -117,7 +117,7 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
         "cam": [round(float(v), 3) for v in t],
         "R": None if R is None else np.round(rotation_from_euler(0.0, 0.0, yaw) @ R, 5).ravel().tolist(),
         "depth": None,
-        "facts": facts(frame.model),
+        "facts": facts(frame.model, frame.info.max_range_m),
         **_nothing(),
     }
     if frame.depth_mm is not None:
@@ -130,7 +130,7 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
     return data
 
 
-def facts(model: FrameModel | None) -> list[tuple[str, str]]:
+def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]:
     """What was found, as rows of a table."""
     if model is None:
         return []
@@ -145,7 +145,7 @@ def facts(model: FrameModel | None) -> list[tuple[str, str]]:
         ("pixels", f"measured {s.measured_share:.0%}, unknown {s.unknown_share:.0%}, far {s.far_share:.0%}"),
         ("noise", f"sigma = {model.ke_per_m:.4f} Z² (metres)"),
     ]
-    if math.isfinite(g.blind_beyond_m):
+    if g.blind_beyond_m < max_range_m:
         rows.append(("low things", f"cannot be told from the ground beyond {g.blind_beyond_m:.1f} m"))
     if s.overflow:
         rows.append(("overflow", f"{s.overflow} strips or planes were merged into coarser ones"))

@@ -147,7 +147,7 @@ def _legend(ax: Any, model: FrameModel) -> None:
     ]
     if model.ground.seen:
         marks.append((Line2D([], [], color=GROUND_COLOR, linewidth=2.2), "ground"))
-        if math.isfinite(model.ground.blind_beyond_m):
+        if model.ground.blind_beyond_m < ax.get_xlim()[1]:
             marks.append((Line2D([], [], color=GROUND_COLOR, linestyle=":"), "beyond: low things unknown"))
     ax.legend(
         *zip(*marks, strict=True),

@@ -26,7 +26,9 @@ class App {
     this.at = 0;
     this.camera = -1;
     this.view = "behind";
+    THREE.ColorManagement.enabled = false; // the scale's colours are meant as they are
     this.renderer = new THREE.WebGLRenderer({ canvas: $("canvas"), antialias: true, preserveDrawingBuffer: true });
+    this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.eye = new THREE.PerspectiveCamera(55, 1, 0.05, 1000);
     this.frames = new FrameScene(data);
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
@@ -158,7 +160,8 @@ class App {
   }
 
   #outlines(pen, scale, frame, camera) {
-    for (const wall of model.planeWalls(frame).sort((a, b) => b.distance - a.distance)) {
+    const walls = model.planeWalls(frame).sort((a, b) => b.distance - a.distance), thin = walls.length > 60 ? 0.6 : 1;
+    for (const wall of walls) {
       const corners = [[wall.ax, wall.ay, wall.top], [wall.bx, wall.by, wall.top], [wall.bx, wall.by, wall.bottom],
         [wall.ax, wall.ay, wall.bottom]].map((p) => model.projectPixel(p, camera, frame));
       if (corners.includes(null)) continue;
@@ -166,7 +169,7 @@ class App {
       corners.forEach(([u, v]) => pen.lineTo((u + 0.5) * scale, (v + 0.5) * scale));
       pen.closePath();
       pen.setLineDash(wall.flags & model.INFERRED ? [7, 5] : []);
-      for (const [color, width] of [["#000", 3.2], ["#fff", 1.4]]) Object.assign(pen, { strokeStyle: color, lineWidth: width }), pen.stroke();
+      for (const [color, width] of [["#000", 3 * thin], ["#fff", 1.4 * thin]]) Object.assign(pen, { strokeStyle: color, lineWidth: width }), pen.stroke();
     }
   }
 

@@ -110,7 +110,6 @@ export class FrameScene {
     pen.textBaseline = "middle";
     pen.fillText(text, 12, 32);
     const map = new THREE.CanvasTexture(canvas);
-    map.colorSpace = THREE.SRGBColorSpace;
     const sprite = this.#add(new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false })));
     sprite.scale.set((size * canvas.width) / canvas.height, size, 1);
     sprite.position.set(...at);
@@ -152,10 +151,11 @@ export class FrameScene {
     const put = (p) => model.toDrawing([p[0], p[1], height(p) + place.t[2]]);
     const middle = place.t.slice(0, 2).map(Math.round);
     for (let k = -reach; k <= reach; k++) {
-      for (const [p, q] of [[[k, -reach], [k, reach]], [[-reach, k], [reach, k]]]) {
-        const [a, b] = [p, q].map((o) => put([o[0] + middle[0], o[1] + middle[1]]));
-        const axis = p[0] === q[0] ? middle[0] + k : middle[1] + k;
-        (axis % 5 === 0 ? bold : lines).push(a, b);
+      for (let from = -reach; from < reach; from += 4) { // short pieces: one that passes behind the eye may vanish
+        for (const across of [true, false]) {
+          const ends = [from, from + 4].map((v) => (across ? [middle[0] + k, middle[1] + v] : [middle[0] + v, middle[1] + k]));
+          ((middle[across ? 0 : 1] + k) % 5 === 0 ? bold : lines).push(...ends.map(put));
+        }
       }
     }
     for (const [group, opacity] of [[lines, 0.16], [bold, 0.4]]) {
