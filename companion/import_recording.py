@@ -50,7 +50,10 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     """Writes the recording as a log. Raises DriverError when nothing of it can be used, OSError when the log cannot
     be written; problems with parts of it are in the result."""
     report = Report()
-    source = open_recording(path, options, report)
+    try:
+        source = open_recording(path, options, report)
+    except BadData as error:  # what went before may be its cause
+        raise BadData("\n".join([str(error), *report.all_problems()])) from error
     counted = _Counted(source)
     try:
         write_recording(counted, output, run_info("import", config_text(config or Config())))

@@ -25,6 +25,7 @@ from .console import fail, say, say_json
 
 CACHED = ("*.nbi", "*.nbc")
 """numba's index and code files: nothing else is ever deleted."""
+CHILD = "from companion.warmup import run_kernels; run_kernels()"
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
 
@@ -157,7 +158,7 @@ def _check_cache_place() -> None:
 
 
 def _child() -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from companion.warmup import run_kernels; run_kernels()"]
+    command = [sys.executable, "-c", CHILD]
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired as error:

@@ -1,0 +1,291 @@
+"""Folders of depth PNGs: what comes out, and what is said of everything that can be wrong with one."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from companion.cli import main
+from companion.import_png import millimetres, read_depth_png
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.base import BadData
+from drivers.mcap_file import McapRecording
+
+from .recordings import HEADING, HEIGHT, WIDTH, depth_image, events_of, frames_of, row, tilt, write_folder
+
+
+def imported(folder: Path, *words: str) -> tuple[int, Path]:
+    out = folder.parent / "out.mcap"
+    return main(["import", str(folder), "-o", str(out), *words]), out
+
+
+def test_a_good_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out = imported(write_folder(tmp_path / "rec"))
+    assert status == 0
+    assert "20 frames over 1.9 s, 20 attitudes, 20 positions" in capsys.readouterr().out
+    events = events_of(out)
+    frames = [e for e in events if isinstance(e, DepthFrame)]
+    attitudes = [e for e in events if isinstance(e, AttitudeSample)]
+    poses = [e for e in events if isinstance(e, PoseSample)]
+    assert [f.sequence for f in frames] == list(range(20))
+    assert [f.t_exposure_ns for f in frames] == [i * 100_000_000 for i in range(20)]
+    assert {f.t_arrival_ns - f.t_exposure_ns for f in frames} == {50_000_000}
+    assert np.array_equal(frames[7].depth_mm, depth_image(7))
+    roll, pitch = tilt(0.7)
+    assert attitudes[7].t_ns == attitudes[7].t_arrival_ns == 700_000_000
+    assert attitudes[7].q_ned_frd_wxyz == pytest.approx(quaternion_from_euler(roll, pitch, 0.1), abs=1e-6)
+    assert poses[7].position_ned_m == (0.7, 0.0, -1.5)
+    arrivals = [e.t_arrival_ns for e in events]
+    assert arrivals == sorted(arrivals)
+
+
+def test_the_same_folder_gives_the_same_bytes(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "rec")
+    first = imported(folder)[1].read_bytes()
+    assert imported(folder)[1].read_bytes() == first
+
+
+def test_options_reach_the_log(tmp_path: Path) -> None:
+    config = tmp_path / "c.toml"
+    config.write_text('[[camera]]\nname = "nose"\npitch_deg = -10\nmax_range_m = 9\n')
+    words = [
+        "--mount",
+        "0,-20,5",
+        "--lever-arm",
+        "0.1,0,-0.05",
+        "--ke",
+        "0.002",
+        "--min-range-m",
+        "0.5",
+        "--frame-latency-ms",
+        "80",
+    ]
+    status, out = imported(write_folder(tmp_path / "rec", 3), "-c", str(config), *words)
+    assert status == 0
+    with McapRecording(out) as recording:
+        (info,) = recording.cameras
+    assert info.camera == "nose"
+    assert (info.mount.pitch_rad, info.mount.yaw_rad) == pytest.approx((math.radians(-20), math.radians(5)))
+    assert (info.mount.x_m, info.mount.z_m) == (0.1, -0.05)
+    assert (info.min_range_m, info.max_range_m, info.ke_per_m) == (0.5, 9.0, 0.002)
+    assert frames_of(out)[0].t_arrival_ns == 80_000_000
+
+
+def test_json_is_one_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 4)
+    (folder / "depth" / "000002.png").unlink()
+    status, out = imported(folder, "--json")
+    captured = capsys.readouterr()
+    said = json.loads(captured.out)
+    assert status == 1
+    assert (said["frames"], said["frames_named"], said["output"]) == (3, 4, str(out))
+    assert "000002.png" in said["problems"][0]
+    assert "3 of 4 frames kept" in captured.err
+
+
+def spoilt(folder: Path, what: str) -> None:
+    png = folder / "depth" / "000005.png"
+    whole = png.read_bytes()
+    images = {
+        "8 bit": np.zeros((HEIGHT, WIDTH), np.uint8),
+        "RGB": np.zeros((HEIGHT, WIDTH, 3), np.uint16),
+        "other size": np.zeros((HEIGHT, WIDTH + 2), np.uint16),
+    }
+    if what in images:
+        assert cv2.imwrite(str(png), images[what])
+    elif what == "missing":
+        png.unlink()
+    elif what == "cut":
+        png.write_bytes(whole[: len(whole) // 2])
+    elif what == "flipped":
+        png.write_bytes(whole[:200] + bytes([whole[200] ^ 1]) + whole[201:])
+    else:
+        png.write_bytes(b"hello")
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("8 bit", "8-bit grey, expected 16-bit grey"),
+        ("RGB", "16-bit RGB, expected 16-bit grey"),
+        ("other size", "66x48 pixels, but intrinsics.json is for 64x48"),
+        ("missing", "cannot be read"),
+        ("cut", "cut short"),
+        ("flipped", "wrong checksum"),
+        ("no png", "not a PNG"),
+    ],
+)
+def test_one_bad_image_costs_itself_only(
+    what: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 10)
+    spoilt(folder, what)
+    status, out = imported(folder)
+    said = capsys.readouterr().err
+    assert status == 1
+    assert words in said
+    assert "line 7" in said
+    assert "000005.png" in said
+    assert "9 of 10 frames kept" in said
+    assert [f.sequence for f in frames_of(out)] == [0, 1, 2, 3, 4, 6, 7, 8, 9]
+
+
+def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
+    """The rows of `count` frames, some replaced or (None) left out."""
+    return [r for i in range(count) if (r := changes.get(i, row(i))) is not None]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "kept"),
+    [
+        ({4: row(4).replace("-1.5", "-1.5").replace(f"{tilt(0.4)[0]:.6f}", "nan")}, "line 6", 10),
+        ({4: "depth/000004.png,400000000,,,,,,"}, "1 rows without a usable attitude (line 6)", 10),
+        ({3: "depth/000003.png,300000000,1,2", 4: "depth/000004.png,400000000"}, "(line 5-6)", 10),
+        ({4: "depth/000004.png,soon,0,0,0,0,0,0"}, "line 6: t_ns 'soon' is no whole number", 9),
+        ({4: ",400000000,0,0,0,0,0,0"}, "line 6: file is empty", 9),
+        ({4: "depth/000004.png,100,0,0,0,0,0,0"}, "line 6: t_ns 100 is not later than the row before", 9),
+        ({4: "depth/000004.png,9" + "9" * 30 + ",0,0,0,0,0,0"}, "out of range", 9),
+        ({4: None, 5: None}, "2 images in depth/ have no row (000004.png, 000005.png)", 8),
+        (dict.fromkeys(range(2, 9)), "lines 3-4: a gap of 0.80 s (usual: 0.100 s)", 13),
+    ],
+)
+def test_bad_rows_are_told_with_their_lines(
+    changes: dict[int, str | None], words: str, kept: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    count = 20 if kept == 13 else 10
+    status, out = imported(write_folder(tmp_path / "rec", count, rows_with(changes, count)))
+    said = capsys.readouterr().err
+    assert status == 1
+    assert words in said
+    assert f"{kept} of {kept} frames kept" in said
+    assert len(frames_of(out)) == kept
+
+
+def test_a_row_without_attitude_keeps_its_frame_and_invents_nothing(tmp_path: Path) -> None:
+    _, out = imported(write_folder(tmp_path / "rec", 10, rows_with({4: "depth/000004.png,400000000,nan,nan,nan,,,"})))
+    events = events_of(out)
+    assert 400_000_000 in [e.t_exposure_ns for e in events if isinstance(e, DepthFrame)]
+    assert 400_000_000 not in [e.t_ns for e in events if isinstance(e, AttitudeSample)]
+
+
+def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "a", 3, ["depth/000000.png,0.1"], heading="file,roll_rad")
+    assert imported(folder)[0] == 1
+    assert "line 1: column t_ns is missing" in capsys.readouterr().err
+    folder = write_folder(
+        tmp_path / "b",
+        3,
+        [f"depth/{i:06d}.png,{i}00000000,0,0" for i in range(3)],
+        heading="file,t_ns,roll_rad,yaw_rad",
+    )
+    status, out = imported(folder)
+    assert status == 1
+    assert "column pitch_rad is missing, hence no frame has an attitude" in capsys.readouterr().err
+    assert len(frames_of(out)) == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fx": None}, "fx is missing"),
+        ({"fx": "wide"}, "fx is 'wide'; expected a number"),
+        ({"fx": 2.0}, "do not fit an image 64 px wide"),
+        ({"cx": 400.0}, "principal point"),
+        ({"depth_unit_mm": -1}, "depth_unit_mm = -1"),
+        ({"invalid": "0"}, "invalid = '0'"),
+    ],
+)
+def test_intrinsics_that_do_not_fit(
+    change: dict[str, object], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 2)
+    path = folder / "intrinsics.json"
+    content = json.loads(path.read_text()) | change
+    path.write_text(json.dumps({k: v for k, v in content.items() if v is not None}))
+    assert imported(folder)[0] == 1
+    said = capsys.readouterr().err
+    assert words in said
+    assert "intrinsics.json" in said
+
+
+def test_intrinsics_of_another_resolution(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 12)
+    path = folder / "intrinsics.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"width": 128, "height": 96}))
+    status, out = imported(folder)
+    said = capsys.readouterr().err
+    assert status == 1
+    assert "64x48 pixels, but intrinsics.json is for 128x96" in said
+    assert "... and 4 more: image" in said
+    assert "no frame of it could be used" in said
+    with McapRecording(out) as recording:  # finished and readable all the same
+        assert recording.cameras[0].intrinsics.width == 128
+
+
+def test_broken_json_and_nothing_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 1)
+    (folder / "intrinsics.json").write_text("{")
+    assert imported(folder)[0] == 1
+    assert "not valid JSON" in capsys.readouterr().err
+    assert imported(tmp_path / "none")[0] == 1
+    assert "there is nothing" in capsys.readouterr().err
+    (folder / "frames.csv").write_text(HEADING + "\n")
+    (folder / "intrinsics.json").unlink()
+    assert imported(folder)[0] == 1
+    assert "intrinsics.json: cannot be read" in capsys.readouterr().err
+
+
+def test_units_and_invalid_values(tmp_path: Path) -> None:
+    raw = np.array([[0, 1, 2000, 65533, 65534, 65535] * 8] * 16, np.uint16)
+    path = tmp_path / "a.png"
+    assert cv2.imwrite(str(path), raw)
+    size = (48, 16)
+    # a recorder's 65534 was a measurement beyond use or nonsense, never this project's "far"
+    assert read_depth_png(path, size)[0, :6].tolist() == [0, 1, 2000, 65533, 0, 0]
+    assert read_depth_png(path, size, invalid=(0, 2000))[0, :6].tolist() == [0, 1, 0, 65533, 0, 0]
+    assert read_depth_png(path, size, unit_mm=0.1)[0, :6].tolist() == [0, 0, 200, 6553, 6553, 0]
+    assert read_depth_png(path, size, unit_mm=10.0)[0, :6].tolist() == [0, 10, 20000, 0, 0, 0]
+    with pytest.raises(BadData):
+        read_depth_png(path, (16, 48))
+
+
+def test_far_is_never_made_up() -> None:
+    every = np.arange(65536, dtype=np.uint16)
+    for unit in (0.25, 1.0, 1.00001, 3.0):
+        assert millimetres(every, unit).max() <= 65533
+
+
+def test_real_recordings(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A hand-held camera, a simulated room, a corridor: all of each, and the floor lies where it was measured."""
+    heights = {"rs_d435_handheld": 0.6348, "o3d_livingroom_sim": 0.4433, "cape_tunnel": 1.3578}
+    counts = {"rs_d435_handheld": 100, "o3d_livingroom_sim": 5, "cape_tunnel": 1}
+    for name, count in counts.items():
+        out = tmp_path / f"{name}.mcap"
+        assert main(["import", str(shared_data / name), "-o", str(out), "--no-tlog"]) == 0
+        assert f"{count} frames" in capsys.readouterr().out
+        with McapRecording(out) as recording:
+            (info,) = recording.cameras
+            events = list(recording.events())
+        frame = next(e for e in events if isinstance(e, DepthFrame))
+        attitude = next(e for e in events if isinstance(e, AttitudeSample))
+        assert sum(isinstance(e, DepthFrame) for e in events) == count
+        assert frame.depth_mm.max() < 65534
+        assert share_on_floor(frame, attitude, info, heights[name]) > 0.2
+
+
+def share_on_floor(frame: DepthFrame, attitude: AttitudeSample, info: object, height_m: float) -> float:
+    """Share of the measured pixels within 3 cm of a level plane this far below the camera."""
+    from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
+
+    k = info.intrinsics
+    z = frame.depth_mm.astype(np.float64) / 1000.0
+    u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
+    points = np.stack([(u - k.cx) / k.fx * z, (v - k.cy) / k.fy * z, z], axis=-1)[z > 0]
+    down = points @ (rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ R_CAMFRD_OPTICAL)[2]
+    return float(np.mean(np.abs(down - height_m) < 0.03))

@@ -1,0 +1,145 @@
+"""A telemetry log beside the frames: matched in time, by what the person says or by what both saw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, DepthFrame, PoseSample
+
+from .recordings import EPOCH_US, events_of, row, tilt, write_folder, write_tlog
+
+EPOCH = "1700000000"
+
+
+def imported(folder: Path, *words: str) -> tuple[int, list[object]]:
+    out = folder.parent / "out.mcap"
+    out.unlink(missing_ok=True)
+    status = main(["import", str(folder), "-o", str(out), *words])
+    return status, list(events_of(out)) if out.exists() else []
+
+
+def attitudes(events: list[object]) -> list[AttitudeSample]:
+    return [e for e in events if isinstance(e, AttitudeSample)]
+
+
+def test_the_logs_attitude_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 40, [f"depth/{i:06d}.png,{i}00000000,9,9,9,1,2,3" for i in range(40)])
+    write_tlog(folder / "a.tlog", 5.0)
+    status, events = imported(folder, "--tlog-epoch", EPOCH)
+    assert status == 0
+    assert "attitude from a.tlog: ATTITUDE of system 1" in capsys.readouterr().out
+    found = attitudes(events)
+    at = next(a for a in found if abs(a.t_ns - 2_000_000_000) < 1_000_000)
+    assert at.q_ned_frd_wxyz == pytest.approx(quaternion_from_euler(*tilt(2.0), 0.1), abs=1e-5)
+    assert at.rates_frd_rad_s == (0.0, 0.0, 0.0)
+    # positions of frames.csv would be of another heading's ned
+    assert not [e for e in events if isinstance(e, PoseSample)]
+    assert len([e for e in events if isinstance(e, DepthFrame)]) == 40
+
+
+def test_fractions_of_the_epoch_count_to_the_microsecond(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "rec", 40)
+    write_tlog(folder / "a.tlog", 5.0, lag_us=0)
+    _, events = imported(folder, "--tlog-epoch", "1700000000.123457")
+    # samples before t_ns 0 are kept: a log cannot hold negative stamps, so everything moves by a whole second
+    assert min(e.t_exposure_ns for e in events if isinstance(e, DepthFrame)) == 1_000_000_000
+    stamps = [a.t_ns - 1_000_000_000 + 123_457_000 for a in attitudes(events)]
+    assert stamps == [i * 20_000_000 for i in range(251)]
+
+
+def test_the_epoch_is_found_where_both_saw_the_same_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 60)
+    write_tlog(folder / "a.tlog", 30.0, start_s=-10.0)
+    status, events = imported(folder)
+    said = capsys.readouterr().out
+    assert status == 0
+    assert "t_ns 0 found at unix 1700000000.000 s" in said or "t_ns 0 found at unix 1700000000.001 s" in said
+    assert len(attitudes(events)) > 300
+
+
+def test_unix_stamps_need_no_epoch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [row(i).replace(f",{i}00000000,", f",{EPOCH_US * 1000 + i * 100_000_000},") for i in range(1, 20)]
+    folder = write_folder(tmp_path / "rec", 20, rows)
+    (folder / "depth" / "000000.png").unlink()
+    write_tlog(folder / "a.tlog", 5.0)
+    status, _ = imported(folder)
+    assert status == 0
+    assert "t_ns of frames.csv are unix times" in capsys.readouterr().out
+
+
+def test_no_epoch_and_no_match_asks_for_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    still = [f"depth/{i:06d}.png,{i}00000000,0.1,-0.2,0,,," for i in range(20)]
+    folder = write_folder(tmp_path / "rec", 20, still)
+    write_tlog(folder / "a.tlog", 30.0)
+    status, events = imported(folder)
+    said = capsys.readouterr().err
+    assert status == 1
+    assert "--tlog-epoch SECONDS" in said
+    assert "--no-tlog" in said
+    assert not events
+    status, events = imported(folder, "--no-tlog")
+    assert status == 0
+    assert len(attitudes(events)) == 20
+
+
+def test_a_motion_that_repeats_is_not_matched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same second of motion twice: two answers are none."""
+    folder = write_folder(tmp_path / "rec", 12)
+    once = write_tlog(tmp_path / "1", 3.0, boot_ms=1000).read_bytes()
+    again = write_tlog(tmp_path / "2", 3.0, boot_ms=61_000, unix_us=EPOCH_US + 60_000_000).read_bytes()
+    (folder / "a.tlog").write_bytes(once)
+    assert imported(folder)[0] == 0
+    (folder / "a.tlog").write_bytes(once + again)
+    assert imported(folder)[0] == 1
+    assert "do not match in one place only" in capsys.readouterr().err
+
+
+def test_a_wrong_epoch_is_told_with_both_spans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 5)
+    write_tlog(folder / "a.tlog", 5.0)
+    assert imported(folder, "--tlog-epoch", "1600000000")[0] == 1
+    said = capsys.readouterr().err
+    assert "they span 1600000000.000..1600000000.400, the log 1700000000.000..1700000005.000" in said
+
+
+def test_attitude_missing_for_part_of_the_flight(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 40)
+    write_tlog(folder / "a.tlog", 2.0)
+    status, events = imported(folder, "--tlog-epoch", EPOCH)
+    assert status == 1
+    assert "no attitude near the frames of frames.csv line 23-41" in capsys.readouterr().err
+    assert len([e for e in events if isinstance(e, DepthFrame)]) == 40
+
+
+def test_several_logs_need_a_choice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 5)
+    write_tlog(folder / "a.tlog", 2.0)
+    write_tlog(folder / "b.tlog", 2.0)
+    assert imported(folder, "--tlog-epoch", EPOCH)[0] == 1
+    assert "a.tlog, b.tlog" in capsys.readouterr().err
+    assert imported(folder, "--tlog-epoch", EPOCH, "--tlog", str(folder / "b.tlog"))[0] == 0
+
+
+@pytest.mark.parametrize("words", [["--tlog-epoch", "noon"], ["--tlog", "x", "--no-tlog"], ["--mount", "1,2"]])
+def test_wrong_use(words: list[str], tmp_path: Path) -> None:
+    assert main(["import", str(tmp_path), "-o", str(tmp_path / "o"), *words]) == 2
+
+
+def test_a_real_log_beside_real_frames(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its attitude is that of frames.csv, interpolated: the two imports agree at every frame."""
+    source = str(shared_data / "rs_d435_handheld")
+    found = []
+    for words in (["--no-tlog"], ["--tlog-epoch", "1700000000"], []):
+        assert main(["import", source, "-o", str(tmp_path / "o.mcap"), *words]) == 0
+        found.append({a.t_ns: a.q_ned_frd_wxyz for a in attitudes(list(events_of(tmp_path / "o.mcap")))})
+    rows, told, derived = found
+    assert told == derived
+    assert "t_ns 0 found at unix 1700000000.000 s" in capsys.readouterr().out
+    shared = set(rows) & set(told)
+    assert len(shared) == 100
+    for t in shared:
+        assert rows[t] == pytest.approx(told[t], abs=2e-6)

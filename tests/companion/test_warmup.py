@@ -1,0 +1,88 @@
+"""`companion warmup`: a damaged cache is mended, a cache that cannot be written is named.
+
+Only the module's own handling is run here, with a small kernel in place of all of them: compiling everything from
+nothing takes too long for a test, and is what the first run of `make demo` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import companion.warmup as warmup
+from companion.cli import main
+
+KERNEL = """
+from numba import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of its own with one compiled kernel in it; gives the cache."""
+    (tmp_path / "small_kernel.py").write_text(KERNEL)
+    cache = tmp_path / "cache"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+    monkeypatch.setattr(warmup, "CHILD", "from small_kernel import twice; assert twice(3) == 6")
+    return cache
+
+
+def test_compiles_once(small: Path) -> None:
+    first = warmup.warm_up()
+    assert (first.deleted, first.cached) == (0, 2)
+    stamps = {f: f.stat().st_mtime_ns for f in small.rglob("*.nb?")}
+    assert warmup.warm_up() == first
+    assert {f: f.stat().st_mtime_ns for f in small.rglob("*.nb?")} == stamps
+
+
+@pytest.mark.parametrize("kept", [0, 7, 100])
+@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
+def test_a_truncated_cache_is_mended(small: Path, kind: str, kept: int) -> None:
+    warmup.warm_up()
+    (file,) = small.rglob(kind)
+    file.write_bytes(file.read_bytes()[:kept])
+    stranger = small / "notes.txt"
+    stranger.write_text("not ours")
+    mended = warmup.warm_up()
+    assert (mended.deleted, mended.cached) == (2, 2)
+    assert stranger.exists()
+    assert warmup.warm_up().deleted == 0
+
+
+def test_what_no_deletion_helps_is_told(
+    small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    warmup.warm_up()
+    monkeypatch.setattr(warmup, "CHILD", "raise MemoryError('no memory for kernels')")
+    assert main(["warmup"]) == 1
+    said = capsys.readouterr().err
+    assert "also after 2 cached files were deleted" in said
+    assert "no memory for kernels" in said
+
+
+def test_a_killed_child_is_told(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warmup, "CHILD", "import os; os.abort()")
+    with pytest.raises(warmup.WarmupError, match="ended by signal 6"):
+        warmup.warm_up()
+
+
+def test_a_cache_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    assert main(["warmup"]) == 1
+    said = capsys.readouterr().err
+    assert f"NUMBA_CACHE_DIR = {tmp_path / 'file' / 'cache'} cannot be written" in said
+    assert "unset it" in said
+
+
+def test_all_kernels_run() -> None:
+    """On the frames that the command uses, of both kinds and in both modes."""
+    warmup.run_kernels()
