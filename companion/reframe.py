@@ -37,7 +37,7 @@ def reframed(model: FrameModel, transform: LevelTransform) -> FrameModel:
     return replace(
         model,
         planes=planes,
-        prisms=tuple(_prism(prism, transform) for prism in model.prisms),
+        prisms=_prisms(model.prisms, transform),
         free=_free(model.free, transform),
         ground=_ground(model.ground, transform),
         strips=None,
@@ -52,10 +52,30 @@ def _turned(xy_m: NDArray[np.float32], transform: LevelTransform) -> NDArray[np.
     return np.stack([c * x - s * y + tx, s * x + c * y + ty], axis=1).astype(np.float32)
 
 
-def _prism(prism: Prism, transform: LevelTransform) -> Prism:
-    top = np.float32(prism.top_m + transform.translation_m[2])
-    bottom = max(np.float32(prism.bottom_m + transform.translation_m[2]), np.nextafter(top, np.float32(np.inf)))
-    return replace(prism, top_m=float(top), bottom_m=float(bottom), vertices_m=_turned(prism.vertices_m, transform))
+def _prisms(prisms: tuple[Prism, ...], transform: LevelTransform) -> tuple[Prism, ...]:
+    """All vertices are turned at once: a frame has hundreds of prisms of a few vertices each."""
+    if not prisms:
+        return ()
+    vertices_m = _turned(np.concatenate([prism.vertices_m for prism in prisms]), transform)
+    z_m = transform.translation_m[2]
+    moved, begin = [], 0
+    for prism in prisms:
+        end = begin + len(prism.vertices_m)
+        top = np.float32(prism.top_m + z_m)
+        bottom = max(np.float32(prism.bottom_m + z_m), np.nextafter(top, np.float32(np.inf)))
+        moved.append(
+            Prism(
+                cluster=prism.cluster,
+                top_m=float(top),
+                bottom_m=float(bottom),
+                closed=prism.closed,
+                margin_m=prism.margin_m,
+                vertices_m=vertices_m[begin:end],
+                plane=prism.plane,
+            )
+        )
+        begin = end
+    return tuple(moved)
 
 
 def _free(free: FreeProfile, transform: LevelTransform) -> FreeProfile:

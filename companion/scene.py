@@ -6,9 +6,9 @@ Viewers draw z up; the root frame `up` (north, west, up) turns the autopilot's `
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
@@ -20,7 +20,6 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.duration_pb2 import Duration
-from numpy.typing import NDArray
 
 from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, Prism
@@ -47,10 +46,10 @@ def scene_message(result: PrismsResult) -> SceneUpdate:
     if result.model is None or not result.valid:
         deletion = SceneEntityDeletion(timestamp=timestamp, type=SceneEntityDeletion.MATCHING_ID, id=name)
         return SceneUpdate(deletions=[deletion])
-    camera_xy = result.transform.translation_m[:2] if result.transform is not None else (0.0, 0.0)
+    x_m, y_m, _ = result.transform.translation_m if result.transform is not None else (0.0, 0.0, 0.0)
     triangles = TriangleListPrimitive(pose=_pose())
     for prism in result.model.prisms:
-        _draw(triangles, prism, camera_xy)
+        _draw(triangles, prism, (x_m, y_m))
     entity = SceneEntity(
         timestamp=timestamp,
         frame_id=result.frame,
@@ -98,26 +97,26 @@ def _pose() -> Pose:
     return Pose(position=Vector3(), orientation=Quaternion(w=1.0))
 
 
-def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, ...]) -> None:
+def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, float]) -> None:
     """Two triangles for each edge of the side profile."""
-    xy = prism.vertices_m.astype(np.float64)
-    ends = np.roll(xy, -1, axis=0) if prism.closed else xy[1:]
-    for a, b in zip(xy[: len(ends)], ends, strict=True):
+    xy = prism.vertices_m.tolist()
+    ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
+    for a, b in zip(xy, ends, strict=False):
         corners = [
-            Point3(x=float(p[0]), y=float(p[1]), z=z)
+            Point3(x=p[0], y=p[1], z=z)
             for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m))
         ]
-        colour = distance_colour(_distance(a, b, np.array(camera_xy)))
         triangles.points.extend([corners[i] for i in (0, 1, 2, 0, 2, 3)])
-        triangles.colors.extend([colour] * 6)
+        triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 6)
 
 
-def _distance(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> float:
+def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:
     """From a point to the nearest point of a segment, seen from above, metres."""
-    along = b - a
-    length2 = float(along @ along)
-    share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, float((p - a) @ along) / length2))
-    return float(np.hypot(*(a + share * along - p)))
+    along_x, along_y = b[0] - a[0], b[1] - a[1]
+    to_x, to_y = p[0] - a[0], p[1] - a[1]
+    length2 = along_x * along_x + along_y * along_y
+    share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, (to_x * along_x + to_y * along_y) / length2))
+    return math.hypot(share * along_x - to_x, share * along_y - to_y)
 
 
 def distance_colour(distance_m: float) -> Color:

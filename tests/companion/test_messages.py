@@ -209,6 +209,18 @@ def test_a_blind_camera_takes_its_drawing_away():
     assert update.deletions[0].id == scene_message(results()[0]).entities[0].id
 
 
+@pytest.mark.parametrize(
+    ("vertices", "nearest_m"), [([[5, -3], [5, 3]], 5.0), ([[3, 4], [9, 4]], 5.0), ([[3, 4], [3, 4]], 5.0)]
+)
+def test_colours_go_by_the_nearest_point_of_a_face(vertices, nearest_m):
+    result = dataclasses.replace(results()[0], transform=None)
+    face = dataclasses.replace(
+        result.model.prisms[0], vertices_m=np.array(vertices, np.float32), plane=np.array([0], np.int32)
+    )
+    drawn = scene_message(dataclasses.replace(result, model=dataclasses.replace(result.model, prisms=(face,))))
+    assert drawn.entities[0].triangles[0].colors[0] == distance_colour(nearest_m)
+
+
 def test_near_is_red_and_far_is_blue():
     near, far = distance_colour(0.5), distance_colour(40.0)
     assert (near.r, near.g, near.b) == (1.0, 0.0, 0.0)
