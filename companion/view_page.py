@@ -23,11 +23,11 @@ from .reframe import LevelTransform, reframed
 from .view_colors import depth_index, palette
 from .view_frame import Standing, ViewFrame
 
-DEPTH_BUDGET_BYTES: Final = 4_000_000
+DEPTH_BUDGET_BYTES: Final = 3_000_000
 """What the depth images of a page may take together; many frames make each of them smaller."""
 DEPTH_WIDTHS_PX: Final = (320, 240, 200, 160, 120)
-_BYTES_PER_PX: Final = 0.3
-"""A noisy depth image of one byte a pixel, packed as PNG."""
+_BYTES_PER_PX: Final = 0.5
+"""A noisy depth image of one byte a pixel, packed as PNG and then as text."""
 _PLACE: Final = re.compile(r"@@([\w.]+)@@")
 
 

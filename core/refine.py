@@ -40,9 +40,17 @@ def meet_neighbours(count, planes, plane_ints, reach_m, column_t):
                 continue
             x = distance_at(p, t)
             far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
-            if far <= reach_m and x < 1e8:
+            # an end may only be cut back where the other plane takes over all of its height
+            cuts_p, cuts_q = t < p[T1] and not _spans(q, p), t > q[T0] and not _spans(p, q)
+            if far <= reach_m and x < 1e8 and not cuts_p and not cuts_q:
                 p[T1] = t
                 q[T0] = t
+
+
+@njit(cache=True, nogil=True)
+def _spans(p, q):
+    """Whether plane p reaches as high and as low as plane q."""
+    return p[Z0] <= q[Z0] + 0.05 and p[Z1] >= q[Z1] - 0.05
 
 
 @njit(cache=True, nogil=True)
@@ -62,6 +70,20 @@ def stands_between(count, planes, plane_ints, i, j, t, z, x):
         own = distance_at(p, t)
         if own < x + 0.3 and p[Z0] <= z / x * own <= p[Z1]:
             return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _touches_opening(p, q, masks, frame):
+    """Whether the chord between facing ends of p and q would cover part of an opening: looked at in 5 x 5 points."""
+    xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
+    top, bottom = max(p[Z0], q[Z0]), min(p[Z1], q[Z1])
+    for a in range(1, 6):
+        t = p[T1] + (q[T0] - p[T1]) * a / 6.0
+        x = 6.0 / ((6.0 - a) / xp + a / xq)
+        for b in range(1, 6):
+            if is_open(masks, t, (top + (bottom - top) * b / 6.0) / x, x, frame):
+                return True
     return False
 
 
@@ -91,7 +113,7 @@ def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least
         t = 0.5 * (p[T1] + q[T0])
         z = 0.5 * (max(p[Z0], q[Z0]) + min(p[Z1], q[Z1]))
         x = 2.0 / (s0 + s1)
-        if is_open(masks, t, z / x, x, frame) or stands_between(first, planes, plane_ints, i, best, t, z, x):
+        if _touches_opening(p, q, masks, frame) or stands_between(first, planes, plane_ints, i, best, t, z, x):
             continue
         new = planes[count]
         new[B] = (s1 - s0) / (q[T0] - p[T1])
