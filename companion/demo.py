@@ -22,7 +22,7 @@ from .replay import Options, replay
 from .replay_report import Replay, problems_of
 from .run_info import run_info
 from .view import ViewOptions, Views, make_views
-from .warmup import warm_up
+from .warmup import WarmupError, warm_up
 
 OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, seed=0)
@@ -101,10 +101,10 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
     options.folder.mkdir(parents=True, exist_ok=True)
     flight_log, prisms_log = options.folder / "flight.mcap", options.folder / "prisms.mcap"
     flight = simulated_flight(config, options)
+    with bar("compiling what is not compiled yet (a minute the first time)"):
+        warm_up()
     with bar("flying through the simulated scene") as on_progress:
         frames = record(flight, flight_log, config, on_progress)
-    with bar("compiling what is not compiled yet"):
-        warm_up()
     with bar("turning depth images into prisms") as on_progress:
         result = replay(flight_log, Options(output=prisms_log), on_progress)
     with bar("drawing") as on_progress:
@@ -142,7 +142,11 @@ def run(args: argparse.Namespace) -> int:
     options = DemoOptions(folder=args.output, config=args.config, frames=args.frames)
     if args.fast:
         options = replace(options, frames=args.frames or FAST_FRAMES, width_px=FAST_WIDTH_PX)
-    done = demo(options, progress if args.json else _announced)
+    try:
+        done = demo(options, progress if args.json else _announced)
+    except WarmupError as error:
+        fail(str(error))
+        return 1
     problems = problems_of(done.replay)
     if args.json:
         say_json(_json(done, problems))
