@@ -22,6 +22,7 @@ from .view_panel import (
     model_missing,
     nothing_to_draw,
     plane_rgb,
+    wrapped,
 )
 
 LABELS = 8
@@ -60,18 +61,9 @@ def _stamp(ax: Any, text: str) -> None:
     """Writes across an image that nothing was found in, so that nobody takes it for an empty scene."""
     box = {"facecolor": "#c62828" if text.startswith("BLIND") else "#b26a00", "edgecolor": "none", "pad": 8}
     ax.text(
-        0.5,
-        0.5,
-        text,
-        transform=ax.transAxes,
-        ha="center",
-        va="center",
-        fontsize=15,
-        weight="bold",
-        color="white",
-        bbox=box,
-        wrap=True,
-    )
+        0.5, 0.5, wrapped(text, 38), transform=ax.transAxes, ha="center", va="center",
+        fontsize=15, weight="bold", color="white", bbox=box,
+    )  # fmt: skip
 
 
 def strip_segments_px(strips: StripTable, frame: ViewFrame) -> list[NDArray[np.float64]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,18 @@ def nothing_to_draw(ax: Any, text: str, *, blind: bool = False) -> None:
     ax.text(
         0.5,
         0.5,
-        text,
+        wrapped(text),
         transform=ax.transAxes,
         ha="center",
         va="center",
         fontsize=13,
         color="#b71c1c" if blind else "#404040",
     )
+
+
+def wrapped(text: str, columns: int = 46) -> str:
+    """The text in lines that fit the narrowest panel."""
+    return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, columns))
 
 
 def model_missing(frame: ViewFrame) -> str:

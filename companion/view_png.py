@@ -41,14 +41,14 @@ def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
     """Writes the picture of one frame, WIDTH_PX x HEIGHT_PX. Raises ViewError, OSError."""
     figure = new_figure()
     _header(figure, frame, t_start_ns)
-    image, scale = _image_place(frame)
+    image, scale = image_place(frame)
     draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)
     draw_side(figure.add_axes((0.045, 0.118, 0.455, 0.215)), frame)
     draw_top(figure.add_axes((0.555, 0.118, 0.435, 0.747)), frame)
     figure.savefig(path, dpi=DPI, metadata={"Software": "osape-companion"})
 
 
-def _image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """(left, bottom, width, height) of the image and of the scale beside it, as shares of the figure."""
     k, left, top = frame.info.intrinsics, 0.015, 0.865
     size_px = min(0.43 * WIDTH_PX / k.width, 0.45 * HEIGHT_PX / k.height)
