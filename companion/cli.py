@@ -54,6 +54,8 @@ def _words(error: Exception) -> str:
     """The error's message; of the operating system's, the file first and what to look at."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check the path, its rights and the free space"
+    if isinstance(error, OSError):
+        return f"{error.strerror or error} while writing; what was written stays in the .active file beside the output"
     return str(error)
 
 

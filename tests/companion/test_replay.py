@@ -292,6 +292,14 @@ def test_an_output_that_cannot_be_written(recorded, tmp_path, capsys):
     assert "No such file or directory; check the path" in capsys.readouterr().err
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk without space")
+def test_a_full_disk_is_told(recorded, tmp_path, capsys):
+    (tmp_path / "out.mcap.active").symlink_to("/dev/full")
+    assert main(["replay", str(recorded), "-o", str(tmp_path / "out.mcap")]) == 1
+    assert "No space left on device while writing" in capsys.readouterr().err
+    assert not (tmp_path / "out.mcap").exists()
+
+
 def test_a_failed_replay_leaves_no_output_behind(tmp_path, recorded):
     config = tmp_path / "bad.toml"
     config.write_text("[sync]\nmax_gap = 1\n")
