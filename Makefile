@@ -7,7 +7,7 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-SOURCES := core drivers companion tests benchmarks examples
+SOURCES := $(wildcard core drivers companion tests benchmarks examples)
 # compiled kernels live in the checkout: a second run starts at once, `make clean` forgets them
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1

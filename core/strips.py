@@ -3,7 +3,7 @@
 A strip is a vertical run of pixels at one distance: (disparity, column, first row, last row). Every kernel works
 on plain arrays. Tables of strips: ints (N, 9) int32 U, TOP, BOTTOM (rows, inclusive), SUPPORT (distinct source pixels, in 1/16), KIND,
 CLUSTER, TRACK, FILL (rows filled, not seen), CUT (1: top, 2: bottom cut by the image border); floats (N, 3) float32
-D (disparity, px), NEAR (of the robust near edge), SIGMA (1 sigma of D).
+D (disparity, px), NEAR (of the robust near edge, a lower bound), SIGMA (1 sigma of D).
 """
 
 from __future__ import annotations
@@ -150,6 +150,8 @@ def emit_pixels(
     if rough:
         d, near = near_side(scratch, count, mean, fs, si)
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
+    # a lower confidence bound: a few stray pixels in front of a wall move no plane
+    near = np.float32(max(0.5 * d, near - fs[S_BAND_SIGMAS] * sigma))
     share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
     support = max(1, int(PX * count * share + 0.5))
     return add_strip(

@@ -122,7 +122,7 @@ def smooth_near(ints, floats, n, cols, first_of_column, raw):
         if left >= 0 and right >= 0:
             a, b, c = raw[left], raw[i], raw[right]
             middle = max(min(a, b), min(max(a, b), c))
-            floats[i, NEAR] = max(middle, floats[i, D])
+            floats[i, NEAR] = middle
 
 
 @njit(cache=True, nogil=True)
