@@ -314,10 +314,11 @@ class App {
   }
 }
 
-try {
-  window.app = new App(await unpack($("data").textContent));
-} catch (error) {
+function complain(error) {
   $("banner").className = "blind";
-  $("banner").textContent = `This page cannot be shown: ${error.message}. It needs a browser of 2023 or later with WebGL.`;
-  throw error;
+  $("banner").textContent = `This page cannot be shown: ${error?.message ?? error}. It needs a browser of 2023 or later with WebGL.`;
 }
+
+addEventListener("error", (e) => complain(e.error ?? e.message));
+addEventListener("unhandledrejection", (e) => complain(e.reason));
+window.app = new App(await unpack($("data").textContent));

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import re
 import shutil
 import subprocess
@@ -80,3 +81,65 @@ def test_scene_is_drawn(browser: str, page: Path, tmp_path: Path) -> None:
     assert colors["valid"] > 200
     b, g, r = (shots["blind"][..., k].astype(int) for k in range(3))
     assert np.mean((r > 120) & (g < 70) & (b < 70)) > 0.02, "a blind frame says so across the scene"
+
+
+ACT = """
+<script type="module">
+import "viewer/app";
+const tell = {}, key = (name) => dispatchEvent(new KeyboardEvent("keydown", { key: name }));
+const settle = () => new Promise((done) => setTimeout(done, 300));
+const canvas = document.getElementById("canvas"), app = window.app;
+const pointer = (kind, x, y) => canvas.dispatchEvent(new PointerEvent(kind, { clientX: x, clientY: y, pointerId: 1, bubbles: true }));
+canvas.setPointerCapture = () => {};
+const box = canvas.getBoundingClientRect(), x = box.left + box.width / 2, y = box.top + box.height / 2;
+await settle();
+key("4"); await settle();
+pointer("pointermove", x, y);
+tell.tip = document.getElementById("tip").textContent;
+const before = app.orbit.azimuth;
+pointer("pointerdown", x, y); pointer("pointermove", x + 50, y); pointer("pointerup", x + 50, y);
+tell.turned = before - app.orbit.azimuth;
+const far = app.orbit.distance;
+canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: 400, cancelable: true }));
+tell.zoomed = app.orbit.distance / far;
+tell.walls = app.frames.shown.length;
+for (const [name, act] of [["right", () => key("ArrowRight")], ["end", () => key("End")], ["left", () => key("ArrowLeft")], ["home", () => key("Home")]]) {
+  act(); await settle();
+  tell[name] = app.at;
+}
+document.getElementById("inferred").click();
+key("End"); await settle();
+tell.measured = app.frames.shown.length;
+key("Home"); await settle();
+key(" "); await settle();
+tell.playing = app.playing;
+document.title = JSON.stringify(tell);
+</script>
+</body>"""
+
+
+def test_page_is_turned_stepped_and_questioned(browser: str, page: Path) -> None:
+    acted = page.with_name("acted.html")
+    acted.write_text(page.read_text("utf-8").replace("</body>", ACT), encoding="utf-8")
+    dom, console = ask(browser, acted, "frame=0", "--dump-dom")
+    assert "Uncaught" not in console
+    found = re.search(r"<title>([^<]*)</title>", dom)
+    assert found is not None
+    tell = json.loads(html.unescape(found.group(1)))
+    assert tell["tip"].startswith("4.0 m away; -0.8 to 0.6 m above the camera; margin 0.20 m")
+    assert tell["turned"] == pytest.approx(0.3, abs=0.01)
+    assert tell["zoomed"] == pytest.approx(1.49, abs=0.01)
+    assert [tell[k] for k in ("right", "end", "left", "home")] == [1, 2, 1, 0]
+    assert tell["walls"] == 1
+    assert tell["measured"] == 2, "two of the last frame's four planes are partly inferred"
+    assert tell["playing"] is True
+
+
+def test_page_that_fails_says_so_instead_of_showing_nothing(browser: str, page: Path) -> None:
+    broken = page.with_name("broken.html")
+    text = page.read_text("utf-8").replace("this.#words(frame, options);", "this.gone();")
+    broken.write_text(text, encoding="utf-8")
+    dom, _ = ask(browser, broken, "frame=0", "--dump-dom")
+    found = re.search(r'id="banner" class="blind"[^>]*>([^<]*)<', dom)
+    assert found is not None
+    assert "cannot be shown" in found.group(1)
