@@ -42,6 +42,8 @@ from .types import (
 
 _REACH_M = 0.9
 """A joined plane covers nothing farther than this from what was seen; below Hs and below Ws/2 in any case."""
+_INFERRED_SHARE = 0.05
+"""A plane with more of its rows filled than this is called inferred; less is what single pixels drop out."""
 
 
 class Extractor:
@@ -211,8 +213,8 @@ class Extractor:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
         size = 2 * max(n, 1) + 16
-        planes = self._buffer("planes", (size, 7), np.float64)
-        plane_ints = self._buffer("plane_ints", (size, 6), np.int32)
+        planes = self._buffer("planes", (size, 8), np.float64)
+        plane_ints = self._buffer("plane_ints", (size, 7), np.int32)
         moments = self._buffer("moments", (size, 6), np.float64)
         column_t = float(view.lateral[0]) / view.f_px
         if p.paper:
@@ -333,7 +335,8 @@ def plane_flags(planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view
     """(N,) uint8 PlaneFlags."""
     column_t = float(view.lateral[0]) / view.f_px
     inferred = plane_ints[:, pl.P_INFERRED] > 0
-    flags = np.where(inferred | (plane_ints[:, pl.P_FILL] > 0), int(PlaneFlags.INFERRED), 0)
+    filled = plane_ints[:, pl.P_FILL] > _INFERRED_SHARE * plane_ints[:, pl.P_ROWS]
+    flags = np.where(inferred | filled, int(PlaneFlags.INFERRED), 0)
     flags |= np.where(inferred, 0, int(PlaneFlags.UNKNOWN_BEHIND))
     flags |= np.where(planes[:, pl.T0] <= (1.5 - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
     flags |= np.where(planes[:, pl.T1] >= (view.cols - 2.5 - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0)

@@ -31,8 +31,8 @@ def vote(inverse, R, k, ke, votes, points):
 
     inverse: (H, W) float32. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. votes: (160,) int32 over log height.
     points: (N, 5) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre of height, and 1
-    where they voted. A pair of pixels in one source column votes when what lies between them climbs less than a quarter of
-    0.4 m, the height a wall would show over the same rows."""
+    where they voted. A pair of pixels in one source column votes when what lies between them climbs less than a quarter
+    of what a wall would show over the same rows."""
     rows, cols = inverse.shape
     votes[:] = 0
     n = 0
@@ -57,7 +57,9 @@ def vote(inverse, R, k, ke, votes, points):
                 n += 1
             if z < _LEAST_HEIGHT_M or x <= 0.0:
                 continue
-            v2 = v - max(4, min(rows // 3, int(0.4 * k[1] * d)))
+            # what a wall would climb over the rows that are looked at: a fifth of the camera's height
+            climb = min(max(0.2 * z, 0.08), 2.0)
+            v2 = v - max(4, min(rows // 3, int(climb * k[1] * d)))
             if v2 < 0:
                 continue
             d2 = inverse[v2, u]
@@ -66,7 +68,7 @@ def vote(inverse, R, k, ke, votes, points):
             yv2 = (v2 - k[3]) / k[1]
             z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
             noise = 2.0 * ke * (z / d + abs(z2) / d2) * 0.5
-            if abs(z2 - z) < min(0.1 + noise, 0.2) and z2 > 0.5 * z:
+            if abs(z2 - z) < min(0.25 * climb + noise, 0.5 * climb) and z2 > 0.5 * z:
                 cast += 1
                 points[n - 1, 4] = 1.0
                 bin_ = int(math.log(0.5 * (z + z2) / _LEAST_HEIGHT_M) / _BIN)

@@ -16,10 +16,10 @@ from .openings import is_open
 from .strips import BOTTOM, CUT, FILL, NEAR, SUPPORT, TOP, TRACK
 from .tracks import T_T0, T_T1, tangent
 
-# columns of the float table of planes: line a, b; first and last tangent; heights (m, down); misfit in front (m)
-A, B, T0, T1, Z0, Z1, FRONT = range(7)
+# columns of the float table of planes: line a, b; first and last tangent; heights (m, down); misfit in front (m); distance in the middle (m)
+A, B, T0, T1, Z0, Z1, FRONT, MIDDLE = range(8)
 # columns of the integer table
-P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED = range(6)
+P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED, P_ROWS = range(7)
 MOST_M = 1e9
 _BESIDE_M = 0.1
 
@@ -53,6 +53,8 @@ def measure_planes(
     for k in range(count):
         planes[k, Z0], planes[k, Z1], planes[k, FRONT] = MOST_M, -MOST_M, -MOST_M
         plane_ints[k, P_SUPPORT], plane_ints[k, P_FILL], plane_ints[k, P_CUT], plane_ints[k, P_KIND] = 0, 0, 0, 0
+        plane_ints[k, P_ROWS] = 0
+        planes[k, MIDDLE] = distance_at(planes[k], 0.5 * (planes[k, T0] + planes[k, T1]))
     for i in range(n):
         if ints[i, SUPPORT] == 0:
             continue
@@ -69,6 +71,7 @@ def measure_planes(
             plane_ints[k, P_CUT] = (plane_ints[k, P_CUT] & ~2) | (ints[i, CUT] & 2)
         plane_ints[k, P_SUPPORT] += ints[i, SUPPORT]
         plane_ints[k, P_FILL] += ints[i, FILL]
+        plane_ints[k, P_ROWS] += ints[i, BOTTOM] - ints[i, TOP] + 1
         plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, 4])
         plane_ints[k, P_CLUSTER] = ints[i, 5]
         # the near edge along the ray, and its distance to the plane
@@ -138,10 +141,7 @@ def merge_cost(p, q, mp, mq, total, tolerance_m, sigmas, slope, reach_m, angle_r
 
     Opening rule: no point of the joined rectangle lies farther than reach_m (below Hs and Ws/2) from what was seen,
     so that no opening the vehicle could pass is ever closed here."""
-    x = 0.5 * (distance_at(p, 0.5 * (p[T0] + p[T1])) + distance_at(q, 0.5 * (q[T0] + q[T1])))
-    # cheap refusal first: most pairs are far apart
-    if (max(p[T0], q[T0]) - min(p[T1], q[T1])) * x > 2.0 * reach_m:
-        return 2.0, 0.0, 0.0
+    x = 0.5 * (p[MIDDLE] + q[MIDDLE])
     if max(p[Z0], q[Z0]) - min(p[Z1], q[Z1]) > 2.0 * reach_m:
         return 2.0, 0.0, 0.0
     reach = joined_reach_m(p, q, x) / reach_m
@@ -177,7 +177,7 @@ def joined_on_evidence(p, q, i, j, reach_m, following, pieces, masks, frame):
 
     Rectangles may already cover more than was seen, so that without this planes creep over an opening in small steps. pieces:
     (tracks, 4) t0, t1, top, bottom of what each track saw; following: the next piece of a plane, -1 at the end."""
-    x = 0.5 * (distance_at(p, 0.5 * (p[T0] + p[T1])) + distance_at(q, 0.5 * (q[T0] + q[T1])))
+    x = 0.5 * (p[MIDDLE] + q[MIDDLE])
     t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
     z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
     across = min(32, 2 + int((t1 - t0) * x / (0.4 * reach_m)))
@@ -218,6 +218,9 @@ def merge_planes(
                 for j in range(count):
                     if j == i or plane_ints[j, P_SUPPORT] < 0 or plane_ints[j, P_CLUSTER] != plane_ints[i, P_CLUSTER]:
                         continue
+                    aside = max(planes[i, T0], planes[j, T0]) - min(planes[i, T1], planes[j, T1])
+                    if aside * (planes[i, MIDDLE] + planes[j, MIDDLE]) > 4.0 * reach_m:
+                        continue  # most pairs are far apart
                     c, a, b = merge_cost(
                         planes[i], planes[j], moments[i], moments[j], total,
                         tolerance_m, sigmas, slope, reach_m, angle_rad, long_m,
@@ -253,6 +256,7 @@ def _absorb(planes, plane_ints, moments, i, j, a, b):
     p, q = planes[i], planes[j]
     p[A], p[B] = a, b
     p[T0], p[T1] = min(p[T0], q[T0]), max(p[T1], q[T1])
+    p[MIDDLE] = distance_at(p, 0.5 * (p[T0] + p[T1]))
     p[Z0], p[Z1] = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
     for m in range(6):
         moments[i, m] += moments[j, m]

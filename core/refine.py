@@ -11,7 +11,23 @@ import math
 from numba import njit
 
 from .openings import is_open
-from .planes import FRONT, P_CLUSTER, P_CUT, P_FILL, P_INFERRED, P_KIND, P_SUPPORT, T0, T1, Z0, Z1, A, B, distance_at
+from .planes import (
+    FRONT,
+    P_CLUSTER,
+    P_CUT,
+    P_FILL,
+    P_INFERRED,
+    P_KIND,
+    P_ROWS,
+    P_SUPPORT,
+    T0,
+    T1,
+    Z0,
+    Z1,
+    A,
+    B,
+    distance_at,
+)
 
 
 @njit(cache=True, nogil=True)
@@ -123,6 +139,7 @@ def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least
         plane_ints[count, P_CLUSTER], plane_ints[count, P_SUPPORT] = plane_ints[i, P_CLUSTER], 0
         plane_ints[count, P_FILL], plane_ints[count, P_CUT], plane_ints[count, P_KIND] = 1, 0, 0
         plane_ints[count, P_INFERRED] = 1
+        plane_ints[count, P_ROWS] = 1
         moments[count] = moments[i] + moments[best]
         count += 1
     return count
