@@ -83,7 +83,7 @@ def make_views(
         builder = PageBuilder(path.name, -(-len(glances) // stride)) if options.page else None
         out_dir.mkdir(parents=True, exist_ok=True)
         _draw(source, glances, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share))
-        if builder is not None:
+        if builder is not None and len(builder):
             note = f"Shown is every {stride}. frame of {len(glances)}. " if stride > 1 else ""
             note += "The log is damaged: what came after is missing." if views.damage else ""
             views.page = out_dir / PAGE_NAME
@@ -96,9 +96,7 @@ def _glances(source: McapRecording, on_progress: Progress) -> tuple[list[_Glance
     glances: list[_Glance] = []
     try:
         for logged in read_frames(source, on_progress):
-            f = logged.frame
-            planes = 0 if f.model is None else len(f.model.planes)
-            glances.append(_Glance(f.sequence, f.t_ns, planes, f.standing))
+            glances.append(_Glance(logged.sequence, logged.t_ns, logged.plane_count, logged.standing))
     except BadData as error:
         return glances, str(error)
     return glances, ""
@@ -142,12 +140,19 @@ def _draw(
     t_start_ns = min(g.t_ns for g in glances)
     try:
         for k, logged in enumerate(read_frames(source, on_progress)):
-            frame = logged.frame
+            on_page = builder is not None and k % stride == 0
+            if k not in pictures and not on_page:
+                continue
+            try:
+                frame = logged.frame()
+            except ValueError as error:
+                views.damage = views.damage or f"{source.path}: frame {logged.sequence} was left out: {error}"
+                continue
             if strips is not None and k in pictures:
                 target = out_dir / f"frame_{frame.info.camera}_{frame.sequence:06d}.png"
                 save_frame(strips.with_strips(frame, logged.state), target, t_start_ns=t_start_ns)
                 views.pictures.append(target)
-            if builder is not None and k % stride == 0:
+            if builder is not None and on_page:
                 builder.add(frame)
     except BadData as error:
         views.damage = str(error)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from .messages import prisms_from_message, state_from_message
 from .pipeline import PrismsResult
 from .reframe import reframed
-from .view_frame import ViewFrame
+from .view_frame import Standing, ViewFrame
 
 WAITING: Final = 30
 """Depth images that may wait for their prisms; a live log writes both within a fraction of a second."""
@@ -30,10 +29,33 @@ Key = tuple[str, int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedFrame:
-    """A frame and the extractor state it was begun with, which says how to find its strips again."""
+    """What a log holds of one exposure, put together but not yet unpacked. depth_mm, message: None where it has none.
+    state: what the extractor began the frame with, from which its strips can be found again."""
 
-    frame: ViewFrame
+    info: CameraInfo
+    sequence: int
+    t_ns: int
+    depth_mm: NDArray[np.uint16] | None
+    message: pb.PrismsFrame | None
     state: ExtractorState
+
+    @property
+    def standing(self) -> Standing:
+        """As ViewFrame.standing, without unpacking."""
+        if self.message is None:
+            return Standing.NO_PRISMS
+        return Standing.VALID if self.message.valid else Standing.BLIND
+
+    @property
+    def plane_count(self) -> int:
+        """As the log says, without unpacking."""
+        return 0 if self.message is None else len(self.message.planes.margin_m)
+
+    def frame(self) -> ViewFrame:
+        """Unpacked. Raises ValueError for prisms that do not fit."""
+        if self.message is None:
+            return ViewFrame(info=self.info, sequence=self.sequence, t_ns=self.t_ns, depth_mm=self.depth_mm)
+        return view_frame(prisms_from_message(self.message), self.info, self.depth_mm)
 
 
 @dataclass(slots=True)
@@ -45,41 +67,33 @@ class _Pass:
     waiting: OrderedDict[Key, NDArray[np.uint16]] = field(default_factory=OrderedDict)
 
     def take(self, item: Event | LoggedMessage) -> Iterator[LoggedFrame]:
-        """The frames that are complete with this item. Raises ValueError for prisms that do not fit."""
+        """The frames that are complete with this item."""
         if isinstance(item, DepthFrame):
-            yield from self.depth(item)
+            self.waiting[item.camera, item.sequence, item.t_exposure_ns] = item.depth_mm
+            if len(self.waiting) > WAITING:
+                yield self.alone(next(iter(self.waiting)))
         elif isinstance(item, LoggedMessage):
             if isinstance(item.message, pb.FrameDecision):
                 self.decision(item.message)
-            elif isinstance(item.message, pb.PrismsFrame):
-                yield from self.prisms(prisms_from_message(item.message))
+            elif isinstance(item.message, pb.PrismsFrame) and item.message.camera in self.infos:
+                yield self.prisms(item.message)
 
-    def depth(self, event: DepthFrame) -> Iterator[LoggedFrame]:
-        self.waiting[event.camera, event.sequence, event.t_exposure_ns] = event.depth_mm
-        if len(self.waiting) > WAITING:
-            yield from self.alone(next(iter(self.waiting)))
-
-    def alone(self, key: Key) -> Iterator[LoggedFrame]:
+    def alone(self, key: Key) -> LoggedFrame:
         """A depth image that nothing was extracted from."""
         camera, sequence, t_ns = key
-        depth = self.waiting.pop(key, None)
-        if depth is not None:
-            frame = ViewFrame(info=self.infos[camera], sequence=sequence, t_ns=t_ns, depth_mm=depth)
-            yield LoggedFrame(frame, ExtractorState())
+        return LoggedFrame(self.infos[camera], sequence, t_ns, self.waiting.pop(key), None, ExtractorState())
 
     def decision(self, message: pb.FrameDecision) -> None:
         """A frame passed over because its exposure or a newer one had been handled is none of the flight's frames."""
         if message.cause in (pb.CAUSE_DUPLICATE_FRAME, pb.CAUSE_LATE_FRAME):
             self.waiting.pop((message.camera, message.sequence, message.t_exposure_ns), None)
 
-    def prisms(self, result: PrismsResult) -> Iterator[LoggedFrame]:
-        info = self.infos.get(result.camera)
-        if info is None:
-            return
-        key = (result.camera, result.sequence, result.t_exposure_ns)
-        before = self.states.get(result.camera, ExtractorState())
-        yield LoggedFrame(view_frame(result, info, self.waiting.pop(key, None)), before)
-        self.states[result.camera] = _after(result, before)
+    def prisms(self, message: pb.PrismsFrame) -> LoggedFrame:
+        """A frame with what was extracted from it."""
+        camera, sequence, t_ns = key = message.camera, message.sequence, message.t_exposure_ns
+        before = self.states.get(camera, ExtractorState())
+        self.states[camera] = _after(message, before)
+        return LoggedFrame(self.infos[camera], sequence, t_ns, self.waiting.pop(key, None), message, before)
 
 
 def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint16] | None) -> ViewFrame:
@@ -101,13 +115,12 @@ def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint
     )
 
 
-def _after(result: PrismsResult, before: ExtractorState) -> ExtractorState:
+def _after(message: pb.PrismsFrame, before: ExtractorState) -> ExtractorState:
     """The state the next frame begins with: a frame that says nothing hands on what it got."""
-    if result.model is None or not result.model.valid:
+    if not message.valid:
         return before
-    ground = result.model.ground
-    height = ground.height_m if ground.seen and math.isfinite(ground.height_m) else before.ground_height_m
-    return ExtractorState(height, result.model.ke_per_m)
+    height = message.ground.height_m if message.ground.seen else before.ground_height_m
+    return ExtractorState(height, message.ke_per_m)
 
 
 def read_frames(
@@ -122,13 +135,10 @@ def read_frames(
     try:
         for item in source.events_with("decision", "prisms"):
             on_progress(source.share_read)
-            try:
-                yield from now.take(item)
-            except ValueError as error:
-                problem = problem or BadData(f"{source.path}: prisms that cannot be used were left out: {error}")
+            yield from now.take(item)
     except BadData as error:
         problem = error
     for key in tuple(now.waiting):
-        yield from now.alone(key)
+        yield now.alone(key)
     if problem is not None:
         raise problem

@@ -13,20 +13,24 @@ import numpy as np
 import pytest
 
 from companion.cli import main
-from companion.log_writer import write_recording
+from companion.log_writer import LogWriter, write_recording
+from companion.messages import prisms_message
+from companion.pipeline import Pipeline, PrismsResult
 from companion.replay import Options, replay
 from companion.run_info import run_info
 from companion.view import PAGE_NAME, ViewOptions, make_views
 from companion.view_frame import Standing
-from companion.view_log import LoggedFrame, read_frames
+from companion.view_log import WAITING, LoggedFrame, read_frames
 from companion.view_strips import StripFinder
 from core.extractor import Extractor
 from core.params import Params
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceNotFound
 from drivers.mcap_file import McapRecording
+from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulated_flight import SimulatedFlight
 
+from .made_up import INFO, EasyExtractor, flight
 from .recordings import frames_of
 
 
@@ -58,7 +62,9 @@ def page_data(folder: Path) -> Any:
 
 
 def test_every_frame_comes_back_with_its_image_and_its_model(log: Path, logged: list[LoggedFrame]) -> None:
-    frames = [item.frame for item in logged]
+    frames = [item.frame() for item in logged]
+    assert [f.standing for f in frames] == [item.standing for item in logged]
+    assert [0 if f.model is None else len(f.model.planes) for f in frames] == [item.plane_count for item in logged]
     recorded: list[DepthFrame] = frames_of(log)
     assert [f.sequence for f in frames] == [d.sequence for d in recorded]
     assert len(frames) == 57
@@ -77,7 +83,7 @@ def test_model_comes_back_in_the_cameras_own_level_frame(logged: list[LoggedFram
     """Extracted anew from the same state, the same planes: the way into ned and back is undone."""
     extractor, compared = Extractor(Params()), 0
     for item in logged[:8]:
-        f = item.frame
+        f = item.frame()
         if f.standing is not Standing.VALID:
             continue
         assert f.model is not None
@@ -93,13 +99,14 @@ def test_model_comes_back_in_the_cameras_own_level_frame(logged: list[LoggedFram
 
 
 def test_strips_are_found_again_for_the_logged_planes_only(logged: list[LoggedFrame]) -> None:
-    item = next(i for i in logged if i.frame.model is not None and len(i.frame.model.planes) > 2)
-    found = StripFinder(Params()).with_strips(item.frame, item.state)
+    item = next(i for i in logged if i.plane_count > 2)
+    frame = item.frame()
+    found = StripFinder(Params()).with_strips(frame, item.state)
     assert found.model is not None
     assert found.model.strips is not None
     assert len(found.model.strips.u) > 10
-    other = StripFinder(Params(min_obstacle_height_m=2.0)).with_strips(item.frame, item.state)
-    assert other is item.frame, "another configuration's strips are not this log's"
+    other = StripFinder(Params(min_obstacle_height_m=2.0)).with_strips(frame, item.state)
+    assert other is frame, "another configuration's strips are not this log's"
 
 
 def test_default_choice_draws_a_handful_and_the_page(log: Path, tmp_path: Path) -> None:
@@ -170,3 +177,63 @@ def test_command_prints_what_it_drew(log: Path, tmp_path: Path, capsys: pytest.C
     out = capsys.readouterr().out
     assert "57 frames: 40 valid, 17 blind" in out
     assert "frame_front_000012.png" in out
+
+
+def made_by_hand(path: Path, order: list[tuple[str, int]], spoil: int | None = None) -> Path:
+    """A log of frames in the order given: ("depth", n), ("duplicate", n) or ("prisms", n). spoil: that frame's prisms
+    come from a version of the future."""
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    results, frames = {}, {}
+    for event in flight(40):
+        for output in pipeline.handle(event):
+            if isinstance(output, PrismsResult):
+                results[output.sequence] = output
+        if isinstance(event, DepthFrame):
+            frames[event.sequence] = event
+    with LogWriter(path) as log:
+        log.begin(run_info("live"), (INFO,))
+        for kind, n in order:
+            if kind == "depth":
+                log.event(frames[n])
+            elif kind == "prisms":
+                message = prisms_message(results[n])
+                message.schema_version = 99 if n == spoil else message.schema_version
+                log.write("prisms", message, results[n].t_arrival_ns, "front", n)
+            else:
+                late = pb.FrameDecision(camera="front", sequence=n, t_exposure_ns=frames[n].t_exposure_ns)
+                late.cause = pb.CAUSE_DUPLICATE_FRAME
+                log.write("decision", late, frames[n].t_arrival_ns, "front", n)
+    return path
+
+
+def frames_in(path: Path) -> list[tuple[int, Standing, bool]]:
+    with McapRecording(path) as source:
+        return [(f.sequence, f.standing, f.depth_mm is not None) for f in read_frames(source)]
+
+
+def test_prisms_find_their_depth_in_a_live_logs_order(tmp_path: Path) -> None:
+    order = [("depth", 0), ("depth", 1), ("prisms", 0), ("depth", 2), ("duplicate", 2), ("prisms", 1), ("depth", 3)]
+    assert frames_in(made_by_hand(tmp_path / "live.mcap", order)) == [
+        (0, Standing.VALID, True),
+        (1, Standing.VALID, True),
+        (3, Standing.NO_PRISMS, True),
+    ]
+    assert frames_in(made_by_hand(tmp_path / "nodepth.mcap", [("prisms", 5)])) == [(5, Standing.VALID, False)]
+
+
+def test_depth_without_prisms_does_not_pile_up(tmp_path: Path) -> None:
+    path = made_by_hand(tmp_path / "depth.mcap", [("depth", n) for n in range(WAITING + 5)])
+    with McapRecording(path) as source:
+        first = next(read_frames(source))
+        assert first.sequence == 0
+        assert source.share_read < 1.0, "the first one is handed on before the log is at its end"
+    assert frames_in(path) == [(n, Standing.NO_PRISMS, True) for n in range(WAITING + 5)]
+
+
+def test_prisms_of_another_version_are_left_out_and_told(tmp_path: Path) -> None:
+    order = [(kind, n) for n in range(3) for kind in ("depth", "prisms")]
+    path = made_by_hand(tmp_path / "future.mcap", order, spoil=1)
+    views = make_views(path, tmp_path / "out", ViewOptions(every=1))
+    assert [p.stem[-1] for p in views.pictures] == ["0", "2"]
+    assert "frame 1 was left out: prisms of schema version 99" in views.damage
+    assert len(page_data(tmp_path / "out")["frames"]) == 2
