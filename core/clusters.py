@@ -45,35 +45,31 @@ def cluster_strips(ints, place, n, ws, hs, column_m_per_x, parent, frontier):
 
     place: see place_strips. column_m_per_x: width of one column at 1 m. parent, frontier: (N,) int32 scratch."""
     size = 0
+    near = (0.25 * ws) ** 2
     for i in range(n):
         parent[i] = i
+        root = i
         u = ints[i, U]
-        replaced = -1
-        nearest = ws
         kept = 0
         for k in range(size):
             j = frontier[k]
             # nothing in this column or a later one can come within Ws of it any more
             if (u - ints[j, U] - 1) * column_m_per_x * place[j, X] > 2.0 * ws:
                 continue
-            frontier[kept] = j
             vertical = max(place[i, Z_TOP] - place[j, Z_BOTTOM], place[j, Z_TOP] - place[i, Z_BOTTOM])
-            if vertical < hs:
-                horizontal = math.hypot(place[i, X] - place[j, X], place[i, Y] - place[j, Y])
-                if horizontal < ws:
-                    a, b = root_of(parent, i), root_of(parent, j)
-                    if a != b:
-                        parent[max(a, b)] = min(a, b)
-                    if horizontal < nearest and ints[j, U] < u:
-                        nearest, replaced = horizontal, kept
+            apart = (place[i, X] - place[j, X]) ** 2 + (place[i, Y] - place[j, Y]) ** 2
+            if vertical < hs and apart < ws * ws:
+                other = root_of(parent, j)
+                if other != root:
+                    parent[max(root, other)] = min(root, other)
+                    root = min(root, other)
+                # what a later strip close by reaches past on both ends need not be kept: that one stands for it
+                if apart < near and ints[j, U] < u and covers(place, i, j):
+                    continue
+            frontier[kept] = j
             kept += 1
-        size = kept
-        # the strip takes the place of the one it continues, unless that one stands out on its other side
-        if replaced >= 0 and nearest < 0.25 * ws and covers(place, i, frontier[replaced]):
-            frontier[replaced] = i
-        else:
-            frontier[size] = i
-            size += 1
+        frontier[kept] = i
+        size = kept + 1
     return number_clusters(ints, parent, n)
 
 

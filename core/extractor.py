@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from . import clusters, fill, planes_paper, refine, strips, support, tracks
 from . import planes as pl
-from .classify import classify, depth_to_mm, estimate_ke, inverse_depth_table
+from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table
 from .density import BinTable, bin_table
 from .frames import Rotation
 from .free_space import free_profile, nothing_known
@@ -80,10 +80,12 @@ class Extractor:
         cause = rotation_cause(R, self.params)
         if cause:
             return self._blind(info, cause), state
-        inverse, counts = self._classify(depth_mm, info, state)
+        ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
+        inverse, counts = self._classify(depth_mm, info, ke)
         stats = self._pixel_stats(counts, depth_mm.size)
         if stats.measured_share + stats.far_share < self.params.min_measured_share:
             return self._blind(info, InvalidCause.NO_MEASUREMENT, stats), state
+        clear_m = clear_range_m(info, ke)
         ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
         codes, view = self._level(inverse, info, R)
@@ -93,17 +95,16 @@ class Extractor:
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
 
         return self._model(
-            codes, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
+            codes, view, ground, info, ke, clear_m, ints, place, n, count, planes, plane_ints, moments,
             {"ground_px": ground_px, "dropped_strips": found - n}, stats, keep_strips,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
     # ---- pixels -------------------------------------------------------------------------------------------------
 
     def _classify(
-        self, depth_mm: NDArray[np.uint16], info: CameraInfo, state: ExtractorState
+        self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
     ) -> tuple[NDArray[np.float32], tuple[int, int, int]]:
         """Inverse depth with unknown and far marked, flying pixels taken out; counts (measured, far, flying)."""
-        ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         if self._inverse_table is None or self._inverse_table[0] != (info, ke):
             self._inverse_table = ((info, ke), inverse_depth_table(info, ke))
         raw = self._buffer("raw", depth_mm.shape, np.float32)
@@ -244,7 +245,7 @@ class Extractor:
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
         pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
         pl.shift_to_near_side(count, planes)
-        refine.meet_neighbours(count, planes, plane_ints, 0.5, column_t)
+        refine.meet_neighbours(count, planes, plane_ints, 0.25 * p.passable_width_m, column_t)
         count = refine.close_pockets(
             count, size, planes, plane_ints, moments, p.passable_width_m, column_t, p.ground_tolerance_m, masks, frame
         )
@@ -254,7 +255,7 @@ class Extractor:
     # ---- what comes out -----------------------------------------------------------------------------------------
 
     def _model(
-        self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float,
+        self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float, clear_m: float,
         ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
         plane_ints: NDArray[np.int32], moments: NDArray[np.float64], more: dict[str, int], pixels: FrameStats,
         keep_strips: bool,
@@ -266,7 +267,7 @@ class Extractor:
         cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m)
         free = free_profile(
-            codes, view, ground, info.max_range_m, ke, self.params, len(used), used, used_ints, margin
+            codes, view, ground, clear_m, ke, self.params, len(used), used, used_ints, margin
         )
         stats = FrameStats(
             measured_share=pixels.measured_share, unknown_share=pixels.unknown_share, far_share=pixels.far_share,

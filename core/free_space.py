@@ -131,10 +131,11 @@ def nothing_known(params: Params) -> FreeProfile:
 
 
 def free_profile(
-    codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, max_range_m: float, ke: float, params: Params,
+    codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, clear_m: float, ke: float, params: Params,
     count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32],
 ) -> FreeProfile:  # fmt: skip
-    """The free-range profile of a levelled frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m."""
+    """The free-range profile of a levelled frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m.
+    clear_m: how far a FAR cell is free (classify.clear_range_m)."""
     f_u = g.f_px / float(g.lateral[0])
     step = math.radians(params.profile_step_deg)
     first, last = math.atan((-0.5 - g.cu) / f_u), math.atan((g.cols - 0.5 - g.cu) / f_u)
@@ -144,7 +145,7 @@ def free_profile(
     edges_t = np.tan(edges)
     column_t = (np.arange(g.cols) - g.cu) / f_u
     direction = np.clip(np.searchsorted(edges_t, column_t, side="right") - 1, 0, n - 1).astype(np.int32)
-    ring_m = np.arange(params.profile_ring_m, max_range_m, params.profile_ring_m).astype(np.float32)[:250]
+    ring_m = np.arange(params.profile_ring_m, clear_m, params.profile_ring_m).astype(np.float32)[:250]
     rings = len(ring_m)
     # a cell sees through a ring when it measures farther than its own noise behind it
     x = g.f_px * g.quantum / np.maximum(np.arange(65536), 1)
