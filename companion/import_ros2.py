@@ -6,13 +6,11 @@ samples that had arrived by then. The recorder's log time is the arrival; the he
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from statistics import median_low
 from typing import Any
-
-from mcap.exceptions import McapError
-from mcap_ros2.decoder import DecoderFactory
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.base import BadData, Event
@@ -21,20 +19,17 @@ from drivers.mcap_scan import Damage, Logged
 from drivers.topics import TOPICS
 
 from .import_report import ImportOptions, Report, uncovered
+from .import_ros2_decode import CAMERA_INFO, IMAGE, MOTION_TYPES, TF, Ros2Decoder, type_of
 from .import_ros2_frames import DEPTH_TYPES, TransformTree, depth_of, mount_of, rigid
-from .import_ros2_motion import MOTION_TYPES, Motion
+from .import_ros2_motion import Motion
 from .sync import NS
 
-IMAGE, CAMERA_INFO, TF = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "tf2_msgs/TFMessage"
-DECODE_ERRORS = (struct.error, McapError, ValueError, IndexError, TypeError, AttributeError, NotImplementedError)
-"""What a message that does not fit its own definition can raise in the decoder."""
 CLOCKS_APART_NS = 5 * NS
 """Log times farther than this from the stamps are of another clock (simulated time, a recorder without a clock)."""
 
 
-def type_of(schema_name: str) -> str:
-    """sensor_msgs/Image of sensor_msgs/msg/Image."""
-    return schema_name.replace("/msg/", "/")
+STRANGE_NS = 60 * NS
+"""A stamp this far from its arrival is damaged or was never set."""
 
 
 def stamp_ns(header: Any) -> int:
@@ -48,15 +43,16 @@ class Ros2Source:
 
     def __init__(self, path: Path, options: ImportOptions, report: Report) -> None:
         self._path, self._options, self._report = path, options, report
-        self._decode = _Decoder()
+        self._decode = Ros2Decoder()
         self._types: dict[str, str] = {}
         self._first_images: dict[str, Any] = {}
         self._infos: dict[str, Any] = {}
         self._counts: dict[str, int] = {}
         self._fixed = TransformTree()
         self._motion = Motion(options.topics.base_frame)
-        self._least_delay_ns: int | None = None
+        self._delays_ns: list[int] = []
         self._survey()
+        self._offset_ns = self._clock_offset()
         self._depth_topic = self._choose_depth()
         self._info = self._camera_info()
         self._attitudes, self._poses = self._samples()
@@ -78,7 +74,15 @@ class Ros2Source:
         next_sample, newest_ns, exposures = 0, 0, []
         for number, (log_ns, message) in enumerate(self._images()):
             t_ns = stamp_ns(message.header)
-            arrival_ns = newest_ns = max(newest_ns, t_ns, self._arrival_ns(log_ns))
+            arrived_ns = self._arrival_ns(log_ns, t_ns)
+            if arrived_ns is None:
+                self._report.problem(
+                    "stamp",
+                    f"{self._path}: {self._depth_topic} image {number}: its stamp, {t_ns} ns, is nowhere near its recording; "
+                    "left out, no attitude can belong to it",
+                )
+                continue
+            arrival_ns = newest_ns = max(newest_ns, arrived_ns)
             while next_sample < len(waiting) and waiting[next_sample].t_arrival_ns <= arrival_ns:
                 yield waiting[next_sample]
                 next_sample += 1
@@ -99,9 +103,6 @@ class Ros2Source:
     def _frame(self, number: int, t_ns: int, arrival_ns: int, message: Any) -> DepthFrame | None:
         k = self._info.intrinsics
         where = f"{self._path}: {self._depth_topic} image {number}"
-        if t_ns <= 0:
-            self._report.problem("image", f"{where}: its stamp is 0, hence no attitude belongs to it; left out")
-            return None
         if (message.width, message.height) != (k.width, k.height):
             self._report.problem(
                 "image",
@@ -157,7 +158,7 @@ class Ros2Source:
             elif kind == TF:
                 self._transforms(topic, message, item.message.log_time)
             else:
-                self._delay(item.message.log_time - stamp_ns(message.header))
+                self._delays_ns.append(item.message.log_time - stamp_ns(message.header))
                 self._motion.take(topic, kind, message, stamp_ns(message.header), item.message.log_time)
         for topic, number in undecoded.items():
             self._report.problem(
@@ -167,7 +168,7 @@ class Ros2Source:
     def _transforms(self, topic: str, message: Any, log_ns: int) -> None:
         for transform in message.transforms:
             if not topic.endswith("tf_static"):
-                self._delay(log_ns - stamp_ns(transform.header))
+                self._delays_ns.append(log_ns - stamp_ns(transform.header))
                 self._motion.moved(topic, transform, stamp_ns(transform.header), log_ns)
                 continue
             placed = rigid(transform.transform.translation, transform.transform.rotation)
@@ -175,15 +176,20 @@ class Ros2Source:
                 self._fixed.add(transform.header.frame_id, transform.child_frame_id, placed)
                 self._motion.fixed(transform.header.frame_id, transform.child_frame_id, placed)
 
-    def _delay(self, delay_ns: int) -> None:
-        self._least_delay_ns = delay_ns if self._least_delay_ns is None else min(delay_ns, self._least_delay_ns)
-
-    def _arrival_ns(self, log_ns: int) -> int:
-        """The log time on the stamps' clock."""
-        if self._least_delay_ns is None or abs(self._least_delay_ns) <= CLOCKS_APART_NS:
-            return log_ns
+    def _clock_offset(self) -> int:
+        """What log times are ahead of the stamps' clock: 0 unless they are of another one."""
+        if not self._delays_ns:
+            return 0
+        usual = median_low(self._delays_ns)
+        if abs(usual) <= CLOCKS_APART_NS:
+            return 0
         self._report.note("log times and stamps are of different clocks: the least delay between them is taken as none")
-        return log_ns - self._least_delay_ns
+        return min(d for d in self._delays_ns if abs(d - usual) <= CLOCKS_APART_NS)
+
+    def _arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
+        """The log time on the stamps' clock, never before the measurement; None for a stamp that cannot be true."""
+        arrival_ns = log_ns - self._offset_ns
+        return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= STRANGE_NS else None
 
     def _choose_depth(self) -> str:
         images = {t: m.encoding for t, m in self._first_images.items()}
@@ -268,31 +274,21 @@ class Ros2Source:
             self._motion.attitudes(attitude, to_child),
             self._motion.poses(pose, to_child) if pose else [],
         )
-        return [self._shifted_attitude(a) for a in attitudes], [self._shifted_pose(p) for p in poses]
-
-    def _shifted_attitude(self, a: AttitudeSample) -> AttitudeSample:
-        arrival_ns = max(a.t_ns, self._arrival_ns(a.t_arrival_ns))
-        return AttitudeSample(a.t_ns, arrival_ns, a.q_ned_frd_wxyz, a.rates_frd_rad_s)
-
-    def _shifted_pose(self, p: PoseSample) -> PoseSample:
-        arrival_ns = max(p.t_ns, self._arrival_ns(p.t_arrival_ns))
-        return PoseSample(p.t_ns, arrival_ns, p.position_ned_m, p.velocity_ned_m_s)
-
-
-class _Decoder:
-    """Messages by their own definition, None where they do not fit it."""
-
-    def __init__(self) -> None:
-        self._factory = DecoderFactory()
-
-    def __call__(self, item: Logged) -> Any:
-        try:
-            decode: Callable[[bytes], Any] | None = self._factory.decoder_for(
-                item.channel.message_encoding, item.schema
+        kept = [self._attitude(a) for a in attitudes], [self._pose(p) for p in poses]
+        lost = sum(a is None for a in kept[0])
+        if lost:
+            self._report.problem(
+                "stamp", f"{self._path}: {lost} attitudes with a stamp nowhere near their recording, left out"
             )
-            return decode(item.message.data) if decode is not None else None
-        except DECODE_ERRORS:
-            return None
+        return [a for a in kept[0] if a is not None], [p for p in kept[1] if p is not None]
+
+    def _attitude(self, a: AttitudeSample) -> AttitudeSample | None:
+        arrival_ns = self._arrival_ns(a.t_arrival_ns, a.t_ns)
+        return None if arrival_ns is None else replace(a, t_arrival_ns=arrival_ns)
+
+    def _pose(self, p: PoseSample) -> PoseSample | None:
+        arrival_ns = self._arrival_ns(p.t_arrival_ns, p.t_ns)
+        return None if arrival_ns is None else replace(p, t_arrival_ns=arrival_ns)
 
 
 def _chosen(path: Path, what: str, wanted: str | None, there: list[str], types: dict[str, str]) -> str:

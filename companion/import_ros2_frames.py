@@ -59,7 +59,7 @@ def rigid(translation: Any, rotation: Any) -> Rigid | None:
 
 def rotation_of(q: Any) -> Rotation | None:
     """(3, 3) of a geometry_msgs quaternion, None when it is none (all zero means "not told")."""
-    norm = math.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
+    norm = math.hypot(q.w, q.x, q.y, q.z)
     return rotation_from_quaternion((q.w, q.x, q.y, q.z)) if 0.9 < norm < 1.1 else None
 
 

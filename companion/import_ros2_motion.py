@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from core.types import AttitudeSample, PoseSample
 
+from .import_ros2_decode import IMU, ODOMETRY
 from .import_ros2_frames import (
     IDENTITY,
     Rigid,
@@ -23,8 +24,6 @@ from .import_ros2_frames import (
     triple,
 )
 
-ODOMETRY, POSE, IMU = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "sensor_msgs/Imu"
-MOTION_TYPES = (ODOMETRY, POSE, IMU)
 Between = Callable[[str, str], Rigid | None]
 """(target frame, source frame) -> transform, None where no chain joins them."""
 

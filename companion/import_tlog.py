@@ -75,6 +75,7 @@ def _tell(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncated: bo
         + (f", {vehicle.boots} starts of the autopilot" if vehicle.boots > 1 else "")
     )
     damage = [f"{bad} messages with a wrong checksum"] * bool(bad) + [f"{skipped} bytes of noise"] * bool(skipped)
+    damage += [f"{vehicle.strange} messages with a damaged record stamp"] * bool(vehicle.strange)
     if damage or truncated:
         report.note(f"{path.name}: {', '.join(damage + ['cut short'] * truncated)}; the rest was read")
 

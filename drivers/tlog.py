@@ -13,6 +13,7 @@ from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from statistics import median_low
 from typing import Any
 
 from .base import BadData, DeviceNotFound
@@ -24,6 +25,8 @@ MAX_DRIFT = 200e-6
 DRIFT_SPAN_MS = 30_000
 """Over less than this a drift cannot be told from the 1 ms resolution of time_boot_ms."""
 TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
+STRANGE_US = 10_000_000
+"""A record stamp this far from where the others of its boot put it is damaged: it has no checksum."""
 BOOT_STEP_MS = 1_000
 """time_boot going back by more than this is a reboot of the autopilot; by less, messages that overtook each other."""
 
@@ -79,7 +82,7 @@ class TlogPose(Timed):
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleLog:
     """What one vehicle's autopilot said. kind: the message the attitudes are from; boots: how often it (re)started;
-    drift: of its clock against the recorder's, largest of all boots."""
+    drift: of its clock against the recorder's, largest of all boots; strange: messages left out because their record stamp is damaged."""
 
     system: int
     kind: str
@@ -87,6 +90,7 @@ class VehicleLog:
     poses: list[TlogPose]
     boots: int
     drift: float
+    strange: int
 
 
 def read_tlog(path: Path) -> Tlog:
@@ -188,13 +192,15 @@ def vehicle_log(log: Tlog, system: int | None = None) -> VehicleLog:
     attitudes: list[TlogAttitude] = []
     poses: list[TlogPose] = []
     boots = _boots(timed)
-    drift = 0.0
+    drift, strange = 0.0, 0
     for records in boots:
         clock = map_boot_clock([(int(r.message.time_boot_ms), r.stamp_us) for r in records])
         drift = max(drift, clock[0], key=abs)
-        attitudes.extend(_attitude(r, clock) for r in records if r.message.get_type() == kind)
-        poses.extend(_pose(r, clock) for r in records if r.message.get_type() == "LOCAL_POSITION_NED")
-    return VehicleLog(system, kind, attitudes, poses, len(boots), drift)
+        good = [r for r in records if abs(r.stamp_us - _boot_us(r, clock)) <= STRANGE_US]
+        strange += len(records) - len(good)
+        attitudes.extend(_attitude(r, clock) for r in good if r.message.get_type() == kind)
+        poses.extend(_pose(r, clock) for r in good if r.message.get_type() == "LOCAL_POSITION_NED")
+    return VehicleLog(system, kind, attitudes, poses, len(boots), drift, strange)
 
 
 def _vehicle(log: Tlog, system: int | None) -> int:
@@ -235,10 +241,13 @@ def map_boot_clock(points: list[tuple[int, int]]) -> tuple[float, float]:
     """(drift, offset_us): stamp_us ~ time_boot_ms * 1000 * (1 + drift) + offset_us, the line under all points with the
     least sum of distances: the edge of the lower convex hull above which the mean of time_boot lies.
 
-    points: (time_boot_ms, stamp_us). Over a short span, or with an impossible slope, drift is 0."""
+    points: (time_boot_ms, stamp_us); those STRANGE_US off their median delay do not count. Over a short span, or with an impossible slope, drift is 0."""
     delays: dict[int, int] = {}
+    usual = median_low(stamp - boot_ms * 1000 for boot_ms, stamp in points)
     for boot_ms, stamp in points:
         delay = stamp - boot_ms * 1000
+        if abs(delay - usual) > STRANGE_US:
+            continue
         delays[boot_ms] = min(delay, delays.get(boot_ms, delay))
     flat = 0.0, float(min(delays.values()))
     if max(delays) - min(delays) < DRIFT_SPAN_MS:
@@ -262,10 +271,13 @@ def _turns_right(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> 
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0
 
 
+def _boot_us(r: TlogRecord, clock: tuple[float, float]) -> float:
+    return int(r.message.time_boot_ms) * 1000.0 * (1.0 + clock[0]) + clock[1]
+
+
 def _measured_us(r: TlogRecord, clock: tuple[float, float]) -> float:
     """The envelope is a fit: never let a message arrive before it was measured."""
-    measured_us = int(r.message.time_boot_ms) * 1000.0 * (1.0 + clock[0]) + clock[1]
-    return min(measured_us, float(r.stamp_us))
+    return min(_boot_us(r, clock), float(r.stamp_us))
 
 
 def _attitude(r: TlogRecord, clock: tuple[float, float]) -> TlogAttitude:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
 
@@ -116,6 +117,7 @@ class RosFlight:
     latency_ns: int = 30_000_000
     log_offset_ns: int = 0
     motion_until_s: float = 2.0
+    plain: bool = False
 
     def write(self, path: Path) -> Path:
         """The recording in order of log time."""
@@ -132,7 +134,8 @@ class RosFlight:
             t_ns = START_NS - NS // 10 + i * NS // 50
             entries += [(t_ns + 4_000_000, *self.moved(kind, t_ns)) for kind in self.motion]
         with path.open("wb") as stream:
-            writer = Writer(stream, chunk_size=16_384)
+            compression = CompressionType.NONE if self.plain else CompressionType.ZSTD
+            writer = Writer(stream, chunk_size=16_384, compression=compression, enable_crcs=not self.plain)
             schemas = {kind: writer.register_msgdef(kind, text) for kind, text in DEFINITIONS.items()}
             for log_ns, topic, kind, message in sorted(entries, key=lambda e: e[0]):
                 stamp = log_ns + self.log_offset_ns

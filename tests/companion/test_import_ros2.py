@@ -244,3 +244,30 @@ def test_a_recording_cut_before_its_first_image_tells_of_the_cut(
     said = capsys.readouterr().err
     assert "no depth image in it" in said
     assert "the file ends there without its closing part" in said
+
+
+def test_images_without_a_stamp_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = RosFlight(frames=5)
+    stamped = flight.image
+    flight.image = lambda t_ns, number: stamped(0 if number == 2 else t_ns, number)
+    status, out = imported(flight, tmp_path)
+    assert status == 1
+    assert "image 2: its stamp, 0 ns, is nowhere near its recording" in capsys.readouterr().err
+    assert [f.sequence for f in frames_of(out)] == [0, 1, 3, 4]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_damage_of_any_kind_is_told_and_never_raised(seed: int, tmp_path: Path) -> None:
+    """Bytes changed anywhere in a recording without checksums: in definitions, in lengths, in numbers."""
+    flight = RosFlight(frames=4, motion=("odometry", "tf"), motion_until_s=0.5, plain=True)
+    whole = flight.write(tmp_path / "in.mcap").read_bytes()
+    rng = np.random.default_rng(seed)
+    for attempt in range(6):
+        data = bytearray(whole)
+        for at in rng.integers(0, len(data), 3 * (attempt + 1)):
+            data[at] = rng.integers(256)
+        (tmp_path / "in.mcap").write_bytes(data)
+        status = main(["import", str(tmp_path / "in.mcap"), "-o", str(tmp_path / "out.mcap")])
+        assert status in (0, 1)
+        if status == 0:
+            assert frames_of(tmp_path / "out.mcap")

@@ -140,6 +140,16 @@ def test_the_lower_envelope_finds_offset_and_drift(drift_ppm: int, seed: int) ->
     assert worst < 100  # microseconds
 
 
+@pytest.mark.parametrize("stamp", [0, EPOCH_US - 3_600_000_000, EPOCH_US + 10**9, 2**64 - 1])
+def test_a_damaged_record_stamp_moves_nothing(stamp: int, tmp_path: Path) -> None:
+    parts = flight()
+    whole = vehicle_log(read_tlog(written(tmp_path / "a.tlog", parts)))
+    parts[7] = struct.pack(">Q", stamp) + parts[7][8:]
+    vehicle = vehicle_log(read_tlog(written(tmp_path / "a.tlog", parts)))
+    assert vehicle.strange == 1
+    assert [a.t_us for a in vehicle.attitudes] == [a.t_us for i, a in enumerate(whole.attitudes) if i != 6]
+
+
 def test_a_short_log_has_no_drift() -> None:
     assert map_boot_clock([(0, 1000), (20, 21_400), (40, 40_900)]) == (0.0, 900.0)
 
