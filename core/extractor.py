@@ -240,7 +240,7 @@ class Extractor:
         pl.merge_planes(
             count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.link_slope_px, reach,
             math.radians(p.plane_angle_deg), 0.5 * p.passable_width_m,
-            self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 4), np.float64), masks, frame,
+            self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 6), np.float64), masks, frame,
         )  # fmt: skip
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
         pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)

@@ -158,34 +158,40 @@ def merge_cost(p, q, mp, mq, total, tolerance_m, sigmas, slope, reach_m, angle_r
 
 @njit(cache=True, nogil=True)
 def near_evidence(t, z, x, reach_m, piece, following, pieces):
-    """Whether the point (t, z) at range x lies within reach_m of a piece of the chain that begins at `piece`."""
+    """Whether the point (t, z) at distance x lies within reach_m of a piece of the chain that begins at `piece`."""
     for _ in range(pieces.shape[0]):
         if piece < 0:
             break
-        side = max(0.0, max(pieces[piece, 0] - t, t - pieces[piece, 1])) * x
-        height = max(0.0, max(pieces[piece, 2] - z, z - pieces[piece, 3]))
-        if side * side + height * height <= reach_m * reach_m:
+        e = pieces[piece]
+        nearest_t = min(max(t, e[0]), e[1])
+        share = (nearest_t - e[0]) / max(e[1] - e[0], 1e-9)
+        own = 1.0 / (e[4] + (e[5] - e[4]) * share)
+        height = max(0.0, max(e[2] - z, z - e[3]))
+        if (x - own) ** 2 + (x * t - own * nearest_t) ** 2 + height * height <= reach_m * reach_m:
             return True
         piece = following[piece]
     return False
 
 
 @njit(cache=True, nogil=True)
-def joined_on_evidence(p, q, i, j, reach_m, following, pieces, masks, frame):
+def joined_on_evidence(p, q, a, b, i, j, reach_m, following, pieces, masks, frame):
     """Whether every point of the joined rectangle outside both lies within reach_m of a piece that was really seen, and
     no such point in an opening (openings.py), a tenth of a metre beside the evidence apart.
 
-    Rectangles may already cover more than was seen, so that without this planes creep over an opening in small steps. pieces:
-    (tracks, 4) t0, t1, top, bottom of what each track saw; following: the next piece of a plane, -1 at the end."""
-    x = 0.5 * (p[MIDDLE] + q[MIDDLE])
+    a, b: the joined line. Rectangles may already cover more than was seen, so that without this planes creep over an
+    opening in small steps. pieces: (tracks, 6) t0, t1, top, bottom, 1/x at t0 and at t1 of what each track saw;
+    following: the next piece of a plane, -1 at the end."""
     t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
     z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
-    across = min(32, 2 + int((t1 - t0) * x / (0.4 * reach_m)))
+    s0, s1 = max(a + b * t0, 1e-3), max(a + b * t1, 1e-3)
+    length = math.hypot(1.0 / s0 - 1.0 / s1, t0 / s0 - t1 / s1)
+    across = min(32, 2 + int(length / (0.4 * reach_m)))
     down = min(32, 2 + int((z1 - z0) / (0.4 * reach_m)))
-    for a in range(across + 1):
-        t = t0 + (t1 - t0) * a / across
-        for b in range(down + 1):
-            z = z0 + (z1 - z0) * b / down
+    for k in range(across + 1):
+        t = t0 + (t1 - t0) * k / across
+        x = 1.0 / max(a + b * t, 1e-3)
+        for m in range(down + 1):
+            z = z0 + (z1 - z0) * m / down
             if (p[T0] <= t <= p[T1] and p[Z0] <= z <= p[Z1]) or (q[T0] <= t <= q[T1] and q[Z0] <= z <= q[Z1]):
                 continue
             limit = _BESIDE_M if is_open(masks, t, z / x, x, frame) else reach_m
@@ -203,11 +209,13 @@ def merge_planes(
 ):  # fmt: skip
     """Joins planes of one cluster, cheapest partner first, until none fits (Eq. 17); dead ones get a negative support.
 
-    parent: (N,) int32, the plane that took each one over. following: (N,) int32 and pieces: (N, 4) float64, scratch."""
+    parent: (N,) int32, the plane that took each one over. following: (N,) int32 and pieces: (N, 6) float64, scratch."""
     total = moments[0].copy()
     for k in range(count):
         following[k] = -1
-        pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3] = planes[k, T0], planes[k, T1], planes[k, Z0], planes[k, Z1]
+        p = planes[k]
+        pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3] = p[T0], p[T1], p[Z0], p[Z1]
+        pieces[k, 4], pieces[k, 5] = 1.0 / distance_at(p, p[T0]), 1.0 / distance_at(p, p[T1])
     for _round in range(12):
         changed = False
         for i in range(count):
@@ -226,7 +234,7 @@ def merge_planes(
                         tolerance_m, sigmas, slope, reach_m, angle_rad, long_m,
                     )  # fmt: skip
                     if c < cost and joined_on_evidence(
-                        planes[i], planes[j], i, j, reach_m, following, pieces, masks, frame
+                        planes[i], planes[j], a, b, i, j, reach_m, following, pieces, masks, frame
                     ):
                         best, cost, best_a, best_b = j, c, a, b
                 if best < 0:

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.config import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, load_config
@@ -128,6 +128,7 @@ def test_a_damaged_text_in_a_log_is_refused_or_whole(text: str) -> None:
 NUMBERS = [f for f in fields(Params) if "min" in f.metadata and f.type == "float"]
 
 
+@settings(max_examples=30)
 @given(st.data())
 def test_any_values_in_range_survive_the_log(data: st.DataObject) -> None:
     values = {f.name: data.draw(st.floats(f.metadata["min"], f.metadata["max"]), f.name) for f in NUMBERS}
