@@ -1,6 +1,6 @@
 """One colour scale for pictures and page: a depth becomes one byte, the byte a colour.
 
-0 is unknown (grey, never like far), 255 is "free to the sensor's maximum" (pale), 1..254 go from near (red) to far (blue) on
+0 is unknown (grey, never like far), 255 is "free to the maximum range" (pale), 1..254 go from near (red) to far (blue) on
 a logarithmic scale, so that a metre nearby is as easy to see as ten metres far away."""
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from core.classify import clear_range_m
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo
 
 UNKNOWN_INDEX, FAR_INDEX = 0, 255
@@ -26,12 +27,15 @@ def range_index(range_m: NDArray[np.floating], info: CameraInfo) -> NDArray[np.u
     return np.asarray(FIRST + steps, dtype=np.uint8)
 
 
-def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo) -> NDArray[np.uint8]:
-    """(H, W) uint8 of a depth image in millimetres; nearer than the camera's minimum counts as unknown, as in the core."""
+def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float | None = None) -> NDArray[np.uint8]:
+    """(H, W) uint8 of a depth image in millimetres, classified as in the core: nearer than the camera's minimum counts
+    as unknown, beyond what it can vouch for as far. ke_per_m: the frame's noise, None: the camera's prior."""
+    clear_m = clear_range_m(info, info.ke_per_m if ke_per_m is None else ke_per_m)
     index = range_index(depth_mm.astype(np.float32) / 1000.0, info)
     unknown = (depth_mm == UNKNOWN_MM) | (depth_mm == SATURATED_MM) | (depth_mm < info.min_range_m * 1000.0)
-    index[unknown] = UNKNOWN_INDEX
+    index[depth_mm > 1000.0 * clear_m] = FAR_INDEX
     index[depth_mm == FAR_MM] = FAR_INDEX
+    index[unknown] = UNKNOWN_INDEX
     return index
 
 
@@ -51,9 +55,9 @@ def palette() -> NDArray[np.uint8]:
     return table
 
 
-def depth_rgb(depth_mm: NDArray[np.uint16], info: CameraInfo) -> NDArray[np.uint8]:
+def depth_rgb(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float | None = None) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 picture of a depth image, the unknown hatched."""
-    index = depth_index(depth_mm, info)
+    index = depth_index(depth_mm, info, ke_per_m)
     rgb = palette()[index]
     rows, columns = np.indices(index.shape)
     stripe = max(4, index.shape[0] // 60)

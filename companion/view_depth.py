@@ -37,7 +37,7 @@ def draw_depth(ax: Any, scale_ax: Any, frame: ViewFrame) -> None:
         scale_ax.set_axis_off()
         return
     k = frame.info.intrinsics
-    ax.imshow(depth_rgb(frame.depth_mm, frame.info), interpolation="nearest", aspect="equal")
+    ax.imshow(depth_rgb(frame.depth_mm, frame.info, frame.ke_per_m), interpolation="nearest", aspect="equal")
     ax.set_xlim(-0.5, k.width - 0.5)
     ax.set_ylim(k.height - 0.5, -0.5)
     ax.set_xticks([])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -85,9 +85,10 @@ class ViewFrame:
         roll, pitch, yaw = euler_from_rotation(self.R_ned_frd)
         return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
 
-    def without_depth(self) -> ViewFrame:
-        """The same frame without its image, to be kept in numbers."""
-        return replace(self, depth_mm=None)
+    @property
+    def ke_per_m(self) -> float | None:
+        """The noise the frame was extracted with, None when it says nothing."""
+        return self.model.ke_per_m if self.model is not None and self.model.valid else None
 
 
 def describe(frame: ViewFrame, t_start_ns: int) -> tuple[str, str]:

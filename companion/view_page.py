@@ -91,14 +91,16 @@ def depth_width_px(frames: int) -> int:
     return DEPTH_WIDTHS_PX[-1]
 
 
-def small_index(depth_mm: NDArray[np.uint16], info: CameraInfo, width_px: int) -> NDArray[np.uint8]:
+def small_index(
+    depth_mm: NDArray[np.uint16], info: CameraInfo, width_px: int, ke_per_m: float | None = None
+) -> NDArray[np.uint8]:
     """(h, w) bytes of a depth image on the common scale, made smaller by picking pixels (depth is never blended)."""
     height, width = depth_mm.shape
     w = min(width_px, width)
     h = max(1, round(height * w / width))
     rows = ((np.arange(h) + 0.5) * height / h).astype(np.intp)
     columns = ((np.arange(w) + 0.5) * width / w).astype(np.intp)
-    return depth_index(depth_mm[np.ix_(rows, columns)], info)
+    return depth_index(depth_mm[np.ix_(rows, columns)], info, ke_per_m)
 
 
 def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int) -> dict[str, Any]:
@@ -122,7 +124,9 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
     }
     if frame.depth_mm is not None:
         packed = cv2.imencode(
-            ".png", small_index(frame.depth_mm, frame.info, depth_width), [cv2.IMWRITE_PNG_COMPRESSION, 9]
+            ".png",
+            small_index(frame.depth_mm, frame.info, depth_width, frame.ke_per_m),
+            [cv2.IMWRITE_PNG_COMPRESSION, 9],
         )
         data["depth"] = base64.b64encode(packed[1].tobytes()).decode()
     if frame.model is not None and frame.standing is Standing.VALID:

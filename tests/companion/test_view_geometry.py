@@ -114,12 +114,13 @@ def test_layer_of_a_height() -> None:
 
 
 def test_unknown_and_far_and_measured_have_bytes_and_colours_of_their_own() -> None:
-    depth = np.array([[0, 65535, 65534, 200, 300, 1000, 20_000, 40_000]], np.uint16)
-    index = depth_index(depth, INFO)[0]
+    depth = np.array([[0, 65535, 65534, 200, 300, 1000, 15_000, 15_500, 40_000]], np.uint16)
+    index = depth_index(depth, INFO)[0]  # ke 0.005 at 20 m: a surface is measured up to 20 / 1.3 = 15.38 m
     assert index[:4].tolist() == [UNKNOWN_INDEX, UNKNOWN_INDEX, FAR_INDEX, UNKNOWN_INDEX]
     assert index[4] == FIRST
-    assert index[6:].tolist() == [LAST, LAST]
-    assert FIRST < index[5] < LAST
+    assert FIRST < index[5] < index[6] < LAST
+    assert index[7:].tolist() == [FAR_INDEX, FAR_INDEX]
+    assert depth_index(depth, INFO, 0.0015)[0, 7] not in (FAR_INDEX, UNKNOWN_INDEX)
     colors = palette().astype(int)
     measured = colors[FIRST : LAST + 1]
     assert np.abs(measured - colors[UNKNOWN_INDEX]).max(axis=1).min() > 60

@@ -68,7 +68,7 @@ def test_depth_image_of_the_page_is_the_picked_bytes() -> None:
     depth = rng.integers(0, 65536, (240, 320)).astype(np.uint16)
     f = data_of(page_of(frame(depth_mm=depth)))["frames"][0]
     image = cv2.imdecode(np.frombuffer(base64.b64decode(f["depth"]), np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(image, depth_index(depth, INFO))
+    np.testing.assert_array_equal(image, depth_index(depth, INFO, 0.005))
     small = small_index(depth, INFO, 80)
     assert small.shape == (60, 80)
     np.testing.assert_array_equal(small, depth_index(depth, INFO)[2::4, 2::4])
