@@ -47,7 +47,9 @@ def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) ->
     uniform = max(uniform, min(knee, top) / (0.75 * _MAX_BINS))
     code_px = np.arange(65536) / quantum
     with np.errstate(divide="ignore"):
-        beyond = knee / uniform + (f_px / depth if depth > 0.0 else 0.0) * (1.0 / knee - 1.0 / np.maximum(code_px, knee))
+        beyond = knee / uniform + (f_px / depth if depth > 0.0 else 0.0) * (
+            1.0 / knee - 1.0 / np.maximum(code_px, knee)
+        )
     position = np.where(code_px <= knee, code_px / uniform, beyond)
     bins = np.minimum(position.astype(np.int64), _MAX_BINS - 2) + 1
     bins[:2] = 0  # unknown, far

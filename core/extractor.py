@@ -168,7 +168,13 @@ class Extractor:
         return ints, floats, found, int(ground_px.sum())
 
     def _supported_clusters(
-        self, ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, view: ViewGeometry, info: CameraInfo, ke: float
+        self,
+        ints: NDArray[np.int32],
+        floats: NDArray[np.float32],
+        n: int,
+        view: ViewGeometry,
+        info: CameraInfo,
+        ke: float,
     ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], int]:
         """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
         p, k = self.params, info.intrinsics
@@ -180,7 +186,16 @@ class Extractor:
             sigma_d = max(ke * view.f_px, p.min_sigma_px)
             keep = self._buffer("keep", (len(ints),), np.uint8)
             n = support.drop_unsupported(
-                ints, floats, n, view.cols, sigma_d, p.min_support_px * strips.PX, p.support_columns, columns, keep
+                ints,
+                floats,
+                n,
+                view.cols,
+                sigma_d,
+                p.min_support_px * strips.PX,
+                p.min_support_m * strips.PX,
+                p.support_columns,
+                columns,
+                keep,
             )
         support.index_columns(ints, n, view.cols, columns)
         support.sort_columns(ints, floats, view.cols, columns)
@@ -208,8 +223,14 @@ class Extractor:
     # ---- planes -------------------------------------------------------------------------------------------------
 
     def _planes(
-        self, codes: NDArray[np.uint16], ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
-        view: ViewGeometry, info: CameraInfo,
+        self,
+        codes: NDArray[np.uint16],
+        ints: NDArray[np.int32],
+        floats: NDArray[np.float32],
+        place: NDArray[np.float32],
+        n: int,
+        view: ViewGeometry,
+        info: CameraInfo,
     ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
@@ -266,9 +287,7 @@ class Extractor:
         flags = plane_flags(used, used_ints, view)
         cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m)
-        free = free_profile(
-            codes, view, ground, clear_m, ke, self.params, len(used), used, used_ints, margin
-        )
+        free = free_profile(codes, view, ground, clear_m, ke, self.params, len(used), used, used_ints, margin)
         stats = FrameStats(
             measured_share=pixels.measured_share, unknown_share=pixels.unknown_share, far_share=pixels.far_share,
             flying_px=pixels.flying_px, strips=n, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms),

@@ -170,7 +170,10 @@ def free_profile(
     )  # fmt: skip
     stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end)
     # forward distance to horizontal range: the shorter of both edges for what is free, the longer for where it begins
-    near, far = np.minimum(np.abs(edges_t[1:]), np.abs(edges_t[:-1])), np.maximum(np.abs(edges_t[1:]), np.abs(edges_t[:-1]))
+    near, far = (
+        np.minimum(np.abs(edges_t[1:]), np.abs(edges_t[:-1])),
+        np.maximum(np.abs(edges_t[1:]), np.abs(edges_t[:-1])),
+    )
     near = np.where(edges_t[1:] * edges_t[:-1] < 0, 0.0, near)
     return FreeProfile(
         azimuth_edges_rad=edges.astype(np.float32), layer_edges_m=layers,

@@ -88,9 +88,7 @@ def ground_gate(
         return np.full(65536, np.inf, np.float32), shift
     x = view.f_px * view.quantum / np.maximum(np.arange(65536), 1)
     cap = params.ground_tolerance_cap * params.min_obstacle_height_m
-    tolerance = np.clip(
-        params.ground_sigmas * ke * x * ground.height_m, min(params.ground_tolerance_m, cap), cap
-    )
+    tolerance = np.clip(params.ground_sigmas * ke * x * ground.height_m, min(params.ground_tolerance_m, cap), cap)
     gate = ((ground.height_m - tolerance) / x + ground.slope_x).astype(np.float32)
     column_t = (np.arange(view.cols) - view.cu) * float(view.lateral[0]) / view.f_px
     return gate, (ground.slope_y * column_t).astype(np.float32)

@@ -31,7 +31,9 @@ class Params:
     passable_height_m: float = _number(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
     passable_width_m: float = _number(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
     segment_height_m: float = _number(2.0, 0.2, 10.0, "m", "height of segments of irregular things, and of layers [Hd]")
-    safe_distance_m: float = _number(0.28, 0.05, 1.0, "m", "most that a plane may lie behind the near edge of what it stands for")
+    safe_distance_m: float = _number(
+        0.28, 0.05, 1.0, "m", "most that a plane may lie behind the near edge of what it stands for"
+    )
 
     # Noise: sigma_Z = ke * Z^2, constant in disparity
     estimate_noise: bool = _switch(True, "measure the noise from each frame; the camera's ke is then a prior")
@@ -40,7 +42,9 @@ class Params:
     min_sigma_px: float = _number(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
 
     # Levelling
-    max_tilt_deg: float = _number(60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame says nothing")
+    max_tilt_deg: float = _number(
+        60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame says nothing"
+    )
     max_elevation_deg: float = _number(74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown")
     max_view_ratio: float = _number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
     column_step: int = _number(1, 1, 16, "", "columns pooled by maximum disparity into one [sampling interval]")
@@ -53,8 +57,12 @@ class Params:
     # Ground
     ground_tolerance_m: float = _number(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
     ground_sigmas: float = _number(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")
-    ground_tolerance_cap: float = _number(0.9, 0.3, 1.0, "", "half-thickness is at most this share of the least obstacle height")
-    ground_max_below_share: float = _number(0.05, 0.0, 0.3, "", "reject a ground with more of the measured pixels below it")
+    ground_tolerance_cap: float = _number(
+        0.9, 0.3, 1.0, "", "half-thickness is at most this share of the least obstacle height"
+    )
+    ground_max_below_share: float = _number(
+        0.05, 0.0, 0.3, "", "reject a ground with more of the measured pixels below it"
+    )
     ground_min_share: float = _number(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
     ground_max_slope: float = _number(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
     ground_max_height_m: float = _number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
@@ -66,13 +74,19 @@ class Params:
     density_share: float = _number(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
     density_min_px: float = _number(4.0, 1.0, 50.0, "px", "least soft count of a peak")
     peak_alpha: float = _number(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
-    peak_valley: float = _number(0.8, 0.3, 1.0, "", "two peaks are one when the valley is above this share of the smaller")
+    peak_valley: float = _number(
+        0.8, 0.3, 1.0, "", "two peaks are one when the valley is above this share of the smaller"
+    )
 
     # Windows and strips
-    window_majority: float = _number(0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak")
+    window_majority: float = _number(
+        0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak"
+    )
     window_min_px: int = _number(4, 2, 50, "px", "shortest window [least delta v]")
     rough_factor: float = _number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough")
-    near_quantile: float = _number(0.02, 0.0, 0.2, "", "near side of rough things: the k-th closest, k = max(3, this share)")
+    near_quantile: float = _number(
+        0.02, 0.0, 0.2, "", "near side of rough things: the k-th closest, k = max(3, this share)"
+    )
     near_rank: int = _number(3, 1, 20, "px", "least k of the k-th closest")
     band_rows: int = _number(5, 2, 50, "px", "rows of one band when a strip is looked at for steps")
     band_step_m: float = _number(0.2, 0.02, 2.0, "m", "a band this far off in depth begins a strip of its own")
@@ -80,6 +94,9 @@ class Params:
     irregular_gap_px: int = _number(3, 1, 50, "px", "rows without pixels that end an irregular segment")
     irregular_depth_m: float = _number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
     min_support_px: int = _number(7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have")
+    min_support_m: float = _number(
+        0.02, 0.0, 0.2, "m", "and source pixels per pixel of this length: near things are large, stray blobs are not"
+    )
     support_columns: int = _number(4, 0, 16, "px", "columns on either side that may support a strip")
     horizontal_correlation: float = _number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
     horizontal_centre_px: float = _number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
@@ -87,11 +104,17 @@ class Params:
     # Clusters and planes
     line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a plane [eps_l]")
     line_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
-    link_slope_px: float = _number(1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface")
+    link_slope_px: float = _number(
+        1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
+    )
     link_gap_px: int = _number(4, 1, 64, "px", "columns that one surface may miss")
     plane_angle_deg: float = _number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
-    merge_distance_m: float = _number(0.35, 0.0, 2.0, "m", "a merged plane lies no farther than this from what it replaces")
-    footprint_px: float = _number(0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side")
+    merge_distance_m: float = _number(
+        0.35, 0.0, 2.0, "m", "a merged plane lies no farther than this from what it replaces"
+    )
+    footprint_px: float = _number(
+        0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
+    )
     margin_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
 
     # Layers and the free-range profile

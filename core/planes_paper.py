@@ -92,7 +92,10 @@ def _merge(segments: list[tuple[float, ...]], params: Params) -> list[Merged]:
         if out and out[-1][7] == cluster:
             p = out[-1]
             turn = abs(math.remainder(math.atan2(by - ay, bx - ax) - math.atan2(p[3] - p[1], p[2] - p[0]), math.pi))
-            if turn < math.radians(params.plane_angle_deg) and math.hypot(ax - p[2], ay - p[3]) < params.passable_width_m:
+            if (
+                turn < math.radians(params.plane_angle_deg)
+                and math.hypot(ax - p[2], ay - p[3]) < params.passable_width_m
+            ):
                 out[-1] = (p[0], p[1], bx, by, min(top, p[4]), max(bottom, p[5]), int(weight + p[6]), int(cluster))
                 continue
         out.append((ax, ay, bx, by, top, bottom, int(weight), int(cluster)))

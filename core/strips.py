@@ -154,9 +154,7 @@ def emit_pixels(
     near = np.float32(max(0.5 * d, near - fs[S_BAND_SIGMAS] * sigma))
     share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
     support = max(1, int(PX * count * share + 0.5))
-    return add_strip(
-        ints, floats, n, first, limit, u, first_row, last_row, support, kind, d, near, np.float32(sigma)
-    )
+    return add_strip(ints, floats, n, first, limit, u, first_row, last_row, support, kind, d, near, np.float32(sigma))
 
 
 @njit(cache=True, nogil=True)

@@ -9,18 +9,19 @@ from .strips import BOTTOM, CUT, NEAR, SIGMA, SUPPORT, TOP, D, U
 
 
 @njit(cache=True, nogil=True)
-def drop_unsupported(ints, floats, n, cols, sigma_d, least, reach, first_of_column, keep):
+def drop_unsupported(ints, floats, n, cols, sigma_d, least, least_per_px, reach, first_of_column, keep):
     """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
 
-    A strip of less than `least` support is kept when other small strips of neighbouring columns, within `reach`, two
+    A strip of less than `least` support (or least_per_px times its disparity: near things are large) is kept when other small strips of neighbouring columns, within `reach`, two
     rows and four sigma (or 5 %) of disparity, bring it to `least`: a pole has it in its own column, a wire along its
     row; a mismatch of two by two pixels has it nowhere. What lies within four sigma of a large strip beside it is that
     strip's noise, and counts there. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
     index_columns(ints, n, cols, first_of_column)
     for i in range(n):
         keep[i] = 1
-        if ints[i, SUPPORT] < least:
-            keep[i] = _carried(ints, floats, i, cols, sigma_d, least, reach, first_of_column)
+        need = max(least, int(least_per_px * floats[i, D]))
+        if ints[i, SUPPORT] < need:
+            keep[i] = _carried(ints, floats, i, cols, sigma_d, need, reach, first_of_column)
     return compact(ints, floats, n, keep)
 
 

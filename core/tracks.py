@@ -43,9 +43,7 @@ def heights_go_on(ints, place, track, i, hs):
     cut, top, bottom = ints[i, CUT], place[i, Z_TOP], place[i, Z_BOTTOM]
     lowest_top = track[T_TOP_MAX] if cut & 1 else max(track[T_TOP_MAX], top)
     highest_bottom = track[T_BOTTOM_MIN] if cut & 2 else min(track[T_BOTTOM_MIN], bottom)
-    return (
-        lowest_top - min(track[T_TOP_MIN], top) <= hs and max(track[T_BOTTOM_MAX], bottom) - highest_bottom <= hs
-    )
+    return lowest_top - min(track[T_TOP_MIN], top) <= hs and max(track[T_BOTTOM_MAX], bottom) - highest_bottom <= hs
 
 
 @njit(cache=True, nogil=True)

@@ -23,7 +23,9 @@ SATURATED_MM = 65535
 """Treated like UNKNOWN_MM everywhere: some sensors write it for invalid pixels."""
 
 
-def readonly(a: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int | None, ...], name: str) -> NDArray[np.generic]:
+def readonly(
+    a: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int | None, ...], name: str
+) -> NDArray[np.generic]:
     """A read-only C-contiguous view of `a` after checking dtype and shape (None: any length). Raises ValueError."""
     if a.dtype != dtype:
         raise ValueError(f"{name}: dtype {a.dtype}, expected {np.dtype(dtype)}")
