@@ -22,6 +22,7 @@ import numpy as np
 from core.types import CameraInfo, ExtractorState, Intrinsics
 
 from .console import fail, say, say_json
+from .jit_cache import VARIABLE, base_of
 
 CACHED = ("*.nbi", "*.nbc")
 """numba's index and code files: nothing else is ever deleted."""
@@ -118,9 +119,9 @@ def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
 
 
 def cache_folders() -> list[Path]:
-    """Where numba keeps compiled kernels of this project: NUMBA_CACHE_DIR, else beside the sources (and the user's
-    own cache where those cannot be written)."""
-    named = os.environ.get("NUMBA_CACHE_DIR")
+    """Where numba keeps compiled kernels of these sources: NUMBA_CACHE_DIR as jit_cache set it, else (no place could
+    be written, or numba was imported before this package) beside the sources or in the user's own cache."""
+    named = os.environ.get(VARIABLE)
     if named:
         return [Path(named)]
     root = Path(__file__).resolve().parent.parent
@@ -143,16 +144,17 @@ def _delete(folders: list[Path]) -> int:
 
 def _check_cache_place() -> None:
     """numba's own message for a cache that cannot be written names neither the directory nor a remedy."""
-    named = os.environ.get("NUMBA_CACHE_DIR")
+    named = os.environ.get(VARIABLE)
     if not named:
         return
+    named = str(base_of(Path(named)))  # what the user wrote
     try:
         Path(named).mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=named):
             pass
     except OSError as error:
         raise WarmupError(
-            f"NUMBA_CACHE_DIR = {named} cannot be written ({error.strerror}); "
+            f"{VARIABLE} = {named} cannot be written ({error.strerror}); "
             "name a directory that this user may write, or unset it"
         ) from error
 

@@ -1,0 +1,179 @@
+"""Compiled kernels never outlive the sources that they were made of, also where only a called one's file changed."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import companion.jit_cache as jit_cache
+from companion.jit_cache import VARIABLE, base_of, prune, source_key, use_own_cache
+
+CALLER = """
+from numba import njit
+from .inner import inner
+
+@njit(cache=True)
+def outer(x):
+    return inner(x) + 1
+"""
+INNER = """
+from numba import njit
+
+@njit(cache=True)
+def inner(x):
+    return x * {factor}
+"""
+KEYED = """
+import companion.jit_cache as jit_cache
+from pathlib import Path
+jit_cache.ROOT = Path({root!r})
+assert jit_cache.use_own_cache() is not None
+"""
+RUN = """
+import sys
+sys.path.insert(0, {root!r})
+from core.outer import outer
+print(outer(10))
+"""
+
+
+@pytest.fixture
+def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, as if numba were not loaded yet; what is locked in it is let go at the end."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    monkeypatch.setenv(VARIABLE, str(folder))
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    monkeypatch.setattr(jit_cache, "_held", [])
+    return folder
+
+
+def sources(root: Path, factor: int) -> Path:
+    """A small core of two files, one calling the other."""
+    for package in ("core", "drivers"):
+        (root / package).mkdir(parents=True, exist_ok=True)
+        (root / package / "__init__.py").write_text("")
+    (root / "drivers" / "raycast.py").write_text("")
+    (root / "core" / "inner.py").write_text(INNER.format(factor=factor))
+    if not (root / "core" / "outer.py").exists():
+        (root / "core" / "outer.py").write_text(CALLER)
+    return root
+
+
+def python(code: str, cache: Path) -> str:
+    environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_DISABLE_JIT", "PYTHONPATH")}
+    environment[VARIABLE] = str(cache)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=jit_cache.ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_a_change_in_a_called_kernel_is_noticed(tmp_path: Path) -> None:
+    """Beside it what happens with one directory for all: when that ends, numba has mended it and so may we."""
+    root = tmp_path / "project"
+    first = RUN.format(root=str(sources(root, factor=2)))
+    keyed = KEYED.format(root=str(root)) + first
+    assert python(keyed, tmp_path / "keyed") == python(first, tmp_path / "one") == "21"
+    sources(root, factor=3)
+    assert python(first, tmp_path / "one") == "21"
+    assert python(keyed, tmp_path / "keyed") == "31"
+    assert len(list((tmp_path / "keyed").iterdir())) == 2 + 1  # two states of these sources, one of the service's own
+
+
+def test_every_module_of_the_service_has_it(tmp_path: Path) -> None:
+    told = python("import companion.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
+    assert Path(told) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
+    assert python("import companion.cli, sys; print('numba' in sys.modules)", tmp_path) == "False"
+
+
+@pytest.mark.parametrize("changed", ["core/outer.py", "core/inner.py", "drivers/raycast.py", "core/new.py"])
+def test_the_key_changes_with_every_source(tmp_path: Path, changed: str) -> None:
+    root = sources(tmp_path, factor=2)
+    before = source_key(root)
+    assert source_key(root) == before
+    with (root / changed).open("a") as file:
+        file.write("\n")
+    assert source_key(root) != before
+
+
+def test_a_child_shares_its_parents_directory(base: Path) -> None:
+    folder = use_own_cache()
+    assert folder == base / f"kernels-{source_key(jit_cache.ROOT)}"
+    assert os.environ[VARIABLE] == str(folder)
+    assert use_own_cache() == folder
+    assert base_of(folder) == base == base_of(base)
+
+
+def test_nothing_is_changed_once_numba_is_loaded(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "numba", sys)
+    assert use_own_cache() is None
+    assert os.environ[VARIABLE] == str(base)
+
+
+def made(base: Path, *ages: int) -> list[Path]:
+    """Directories of old states, last used so many seconds ago."""
+    folders = [base / f"kernels-{age:016x}" for age in ages]
+    for folder, age in zip(folders, ages, strict=True):
+        (folder / "core").mkdir(parents=True)
+        (folder / "core" / "kernel.nbi").write_text("")
+        (folder / "in-use").write_text("")
+        os.utime(folder, (1_000_000_000 - age, 1_000_000_000 - age))
+    return folders
+
+
+def test_old_states_are_forgotten(base: Path) -> None:
+    oldest, older, newest = made(base, 90, 60, 30)
+    strangers = [base / "core_0123456789abcdef", base / "kernels-notes", base / "notes.txt"]
+    for stranger in strangers[:2]:
+        stranger.mkdir()
+    strangers[2].write_text("not ours")
+    current = use_own_cache()
+    assert current is not None
+    assert [f.exists() for f in (oldest, older, newest, current, *strangers)] == [False, *[True] * 6]
+
+
+def test_what_another_process_uses_stays(base: Path) -> None:
+    folders = made(base, *range(1, 7))
+    with (folders[4] / "in-use").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)
+        prune(base, folders[5])
+    assert [f.exists() for f in folders] == [True, True, False, False, True, True]
+
+
+def test_the_users_cache_is_the_usual_place(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(base))
+    assert use_own_cache() == base / "osape-companion" / f"kernels-{source_key(jit_cache.ROOT)}"
+
+
+@pytest.mark.parametrize("home", ["", "/", "a file"])
+def test_without_a_home_beside_the_sources(
+    base: Path, home: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "a file").write_text("")
+    root = sources(tmp_path / "project", factor=2)
+    monkeypatch.chdir(tmp_path / "project")
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "a file") if home == "a file" else home)
+    monkeypatch.setattr(jit_cache, "ROOT", root)
+    folder = use_own_cache()
+    assert folder is not None
+    assert folder.parent == root / "core" / "__pycache__"
+    assert sorted(p.name for p in root.iterdir()) == ["core", "drivers"]
+
+
+def test_a_place_that_cannot_be_written_is_left_to_warmup(
+    base: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "cache"))
+    assert use_own_cache() is None
+    assert os.environ[VARIABLE] == str(tmp_path / "file" / "cache")
