@@ -1,0 +1,247 @@
+"""Pictures of the first stages for docs/algorithm.md: from the depth image to strips that are kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.taps import Calls
+from companion.view_colors import depth_rgb
+from core.classify import tile_roughness
+from core.density import find_peaks, soft_counts
+from core.extractor import Extractor
+from core.strips import BOTTOM, GROUND_PX, HORIZONTAL, IRREGULAR, KIND, NONE_PX, ROUGH, SMOOTH, TOP, D, U
+from core.types import FAR_MM, UNKNOWN_MM
+from drivers.simulated import Rendered
+
+KIND_RGB = {SMOOTH: (38, 110, 190), ROUGH: (230, 140, 30), IRREGULAR: (200, 60, 110), HORIZONTAL: (90, 160, 60)}
+KIND_NAME = {SMOOTH: "smooth", ROUGH: "rough", IRREGULAR: "irregular rest", HORIZONTAL: "horizontal"}
+PALE = 235
+
+
+def view_mm(codes: NDArray[np.uint16], f_px: float, quantum: float) -> NDArray[np.uint16]:
+    """The levelled view (rows, cols) as millimetres along level_cam x, with unknown and far as in depth images."""
+    code = codes.T.astype(np.float64)
+    mm = np.clip(1000.0 * f_px * quantum / np.maximum(code, 1), 1, 65000).astype(np.uint16)
+    return np.where(code == 0, UNKNOWN_MM, np.where(code == 1, FAR_MM, mm)).astype(np.uint16)
+
+
+def bare(ax: Any, title: str) -> None:
+    """An image's axes: no ticks, a title."""
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.set_title(title, fontsize=9, loc="left")
+
+
+def levelled(calls: Calls) -> NDArray[np.uint16]:
+    """(cols, rows) codes that the strips are made of."""
+    codes: NDArray[np.uint16] = calls.of("extract_strips").before[0]
+    return codes
+
+
+def draw_level(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """The image as delivered and the levelled view."""
+    view = calls.of("view_geometry").result
+    a, b = figure.subplots(1, 2, width_ratios=(frame.info.intrinsics.width, view.cols))
+    a.imshow(depth_rgb(frame.depth_mm, frame.info))
+    bare(a, "as the camera delivers it")
+    b.imshow(depth_rgb(view_mm(levelled(calls), view.f_px, view.quantum), frame.info))
+    b.axhline(view.cv, color="black", lw=0.7, ls=":")
+    bare(b, "levelled: columns are vertical, the horizon (dotted) is a row")
+
+
+def draw_classes(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """A part of the image and what became of each pixel."""
+    raw, out = calls.of("classify").after[4], calls.of("classify").after[5]
+    part = _most((raw > 0) & (out == 0), 90, 120)
+    rgb = np.full((*raw.shape, 3), PALE, np.uint8)
+    rgb[out > 0] = (150, 185, 215)
+    rgb[raw == 0] = (110, 110, 110)
+    rgb[(raw > 0) & (out == 0)] = (215, 40, 40)
+    a, b = figure.subplots(1, 2)
+    a.imshow(depth_rgb(frame.depth_mm, frame.info)[part])
+    bare(a, "depth, a part of the image")
+    b.imshow(rgb[part])
+    bare(b, "blue: measured, grey: unknown, red: flying, made unknown")
+
+
+def _most(mask: NDArray[np.bool_], rows: int, cols: int) -> tuple[slice, slice]:
+    """The part of the image of rows x cols pixels that holds most of a mask."""
+    total = np.pad(mask.astype(np.int64), ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    inside = total[rows:, cols:] - total[:-rows, cols:] - total[rows:, :-cols] + total[:-rows, :-cols]
+    v, u = np.unravel_index(int(inside.argmax()), inside.shape)
+    return slice(int(v), int(v) + rows), slice(int(u), int(u) + cols)
+
+
+def draw_noise(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """Noise of each tile, those that count in bold."""
+    inverse, focal = calls.of("estimate_ke").before[0], calls.of("estimate_ke").before[1]
+    tiles = np.empty((6, 8), np.float32)
+    tile_roughness(inverse, focal, 0.05, 1.0 / 1.5, np.zeros(512, np.int32), tiles)
+    sigma = np.where(tiles >= 0, tiles / (0.6745 * np.sqrt(6.0)), np.nan)
+    limit = np.nanquantile(sigma, 0.25)
+    ax = figure.subplots()
+    ax.imshow(depth_rgb(frame.depth_mm, frame.info), alpha=0.45)
+    high, wide = inverse.shape[0] / 6, inverse.shape[1] / 8
+    for v in range(6):
+        for u in range(8):
+            text = "-" if np.isnan(sigma[v, u]) else f"{sigma[v, u]:.2f}"
+            weight = "bold" if sigma[v, u] <= limit else "normal"
+            ax.text((u + 0.5) * wide, (v + 0.5) * high, text, ha="center", va="center", fontsize=8, weight=weight)
+    ke = limit / focal
+    bare(ax, f"disparity noise of each tile, px; lower quartile {limit:.2f} px: ke = {ke:.4f} (true 0.0015)")
+
+
+def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """The ground in the levelled view, and from the side with its tolerance."""
+    view, found = calls.of("view_geometry").result, calls.of("find_ground")
+    ground, states = found.result, calls.of("extract_strips").after[14]
+    rgb = depth_rgb(view_mm(levelled(calls), view.f_px, view.quantum), frame.info)
+    rgb[(states == GROUND_PX).T] = (196, 164, 110)
+    rgb[(states == NONE_PX).T] = (150, 150, 150)
+    a, b = figure.subplots(1, 2)
+    a.imshow(rgb)
+    bare(a, "brown: ground, taken out before any counting")
+    points = found.after[6]
+    points = points[(points[:, 3] > 0) & (np.abs(points[:, 1]) < 3.0)][::2]
+    b.plot(points[:, 0], -points[:, 2], ".", ms=1.2, color="#4a6f96")
+    x = np.linspace(0.5, 20.0, 100)
+    p, ke = extractor.params, calls.of("find_ground").before[3]
+    cap = p.ground_tolerance_cap * p.min_obstacle_height_m
+    half = np.clip(p.ground_sigmas * ke * x * ground.height_m, min(p.ground_tolerance_m, cap), cap)
+    level = -(ground.height_m + ground.slope_x * x)
+    b.plot(x, level, color="#7a5520", lw=1.2)
+    b.fill_between(x, level - half, level + half, color="#c4a46e", alpha=0.5, lw=0)
+    b.set_xlim(0, 20)
+    b.set_ylim(-ground.height_m - 1.2, 3.5)
+    b.set_xlabel("forward, m", fontsize=8)
+    b.set_ylabel("above the camera, m", fontsize=8)
+    b.set_title("from the side: the fitted ground and its tolerance", fontsize=9, loc="left")
+
+
+def column_with_most(calls: Calls, kind: int) -> int:
+    """The column with most different strips, some of them of this kind."""
+    _, ints, floats, n = strips_of(calls)
+    score = [
+        len(set(np.round(floats[:n, D][ints[:n, U] == u], 0))) * int((ints[:n][ints[:n, U] == u, KIND] == kind).any())
+        for u in range(int(ints[:n, U].max()) + 1)
+    ]
+    return int(np.argmax(score))
+
+
+def strips_of(calls: Calls) -> tuple[NDArray[np.uint16], NDArray[np.int32], NDArray[np.float32], int]:
+    """(codes, ints, floats, number) as the strips were found."""
+    call = calls.of("extract_strips")
+    return call.before[0], call.after[12], call.after[13], int(call.result)
+
+
+def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """One column: its pixels with its strips, and its density with threshold and peaks."""
+    view, call, p = calls.of("view_geometry").result, calls.of("extract_strips"), extractor.params
+    codes, ints, floats, n = strips_of(calls)
+    u = column_with_most(calls, SMOOTH)
+    bin_of_code, bin_px, _, threshold, weights = call.before[5:10]
+    state = call.after[14][u]
+    hist, counts = np.zeros(len(bin_px), np.int32), np.zeros(len(bin_px), np.int32)
+    open_ = (codes[u] > 1) & (state != GROUND_PX)
+    np.add.at(hist, bin_of_code[codes[u][open_]], 1)
+    soft_counts(hist, weights, counts)
+    low, high, top = np.zeros(24, np.int32), np.zeros(24, np.int32), np.zeros(24, np.int32)
+    peaks = find_peaks(counts, threshold, p.peak_valley, p.peak_alpha, low, high, top)
+    a, b = figure.subplots(1, 2, sharex=True)
+    rows, d = np.arange(codes.shape[1]), codes[u] / view.quantum
+    for on, color, label in ((state == GROUND_PX, "#c4a46e", "ground"), (open_, "#4a6f96", "pixel")):
+        a.plot(d[on & (codes[u] > 1)], rows[on & (codes[u] > 1)], ".", ms=2, color=color, label=label)
+    for i in np.flatnonzero(ints[:n, U] == u):
+        a.plot([floats[i, D]] * 2, [ints[i, TOP], ints[i, BOTTOM]], lw=2, color=_hex(KIND_RGB[ints[i, KIND]]))
+    a.invert_yaxis()
+    a.set_ylabel("row", fontsize=8)
+    a.set_title(f"column {u}: its pixels and its strips", fontsize=9, loc="left")
+    b.step(bin_px, counts / 64.0, color="#202020", lw=0.9, where="mid", label="soft count")
+    b.plot(bin_px, threshold / 64.0, color="#c03030", lw=1, label="least, 0.7 Hm x")
+    for k in range(peaks):
+        b.axvspan(bin_px[low[k]], bin_px[high[k]], color="#7fb07f", alpha=0.4, lw=0)
+    b.set_ylabel("pixels", fontsize=8)
+    b.set_title("density: peaks over the threshold (green)", fontsize=9, loc="left")
+    b.legend(fontsize=7)
+    a.legend(fontsize=7, loc="upper right")
+    widest = 1.3 * float(np.quantile(d[open_], 0.97))
+    a.set_xlim(0, widest)
+    b.set_ylim(0, 1.15 * max(float(counts.max()) / 64.0, float(np.interp(widest, bin_px, threshold)) / 64.0))
+    for ax in (a, b):
+        ax.set_xlabel("disparity f/X, px", fontsize=8)
+
+
+def _hex(rgb: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*rgb)
+
+
+def painted(calls: Calls, ints: NDArray[np.int32], colors: NDArray[np.uint8], ground: bool = True) -> NDArray[np.uint8]:
+    """(rows, cols, 3): the levelled view, pale, with strips ints (N, 9) painted in colors (N, 3)."""
+    codes, states = levelled(calls), calls.of("extract_strips").after[14]
+    rgb = np.full((*codes.T.shape, 3), PALE, np.uint8)
+    rgb[(codes == 0).T] = (190, 190, 190)
+    if ground:
+        rgb[(states == GROUND_PX).T] = (222, 208, 180)
+    for row, color in zip(ints, colors, strict=True):
+        rgb[row[TOP] : row[BOTTOM] + 1, row[U]] = color
+    return rgb
+
+
+def draw_strips(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """All strips by distance, and by the way they were found."""
+    view = calls.of("view_geometry").result
+    _, ints, floats, n = strips_of(calls)
+    by_range = depth_rgb((1000.0 * view.f_px / floats[:n, D]).astype(np.uint16)[:, None], frame.info)[:, 0]
+    by_kind = np.array([KIND_RGB[int(k)] for k in ints[:n, KIND]], np.uint8)
+    a, b = figure.subplots(1, 2)
+    a.imshow(painted(calls, ints[:n], by_range))
+    bare(a, f"{n} strips, coloured by distance")
+    b.imshow(painted(calls, ints[:n], by_kind))
+    bare(b, "by kind")
+    for k, name in KIND_NAME.items():
+        b.plot([], [], "s", ms=5, color=_hex(KIND_RGB[k]), label=name)
+    b.legend(fontsize=7, loc="lower right")
+
+
+def draw_irregular(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """A column through foliage from the side: pixels, strips and their near edges."""
+    view = calls.of("view_geometry").result
+    codes, ints, floats, n = strips_of(calls)
+    u, states = column_with_most(calls, IRREGULAR), calls.of("extract_strips").after[14]
+    on = (codes[u] > 1) & (states[u] != GROUND_PX)
+    rows = np.arange(codes.shape[1])
+    ax = figure.subplots()
+    x = view.f_px * view.quantum / np.maximum(codes[u], 1)
+    ax.plot(x[on], (view.cv - rows[on]) / view.f_px * x[on], ".", ms=3, color="#8aa4bd", label="pixel")
+    for i in np.flatnonzero(ints[:n, U] == u):
+        at, near = view.f_px / floats[i, D], view.f_px / floats[i, 1]
+        z = (view.cv - np.array([ints[i, TOP], ints[i, BOTTOM]])) / view.f_px * at
+        ax.plot([at, at], z, lw=2.5, color=_hex(KIND_RGB[ints[i, KIND]]))
+        ax.plot([near, near], z, lw=1, ls=":", color=_hex(KIND_RGB[ints[i, KIND]]))
+    for k, name in KIND_NAME.items():
+        ax.plot([], [], lw=2.5, color=_hex(KIND_RGB[k]), label=f"strip, {name}")
+    ax.plot([], [], lw=1, ls=":", color="black", label="near edge of a strip")
+    ax.legend(fontsize=7)
+    ax.set_xlim(float(np.quantile(x[on], 0.01)) - 0.3, float(np.quantile(x[on], 0.9)) + 2.0)
+    ax.set_xlabel("forward, m", fontsize=8)
+    ax.set_ylabel("above the camera, m", fontsize=8)
+    ax.set_title(f"column {u} from the side, camera on the left", fontsize=9, loc="left")
+
+
+def draw_support(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
+    """Which strips too few pixels stand for."""
+    call = calls.of("drop_unsupported")
+    before, kept = call.before[0][: call.before[2]], call.after[0][: int(call.result)]
+    here = {tuple(r[:3]) for r in kept}
+    gone = np.array([tuple(r[:3]) not in here for r in before])
+    colors = np.where(gone[:, None], (215, 30, 30), (120, 150, 185)).astype(np.uint8)
+    order = np.argsort(gone, kind="stable")
+    rgb = painted(calls, before[order], colors[order])
+    for row in before[gone]:
+        rgb[max(0, row[TOP] - 1) : row[BOTTOM] + 2, max(0, row[U] - 1) : row[U] + 2] = (215, 30, 30)
+    ax = figure.subplots()
+    ax.imshow(rgb)
+    bare(ax, f"{len(kept)} strips stay; {int(gone.sum())} (red, drawn larger than they are) do not")

@@ -1,0 +1,243 @@
+"""Pictures of the later stages for docs/algorithm.md: from strips to planes, prisms and what is free."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.draw_pixels import PALE, bare, painted, view_mm
+from benchmarks.taps import Calls
+from companion.view_colors import depth_rgb
+from core.lines import fit_line
+from core.openings import level_of
+from core.planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, Z0, Z1, A, B
+from core.strips import CLUSTER, FILL, NEAR, SUPPORT, TRACK, D, U
+from core.types import FrameModel, FreeEnd
+from drivers.simulated import Rendered
+
+COLORS = np.array(
+    [(31, 119, 180), (230, 126, 34), (44, 150, 60), (200, 50, 60), (130, 90, 180), (140, 86, 75), (220, 110, 190),
+     (90, 90, 90), (170, 170, 40), (30, 170, 180)], np.uint8,
+)  # fmt: skip
+
+
+def _hex(k: int) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*COLORS[k % len(COLORS)])
+
+
+def _above(ax: Any, title: str) -> None:
+    """Axes of a top view: y to the right, x up."""
+    ax.set_aspect("equal")
+    ax.set_xlabel("right, m", fontsize=8)
+    ax.set_ylabel("forward, m", fontsize=8)
+    ax.set_title(title, fontsize=9, loc="left")
+
+
+def _ends(p: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """((y, x), (y, x)) of a plane's ends."""
+    x0, x1 = 1.0 / max(p[A] + p[B] * p[T0], 1e-3), 1.0 / max(p[A] + p[B] * p[T1], 1e-3)
+    return (p[T0] * x0, x0), (p[T1] * x1, x1)
+
+
+def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """Strips from above by cluster, largest first."""
+    after = calls.of("cluster_strips").after
+    ints, place, n = after[0], after[1], after[2]
+    number = ints[:n, CLUSTER]
+    order = {int(c): k for k, c in enumerate(np.argsort(-np.bincount(number)))}
+    colors = COLORS[[order[int(c)] % len(COLORS) for c in number]]
+    a, b = figure.subplots(1, 2)
+    a.imshow(painted(calls, ints[:n], colors))
+    bare(a, f"{len(order)} clusters")
+    b.scatter(place[:n, 1], place[:n, 0], s=1.5, c=colors / 255.0)
+    _above(b, "from above")
+    b.set_xlim(-9, 9)
+    b.set_ylim(0, 21)
+
+
+def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """What was filled: low gaps, then slits."""
+    before, after = calls.of("fill_low_gaps").before, calls.of("fill_slits").after
+    n = before[3]
+    blue = np.tile(np.array((120, 150, 185), np.uint8), (n, 1))
+    seen = painted(calls, before[0][:n], blue, ground=False)
+    alive = after[0][:n][after[0][:n, SUPPORT] > 0]
+    filled = painted(calls, alive, blue[: len(alive)], ground=False)
+    fresh = np.any(filled != seen, axis=2) & np.all(filled == blue[0], axis=2)
+    filled[fresh] = (230, 126, 34)
+    a, b = figure.subplots(1, 2)
+    a.imshow(seen)
+    bare(a, "strips as found: a window to pass, two slits, holes")
+    b.imshow(filled)
+    bare(b, f"orange: filled ({int(alive[:, FILL].sum())} rows in all)")
+
+
+def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """Strips as points (t, s), a vertical plane being a straight line."""
+    call = calls.of("grow_tracks")
+    ints, floats, n, f, cu = call.after[0], call.after[1], call.after[3], call.before[6], call.before[7]
+    moments, rows, count = call.after[14], call.after[15], int(call.result)
+    on = np.flatnonzero((ints[:n, SUPPORT] > 0) & (ints[:n, TRACK] >= 0))
+    size = rows[:count, 2]
+    rank = {int(k): i for i, k in enumerate(np.argsort(-size, kind="stable"))}
+    t, s = (ints[on, U] - cu) / f, floats[on, D] / f
+    color = COLORS[[rank[int(k)] % len(COLORS) for k in ints[on, TRACK]]] / 255.0
+    small = np.array([size[k] < 4 for k in ints[on, TRACK]])
+    color[small] = 0.75
+    ax = figure.subplots()
+    ax.scatter(t, s, s=2.5, c=color)
+    for k in np.flatnonzero(size >= 12):
+        a, b, _, _ = fit_line(moments[k], 1.0 / 1.2**2)
+        ends = np.array([t[ints[on, TRACK] == k].min(), t[ints[on, TRACK] == k].max()])
+        ax.plot(ends, a + b * ends, color="black", lw=0.7)
+    ax.set_xlabel("t = y/x, tangent of azimuth", fontsize=8)
+    ax.set_ylabel("s = 1/x, 1/m", fontsize=8)
+    ax.set_title(
+        f"{len(on)} strips in {count} tracks; a vertical plane is a straight line here", fontsize=9, loc="left"
+    )
+
+
+def _rectangles(ax: Any, calls: Calls, frame: Rendered, planes: NDArray[np.float64], title: str) -> None:
+    """Planes drawn as the levelled view sees them."""
+    from matplotlib.patches import Polygon
+
+    view, codes = calls.of("view_geometry").result, calls.of("extract_strips").before[0]
+    rgb = depth_rgb(view_mm(codes, view.f_px, view.quantum), frame.info)
+    ax.imshow((0.35 * rgb + 0.65 * PALE).astype(np.uint8))
+    for k, p in enumerate(planes):
+        s0, s1 = p[A] + p[B] * p[T0], p[A] + p[B] * p[T1]
+        corner = [(p[T0], p[Z0] * s0), (p[T1], p[Z0] * s1), (p[T1], p[Z1] * s1), (p[T0], p[Z1] * s0)]
+        xy = [(view.cu + view.f_px * t, view.cv + view.f_px * m) for t, m in corner]
+        ax.add_patch(Polygon(xy, closed=True, fill=False, ec=_hex(k), lw=0.8))
+    ax.set_xlim(0, view.cols)
+    ax.set_ylim(view.rows, 0)
+    bare(ax, title)
+
+
+def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """Planes before and after the merge."""
+    call = calls.of("merge_planes")
+    count = call.before[0]
+    after = call.after[1][:count][call.after[2][:count, P_SUPPORT] >= 0]
+    a, b = figure.subplots(1, 2)
+    _rectangles(a, calls, frame, call.before[1][:count], f"{count} pieces")
+    _rectangles(b, calls, frame, after, f"merged: {len(after)} planes")
+
+
+def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """The mask of openings at the distance of the nearest large thing."""
+    view, (masks, _) = calls.of("view_geometry").result, calls.of("opening_masks").result
+    codes = calls.of("extract_strips").before[0]
+    rgb = depth_rgb(view_mm(codes, view.f_px, view.quantum), frame.info).astype(np.float64)
+    axes = figure.subplots(1, 2)
+    for ax, x in zip(axes, (6.5, 11.0), strict=True):
+        mask = np.kron(masks[level_of(x)].T, np.ones((4, 4)))[: view.rows, : view.cols] > 0
+        shown = 0.4 * rgb + 0.6 * PALE
+        shown[mask] = 0.5 * shown[mask] + 0.5 * np.array((60, 180, 75))
+        ax.imshow(shown.astype(np.uint8))
+        bare(ax, f"green: open at {x:g} m, by a box of Ws x Hs")
+
+
+def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """A tree from above: strips, near edges, planes before and after the shift."""
+    call, shift = calls.of("grow_tracks"), calls.of("shift_to_near_side")
+    ints, floats, n, f, cu = call.after[0], call.after[1], call.after[3], call.before[6], call.before[7]
+    on = np.flatnonzero(ints[:n, SUPPORT] > 0)
+    t = (ints[on, U] - cu) / f
+    x, near = f / floats[on, D], f / floats[on, NEAR]
+    ax = figure.subplots()
+    ax.plot(t * x, x, ".", ms=2.5, color="#8aa4bd", label="strip")
+    ax.plot(t * near, near, ".", ms=1.5, color="#d0506a", label="its near edge")
+    for p, q in zip(shift.before[1][: shift.before[0]], shift.after[1], strict=False):
+        (y0, x0), (y1, x1) = _ends(p)
+        moved = p[FRONT] > 0.0
+        ax.plot([y0, y1], [x0, x1], color="#707070", lw=0.8, ls="--" if moved else "-")
+        if moved:
+            (y0, x0), (y1, x1) = _ends(q)
+            ax.plot([y0, y1], [x0, x1], color="#1f4e79", lw=1.8)
+    ax.plot([], [], color="#707070", lw=0.8, ls="--", label="plane as fitted")
+    ax.plot([], [], color="#1f4e79", lw=1.8, label="shifted to the near side")
+    ax.legend(fontsize=7, loc="lower right")
+    middle = float(np.median(t * x)), float(np.median(x))
+    ax.set_xlim(middle[0] - 3.2, middle[0] + 3.2)
+    ax.set_ylim(middle[1] - 2.6, middle[1] + 2.6)
+    _above(ax, "a tree from above (the camera is below the picture)")
+
+
+def draw_pockets(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """Planes from above before neighbours meet, and after pockets closed and the covered went."""
+    before, drop = calls.of("meet_neighbours"), calls.of("drop_covered")
+    a, b = figure.subplots(1, 2, sharex=True, sharey=True)
+    for p in before.before[1][: before.before[0]]:
+        (y0, x0), (y1, x1) = _ends(p)
+        a.plot([y0, y1], [x0, x1], color="#1f4e79", lw=1.4)
+    _above(a, f"{before.before[0]} planes after the merge")
+    count, planes, ints = drop.after[0], drop.after[1], drop.after[2]
+    for k in range(count):
+        (y0, x0), (y1, x1) = _ends(planes[k])
+        if ints[k, P_SUPPORT] < 0:
+            b.plot([y0, y1], [x0, x1], color="#b0b0b0", lw=0.8)
+        else:
+            b.plot([y0, y1], [x0, x1], color="#e67e22" if ints[k, P_INFERRED] else "#1f4e79", lw=1.4)
+    _above(b, "orange: closed pockets; grey: covered, dropped")
+
+
+def draw_prisms(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """The layered prisms."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    ax = figure.add_subplot(projection="3d")
+    for prism in model.prisms:
+        v = prism.vertices_m
+        faces = [
+            [(y0, x0, -prism.top_m), (y1, x1, -prism.top_m), (y1, x1, -prism.bottom_m), (y0, x0, -prism.bottom_m)]
+            for (x0, y0), (x1, y1) in pairwise(v)
+        ]
+        ax.add_collection3d(
+            Poly3DCollection(faces, facecolors=_hex(prism.cluster), edgecolors="black", linewidths=0.3, alpha=0.55)
+        )
+    ax.set_xlim(-8, 8)
+    ax.set_ylim(0, 16)
+    ax.set_zlim(-2.5, 4)
+    ax.set_box_aspect((16, 16, 6.5))
+    ax.view_init(elev=32, azim=-112)
+    ax.tick_params(labelsize=7)
+    ax.set_xlabel("right, m", fontsize=8)
+    ax.set_ylabel("forward, m", fontsize=8)
+    ax.set_title(f"{len(model.planes)} planes cut into {len(model.prisms)} prisms", fontsize=9, loc="left")
+
+
+END_COLOR = {FreeEnd.OBSTACLE: "#c03030", FreeEnd.UNKNOWN: "#606060", FreeEnd.FIELD_OF_VIEW: "#3060c0",
+             FreeEnd.MAX_RANGE: "#30a050"}  # fmt: skip
+END_NAME = {FreeEnd.OBSTACLE: "an obstacle", FreeEnd.UNKNOWN: "unknown", FreeEnd.FIELD_OF_VIEW: "edge of view",
+            FreeEnd.MAX_RANGE: "maximum range"}  # fmt: skip
+
+
+def draw_free(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
+    """The free-range profile of the camera's own layer."""
+    from matplotlib.patches import Polygon
+
+    free, ax = model.free, figure.subplots()
+    ax.set_facecolor("#dcdcdc")
+    edges, layer = free.azimuth_edges_rad, int(np.searchsorted(free.layer_edges_m, 0.0) - 1)
+    for d in range(len(edges) - 1):
+        near, far = float(free.free_from_m[d, layer]), float(free.free_to_m[d, layer])
+        if far <= near:
+            continue
+        ring = [(far * np.sin(a), far * np.cos(a)) for a in (edges[d], edges[d + 1])]
+        inner = [(near * np.sin(a), near * np.cos(a)) for a in (edges[d + 1], edges[d])]
+        ax.add_patch(Polygon(ring + inner, fc="#bfe6bf", ec="none"))
+        ax.plot(*zip(*ring, strict=True), lw=2, color=END_COLOR.get(FreeEnd(int(free.end[d, layer])), "#606060"))
+    for end, name in END_NAME.items():
+        ax.plot([], [], lw=2, color=END_COLOR[end], label=f"free range ends at {name}")
+    for ax_, ay, bx, by, top, bottom in model.planes:
+        inside = top < free.layer_edges_m[layer + 1] and bottom > free.layer_edges_m[layer]
+        ax.plot([ay, by], [ax_, bx], color="black", lw=1.3 if inside else 0.4)
+    ax.legend(fontsize=7, loc="lower left")
+    low, high = free.layer_edges_m[layer], free.layer_edges_m[layer + 1]
+    _above(ax, f"green: seen free {-high:+.0f}..{-low:+.0f} m about the camera's height; grey: unknown; black: planes")
+    ax.set_xlim(-13, 13)
+    ax.set_ylim(0, 21)
