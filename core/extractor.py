@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from . import planes as pl
 from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table
 from .density import BinTable, bin_table
 from .frames import Rotation
-from .free_space import free_profile, nothing_known
+from .free_space import free_profile
 from .ground import NO_GROUND, find_ground, ground_gate
 from .level import (
     ViewGeometry,
@@ -25,6 +26,7 @@ from .level import (
     view_geometry,
     view_geometry_paper,
 )
+from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_rows, strip_table
 from .openings import opening_masks
 from .params import Params
 from .prisms import layered_prisms
@@ -36,14 +38,10 @@ from .types import (
     FrameStats,
     Ground,
     InvalidCause,
-    PlaneFlags,
-    StripTable,
 )
 
 _REACH_M = 0.9
 """A joined plane covers nothing farther than this from what was seen; below Hs and below Ws/2 in any case."""
-_INFERRED_SHARE = 0.05
-"""A plane with more of its rows filled than this is called inferred; less is what single pixels drop out."""
 
 
 class Extractor:
@@ -79,12 +77,12 @@ class Extractor:
         depth_to_mm(depth, depth_mm)
         cause = rotation_cause(R, self.params)
         if cause:
-            return self._blind(info, cause), state
+            return blind_model(info, cause, self.params), state
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         inverse, counts = self._classify(depth_mm, info, ke)
-        stats = self._pixel_stats(counts, depth_mm.size)
+        stats = pixel_stats(counts, depth_mm.size)
         if stats.measured_share + stats.far_share < self.params.min_measured_share:
-            return self._blind(info, InvalidCause.NO_MEASUREMENT, stats), state
+            return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         clear_m = clear_range_m(info, ke)
         ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
@@ -96,7 +94,7 @@ class Extractor:
 
         return self._model(
             codes, view, ground, info, ke, clear_m, ints, place, n, count, planes, plane_ints, moments,
-            {"ground_px": ground_px, "dropped_strips": found - n}, stats, keep_strips,
+            replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n), keep_strips,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
     # ---- pixels -------------------------------------------------------------------------------------------------
@@ -278,40 +276,22 @@ class Extractor:
     def _model(
         self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float, clear_m: float,
         ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
-        plane_ints: NDArray[np.int32], moments: NDArray[np.float64], more: dict[str, int], pixels: FrameStats,
-        keep_strips: bool,
+        plane_ints: NDArray[np.int32], moments: NDArray[np.float64], counted: FrameStats, keep_strips: bool,
     ) -> FrameModel:  # fmt: skip
+        """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
         alive = np.flatnonzero(plane_ints[:count, pl.P_SUPPORT] >= 0)
         used, used_ints = planes[alive], plane_ints[alive]
+        end_at_ground(used, ground, self.params.ground_tolerance_m)
         rows, margin = plane_rows(used, moments[alive], self.params)
-        flags = plane_flags(used, used_ints, view)
         cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m)
         free = free_profile(codes, view, ground, clear_m, ke, self.params, len(used), used, used_ints, margin)
-        stats = FrameStats(
-            measured_share=pixels.measured_share, unknown_share=pixels.unknown_share, far_share=pixels.far_share,
-            flying_px=pixels.flying_px, strips=n, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms),
-            **more,
-        )  # fmt: skip
         return FrameModel(
-            valid=True, cause=InvalidCause.NONE, planes=rows, support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32),
-            margin_m=margin, flags=flags, cluster=cluster, prisms=prisms, free=free, ground=ground, stats=stats,
-            ke_per_m=ke, strips=strip_table(ints, place, n) if keep_strips else None,
-        )  # fmt: skip
-
-    def _blind(self, info: CameraInfo, cause: InvalidCause, stats: FrameStats | None = None) -> FrameModel:
-        """The model of a frame that says nothing: nothing in it may be taken as free."""
-        return FrameModel(
-            valid=False, cause=cause, planes=np.zeros((0, 6), np.float32), support_px=np.zeros(0, np.int32),
-            margin_m=np.zeros(0, np.float32), flags=np.zeros(0, np.uint8), cluster=np.zeros(0, np.int32), prisms=(),
-            free=nothing_known(self.params), ground=NO_GROUND, stats=stats or FrameStats(), ke_per_m=info.ke_per_m,
-        )  # fmt: skip
-
-    def _pixel_stats(self, counts: tuple[int, int, int], size: int) -> FrameStats:
-        measured, far, flying = counts
-        return FrameStats(
-            measured_share=(measured - flying) / size, far_share=far / size,
-            unknown_share=(size - measured - far + flying) / size, flying_px=flying,
+            valid=True, cause=InvalidCause.NONE, planes=rows,
+            support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,
+            flags=plane_flags(used, used_ints, view), cluster=cluster, prisms=prisms, free=free, ground=ground,
+            stats=replace(counted, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
+            strips=strip_table(ints, place, n) if keep_strips else None,
         )  # fmt: skip
 
     def _buffer(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
@@ -331,47 +311,3 @@ def rotation_cause(R: Rotation, params: Params) -> InvalidCause:
     if np.linalg.det(R) < 0.0 or abs(R[1, 2]) > 0.02 or R[0, 2] < -0.02:
         return InvalidCause.BAD_ROTATION  # level_cam's x is the optical axis' own heading
     return InvalidCause.TOO_STEEP if tilt_rad(R) > math.radians(params.max_tilt_deg) else InvalidCause.NONE
-
-
-def plane_rows(
-    planes: NDArray[np.float64], moments: NDArray[np.float64], params: Params
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(N, 6) float32 a_x, a_y, b_x, b_y, top, bottom and (N,) margins, m, of the table of planes.py.
-
-    a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the near edge
-    still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
-    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T0], 1e-6)
-    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T1], 1e-6)
-    rows = np.stack(
-        [x0, x0 * planes[:, pl.T0], x1, x1 * planes[:, pl.T1], planes[:, pl.Z0], planes[:, pl.Z1]], axis=1
-    ).astype(np.float32)
-    rows[:, 5] = np.maximum(rows[:, 5], rows[:, 4] + 1e-3)
-    noise = np.maximum(x0, x1) ** 2 / np.sqrt(np.maximum(moments[:, 0], 1e-9))
-    front = np.clip(planes[:, pl.FRONT] + params.safe_distance_m, 0.0, params.safe_distance_m)
-    return rows, (front + params.margin_sigmas * noise).astype(np.float32)
-
-
-def plane_flags(planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view: ViewGeometry) -> NDArray[np.uint8]:
-    """(N,) uint8 PlaneFlags."""
-    column_t = float(view.lateral[0]) / view.f_px
-    inferred = plane_ints[:, pl.P_INFERRED] > 0
-    filled = plane_ints[:, pl.P_FILL] > _INFERRED_SHARE * plane_ints[:, pl.P_ROWS]
-    flags = np.where(inferred | filled, int(PlaneFlags.INFERRED), 0)
-    flags |= np.where(inferred, 0, int(PlaneFlags.UNKNOWN_BEHIND))
-    flags |= np.where(planes[:, pl.T0] <= (1.5 - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
-    flags |= np.where(planes[:, pl.T1] >= (view.cols - 2.5 - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0)
-    flags |= np.where(plane_ints[:, pl.P_CUT] & 1, int(PlaneFlags.CUT_TOP), 0)
-    flags |= np.where(plane_ints[:, pl.P_CUT] & 2, int(PlaneFlags.CUT_BOTTOM), 0)
-    flags |= np.where(plane_ints[:, pl.P_KIND] >= strips.IRREGULAR, int(PlaneFlags.IRREGULAR), 0)
-    return flags.astype(np.uint8)
-
-
-def strip_table(ints: NDArray[np.int32], place: NDArray[np.float32], n: int) -> StripTable:
-    """A copy of the strips for drawing and tests."""
-    on = np.flatnonzero(ints[:n, strips.SUPPORT] > 0)
-    column = ints[on].T.copy()
-    x, y, top, bottom = place[on].T.copy()
-    return StripTable(
-        u=column[strips.U], row_top=column[strips.TOP], row_bottom=column[strips.BOTTOM], x_m=x, y_m=y, top_m=top,
-        bottom_m=bottom, support_px=column[strips.SUPPORT] // strips.PX, cluster=column[strips.CLUSTER],
-    )  # fmt: skip

@@ -117,10 +117,11 @@ def outside_source(H, u, v, cols, rows):
 @njit(cache=True, nogil=True)
 def _rows_inside(a, b, first, last):
     """The part of rows first..last in which a + b*v >= 0."""
+    # bounded before it becomes an integer: with a slope of rounding errors the crossing lies beyond any integer
     if b > 0.0:
-        first = max(first, int(math.ceil(-a / b)))
+        first = max(first, int(math.ceil(min(max(-a / b, -1.0), 1e6))))
     elif b < 0.0:
-        last = min(last, int(math.floor(-a / b)))
+        last = min(last, int(math.floor(min(max(-a / b, -1.0), 1e6))))
     elif a < 0.0:
         last = first - 1
     return first, last
