@@ -28,7 +28,7 @@ from drivers.simulated import Rendered, camera_info, render
 
 FOLDER = Path("docs/pictures")
 DPI = 100
-COLORS = 128
+COLORS = 250
 """Pictures are stored with a palette: a noisy depth image in full colour would be four times as large."""
 
 VIEWS: dict[str, tuple[str, float, float, float, tuple[float, float, float]]] = {
@@ -101,7 +101,7 @@ def shrink(image: Any, path: Path, width: int | None = None) -> None:
     picture = Image.open(image).convert("RGB")
     if width is not None:
         picture = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
-    picture.quantize(COLORS, method=Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+    picture.quantize(COLORS, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
 
 
 def draw(name: str, seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
