@@ -1,0 +1,220 @@
+"""Slow, obvious oracles of the kernels: plain loops over the definitions, nothing shared with the code under test."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+UNKNOWN, FAR = 0, 1
+FREE, GROUND, NONE, FAR_ROW, TAKEN = range(5)
+
+
+# ---- pixels -----------------------------------------------------------------------------------------------------
+
+
+def pixel_kind(mm: int, min_m: float, max_m: float, ke: float) -> str:
+    """'measured', 'far' or 'unknown' of one uint16 millimetre value."""
+    if mm in (0, 65535):
+        return "unknown"
+    if mm == 65534 or mm / 1000.0 > max_m / (1.0 + 3.0 * ke * max_m):
+        return "far"
+    return "measured" if mm / 1000.0 >= min_m else "unknown"
+
+
+def inverse_image(depth_mm: np.ndarray, min_m: float, max_m: float, ke: float) -> np.ndarray:
+    """1/Z of measured pixels, 0 of unknown, -1 of far ones."""
+    out = np.zeros(depth_mm.shape)
+    for at, mm in np.ndenumerate(depth_mm):
+        kind = pixel_kind(int(mm), min_m, max_m, ke)
+        out[at] = 1000.0 / mm if kind == "measured" else (-1.0 if kind == "far" else 0.0)
+    return out
+
+
+def is_flying(inverse: np.ndarray, v: int, u: int, step: float) -> bool:
+    """Whether a pixel lies between two opposite measured neighbours and more than `step` (1/m) from both."""
+    rows, cols = inverse.shape
+    for dv, du in ((0, 1), (1, 0)):
+        if not (dv <= v < rows - dv and du <= u < cols - du):
+            continue
+        a, b, d = inverse[v - dv, u - du], inverse[v + dv, u + du], inverse[v, u]
+        if a > 0 and b > 0 and min(a, b) + step < d < max(a, b) - step:
+            return True
+    return False
+
+
+# ---- levelling --------------------------------------------------------------------------------------------------
+
+
+def source_pixel(u, v, R, k, f, cu, cv):
+    """(x, y, Z_optical / X) of the source pixel that cell (u, v) looks at, unrounded; None behind the camera."""
+    ray = R.T @ np.array([1.0, (u - cu) / f, (v - cv) / f])
+    if ray[2] <= 1e-3:
+        return None
+    return k.fx * ray[0] / ray[2] + k.cx, k.fy * ray[1] / ray[2] + k.cy, ray[2]
+
+
+def own_cell(x, y, R, k, f, cu, cv):
+    """(u, v, X / Z_optical) of the cell that source pixel (x, y) falls into, unrounded; None behind the camera."""
+    ray = R @ np.array([(x - k.cx) / k.fx, (y - k.cy) / k.fy, 1.0])
+    if ray[0] < 1e-3:
+        return None
+    return f * ray[1] / ray[0] + cu, f * ray[2] / ray[0] + cv, ray[0]
+
+
+def near_half(*values: float) -> bool:
+    """Whether rounding one of the values is a matter of the last digits."""
+    return any(abs(abs(value - math.floor(value)) - 0.5) < 2e-3 for value in values)
+
+
+def code_of(inverse: float, per_forward: float, gain: float) -> int:
+    """Code of one measurement: disparity f/X in quanta; per_forward: Z_optical / X."""
+    return int(min(max(round(inverse * per_forward * gain), 2), 65535))
+
+
+# ---- density ----------------------------------------------------------------------------------------------------
+
+
+def peaks(counts, threshold, share):
+    """Bins of the peaks, near (high) to far: local maxima, neighbours joined while the valley is above share of the
+    smaller; the highest valley, relative to its smaller peak, goes first."""
+    padded = np.concatenate([[-1], counts, [-1]])
+    tops = []
+    for b in range(len(counts)):
+        left = b
+        while left > 0 and counts[left - 1] == counts[b]:
+            left -= 1
+        right = b
+        while right < len(counts) - 1 and counts[right + 1] == counts[b]:
+            right += 1
+        if b == right and padded[left] < counts[b] > padded[right + 2]:
+            tops.append(b)
+    while len(tops) > 1:
+        ratio = [min(counts[a : b + 1]) / min(counts[a], counts[b]) for a, b in itertools.pairwise(tops)]
+        best = int(np.argmax(ratio))
+        if ratio[best] < share:
+            break
+        tops.pop(best if counts[tops[best]] < counts[tops[best + 1]] else best + 1)
+    return [b for b in reversed(tops) if counts[b] >= threshold[b] and counts[b] > 0]
+
+
+# ---- strips -----------------------------------------------------------------------------------------------------
+
+
+def accepted_segments(code, state, is_member, low, high, half, majority, need):
+    """(top, bottom) rows of the runs of accepted windows of 2 x half rows, half a window apart."""
+    rows = [v for v in range(len(code)) if is_member[v] and state[v] == FREE]
+    if not rows:
+        return []
+    first, last = rows[0], rows[-1]
+    starts = list(range(first, last + 1, half))
+    good = []
+    for start in starts:
+        inside = [v for v in range(start, min(last, start + 2 * half - 1) + 1) if state[v] == FREE]
+        members = sum(bool(is_member[v]) for v in inside)
+        mean = np.mean([float(code[v]) for v in inside]) if inside else -1.0
+        good.append(members >= need and members > majority * len(inside) and low <= mean <= high)
+    segments, v = [], 0
+    while v < len(starts):
+        if not good[v]:
+            v += 1
+            continue
+        end = v
+        while end + 1 < len(starts) and good[end + 1]:
+            end += 1
+        a, b = starts[v], min(last, starts[end] + 2 * half - 1)
+        inside = [w for w in range(a, b + 1) if is_member[w] and state[w] == FREE]
+        segments.append((inside[0], inside[-1]))
+        v = end + 1
+    return segments
+
+
+def irregular_segments(disparity, state, f, gap, tall_m, deep_m, sigma_px):
+    """(top, bottom) rows of the irregular rest of one column."""
+    out, rows = [], []
+    for v in range(len(disparity)):
+        if state[v] != FREE:
+            continue
+        if rows:
+            new = [disparity[w] for w in [*rows, v]]
+            jump = abs(disparity[v] - disparity[rows[-1]]) > max(4 * sigma_px, 0.08 * disparity[v])
+            allowed = deep_m + 4 * sigma_px * f / min(new) ** 2
+            deep = f / min(new) - f / max(new) > allowed
+            tall = v - rows[0] + 1 > tall_m * max(new)
+            if v - rows[-1] > gap or jump or deep or tall:
+                out.append((rows[0], rows[-1]))
+                rows = []
+        rows.append(v)
+    return [*out, (rows[0], rows[-1])] if rows else out
+
+
+def carried(strips, i, sigma_d, least, reach):
+    """Whether strip i of [(u, top, bottom, support, disparity)] stays: by itself, or by small neighbours."""
+    u, top, bottom, support, d = strips[i]
+    if support >= least:
+        return True
+    total = support
+    for j, (w, t, b, s, e) in enumerate(strips):
+        rows_apart = max(t - bottom, top - b)
+        if j == i or abs(w - u) > reach or rows_apart > 2 + abs(w - u) or abs(e - d) > max(4 * sigma_d, 0.05 * d):
+            continue
+        inside = top >= t - 1 and bottom <= b + 1
+        large = s >= 4 * least
+        if inside and large and abs(w - u) <= 1 and abs(e - d) <= 4.5 * sigma_d:
+            return False
+        if not (inside and large):
+            total += s
+    return total >= least
+
+
+# ---- clusters ---------------------------------------------------------------------------------------------------
+
+
+def components(place, ws, hs):
+    """Cluster of each strip (x, y, top, bottom): components of the graph of all pairs nearer than Ws and Hs."""
+    n = len(place)
+    label = list(range(n))
+    for i in range(n):
+        for j in range(i):
+            (x, y, t, b), (p, q, r, s) = place[i], place[j]
+            if math.hypot(x - p, y - q) < ws and max(t - s, r - b) < hs:
+                old, new = max(label[i], label[j]), min(label[i], label[j])
+                label = [new if k == old else k for k in label]
+    return label
+
+
+# ---- free space -------------------------------------------------------------------------------------------------
+
+
+def free_walk(codes, ring_of_code, direction, d, z0, z1, ring_m, cv, f, block, share):
+    """(first, last) index of the rings of one direction and layer that are seen free, -1, -1: none."""
+    columns = codes[direction == d]
+    rows = codes.shape[1]
+    first = last = -1
+    for r, x in enumerate(ring_m):
+        a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * z1 / x - 0.5)
+        if a < 0 or b >= rows:
+            if first >= 0:
+                break
+            continue
+        cells = columns[:, a // block * block : (b // block + 1) * block]
+        through = np.sum(ring_of_code[cells] >= r + 1)
+        near = np.sum((cells > 0) & (ring_of_code[cells] < r + 1))
+        if cells.size and through >= share * cells.size:
+            first, last = (r if first < 0 else first), r
+        elif first >= 0 or near > (1 - share) * cells.size:
+            break
+    return first, last
+
+
+def layer_cuts(tops, bottoms, join):
+    """Cuts of a cluster: sorted ends, those within join of the first of a group being one."""
+    ends = sorted([(float(z), "top") for z in tops] + [(float(z), "bottom") for z in bottoms], key=lambda e: e[0])
+    groups: list[list[tuple[float, str]]] = []
+    for end in ends:
+        if groups and end[0] - groups[-1][0][0] <= join:
+            groups[-1].append(end)
+        else:
+            groups.append([end])
+    return [min(z for z, _ in g) if any(kind == "top" for _, kind in g) else max(z for z, _ in g) for g in groups]

@@ -1,0 +1,130 @@
+"""Pixels against their definition; the noise that is measured from a picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table
+from core.params import Params
+from core.types import FAR_MM, SATURATED_MM
+from drivers.simulated import camera_info
+
+from . import naive
+from .views import INFO, flat_wall, noisy
+
+
+def run(depth: np.ndarray, ke: float, relative: float, absolute: float) -> tuple[np.ndarray, tuple[int, int, int]]:
+    raw, out = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.float32)
+    counts = classify(depth, inverse_depth_table(INFO, ke), relative, absolute, raw, out)
+    return out, counts
+
+
+@pytest.mark.nojit
+@given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([100, 3000, 65535]))
+def test_classify_against_its_definition(seed: int, spread: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = (rng.integers(0, 65536 - spread) + rng.integers(0, spread + 1, (12, 17))).astype(np.uint16)
+    depth[rng.random(depth.shape) < 0.1] = rng.choice([0, 1, 299, 300, FAR_MM, SATURATED_MM])
+    ke, relative, absolute = 0.004, 0.08, 0.02
+    out, counts = run(depth, ke, relative, absolute)
+    raw = naive.inverse_image(depth, INFO.min_range_m, INFO.max_range_m, ke)
+    flying = np.zeros(depth.shape, bool)
+    for v, u in zip(*np.nonzero(raw > 0), strict=True):
+        flying[v, u] = naive.is_flying(raw, v, u, absolute + relative * raw[v, u])
+    np.testing.assert_allclose(out, np.where(flying, 0.0, raw), rtol=1e-6)
+    assert counts == (np.sum(raw > 0), np.sum(raw < 0), np.sum(flying))
+
+
+@pytest.mark.nojit
+def test_a_flying_pixel_goes_and_a_thin_thing_stays() -> None:
+    depth = np.full((30, 40), 8000, np.uint16)
+    depth[:, :20] = 3000
+    depth[10, 20] = 5000  # between both sides of the edge
+    depth[:, 30] = 4000  # a pole one pixel wide, in front of both its sides
+    out, (_, _, flying) = run(depth, 0.0015, 0.08, 5 * 0.0015)
+    assert flying == 1
+    assert out[10, 20] == 0.0
+    np.testing.assert_allclose(out[:, 30], 0.25)
+
+
+@pytest.mark.nojit
+def test_millimetres_are_taken_as_they_are_and_metres_rounded() -> None:
+    out = np.empty((30, 40), np.uint16)
+    mm = np.random.default_rng(1).integers(1, 65533, (30, 40)).astype(np.uint16)
+    depth_to_mm(mm, out)
+    np.testing.assert_array_equal(out, mm)
+    depth_to_mm((mm / 1000.0).astype(np.float32), out)
+    np.testing.assert_array_equal(out, mm)
+    depth_to_mm(np.full((30, 40), 1.2345678, np.float32), out)
+    assert (out == 1235).all()
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1.0, 0.0, 0.0004, 70.0, 1e30])
+def test_metres_that_measure_nothing_are_unknown(value: float) -> None:
+    out = np.ones((30, 40), np.uint16)
+    depth_to_mm(np.full((30, 40), value, np.float32), out)
+    assert (out == 0).all()
+
+
+@pytest.mark.nojit
+@given(st.integers(0, 65535), st.sampled_from([1e-5, 0.0015, 0.01, 0.05]), st.sampled_from([2.0, 20.0, 65.0]))
+def test_the_table_against_the_definition(mm: int, ke: float, max_m: float) -> None:
+    info = replace(INFO, max_range_m=max_m)
+    value = inverse_depth_table(info, ke)[mm]
+    kind = naive.pixel_kind(mm, info.min_range_m, max_m, ke)
+    assert {"measured": value > 0, "far": value == -1, "unknown": value == 0}[kind]
+    if kind == "measured":
+        assert value == pytest.approx(1000.0 / mm)
+
+
+@pytest.mark.nojit
+def test_the_cut_is_three_sigma_of_its_own_range_short_of_the_maximum() -> None:
+    """At the cut Zc a pixel three sigma of disparity farther is at the maximum: 1/Zc - 3 ke = 1/max."""
+    for ke in (1e-5, 0.0015, 0.05):
+        assert 1.0 / clear_range_m(INFO, ke) - 3.0 * ke == pytest.approx(1.0 / INFO.max_range_m)
+
+
+@pytest.mark.parametrize("ke", [0.0015, 0.005, 0.01])
+@pytest.mark.parametrize("size", [(640, 480), (320, 240)])
+def test_the_noise_of_a_plain_wall_is_recovered(ke: float, size: tuple[int, int]) -> None:
+    info = camera_info(*size, ke_per_m=0.004)
+    depth = noisy(flat_wall(info, 6.0, 0.2, 0.1), ke, 3)
+    got = estimate_ke(inverse(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, Params(min_sigma_px=0.01))
+    assert got == pytest.approx(ke, rel=0.15)
+
+
+def inverse(depth: np.ndarray, info: object) -> np.ndarray:
+    return inverse_depth_table(info, 1e-5)[depth]
+
+
+def test_the_noise_stays_within_the_span_of_its_prior() -> None:
+    info = camera_info(320, 240)
+    p = Params(min_sigma_px=0.01, noise_prior_span=2.0)
+    loud, silent = noisy(flat_wall(info, 6.0), 0.02, 3), flat_wall(info, 6.0)
+    assert estimate_ke(inverse(loud, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.008, rel=0.025)
+    assert estimate_ke(inverse(silent, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.002, rel=0.025)
+
+
+def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
+    info = camera_info(320, 240)
+    p = Params(min_sigma_px=0.01)
+    image = inverse(noisy(flat_wall(info, 6.0), 0.008, 3), info)
+    once = estimate_ke(image, 225.0, 0.004, 0.004, p)
+    assert 0.004 < once < 0.006  # a memory of 0.7 takes a third of the way
+    ke = 0.004
+    for _ in range(30):
+        ke = estimate_ke(image, 225.0, 0.004, ke, p)
+    assert ke == pytest.approx(0.008, rel=0.2)
+    assert estimate_ke(image, 225.0, 0.004, ke, p) == ke  # at rest
+    blank = np.zeros_like(image)
+    assert estimate_ke(blank, 225.0, 0.004, 0.0055, p) == 0.0055
+    assert estimate_ke(blank, 225.0, 0.004, math.nan, p) == 0.004
+    assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, estimate_noise=False)) == 0.004
+    assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, mode="paper")) == 0.004
