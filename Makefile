@@ -12,7 +12,7 @@ SOURCES := $(wildcard core drivers companion tests benchmarks examples)
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help env demo test soak golden proto lint config-docs clean
+.PHONY: help env demo test soak golden golden-recordings proto lint config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
@@ -52,7 +52,11 @@ soak: $(STAMP) ## the long runs (hours)
 	@$(BIN)/pytest -m soak tests
 
 golden: $(STAMP) ## rewrite the golden results and show what changed
-	@$(BIN)/pytest -p no:xdist --update-golden tests
+	@$(BIN)/pytest --update-golden tests/test_golden.py
+
+golden-recordings: $(STAMP) ## fly the golden recordings anew (only when the simulator changed), then as `make golden`
+	@$(BIN)/python -m tests.golden
+	@$(MAKE) --no-print-directory golden
 
 proto: $(STAMP) ## the Python code of the message schema
 	@PYTHON=$(BIN)/python sh drivers/proto/generate.sh

@@ -152,16 +152,16 @@ class Extractor:
             self._bins = (key, bin_table(*key, self.params))
         bins = self._bins[1]
         gate, shift = ground_gate(ground, view, ke, self.params)
-        limit = 48
-        ints = self._buffer("ints", (view.cols * limit, 9), np.int32)
-        floats = self._buffer("floats", (view.cols * limit, 3), np.float32)
+        cells = view.cols * (view.rows + 32)  # no column can have more strips; what is not used is never touched
+        ints = self._buffer("ints", (cells, 9), np.int32)
+        floats = self._buffer("floats", (cells, 3), np.float32)
         states = self._buffer("states", codes.shape, np.uint8)
         ground_px = self._buffer("ground_px", (view.cols,), np.int32)
         tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
         found = strips.extract_strips(
             codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
             bins.weights, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints, floats, states,
-            ground_px, limit,
+            ground_px,
         )  # fmt: skip
         return ints, floats, found, int(ground_px.sum())
 
@@ -177,8 +177,7 @@ class Extractor:
         """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
         p, k = self.params, info.intrinsics
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
-        scratch_i = self._buffer("scratch_i", (len(ints), 2), np.int32)
-        parent, other = np.ascontiguousarray(scratch_i[:, 0]), np.ascontiguousarray(scratch_i[:, 1])
+        parent, other = self._buffer("parent", (len(ints),), np.int32), self._buffer("other", (len(ints),), np.int32)
         place = self._buffer("place", (len(ints), 4), np.float32)
         if not p.paper:
             sigma_d = max(ke * view.f_px, p.min_sigma_px)

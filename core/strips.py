@@ -96,19 +96,13 @@ def kth_largest(values, n, k):
 
 
 @njit(cache=True, nogil=True)
-def add_strip(ints, floats, n, first_of_column, limit, u, top, bottom, support, kind, d, near, sigma):
-    """Appends a strip; when the column is full the nearest-lying strip grows to cover it instead: nothing is lost."""
-    if n - first_of_column < limit:
-        ints[n, U], ints[n, TOP], ints[n, BOTTOM] = u, top, bottom
-        ints[n, SUPPORT], ints[n, KIND], ints[n, CLUSTER], ints[n, TRACK] = support, kind, -1, -1
-        ints[n, FILL], ints[n, CUT] = 0, 0
-        floats[n, D], floats[n, NEAR], floats[n, SIGMA] = d, near, sigma
-        return n + 1
-    i = n - 1
-    ints[i, TOP], ints[i, BOTTOM] = min(ints[i, TOP], top), max(ints[i, BOTTOM], bottom)
-    ints[i, SUPPORT] += support
-    floats[i, D], floats[i, NEAR] = max(floats[i, D], d), max(floats[i, NEAR], near)
-    return n
+def add_strip(ints, floats, n, u, top, bottom, support, kind, d, near, sigma):
+    """Appends a strip. There is always room: strips of one column share no pixel, so a view has no more than cells."""
+    ints[n, U], ints[n, TOP], ints[n, BOTTOM] = u, top, bottom
+    ints[n, SUPPORT], ints[n, KIND], ints[n, CLUSTER], ints[n, TRACK] = support, kind, -1, -1
+    ints[n, FILL], ints[n, CUT] = 0, 0
+    floats[n, D], floats[n, NEAR], floats[n, SIGMA] = d, near, sigma
+    return n + 1
 
 
 @njit(cache=True, nogil=True)
@@ -126,9 +120,7 @@ def near_side(values, n, mean, fs, si):
 
 
 @njit(cache=True, nogil=True)
-def emit_pixels(
-    line, state, member, label, top, bottom, rough, kind, u, H, fs, si, scratch, ints, floats, n, first, limit
-):
+def emit_pixels(line, state, member, label, top, bottom, rough, kind, u, H, fs, si, scratch, ints, floats, n):
     """One strip from the rows top..bottom with member[v] == label, and marks them taken; returns the new count."""
     count = 0
     total = np.float64(0.0)
@@ -154,7 +146,7 @@ def emit_pixels(
     near = np.float32(max(0.5 * d, near - fs[S_BAND_SIGMAS] * sigma))
     share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
     support = max(1, int(PX * count * share + 0.5))
-    return add_strip(ints, floats, n, first, limit, u, first_row, last_row, support, kind, d, near, np.float32(sigma))
+    return add_strip(ints, floats, n, u, first_row, last_row, support, kind, d, near, np.float32(sigma))
 
 
 @njit(cache=True, nogil=True)
@@ -228,7 +220,7 @@ def window_half_rows(d, fs, si, rows):
 @njit(cache=True, nogil=True)
 def slide_windows(
     line, state, member, label, d, low_code, high_code, rough, u, H, fs, si, scratch, counts, cuts,
-    ints, floats, n, first_of_column, limit,
+    ints, floats, n,
 ):  # fmt: skip
     """Section 4.2 for one peak: accepted windows become segments, segments strips; returns the new count.
 
@@ -264,7 +256,7 @@ def slide_windows(
             b = min(last, first + (j + 1) * block - 1)
             n = finish_segment(
                 line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts,
-                ints, floats, n, first_of_column, limit,
+                ints, floats, n,
             )  # fmt: skip
             run = -1
             if si[I_PAPER] == 1:
@@ -273,9 +265,7 @@ def slide_windows(
 
 
 @njit(cache=True, nogil=True)
-def finish_segment(
-    line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts, ints, floats, n, first, limit
-):
+def finish_segment(line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts, ints, floats, n):
     """Strips of one accepted run of rows a..b, split where it steps; its pixels are taken."""
     for v in range(a, b + 1):
         if member[v] == label and state[v] == FREE_PX:
@@ -286,14 +276,14 @@ def finish_segment(
             break
         b -= 1
     if si[I_PAPER] == 1:
-        n = emit_paper(line, state, a, b, rough, u, fs, ints, floats, n, first, limit)
+        n = emit_paper(line, state, a, b, rough, u, fs, ints, floats, n)
     else:
         parts = split_bands(line, state, member, label, a, b, fs, si, cuts)
         for i in range(parts):
             end = b if i == parts - 1 else cuts[i + 1] - 1
             n = emit_pixels(
                 line, state, member, label, cuts[i], end, rough, ROUGH if rough else SMOOTH, u, H, fs, si, scratch,
-                ints, floats, n, first, limit,
+                ints, floats, n,
             )  # fmt: skip
     tail = high_code + fs[S_SIGMA_D] * fs[S_QUANTUM]
     for v in range(a, b + 1):
@@ -303,7 +293,7 @@ def finish_segment(
 
 
 @njit(cache=True, nogil=True)
-def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n, first, limit):
+def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n):
     """Eq. 9 as printed: the mean or the one-pixel maximum over all measured pixels between both ends."""
     count, total, most = 0, 0.0, 0.0
     for v in range(a, b + 1):
@@ -317,9 +307,7 @@ def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n, first, limit):
     d = most if rough else total / count
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
     kind = ROUGH if rough else SMOOTH
-    return add_strip(
-        ints, floats, n, first, limit, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma)
-    )
+    return add_strip(ints, floats, n, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma))
 
 
 @njit(cache=True, nogil=True)
@@ -343,7 +331,7 @@ def is_horizontal(line, member, label, top, bottom, fs):
 
 
 @njit(cache=True, nogil=True)
-def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n, first, limit):
+def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n):
     """Section 4.3: what no window took, in segments; returns the new count.
 
     A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
@@ -371,9 +359,7 @@ def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n, 
                 deep = depth > fs[S_DEPTH] + noise * fs[S_F] / (lo * lo)
                 close = jump or deep or v - top + 1 > fs[S_HD] * hi
         if close:
-            n = close_irregular(
-                line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n, first, limit
-            )
+            n = close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n)
             mark = (mark + 1) % NO_PEAK
             top = -1
         if taken:
@@ -385,29 +371,27 @@ def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n, 
 
 
 @njit(cache=True, nogil=True)
-def close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n, first, limit):
+def close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n):
     """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
     horizontal = is_horizontal(line, member, mark, top, last, fs)
     if si[I_PAPER] == 1:
         if horizontal:
             return n
-        return emit_paper(line, state, top, last, True, u, fs, ints, floats, n, first, limit)
+        return emit_paper(line, state, top, last, True, u, fs, ints, floats, n)
     kind = HORIZONTAL if horizontal else IRREGULAR
-    return emit_pixels(
-        line, state, member, mark, top, last, True, kind, u, H, fs, si, scratch, ints, floats, n, first, limit
-    )
+    return emit_pixels(line, state, member, mark, top, last, True, kind, u, H, fs, si, scratch, ints, floats, n)
 
 
 @njit(cache=True, nogil=True)
 def extract_strips(
     codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, fs, si,
-    ints, floats, states, ground_px, limit,
+    ints, floats, states, ground_px,
 ):  # fmt: skip
     """All strips of a levelled view, column by column; returns their number.
 
     codes: (cols, rows) uint16. gate, shift: see `histogram`; shift: (cols,) float32. tan_mid: (rows,) float32.
     The bin arrays: BinTable. fs, si: settings by the S_ and I_ indices. ints, floats: outputs. states: (cols, rows)
-    uint8 out. limit: strips a column may have."""
+    uint8 out."""
     cols, rows = codes.shape
     n_bins = bin_px.shape[0]
     hist = np.zeros(n_bins, np.int32)
@@ -422,7 +406,6 @@ def extract_strips(
     n = 0
     for u in range(cols):
         line, state = codes[u], states[u]
-        first = n
         ground_px[u] = histogram(line, gate, shift[u], tan_mid, bin_of_code, bins, state, hist)
         soft_counts(hist, weights, counts)
         peaks = find_peaks(counts, threshold, fs[S_VALLEY], fs[S_ALPHA], low, high, top)
@@ -443,7 +426,7 @@ def extract_strips(
             high_code = (bin_px[high[p]] + 0.5 * bin_width_px[high[p]]) * fs[S_QUANTUM]
             n = slide_windows(
                 line, state, member, p, bin_px[x], low_code, high_code, rough, u, H, fs, si, scratch, blocks, cuts,
-                ints, floats, n, first, limit,
+                ints, floats, n,
             )  # fmt: skip
-        n = irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n, first, limit)
+        n = irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n)
     return n
