@@ -40,9 +40,6 @@ from .types import (
     InvalidCause,
 )
 
-_REACH_M = 0.9
-"""A joined plane covers nothing farther than this from what was seen; below Hs and below Ws/2 in any case."""
-
 
 class Extractor:
     """Turns depth frames into planes. Holds its parameters and scratch memory, nothing that outlives a frame.
@@ -254,7 +251,7 @@ class Extractor:
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
         where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px)
         pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
-        reach = min(_REACH_M, 0.45 * p.passable_width_m, 0.9 * p.passable_height_m)
+        reach = min(p.join_reach_m, 0.45 * p.passable_width_m, 0.9 * p.passable_height_m)
         pl.merge_planes(
             count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.link_slope_px, reach,
             math.radians(p.plane_angle_deg), 0.5 * p.passable_width_m,
@@ -263,7 +260,7 @@ class Extractor:
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
         pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
         pl.shift_to_near_side(count, planes)
-        refine.meet_neighbours(count, planes, plane_ints, 0.25 * p.passable_width_m, column_t)
+        refine.meet_neighbours(count, planes, plane_ints, p.meet_share * p.passable_width_m, column_t)
         count = refine.close_pockets(
             count, size, planes, plane_ints, moments, p.passable_width_m, column_t, p.ground_tolerance_m, masks, frame
         )

@@ -92,6 +92,7 @@ class Params:
     band_step_m: float = _number(0.2, 0.02, 2.0, "m", "a band this far off in depth begins a strip of its own")
     band_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and by this much of its noise")
     irregular_gap_px: int = _number(3, 1, 50, "px", "rows without pixels that end an irregular segment")
+    irregular_jump: float = _number(0.08, 0.01, 0.5, "", "step of disparity between rows, as a share, that ends one")
     irregular_depth_m: float = _number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
     min_support_px: int = _number(7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have")
     min_support_m: float = _number(
@@ -112,6 +113,10 @@ class Params:
     merge_distance_m: float = _number(
         0.35, 0.0, 2.0, "m", "a merged plane lies no farther than this from what it replaces"
     )
+    join_reach_m: float = _number(
+        0.9, 0.1, 3.0, "m", "a joined plane covers nothing farther from what was seen (at most 0.45 Ws and 0.9 Hs)"
+    )
+    meet_share: float = _number(0.25, 0.0, 1.0, "Ws", "neighbours are extended by at most this to meet")
     footprint_px: float = _number(
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
     )

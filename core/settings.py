@@ -11,15 +11,15 @@ from .params import Params
 
 
 def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:
-    """(18,) float64."""
-    out = np.zeros(18)
+    """(19,) float64."""
+    out = np.zeros(19)
     for index, value in (
         (s.S_SIGMA_D, sigma_d_px), (s.S_F, view.f_px), (s.S_HS, p.passable_height_m), (s.S_HD, p.segment_height_m),
         (s.S_ALPHA, p.peak_alpha), (s.S_VALLEY, p.peak_valley), (s.S_MAJORITY, p.window_majority),
         (s.S_ROUGH, 1.0 if p.paper else p.rough_factor), (s.S_QUANTILE, p.near_quantile),
         (s.S_BAND_STEP, p.band_step_m), (s.S_BAND_SIGMAS, p.band_sigmas), (s.S_DEPTH, p.irregular_depth_m),
         (s.S_SAFE, p.safe_distance_m), (s.S_KE, ke_per_m), (s.S_CORRELATION, p.horizontal_correlation),
-        (s.S_CENTRE, p.horizontal_centre_px), (s.S_HORIZON, view.cv), (s.S_QUANTUM, view.quantum),
+        (s.S_CENTRE, p.horizontal_centre_px), (s.S_HORIZON, view.cv), (s.S_QUANTUM, view.quantum), (s.S_JUMP, p.irregular_jump),
     ):  # fmt: skip
         out[index] = value
     return out

@@ -32,8 +32,8 @@ SMOOTH, ROUGH, IRREGULAR, HORIZONTAL = range(4)
 # indices of the float settings handed to the kernels
 (
     S_SIGMA_D, S_F, S_HS, S_HD, S_ALPHA, S_VALLEY, S_MAJORITY, S_ROUGH, S_QUANTILE, S_BAND_STEP, S_BAND_SIGMAS,
-    S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM,
-) = range(18)  # fmt: skip
+    S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM, S_JUMP,
+) = range(19)  # fmt: skip
 # indices of the integer settings
 I_WINDOW_MIN, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS = range(7)
 
@@ -354,7 +354,7 @@ def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n):
                 close = v - top + 1 > fs[S_HD] * most
             else:
                 noise = 4.0 * fs[S_SIGMA_D]
-                jump = abs(d - line[last] / fs[S_QUANTUM]) > max(noise, 0.08 * d)
+                jump = abs(d - line[last] / fs[S_QUANTUM]) > max(noise, fs[S_JUMP] * d)
                 depth = fs[S_F] / lo - fs[S_F] / hi
                 deep = depth > fs[S_DEPTH] + noise * fs[S_F] / (lo * lo)
                 close = jump or deep or v - top + 1 > fs[S_HD] * hi
