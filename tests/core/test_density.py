@@ -1,0 +1,143 @@
+"""Bins, soft counts and peaks."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.density import MAX_PEAKS, ONE_PX, TAPS, BinTable, bin_table, find_peaks, soft_counts
+from core.params import Params
+
+from . import naive
+
+pytestmark = pytest.mark.nojit
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.1, 0.675, 2.25, 20.0])
+@pytest.mark.parametrize("mode", ["safe", "paper"])
+def test_bins_rise_with_the_code_and_hold_their_own_codes(sigma: float, mode: str) -> None:
+    p = Params(mode=mode)
+    t = bin_table(450.0, 20.0, sigma, p)
+    b = t.bin_of_code.astype(int)
+    assert b[0] == b[1] == 0
+    assert b[2] >= 1
+    assert (np.diff(b[2:]) >= 0).all()
+    assert b.max() + 2 == len(t.disparity_px) == len(t.width_px) == len(t.threshold)
+    assert (np.diff(t.disparity_px[1 : b.max()]) > 0).all()
+    d = np.arange(2, 60000) / 20.0
+    own = b[2:60000]
+    centre, width = t.disparity_px[own].astype(float), t.width_px[own].astype(float)
+    # within half a bin of its centre: in disparity where bins are even, in depth nearby
+    off_px = np.abs(d - centre) / width
+    off_m = np.abs(450.0 / d - 450.0 / centre) / max(p.bin_depth_m, 1e-9)
+    assert (np.minimum(off_px, off_m) <= 0.51).all()
+
+
+def test_bins_are_as_wide_as_the_noise_far_away_and_as_deep_as_told_nearby() -> None:
+    p = Params()
+    t = bin_table(450.0, 20.0, 0.675, p)
+    d, width = t.disparity_px[1:-2], t.width_px[1:-2]
+    depth = 450.0 * width / d**2
+    far = d < math.sqrt(0.675 / p.bin_per_sigma * 450.0 / p.bin_depth_m) - 1.0
+    np.testing.assert_allclose(width[far], 0.675 / p.bin_per_sigma, rtol=1e-5)
+    np.testing.assert_allclose(depth[d > d[far].max() + 5.0], p.bin_depth_m, rtol=0.05)
+
+
+def test_the_threshold_is_the_pixels_of_a_least_obstacle() -> None:
+    p = Params()
+    t = bin_table(450.0, 20.0, 0.675, p)
+    for b in (3, 60, 300):
+        pixels = p.min_obstacle_height_m * t.disparity_px[b]  # Hm * f / X rows
+        assert t.threshold[b] == pytest.approx(ONE_PX * max(p.density_share * pixels, p.density_min_px), abs=1.0)
+
+
+def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it() -> None:
+    """Eq. 4-6: n h F = sum K against Hm x / C; in soft counts (the peak of the kernel is one pixel) that is over K(0)."""
+    p = Params(mode="paper")
+    t = bin_table(450.0, 20.0, 0.675, p)
+    s = p.kernel_sigma_bins / TAPS
+    x = np.linspace(-0.5, 0.5, 20001)
+    shape = np.exp(-0.5 * (x / s) ** 2)
+    peak = 1.0 / (np.mean(shape) * 1.0)
+    assert t.threshold[100] == pytest.approx(ONE_PX * p.min_obstacle_height_m * t.disparity_px[100] / peak, rel=1e-3)
+    assert (t.width_px[1:] == t.width_px[1]).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 60))
+def test_soft_counts_are_a_convolution(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    hist = (rng.integers(0, 9, n) * (rng.random(n) < 0.4)).astype(np.int32)
+    weights = bin_table(450.0, 20.0, 0.5, Params()).weights
+    out = np.full(n, -1, np.int32)
+    soft_counts(hist, weights, out)
+    np.testing.assert_array_equal(out, np.convolve(hist, weights)[TAPS // 2 : TAPS // 2 + n])
+    assert weights[TAPS // 2] == ONE_PX
+    np.testing.assert_array_equal(weights, weights[::-1])
+
+
+def run_peaks(counts: np.ndarray, threshold: np.ndarray, share: float, alpha: float) -> list[tuple[int, int, int]]:
+    low, high, top = (np.full(MAX_PEAKS, -9, np.int32) for _ in range(3))
+    n = find_peaks(counts.astype(np.int32), threshold.astype(np.int32), share, alpha, low, high, top)
+    return [(int(top[i]), int(low[i]), int(high[i])) for i in range(n)]
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(3, 80), st.sampled_from([0.5, 0.8, 1.0]), st.sampled_from([0.1, 0.3, 0.9])
+)
+def test_peaks_of_random_counts(seed: int, n: int, share: float, alpha: float) -> None:
+    rng = np.random.default_rng(seed)
+    counts = np.convolve(rng.integers(0, 200, n) * (rng.random(n) < 0.4), [1, 2, 3, 2, 1], "same")
+    counts[0] = 0  # no measurement: never a peak
+    threshold = rng.integers(0, 400, len(counts))
+    found = run_peaks(counts, threshold, share, alpha)
+    tops = [t for t, _, _ in found]
+    assert tops == sorted(tops, reverse=True)
+    previous_low = len(counts)
+    for top, low, high in found:
+        assert 0 <= low <= top <= high < previous_low
+        previous_low = low
+        assert counts[top] == counts[low : high + 1].max() >= threshold[top]
+        assert (counts[low : high + 1] >= alpha * counts[top]).all()
+    for (near, _, _), (far, _, _) in itertools.pairwise(found):
+        valley = counts[far : near + 1].min()
+        assert valley < share * min(counts[near], counts[far])
+    # nothing high is left out: every naive peak is one, or lies inside one
+    if len(found) < MAX_PEAKS:
+        for b in naive.peaks(counts, threshold, share):
+            assert (
+                any(
+                    counts[t] >= counts[b] and counts[min(t, b) : max(t, b) + 1].min() >= share * counts[b]
+                    for t in tops
+                )
+                or b in tops
+            )
+
+
+def test_two_peaks_split_at_the_valley_and_join_above_it() -> None:
+    zero = np.zeros(9)
+    two = np.array([0, 0, 10, 4, 2, 6, 8, 1, 0])
+    assert run_peaks(two, zero, 0.8, 0.1) == [(6, 4, 7), (2, 2, 3)]  # the valley itself goes with the nearer
+    assert [t for t, _, _ in run_peaks(two, zero, 0.2, 0.1)] == [2]
+    plateau = np.array([0, 0, 7, 7, 7, 7, 0, 0, 0])
+    assert len(run_peaks(plateau, zero, 1.0, 0.5)) == 1
+    assert run_peaks(plateau, zero, 0.8, 0.5)[0][1:] == (2, 5)
+    assert run_peaks(plateau, zero + 8, 0.8, 0.5) == []
+    assert run_peaks(zero, zero, 0.8, 0.5) == []
+
+
+def test_more_peaks_than_there_is_room_for_keeps_the_nearest() -> None:
+    counts = np.zeros(200)
+    counts[1::4] = 10
+    found = run_peaks(counts, np.ones(200), 0.8, 0.3)
+    assert [t for t, _, _ in found] == list(range(197, 197 - 4 * MAX_PEAKS, -4))
+
+
+def test_bin_table_type() -> None:
+    t = bin_table(450.0, 20.0, 0.5, Params())
+    assert isinstance(t, BinTable)
+    assert (t.bin_of_code.dtype, t.threshold.dtype, t.weights.dtype) == (np.uint16, np.int32, np.int32)
