@@ -28,7 +28,7 @@ from drivers.simulated import Rendered, camera_info, render
 
 FOLDER = Path("docs/pictures")
 DPI = 100
-COLORS = 250
+COLORS = 160
 """Pictures are stored with a palette: a noisy depth image in full colour would be four times as large."""
 
 VIEWS: dict[str, tuple[str, float, float, float, tuple[float, float, float]]] = {

@@ -61,12 +61,17 @@ def _words(error: Exception) -> str:
 
 def _parser(command: str) -> argparse.ArgumentParser:
     """The parser with the full options of one command, the others by name only."""
-    parser = argparse.ArgumentParser(prog="companion", description="Obstacle perception for multirotors.")
+    parser = argparse.ArgumentParser(
+        prog="companion",
+        description="Obstacle perception for multirotors.",
+        epilog="`companion COMMAND --help` tells a command's options; `companion demo` is where to begin.",
+    )
     parser.add_argument("--version", action="store_true", help="print the version")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name, (_, words) in COMMANDS.items():
         if name == command:
             _module(name).add_parser(subparsers)
+            subparsers.choices[name].description = words[0].upper() + words[1:] + "."
         else:
             subparsers.add_parser(name, help=words)
     return parser

@@ -119,17 +119,22 @@ def add_parser(subparsers: Any) -> None:
     """The command line of `companion import`."""
     parser = subparsers.add_parser("import", help="make a log of a recording")
     parser.add_argument("source", type=Path, metavar="DIR|FILE", help="folder with depth PNGs, or a ROS 2 .mcap")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
     parser.add_argument(
         "-c", "--config", type=Path, metavar="FILE", help="its [[camera]] section says mount and ranges"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     camera = parser.add_argument_group("the camera (over the configuration and the recording)")
     camera.add_argument("--camera", metavar="NAME", help="its name in the log (default: front)")
-    camera.add_argument("--mount", type=_three, metavar="R,P,Y", help="roll,pitch,yaw in degrees on the vehicle")
+    camera.add_argument(
+        "--mount",
+        type=_three,
+        metavar="R,P,Y",
+        help="roll,pitch,yaw in degrees on the vehicle; down is --mount=0,-20,0",
+    )
     camera.add_argument("--lever-arm", type=_three, metavar="X,Y,Z", help="forward,right,down in metres")
-    camera.add_argument("--min-range-m", type=float, metavar="M")
-    camera.add_argument("--max-range-m", type=float, metavar="M")
+    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer is no measurement")
+    camera.add_argument("--max-range-m", type=float, metavar="M", help="what lies beyond is not believed")
     camera.add_argument("--ke", type=float, metavar="1/M", help="noise: sigma_Z = ke * Z^2")
     folder = parser.add_argument_group("a folder")
     folder.add_argument(

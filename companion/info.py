@@ -239,7 +239,7 @@ def _say_odd(topic: TopicFacts, start_ns: int) -> None:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion info`."""
     parser = subparsers.add_parser("info", help="what is in a log: topics, rates, gaps, damage")
-    parser.add_argument("input", type=Path, metavar="FILE")
+    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file, anybody's")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -121,8 +121,14 @@ class _Copy:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion recover`."""
     parser = subparsers.add_parser("recover", help="make a whole file of a damaged or unfinished one")
-    parser.add_argument("input", type=Path, metavar="FILE")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap")
+    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file, anybody's; it is not changed")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT.mcap",
+        help="default: FILE.recovered.mcap; FILE.mcap of FILE.mcap.active",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -163,7 +163,7 @@ def _skipped_live(path: Path) -> frozenset[Key]:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion replay`."""
     parser = subparsers.add_parser("replay", help="run a recorded flight through the pipeline")
-    parser.add_argument("input", type=Path, metavar="IN.mcap")
+    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth and attitude (companion import)")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with prisms")
     parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="use this configuration, not the log's")
     parser.add_argument("--check", action="store_true", help="compare with the prisms in the log")

@@ -172,7 +172,7 @@ def _params(source: McapRecording, views: Views) -> Params:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion view`."""
     parser = subparsers.add_parser("view", help="draw a log: pictures and a page with the prisms in 3-D")
-    parser.add_argument("input", type=Path, metavar="FILE.mcap")
+    parser.add_argument("input", type=Path, metavar="FILE.mcap", help="a log, usually one that companion replay wrote")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder for what is drawn")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--every", type=_positive, metavar="N", help="a picture of each N-th frame")
