@@ -31,7 +31,7 @@ def place_strips(ints, floats, n, f, cu, lateral, tan_edge, place):
 @njit(cache=True, nogil=True)
 def root_of(parent, i):
     """Root of i in the union-find forest, halving the path."""
-    for _ in range(64):
+    for _ in range(i + 1):  # parents have lower numbers
         if parent[i] == i:
             break
         parent[i] = parent[parent[i]]

@@ -241,7 +241,7 @@ class Extractor:
         track_floats = self._buffer("track_floats", (size, 6), np.float64)
         plane_of, parent = self._buffer("plane_of", (size,), np.int32), self._buffer("parent", (size,), np.int32)
         count = tracks.grow_tracks(
-            ints, floats, place, n, view.cols, columns, view.f_px, view.cu, view.lateral, p.passable_height_m,
+            ints, floats, place, n, view.cols, columns, view.f_px, view.cu, view.lateral, p.height_step_m,
             p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, moments, track_ints, track_floats,
         )  # fmt: skip
         grown = count

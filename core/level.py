@@ -111,7 +111,8 @@ def outside_source(H, u, v, cols, rows):
         return True
     x = (H[0, 0] * u + H[0, 1] * v + H[0, 2]) / w
     y = (H[1, 0] * u + H[1, 1] * v + H[1, 2]) / w
-    return x < 0.0 or y < 0.0 or x > cols - 1.0 or y > rows - 1.0
+    # a thousandth of a pixel: the outermost pixels themselves are inside, whatever their rounding
+    return x < -1e-3 or y < -1e-3 or x > cols - 1.0 + 1e-3 or y > rows - 1.0 + 1e-3
 
 
 @njit(cache=True, nogil=True)

@@ -103,6 +103,7 @@ class Params:
     horizontal_centre_px: float = _number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
 
     # Clusters and planes
+    height_step_m: float = _number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
     line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a plane [eps_l]")
     line_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
     link_slope_px: float = _number(
