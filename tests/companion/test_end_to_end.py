@@ -1,0 +1,226 @@
+"""The installed command in processes of its own, from a folder of images to pictures: what it writes, says and returns."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from companion.import_folder import ATTITUDE, POSITION
+from core.frames import rotation_from_quaternion
+from core.types import AttitudeSample, DepthFrame
+from drivers.mcap_file import McapRecording
+
+from ..golden import recording_path
+from .recordings import events_of
+
+COMMAND = Path(sys.executable).with_name("companion")
+FRAMES = 10
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended."""
+
+    status: int
+    out: str
+    err: str
+
+    def json(self) -> dict[str, Any]:
+        """The one object on stdout."""
+        found = json.loads(self.out)
+        assert isinstance(found, dict)
+        return found
+
+
+def companion(*words: str | Path, env: dict[str, str] | None = None, cwd: Path | None = None) -> Done:
+    command = [str(COMMAND), *map(str, words)]
+    environment = {**os.environ, **(env or {})}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=cwd)
+    return Done(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The golden stream `alley` as somebody's folder of depth images."""
+    path = tmp_path_factory.mktemp("alley")
+    (path / "depth").mkdir()
+    events = events_of(recording_path("alley"))
+    attitudes = [e for e in events if isinstance(e, AttitudeSample)]
+    with McapRecording(recording_path("alley")) as recording:
+        k = recording.cameras[0].intrinsics
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    (path / "intrinsics.json").write_text(json.dumps({name: getattr(k, name) for name in names}))
+    with (path / "frames.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["file", "t_ns", *ATTITUDE, *POSITION])
+        for frame in (e for e in events if isinstance(e, DepthFrame)):
+            name = f"depth/{frame.sequence:06d}.png"
+            assert cv2.imwrite(str(path / name), frame.depth_mm)
+            nearest = min(attitudes, key=lambda a: abs(a.t_ns - frame.t_exposure_ns))
+            table.writerow([name, frame.t_exposure_ns, *euler_rad(nearest), 0.0, 0.0, -1.7])
+    return path
+
+
+def euler_rad(sample: AttitudeSample) -> tuple[float, float, float]:
+    R = rotation_from_quaternion(sample.q_ned_frd_wxyz)
+    roll = math.atan2(R[2, 1], R[2, 2])
+    return roll, -math.asin(R[2, 0]), math.atan2(R[1, 0], R[0, 0])
+
+
+@pytest.fixture(scope="session")
+def flight(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder imported by the command."""
+    out = tmp_path_factory.mktemp("flight") / "flight.mcap"
+    done = companion("import", folder, "-o", out, "--json", "--ke", "0.0015")
+    assert (done.status, done.err) == (0, "")
+    report = done.json()
+    assert (report["frames"], report["frames_named"], report["problems"]) == (FRAMES, FRAMES, [])
+    return out
+
+
+@pytest.fixture(scope="session")
+def prisms(flight: Path) -> Path:
+    """The flight replayed by the command."""
+    out = flight.with_name("prisms.mcap")
+    done = companion("replay", flight, "-o", out, "--json")
+    assert (done.status, done.err) == (0, "")
+    report = done.json()
+    assert (report["frames"], report["valid"], report["dropped"], report["says_nothing"]) == (FRAMES, FRAMES, {}, {})
+    assert report["ground_seen"] == FRAMES
+    assert report["planes"] > FRAMES
+    return out
+
+
+def test_replay_checks_its_own_log(prisms: Path) -> None:
+    done = companion("replay", prisms, "--check", "--json")
+    assert (done.status, done.err) == (0, "")
+    check = done.json()["check"]
+    assert (check["passed"], check["compared"], check["different"]) == (True, FRAMES, 0)
+    people = companion("replay", prisms, "--check")
+    assert people.status == 0
+    assert f"check: {FRAMES} frames compared bit by bit: equal" in people.out
+
+
+def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
+    """Other parameters than those that made the log: it says where and exits with 1."""
+    config = tmp_path / "other.toml"
+    config.write_text("[extractor]\npassable_width_m = 1.0\n")
+    done = companion("replay", prisms, "--check", "-c", config, "--json")
+    assert done.status == 1
+    check = done.json()["check"]
+    assert check["different"] > 0
+    assert not check["passed"]
+    assert done.json()["problems"]
+    assert f"check: {check['different']} of {FRAMES} frames differ; first: camera front, frame" in done.err
+
+
+def test_info(prisms: Path) -> None:
+    done = companion("info", prisms, "--json")
+    assert (done.status, done.err) == (0, "")
+    told = done.json()
+    assert {t["topic"]: t["messages"] for t in told["topics"]}["/camera/front/prisms"] == FRAMES
+    assert "10 frames say something" in companion("info", prisms).out
+
+
+def test_view(prisms: Path, tmp_path: Path) -> None:
+    done = companion("view", prisms, "-o", tmp_path / "view", "--every", "5", "--json")
+    assert (done.status, done.err) == (0, "")
+    told = done.json()
+    assert (told["frames"], told["valid"], told["damage"]) == (FRAMES, FRAMES, None)
+    assert len(told["pictures"]) == 2
+    assert all(Path(p).stat().st_size > 10_000 for p in [*told["pictures"], told["page"]])
+
+
+def test_a_cut_log_is_told_by_all_and_recovered(prisms: Path, tmp_path: Path) -> None:
+    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    cut.write_bytes(prisms.read_bytes()[: prisms.stat().st_size * 2 // 3])
+    for words in (("info", cut), ("replay", cut), ("view", cut, "-o", tmp_path / "view", "--no-png")):
+        done = companion(*words, "--json")
+        assert done.status == 1
+        assert done.json()
+        assert done.err.startswith("companion: error: ")
+        assert f"companion recover {cut}" in done.err or "recover" in done.err
+        assert "Traceback" not in done.err
+    done = companion("recover", cut, "-o", whole, "--json")
+    assert done.status == 0
+    assert done.json()["damage"]
+    assert companion("info", whole).status == 0
+    again = companion("replay", whole, "--check", "--json")
+    assert again.status == 0
+    assert 0 < again.json()["check"]["compared"] < FRAMES
+    assert companion("recover", whole).out.startswith(f"{whole} is whole")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (),
+        ("fly",),
+        ("replay",),
+        ("import", "somewhere"),
+        ("replay", "a.mcap", "--chek"),
+        ("replay", "a.mcap", "--tolerance", "7"),
+        ("view", "a.mcap", "-o", "x", "--every", "0"),
+    ],
+)
+def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = companion(*words, cwd=tmp_path)
+    assert (done.status, done.out) == (2, "")
+    assert "error: " in done.err
+    assert "Traceback" not in done.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "cause", "remedy"),
+    [
+        (("replay", "absent.mcap"), "absent.mcap", ""),
+        (("info", "text.mcap"), "text.mcap", ""),
+        (("import", "absent", "-o", "x.mcap"), "absent: there is nothing", "expected a folder with intrinsics.json"),
+        (("import", ".", "-o", "x.mcap"), "intrinsics.json", ""),
+        (("replay", "text.mcap", "-o", "text.mcap"), "same file", "give -o another name"),
+        (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
+    ],
+)
+def test_failures(words: tuple[str, ...], cause: str, remedy: str, tmp_path: Path) -> None:
+    (tmp_path / "text.mcap").write_text("this is no log\n")
+    (tmp_path / "wrong.toml").write_text("[extractor]\npassable_widht_m = 2.0\n")
+    done = companion(*words, cwd=tmp_path)
+    assert (done.status, done.out) == (1, "")
+    assert done.err.startswith("companion: error: ")
+    assert cause in done.err
+    assert remedy in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_cache_that_cannot_be_written_is_named_as_it_was_given(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    cache = tmp_path / "file" / "cache"
+    done = companion("warmup", env={"NUMBA_CACHE_DIR": str(cache)})
+    assert (done.status, done.out) == (1, "")
+    assert f"NUMBA_CACHE_DIR = {cache} cannot be written" in done.err
+
+
+def test_the_same_bytes_with_fresh_and_with_cached_kernels(flight: Path, prisms: Path, tmp_path: Path) -> None:
+    """Compiled in this very run, read from the cache that it left, and (the fixture) compiled long ago."""
+    cache = tmp_path / "cache"
+    logs = [tmp_path / "fresh.mcap", tmp_path / "cached.mcap"]
+    for log in logs:
+        assert companion("replay", flight, "-o", log, env={"NUMBA_CACHE_DIR": str(cache)}).status == 0
+        compiled = {f: f.stat().st_mtime_ns for f in cache.rglob("*.nbc")}
+        if log == logs[0]:
+            first = compiled
+    assert first == compiled, "the second run compiled again"
+    assert len(compiled) > 10
+    assert logs[0].read_bytes() == logs[1].read_bytes() == prisms.read_bytes()
