@@ -62,7 +62,7 @@ def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
 def open_mask(nearest, limit, wide, high, total, mask):
     """mask[i, j] = 1 where a free box of wide x high cells covers the cell.
 
-    A box is free when no cell's code reaches limit and at most a fifth of its cells is unknown (dropped pixels).    total: (C + 1, R + 1) int32 scratch. Summed areas find the free boxes, summed areas of those their union."""
+    A box is free when no cell's code reaches limit and at most a fifth of its cells is unknown (dropped pixels).    total: (C + 1, R + 1) int64 scratch. Summed areas find the free boxes, summed areas of those their union."""
     cols, rows = nearest.shape
     mask[:] = 0
     if wide > cols or high > rows:
@@ -113,7 +113,7 @@ def opening_masks(
     nearest = np.empty((-(-g.cols // CELL_PX), -(-g.rows // CELL_PX)), np.int32)
     nearest_codes(codes, CELL_PX, ints, floats, n, g.quantum, nearest)
     masks = np.zeros((LEVELS, *nearest.shape), np.uint8)
-    total = np.empty((nearest.shape[0] + 1, nearest.shape[1] + 1), np.int32)
+    total = np.empty((nearest.shape[0] + 1, nearest.shape[1] + 1), np.int64)
     for level in range(LEVELS):
         x = FIRST_M * RATIO**level
         if x > 1.2 * max_range_m:

@@ -1,0 +1,331 @@
+"""Planes: heights, near sides, merging, meeting, pockets and what covers what."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core import openings, refine
+from core import planes as pl
+from core import strips as s
+from core.params import Params
+
+from .columns import F, code, view
+from .tables import Strips, ends, line_through, plane_table
+
+pytestmark = pytest.mark.nojit
+SEED = st.integers(0, 2**32 - 1)
+CLOSED = np.zeros((openings.LEVELS, 40, 40), np.uint8), np.array([F / 4, F / 4, 20.0, 20.0])
+"""No opening anywhere."""
+
+
+def open_everywhere() -> tuple[np.ndarray, np.ndarray]:
+    return np.ones_like(CLOSED[0]), CLOSED[1]
+
+
+def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[np.ndarray, np.ndarray, int]:
+    """Tracks of a table of strips as measured planes."""
+    count = t.track(hs=1.0)
+    size = 2 * t.n + 16
+    planes, ints, plane_of = np.zeros((size, 8)), np.zeros((size, 8), np.int32), np.zeros(size, np.int32)
+    g = t.view
+    pl.planes_from_tracks(count, t.moments, t.track_floats, 1.2, 0.5 / F, planes, ints, plane_of)
+    pl.measure_planes(
+        t.ints, t.floats, t.n, g.f_px, g.cu, g.lateral, g.tan_edge, footprint / F, safe_m, count, plane_of, planes, ints
+    )
+    return planes, ints, count
+
+
+def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
+    t = Strips(cols=60)
+    for u in range(10, 50):
+        t.add(u, 20, 79, 5.0, 30)
+    t.build().cluster()
+    planes, ints, count = whole_way(t)
+    assert count == 1
+    p = planes[0]
+    assert p[pl.Z0] == pytest.approx(5.0 * (20 - 50) / F)
+    assert p[pl.Z1] == pytest.approx(5.0 * (80 - 50) / F)
+    assert ends(p) == pytest.approx((5.0, 5.0 * (9.5 - 29.5) / F, 5.0, 5.0 * (49.5 - 29.5) / F), abs=1e-3)
+    assert ints[0, pl.P_SUPPORT] == 40 * 30 * s.PX
+    assert p[pl.FRONT] == pytest.approx(-0.28, abs=1e-3)
+    higher, _, _ = whole_way(t, footprint=1.0)
+    assert higher[0, pl.Z0] == pytest.approx(5.0 * (19 - 50) / F)
+
+
+@given(SEED, st.floats(0.05, 1.5), st.floats(-0.3, 0.3))
+def test_no_plane_stays_farther_behind_its_near_edges_than_the_safe_distance(seed: int, out: float, b: float) -> None:
+    rng = np.random.default_rng(seed)
+    t = Strips(cols=80)
+    for u in range(10, 70):
+        x = 1.0 / (0.2 + b * (u - 39.5) / F)
+        t.add(u, 20, 80, x, near_m=x - out * rng.random())
+    t.build().cluster()
+    planes, _, count = whole_way(t)
+    pl.shift_to_near_side(count, planes)
+    for r, f in zip(t.ints, t.floats, strict=True):
+        p = planes[r[s.TRACK]]
+        y_over_x = (r[s.U] - t.view.cu) / F
+        near = F / f[s.NEAR]
+        # perpendicular distance of the near edge in front of the plane a x + b y = 1
+        front = (1.0 - near * (p[pl.A] + p[pl.B] * y_over_x)) / math.hypot(p[pl.A], p[pl.B])
+        assert front <= 0.28 + 1e-6
+        along = (pl.distance_at(p, y_over_x) - near) * math.hypot(1.0, y_over_x)
+        assert along <= 0.5 + 1e-6
+
+
+def test_a_plane_in_place_is_not_moved() -> None:
+    planes, _, _ = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0))
+    before = planes.copy()
+    pl.shift_to_near_side(1, planes)
+    np.testing.assert_array_equal(planes, before)
+    planes[0, pl.FRONT] = 0.4
+    pl.shift_to_near_side(1, planes)
+    assert pl.distance_at(planes[0], 0.1) == pytest.approx(4.6)
+
+
+def test_distance_where_the_line_never_crosses_the_ray() -> None:
+    planes, _, _ = plane_table((5.0, 1.0, 10.0, 1.0, -1.0, 1.0))
+    assert pl.distance_at(planes[0], 0.1) == pytest.approx(10.0)
+    assert pl.distance_at(planes[0], -0.1) == pl.MOST_M
+
+
+@given(SEED)
+def test_the_reach_of_a_joined_rectangle_by_sampling_it(seed: int) -> None:
+    """The farthest point of the joined rectangle from both, at one range; the kernel may only overrate it."""
+    rng = np.random.default_rng(seed)
+    rect = []
+    for _ in range(2):
+        t = np.sort(rng.uniform(-0.4, 0.4, 2))
+        z = np.sort(rng.uniform(-2, 2, 2))
+        rect.append((5.0, 5.0 * t[0], 5.0, 5.0 * t[1], z[0], z[1]))
+    planes, _, _ = plane_table(*rect)
+    p, q = planes[0], planes[1]
+    y0, y1 = min(rect[0][1], rect[1][1]), max(rect[0][3], rect[1][3])
+    z0, z1 = min(rect[0][4], rect[1][4]), max(rect[0][5], rect[1][5])
+    worst = 0.0
+    for y in np.linspace(y0, y1, 25):
+        for z in np.linspace(z0, z1, 25):
+            away = [math.hypot(max(r[1] - y, y - r[3], 0.0), max(r[4] - z, z - r[5], 0.0)) for r in rect]
+            worst = max(worst, min(away))
+    got = pl.joined_reach_m(p, q, 5.0)
+    assert got >= worst - 0.15 or got >= 0.7 * worst
+    assert pl.joined_reach_m(p, p, 5.0) == 0.0
+    assert got == pytest.approx(pl.joined_reach_m(q, p, 5.0))
+
+
+def merge(
+    rows: list[tuple[float, ...]], masks: tuple[np.ndarray, np.ndarray] = CLOSED, reach: float = 0.9
+) -> np.ndarray:
+    planes, ints, moments = plane_table(*rows)
+    n = len(rows)
+    for k, (ax, ay, bx, by, *_) in enumerate(rows):
+        t = np.linspace(ay / ax, by / bx, 20)
+        a, b = line_through((ax, ay), (bx, by))
+        moments[k] = [
+            20e6,
+            1e6 * t.sum(),
+            1e6 * (a + b * t).sum(),
+            1e6 * (t * t).sum(),
+            1e6 * (t * (a + b * t)).sum(),
+            1e6 * ((a + b * t) ** 2).sum(),
+        ]
+        planes[k, pl.MIDDLE] = pl.distance_at(planes[k], 0.5 * (planes[k, pl.T0] + planes[k, pl.T1]))
+    parent = np.arange(len(planes), dtype=np.int32)
+    pl.merge_planes(
+        n, planes, ints, moments, parent, 0.35, 3.0, 1.2, reach, math.radians(20), 1.0,
+        np.zeros(len(planes), np.int32), np.zeros((len(planes), 6)), *masks,
+    )  # fmt: skip
+    plane_of = np.arange(n, dtype=np.int32)
+    alive = pl.compact_planes(n, planes, ints, moments, parent, plane_of, n)
+    assert set(plane_of.tolist()) == set(range(alive))
+    assert ints[:alive, pl.P_SUPPORT].sum() == 1000 * n
+    return planes[:alive]
+
+
+def test_pieces_of_one_wall_become_one_plane() -> None:
+    got = merge([(6.0, -3.0, 6.0, -1.0, -1, 1), (6.05, -1.0, 6.05, 1.0, -1.2, 1), (5.95, 1.2, 5.95, 3.0, -1, 1)])
+    assert len(got) == 1
+    assert ends(got[0]) == pytest.approx((6.0, -3.0, 6.0, 3.0), abs=0.1)
+    assert (got[0, pl.Z0], got[0, pl.Z1]) == (-1.2, 1.0)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(6.0, -3.0, 6.0, -1.0, -1, 1), (8.0, -1.0, 8.0, 1.0, -1, 1)],
+        [(6.0, -3.0, 6.0, 0.0, -1, 1), (6.0, 0.0, 9.0, 3.0, -1, 1)],
+        [(6.0, -3.0, 6.0, -1.2, -1, 1), (6.0, 1.2, 6.0, 3.0, -1, 1)],
+        [(6.0, -1.0, 6.0, 1.0, -4, -1.5), (6.0, -1.0, 6.0, 1.0, 0.5, 2)],
+        [(6.0, -3.0, 6.0, 0.0, -4, 1), (6.0, 0.0, 6.0, 3.0, 0.5, 1)],
+    ],
+    ids=[
+        "a step in depth",
+        "a corner",
+        "a gap wider than Ws",
+        "an opening between two heights",
+        "a notch above the lower",
+    ],
+)
+def test_different_things_stay_apart(rows: list[tuple[float, ...]]) -> None:
+    assert len(merge(rows)) == 2
+
+
+def test_small_pieces_do_not_creep_over_a_corner_one_by_one() -> None:
+    """An L of small pieces: rectangles that grow step by step would reach over the open quarter."""
+    rows = [(6.0, 0.4 * i, 6.0, 0.4 * i + 0.4, 0.6, 1.0) for i in range(8)]
+    rows += [(6.0, 0.0, 6.0, 0.4, -2.0 + 0.4 * i, -1.6 + 0.4 * i) for i in range(7)]
+    got = merge(rows)
+    # nothing farther than the reach (0.9 m) from what was seen is covered: the middle of the quarter, 1.5 m from both
+    for p in got:
+        assert not (6.0 * p[pl.T0] < 2.4 < 6.0 * p[pl.T1] and p[pl.Z0] < -1.2 < p[pl.Z1])
+
+
+def test_an_opening_that_was_seen_is_never_covered() -> None:
+    rows = [(6.0, -3.0, 6.0, -0.3, -1, 1), (6.0, 0.3, 6.0, 3.0, -1, 1)]
+    assert len(merge(rows)) == 1
+    assert len(merge(rows, open_everywhere())) == 2
+
+
+# ---- refine -----------------------------------------------------------------------------------------------------
+
+
+def test_two_walls_meet_in_their_corner() -> None:
+    planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+    refine.meet_neighbours(2, planes, ints, 0.5, 1 / F)
+    assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
+    assert ends(planes[1])[:2] == pytest.approx((6.0, 2.0))
+
+
+@pytest.mark.parametrize("change", ["far", "cluster", "heights", "parallel"])
+def test_walls_that_do_not_meet_keep_their_ends(change: str) -> None:
+    second = [5.9, 2.0, 3.0, 2.0, -1.0, 1.0]
+    if change == "far":
+        second[0] = 5.0
+    if change == "heights":
+        second[4:] = [1.5, 3.0]
+    if change == "parallel":
+        second[:4] = [6.0, 2.0, 6.0, 3.0]
+    planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), tuple(second))
+    ints[1, pl.P_CLUSTER] = int(change == "cluster")
+    before = planes.copy()
+    refine.meet_neighbours(2, planes, ints, 0.5, 1 / F)
+    np.testing.assert_array_equal(planes, before)
+
+
+def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None:
+    """A high wall that overshoots a low one by 20 cm keeps its end: nobody stands in for its upper part."""
+    for high, kept in ((-3.0, True), (-1.0, False)):
+        planes, ints, _ = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+        refine.meet_neighbours(2, planes, ints, 0.5, 1 / F)
+        assert (ends(planes[0])[3] == pytest.approx(2.2)) == kept
+
+
+def pockets(*rows: tuple[float, ...], masks: tuple[np.ndarray, np.ndarray] = CLOSED) -> tuple[np.ndarray, np.ndarray]:
+    planes, ints, moments = plane_table(*rows)
+    count = refine.close_pockets(len(rows), len(planes), planes, ints, moments, 2.0, 1 / F, 0.25, *masks)
+    return planes[:count], ints[:count]
+
+
+def test_a_notch_narrower_than_the_vehicle_is_spanned_and_said_to_be_inferred() -> None:
+    wall = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
+    planes, ints = pockets(*wall, (7.5, -0.7, 7.5, 0.7, -1, 1))
+    new = planes[3]
+    assert ends(new) == pytest.approx((6.0, -0.7, 6.0, 0.7))
+    assert (new[pl.Z0], new[pl.Z1], ints[3, pl.P_INFERRED], ints[3, pl.P_SUPPORT]) == (-1, 1, 1, 0)
+    refine.drop_covered(len(planes), planes, ints, 2.0, 1 / F)
+    # the back of the notch, and the chord between it and its side, are covered by the one across its mouth
+    assert np.flatnonzero(ints[:, pl.P_SUPPORT] >= 0).tolist() == [0, 1, 3]
+
+
+def test_wide_seen_through_and_covered_gaps_are_not_spanned() -> None:
+    wide = [(6.0, -3.0, 6.0, -1.1, -1, 1), (6.0, 1.1, 6.0, 3.0, -1, 1)]
+    assert len(pockets(*wide)[0]) == 2
+    narrow = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
+    assert len(pockets(*narrow, masks=open_everywhere())[0]) == 2
+    assert len(pockets(*narrow, (5.0, -0.9, 5.0, 0.9, -1, 1))[0]) == 3  # a spike already stands before it
+    apart = [(6.0, -3.0, 6.0, -0.7, -3, -1), (6.0, 0.7, 6.0, 3.0, 0, 1)]
+    assert len(pockets(*apart)[0]) == 2  # no height in common
+
+
+def test_pockets_never_write_past_their_table() -> None:
+    rows = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
+    planes, ints, moments = plane_table(*rows, room=0)
+    assert refine.close_pockets(2, 2, planes, ints, moments, 2.0, 1 / F, 0.25, *CLOSED) == 2
+
+
+def test_what_one_nearer_plane_hides_wholly_is_dropped_and_only_that() -> None:
+    front = (5.0, -1.0, 5.0, 1.0, -1.0, 1.0)
+
+    def left(other: tuple[float, ...]) -> list[bool]:
+        planes, ints, _ = plane_table(front, other)
+        refine.drop_covered(2, planes, ints, 2.0, 1e-6)
+        return (ints[:2, pl.P_SUPPORT] >= 0).tolist()
+
+    assert left((6.0, -1.0, 6.0, 1.0, -1.0, 1.0)) == [True, False]
+    assert left((7.5, -1.0, 7.5, 1.0, -1.0, 1.0)) == [True, True]  # a vehicle fits between
+    assert left((6.0, -1.0, 6.0, 2.0, -1.0, 1.0)) == [True, True]  # stands out to the side
+    assert left((6.0, -1.0, 6.0, 1.0, -1.5, 1.0)) == [True, True]  # stands out above
+    assert left((4.0, -0.1, 4.0, 0.1, -0.2, 0.2)) == [True, True]  # a spike in front of it stays
+    assert left((4.5, -0.5, 5.5, 0.5, -0.5, 0.5)) == [True, True]  # crosses it
+
+
+def test_equal_planes_do_not_drop_each_other() -> None:
+    row = (5.0, -1.0, 5.0, 1.0, -1.0, 1.0)
+    planes, ints, _ = plane_table(row, row)
+    refine.drop_covered(2, planes, ints, 2.0, 1e-6)
+    assert (ints[:2, pl.P_SUPPORT] >= 0).sum() == 1
+    assert ints[:2, pl.P_SUPPORT].max() == 2000
+
+
+# ---- openings ---------------------------------------------------------------------------------------------------
+
+
+@given(SEED, st.integers(1, 5), st.integers(1, 5))
+def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) -> None:
+    rng = np.random.default_rng(seed)
+    nearest = rng.choice([0, 50, 500], (9, 7), p=[0.05, 0.75, 0.2]).astype(np.int32)
+    mask = np.full(nearest.shape, 9, np.uint8)
+    openings.open_mask(nearest, 100, wide, high, np.zeros((10, 8), np.int64), mask)
+    want = np.zeros(nearest.shape, np.uint8)
+    for i in range(9 - wide + 1):
+        for j in range(7 - high + 1):
+            box = nearest[i : i + wide, j : j + high]
+            if (box < 100).all() and 5 * np.sum(box == 0) <= box.size:
+                want[i : i + wide, j : j + high] = 1
+    np.testing.assert_array_equal(mask, want)
+
+
+def masks_of(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
+    g = view(rows=codes.shape[1], cols=codes.shape[0])
+    none = np.zeros((1, 9), np.int32), np.zeros((1, 3), np.float32)
+    return (*openings.opening_masks(codes, *none, 0, g, 20.0, Params()), g)
+
+
+def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None:
+    """A wall at 5 m with a hole of 60 x 40 columns (3 x 2 m), 15 m of air behind it."""
+    codes = np.full((160, 120), code(5.0)[0], np.uint16)
+    codes[50:110, 40:80] = code(18.0)[0]
+    masks, frame, g = masks_of(codes)
+
+    def at(u: int, v: int) -> bool:
+        return bool(openings.is_open(masks, (u - g.cu) / F, (v - g.cv) / F, 5.0, frame))
+
+    assert at(80, 60)
+    assert at(54, 44)
+    assert not at(30, 60)
+    assert not at(80, 20)
+    assert not at(-50, 60)
+    small = np.full((160, 120), code(5.0)[0], np.uint16)
+    small[60:90, 40:80] = code(18.0)[0]  # 1.5 m wide
+    masks, frame, _ = masks_of(small)
+    assert not masks[openings.level_of(5.0)].any()
+
+
+def test_unknown_is_not_open() -> None:
+    masks, _, _ = masks_of(np.zeros((160, 120), np.uint16))
+    assert not masks.any()
