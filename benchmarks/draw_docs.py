@@ -28,7 +28,7 @@ from drivers.simulated import Rendered, camera_info, render
 
 FOLDER = Path("docs/pictures")
 DPI = 100
-COLORS = 160
+COLORS = 240
 """Pictures are stored with a palette: a noisy depth image in full colour would be four times as large."""
 
 VIEWS: dict[str, tuple[str, float, float, float, tuple[float, float, float]]] = {
@@ -56,7 +56,7 @@ PICTURES: dict[str, tuple[str, Draw, tuple[float, float]]] = {
     "12_merge": ("facade", pl.draw_merge, (9.0, 3.7)),
     "13_openings": ("facade", pl.draw_openings, (9.0, 3.7)),
     "14_near_side": ("trees", pl.draw_near, (6.4, 5.4)),
-    "15_pockets": ("trees", pl.draw_pockets, (9.0, 4.6)),
+    "15_pockets": ("street", pl.draw_pockets, (9.0, 4.6)),
     "16_prisms": ("facade", pl.draw_prisms, (6.4, 4.6)),
     "17_free": ("arrival", pl.draw_free, (7.0, 5.9)),
 }
@@ -101,7 +101,7 @@ def shrink(image: Any, path: Path, width: int | None = None) -> None:
     picture = Image.open(image).convert("RGB")
     if width is not None:
         picture = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
-    picture.quantize(COLORS, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
+    picture.quantize(COLORS, method=Image.Quantize.FASTOCTREE).save(path, optimize=True)
 
 
 def draw(name: str, seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
