@@ -149,7 +149,7 @@ def test_a_cut_log_is_told_by_all_and_recovered(prisms: Path, tmp_path: Path) ->
         assert done.status == 1
         assert done.json()
         assert done.err.startswith("companion: error: ")
-        assert f"companion recover {cut}" in done.err or "recover" in done.err
+        assert "companion recover" in done.err
         assert "Traceback" not in done.err
     done = companion("recover", cut, "-o", whole, "--json")
     assert done.status == 0
@@ -184,10 +184,10 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "cause", "remedy"),
     [
-        (("replay", "absent.mcap"), "absent.mcap", ""),
-        (("info", "text.mcap"), "text.mcap", ""),
+        (("replay", "absent.mcap"), "absent.mcap: there is no such file", "check the path"),
+        (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log with the extension .mcap"),
         (("import", "absent", "-o", "x.mcap"), "absent: there is nothing", "expected a folder with intrinsics.json"),
-        (("import", ".", "-o", "x.mcap"), "intrinsics.json", ""),
+        (("import", ".", "-o", "x.mcap"), "intrinsics.json: cannot be read", "it holds width, height, fx, fy"),
         (("replay", "text.mcap", "-o", "text.mcap"), "same file", "give -o another name"),
         (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
     ],
