@@ -83,14 +83,14 @@ class Extractor:
         clear_m = clear_range_m(info, ke)
         ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        codes, view = self._level(inverse, info, R)
+        codes, view, seen = self._level(inverse, info, R)
         ground = self._ground(inverse, info, R, ke, state)
         ints, floats, found, ground_px = self._strips(codes, view, ground, info, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
 
         return self._model(
-            codes, view, ground, info, ke, clear_m, ints, place, n, count, planes, plane_ints, moments,
+            seen, view, ground, info, ke, clear_m, ints, place, n, count, planes, plane_ints, moments,
             replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n), keep_strips,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
@@ -110,23 +110,26 @@ class Extractor:
 
     def _level(
         self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation
-    ) -> tuple[NDArray[np.uint16], ViewGeometry]:
-        """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval."""
+    ) -> tuple[NDArray[np.uint16], ViewGeometry, tuple[NDArray[np.uint16], ViewGeometry]]:
+        """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval.
+
+        Third: the exactly levelled view without pooling, by which free space is judged: pooled columns and the paper's
+        view would hide what is unknown."""
+        view = view_geometry(info, R, self.params)
+        codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
+        level_safe(inverse, info, R, view, codes, self._buffer("picked", (inverse.size,), np.uint8))
+        seen = codes, view
         if self.params.paper:
             view = view_geometry_paper(info, R)
-            codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
+            codes = self._buffer("paper_codes", (view.cols, view.rows), np.uint16)
             level_paper(inverse, view.H, view.lateral, view.f_px * view.quantum, codes)
-        else:
-            view = view_geometry(info, R, self.params)
-            codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
-            level_safe(inverse, info, R, view, codes, self._buffer("picked", (inverse.size,), np.uint8))
         step = self.params.column_step
         if step > 1:
             view = pooled_geometry(view, step)
             pooled = self._buffer("pooled", (view.cols, view.rows), np.uint16)
             pool_columns(codes, step, pooled)
             codes = pooled
-        return codes, view
+        return codes, view, seen
 
     def _ground(
         self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
@@ -270,8 +273,8 @@ class Extractor:
     # ---- what comes out -----------------------------------------------------------------------------------------
 
     def _model(
-        self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float, clear_m: float,
-        ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
+        self, seen: tuple[NDArray[np.uint16], ViewGeometry], view: ViewGeometry, ground: Ground, info: CameraInfo,
+        ke: float, clear_m: float, ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
         plane_ints: NDArray[np.int32], moments: NDArray[np.float64], counted: FrameStats, keep_strips: bool,
     ) -> FrameModel:  # fmt: skip
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
@@ -281,7 +284,7 @@ class Extractor:
         rows, margin = plane_rows(used, moments[alive], self.params)
         cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m)
-        free = free_profile(codes, view, ground, clear_m, ke, self.params, len(used), used, used_ints, margin)
+        free = free_profile(*seen, ground, clear_m, ke, self.params, len(used), used, used_ints, margin)
         return FrameModel(
             valid=True, cause=InvalidCause.NONE, planes=rows,
             support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,

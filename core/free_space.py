@@ -53,18 +53,18 @@ def count_through(codes, direction, ring_of_code, rings, block_rows, through, un
 
 @njit(cache=True, nogil=True)
 def walk_rings(
-    through, unknown, cells, ring_m, layers, lowest, slope_t, rows, cv, f, block_rows, share, free_from, free_to, end
+    through, unknown, cells, ring_m, layers, lowest, rows, cv, f, block_rows, share, free_from, free_to, end
 ):  # fmt: skip
     """Walks each direction and layer outward; writes free_from, free_to (D, L) as forward distances and end.
 
-    ring_m: (R,) float32 distances, ring r is seen through by through[.., r + 1]. lowest: (2,) float64 height and slope
-    of the lowest z that is above ground; slope_t: (D,) its sideways slope times t."""
+    ring_m: (R,) float32 distances, ring r is seen through by through[.., r + 1]. lowest: (D, R) float64 z that is surely
+    above the ground there: layers are judged down to it."""
     for d in range(through.shape[0]):
         for layer in range(layers.shape[0] - 1):
             first, last, why = -1, -1, _NOT_SEEN
             for r in range(ring_m.shape[0]):
                 x = ring_m[r]
-                z0, z1 = layers[layer], min(layers[layer + 1], lowest[0] + (lowest[1] + slope_t[d]) * x)
+                z0, z1 = layers[layer], min(layers[layer + 1], lowest[d, r])
                 if z1 - z0 < 0.1:
                     why = _NOT_SEEN if first < 0 else _VIEW
                     if first >= 0:
@@ -130,6 +130,20 @@ def nothing_known(params: Params) -> FreeProfile:
     )  # fmt: skip
 
 
+def lowest_clear(
+    ground: Ground, ring_m: NDArray[np.float32], t: NDArray[np.float64], ke: float, params: Params
+) -> NDArray[np.float64]:
+    """(D, R) z down to which free space can be told from ground, for directions t and distances ring_m.
+
+    What is lower than the ground's tolerance or its noise at that distance was taken for ground: nothing is known
+    about it. No ground: no bound, what lies low is then an obstacle like any other."""
+    if not ground.seen:
+        return np.full((len(t), len(ring_m)), 1e6)
+    x = ring_m[None, :].astype(np.float64)
+    tolerance = np.maximum(params.ground_tolerance_m, params.ground_sigmas * ke * x * ground.height_m)
+    return np.asarray(ground.height_m + (ground.slope_x + ground.slope_y * t[:, None]) * x - tolerance)
+
+
 def free_profile(
     codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, clear_m: float, ke: float, params: Params,
     count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32],
@@ -160,13 +174,9 @@ def free_profile(
     free_from, free_to = np.empty((n, len(layers) - 1), np.float32), np.empty((n, len(layers) - 1), np.float32)
     end = np.empty(free_to.shape, np.uint8)
     middle_t = 0.5 * (edges_t[1:] + edges_t[:-1])
-    if ground.seen:
-        lowest = np.array([ground.height_m - params.ground_tolerance_m, ground.slope_x])
-    else:
-        lowest = np.array([1e6, 0.0])
     walk_rings(
-        through, unknown, cells, ring_m, layers, lowest, ground.slope_y * middle_t, g.rows, g.cv, g.f_px, _BLOCK_ROWS,
-        params.free_share, free_from, free_to, end,
+        through, unknown, cells, ring_m, layers, lowest_clear(ground, ring_m, middle_t, ke, params), g.rows, g.cv, g.f_px,
+        _BLOCK_ROWS, params.free_share, free_from, free_to, end,
     )  # fmt: skip
     stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end)
     # forward distance to horizontal range: the shorter of both edges for what is free, the longer for where it begins

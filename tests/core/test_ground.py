@@ -1,0 +1,140 @@
+"""The ground of analytic pictures, with tilts and slopes; and pictures that only seem to show one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.classify import inverse_depth_table
+from core.ground import NO_GROUND, find_ground, ground_gate
+from core.level import view_geometry
+from core.params import Params
+from core.types import CameraInfo, Ground, Intrinsics
+from drivers.simulated import camera_info
+
+from .views import VIEW, extract, flat_wall, level, noisy, pixel_grid, to_mm
+
+P = Params()
+
+
+def ground_image(
+    info: CameraInfo, height_m: float, pitch: float = 0.0, roll: float = 0.0, slope_x: float = 0.0, slope_y: float = 0.0
+) -> np.ndarray:
+    """Depth of the plane z = height + slope_x x + slope_y y in level_cam."""
+    k, R = info.intrinsics, level(pitch, roll)
+    u, v = pixel_grid(k)
+    x, y, z = np.moveaxis(np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], -1) @ R.T, -1, 0)
+    with np.errstate(divide="ignore"):
+        depth = height_m / (z - slope_x * x - slope_y * y)
+    return to_mm(np.where((depth > 0) & (depth < info.max_range_m), depth, np.inf))
+
+
+def find(depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan) -> Ground:
+    return find_ground(inverse_depth_table(info, ke)[depth], info, R, ke, seed, P, np.zeros((30000, 5), np.float32))
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])
+@pytest.mark.parametrize("height", [0.5, 2.0, 4.0])
+def test_flat_ground_is_recovered(pitch: float, roll: float, height: float) -> None:
+    depth = noisy(ground_image(VIEW, height, pitch, roll), 0.0015, 1)
+    if np.mean(depth > 0) < 0.03:
+        pytest.skip("too little of it within range")
+    g = find(depth, VIEW, level(pitch, roll))
+    assert g.seen
+    assert g.height_m == pytest.approx(height, rel=0.02)
+    assert math.hypot(g.slope_x, g.slope_y) < 0.012
+    assert g.share > 0.8
+    assert g.blind_beyond_m == pytest.approx(P.min_obstacle_height_m / (P.ground_sigmas * 0.0015 * g.height_m))
+
+
+@pytest.mark.parametrize(("slope_x", "slope_y"), [(0.03, 0.0), (-0.03, 0.02), (0.0, -0.04)])
+def test_sloping_ground_is_recovered_with_its_signs(slope_x: float, slope_y: float) -> None:
+    g = find(ground_image(VIEW, 2.0, -0.3, 0.1, slope_x, slope_y), VIEW, level(-0.3, 0.1))
+    assert g.seen
+    assert (g.slope_x, g.slope_y) == pytest.approx((slope_x, slope_y), abs=0.006)
+    assert g.height_m == pytest.approx(2.0, abs=0.05)
+
+
+def test_no_ground_is_said_to_be_none() -> None:
+    wall = flat_wall(VIEW, 6.0)
+    assert find(wall, VIEW, level()) is NO_GROUND
+    assert find(np.zeros_like(wall), VIEW, level()) is NO_GROUND
+    steep = ground_image(VIEW, 2.0, -0.3, 0.0, slope_x=-0.4)  # a ramp of 22 degrees is an obstacle
+    got = find(steep, VIEW, level(-0.3))
+    assert not got.seen or abs(got.slope_x) <= P.ground_max_slope + 1e-9
+
+
+def test_a_table_with_the_floor_below_it_is_not_the_ground() -> None:
+    """A large table top at 0.8 m below the camera over a floor at 1.6 m of which more than 5 % is seen."""
+    info = camera_info(320, 240, ke_per_m=0.0015)
+    floor, table = ground_image(info, 1.6, -0.5), ground_image(info, 0.8, -0.5)
+    depth = floor.copy()
+    depth[60:, 40:280] = table[60:, 40:280]
+    g = find(depth, info, level(-0.5))
+    assert g.seen
+    assert g.height_m == pytest.approx(1.6, abs=0.05)
+
+
+def test_the_last_height_breaks_a_tie() -> None:
+    depth = ground_image(VIEW, 2.0, -0.4)
+    upper = ground_image(VIEW, 1.9, -0.4)
+    depth[:, ::2] = upper[:, ::2]
+    assert find(depth, VIEW, level(-0.4), seed=2.0).seen
+
+
+@pytest.mark.parametrize("size", [(848, 480), (1280, 720), (1600, 1200)])
+def test_large_pictures_are_sampled_all_over(size: tuple[int, int]) -> None:
+    """The right half falls off to the side: a fit of the left half alone would not see that."""
+    info = camera_info(*size)
+    depth = ground_image(info, 2.0, -0.4, slope_y=0.04)
+    depth[:, : size[0] // 2] = np.where(np.arange(size[1])[:, None] % 2 == 0, depth[:, : size[0] // 2], 0)
+    deep = ground_image(info, 3.5, -0.4)
+    depth[:, int(0.8 * size[0]) :] = deep[:, int(0.8 * size[0]) :]  # a fifth of the picture lies 1.5 m lower
+    g = find(depth, info, level(-0.4))
+    assert not g.seen or g.height_m > 3.0
+
+
+@pytest.mark.nojit
+@given(st.floats(0.5, 8.0), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.integers(0, 2**32 - 1))
+def test_the_gate_against_its_definition(height: float, slope_x: float, slope_y: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    info = CameraInfo("test", Intrinsics(40, 30, 30.0, 30.0, 19.5, 14.5))
+    view = view_geometry(info, level(-0.3, 0.2), P)
+    gate, shift = ground_gate(Ground(seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y), view, 0.005, P)
+    for _ in range(20):
+        x, u = rng.uniform(1.0, 20.0), int(rng.integers(0, view.cols))
+        y = x * (u - view.cu) / view.f_px
+        tolerance = min(max(4 * 0.005 * x * height, 0.25), 0.9 * 0.6)
+        q = round(view.f_px * view.quantum / x)
+        for above, expected in ((tolerance + 0.03, False), (tolerance - 0.03, True), (-5.0, True)):
+            z = height + slope_x * x + slope_y * y - above
+            assert bool(z / x - shift[u] > gate[q]) == expected
+    none, shift = ground_gate(NO_GROUND, view, 0.005, P)
+    assert np.isinf(none).all()
+    assert (shift == 0).all()
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.4, 0.3)])
+def test_flat_ground_is_no_obstacle_at_any_range(pitch: float, roll: float) -> None:
+    model = extract(noisy(ground_image(VIEW, 3.0, pitch, roll), 0.0015, 2), VIEW, level(pitch, roll))
+    assert model.ground.seen
+    assert len(model.planes) == 0
+    assert model.stats.ground_px > 5000
+
+
+def test_a_kerb_below_the_least_height_is_ground_and_a_box_above_it_is_not() -> None:
+    for tall, count in ((0.15, 0), (0.9, 1)):
+        depth = ground_image(VIEW, 2.0, -0.2)
+        k, R = VIEW.intrinsics, level(-0.2)
+        u, v = pixel_grid(k)
+        rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], -1) @ R.T
+        face = 5.0 / rays[..., 0]
+        hit = (np.abs(face * rays[..., 1]) < 0.8) & (face * rays[..., 2] > 2.0 - tall) & (face * rays[..., 2] < 2.0)
+        depth[hit] = to_mm(face)[hit]
+        model = extract(depth, VIEW, R)
+        assert model.ground.height_m == pytest.approx(2.0, abs=0.05)
+        assert len(model.planes) == count
