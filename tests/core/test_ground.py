@@ -38,11 +38,9 @@ def find(depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015,
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])
-@pytest.mark.parametrize("height", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize("height", [0.5, 1.2, 2.0])
 def test_flat_ground_is_recovered(pitch: float, roll: float, height: float) -> None:
     depth = noisy(ground_image(VIEW, height, pitch, roll), 0.0015, 1)
-    if np.mean(depth > 0) < 0.03:
-        pytest.skip("too little of it within range")
     g = find(depth, VIEW, level(pitch, roll))
     assert g.seen
     assert g.height_m == pytest.approx(height, rel=0.02)

@@ -1,0 +1,182 @@
+"""The free-range profile against walking the cells one by one, and against scenes of known distances."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core import free_space as fs
+from core.ground import NO_GROUND
+from core.level import ViewGeometry
+from core.params import Params
+from core.types import FreeEnd, FreeProfile, Ground
+
+from . import naive
+from .columns import QUANTUM, F, code, view
+from .tables import plane_table
+from .views import VIEW, extract, flat_wall, free_to, level
+
+pytestmark = pytest.mark.nojit
+SEED = st.integers(0, 2**32 - 1)
+KE = 0.0015
+
+
+def rings_of(codes: np.ndarray, ring_m: np.ndarray) -> np.ndarray:
+    """How many rings each code sees through: those it measures behind with two sigma to spare."""
+    out = np.zeros(65536, np.uint8)
+    for q in np.unique(codes):
+        if q == 1:
+            out[q] = len(ring_m)
+        elif q > 1:
+            x = F * QUANTUM / q
+            out[q] = np.sum(ring_m <= x - min(2 * KE * x * x, 0.3 * x))
+    return out
+
+
+def random_codes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
+    x = np.repeat(np.repeat(rng.uniform(1.0, 15.0, (cols // 8 + 1, rows // 8 + 1)), 8, 0), 8, 1)[:cols, :rows]
+    codes = code(x.ravel()).reshape(x.shape)
+    codes[rng.random(x.shape) < 0.1] = 0
+    codes[rng.random(x.shape) < 0.2] = 1
+    return codes
+
+
+@given(SEED)
+def test_counting_and_walking_against_every_cell(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    codes = random_codes(rng, 24, 90)
+    ring_m = np.arange(0.5, 12.0, 0.5).astype(np.float32)
+    ring_of_code = rings_of(codes, ring_m)
+    direction = np.sort(rng.integers(0, 3, 24)).astype(np.int32)
+    blocks = -(-90 // 4)
+    through = np.full((3, blocks, len(ring_m) + 1), -1, np.int32)
+    unknown, cells = np.full((3, blocks), -1, np.int32), np.full((3, blocks), -1, np.int32)
+    fs.count_through(codes, direction, ring_of_code, len(ring_m), 4, through, unknown, cells)
+    for d in range(3):
+        for b in range(blocks):
+            own = codes[direction == d][:, 4 * b : 4 * b + 4]
+            assert cells[d, b] == own.size
+            assert unknown[d, b] == np.sum(own == 0)
+            for r in range(len(ring_m)):
+                assert through[d, b, r + 1] == np.sum(ring_of_code[own] >= r + 1)
+    layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
+    shape = (3, 3)
+    start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
+    fs.walk_rings(
+        through, unknown, cells, ring_m, layers, np.full((3, len(ring_m)), 1e6), 90, 44.5, F, 4, 0.8, start, to, end
+    )
+    for d in range(3):
+        for layer in range(3):
+            first, last = naive.free_walk(
+                codes, ring_of_code, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, 4, 0.8
+            )
+            want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
+            assert (start[d, layer], to[d, layer]) == want
+            assert end[d, layer] <= FreeEnd.MAX_RANGE
+
+
+def profile(
+    codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
+) -> FreeProfile:
+    planes, ints, _ = plane_table(room=1)
+    return fs.free_profile(codes, g, ground, clear_m, KE, Params(**params), 0, planes, ints, np.zeros(0, np.float32))
+
+
+@pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
+def test_a_wall_ends_the_free_range_less_than_a_ring_and_its_noise_before_it(distance: float) -> None:
+    g = view(rows=120, cols=160)
+    f = profile(np.full((160, 120), code(distance)[0]), g)
+    # the layer about the camera, 2 m high, fits the view from 100 / 60 m on
+    assert (f.free_from_m[:, 3] > 0).all()
+    forward = f.free_to_m[:, 3] * np.cos(np.minimum(np.abs(f.azimuth_edges_rad[1:]), np.abs(f.azimuth_edges_rad[:-1])))
+    assert (
+        f.free_to_m[:, 3] * np.cos(np.maximum(np.abs(f.azimuth_edges_rad[1:]), np.abs(f.azimuth_edges_rad[:-1])))
+        <= distance
+    ).all()
+    assert (forward >= distance - 0.5 - 2 * KE * distance**2 - 0.15).all()
+    assert (f.end[:, 3] == FreeEnd.OBSTACLE).all()
+
+
+def test_unknown_and_field_of_view_are_told_apart() -> None:
+    g = view(rows=120, cols=160)
+    far = np.full((160, 120), 1, np.uint16)
+    f = profile(far, g)
+    assert (f.end[:, 3] == FreeEnd.MAX_RANGE).all()
+    assert (f.free_to_m[:, 3] >= 18.5).all()
+    assert (f.end[:, 0] == FreeEnd.NOT_SEEN).sum() == 0 or (f.free_to_m[f.end[:, 0] == FreeEnd.NOT_SEEN, 0] == 0).all()
+    dark = profile(np.zeros((160, 120), np.uint16), g)
+    assert (dark.free_to_m == 0).all()
+    assert (dark.end[:, 3] == FreeEnd.UNKNOWN).all()
+    spotted = far.copy()
+    spotted[:, ::3] = 0  # a third unknown: not free
+    assert (profile(spotted, g).free_to_m == 0).all()
+    spotted[:, :] = 1
+    spotted[:, ::8] = 0  # single pixels dropped: free
+    assert (profile(spotted, g).free_to_m[:, 3] > 10).all()
+
+
+def test_the_profile_spans_the_view_in_even_directions() -> None:
+    g = view(rows=60, cols=160)
+    f = profile(np.full((160, 60), 1, np.uint16), g)
+    assert f.azimuth_edges_rad[0] == pytest.approx(math.atan(-80 / F))
+    assert f.azimuth_edges_rad[-1] == pytest.approx(math.atan(80 / F))
+    steps = np.diff(f.azimuth_edges_rad)
+    np.testing.assert_allclose(steps[:-1], math.radians(2.5), rtol=1e-4)
+    assert 0 < steps[-1] <= math.radians(2.5) + 1e-6
+    np.testing.assert_allclose(f.layer_edges_m, np.arange(-7.0, 7.5, 2.0))
+
+
+def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
+    p = Params()
+    ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
+    ring_m = np.array([1.0, 10.0, 18.0], np.float32)
+    low = fs.lowest_clear(ground, ring_m, np.array([0.0, 0.4]), 0.005, p)
+    for d, t in enumerate((0.0, 0.4)):
+        for r, x in enumerate((1.0, 10.0, 18.0)):
+            surface = 2.0 + 0.02 * x - 0.01 * t * x
+            assert low[d, r] == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
+    assert (fs.lowest_clear(NO_GROUND, ring_m, np.zeros(2), 0.005, p) > 1e5).all()
+
+
+def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
+    planes, ints, _ = plane_table(
+        (5.0, -1.0, 6.0, 1.0, -0.5, 0.5), (3.0, 1.5, 3.0, 2.0, 1.5, 2.5), (1.0, -3.0, 1.0, 3.0, -9, 9)
+    )
+    ints[2, 1] = -1  # dropped
+    edges_t = np.linspace(-0.6, 0.6, 25)
+    layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
+    to, end = np.full((24, 3), 9.0, np.float32), np.full((24, 3), 4, np.uint8)
+    fs.stop_at_planes(3, planes, ints, np.array([0.3, 0.1, 0.0], np.float32), edges_t, layers, to, end)
+    assert (to[:, 0] == 9.0).all()
+    for d in range(24):
+        ts = np.linspace(edges_t[d], edges_t[d + 1], 21)
+        inside = ts[(ts >= -0.2) & (ts <= 1 / 6)]
+        if len(inside) > 1:
+            a, b = planes[0, :2]
+            assert to[d, 1] <= min(1.0 / (a + b * t) for t in inside) - 0.3 + 1e-5
+            assert end[d, 1] == FreeEnd.OBSTACLE
+        low = ts[(ts >= 0.5) & (ts <= 2 / 3)]
+        assert to[d, 2] == pytest.approx(2.9) if len(low) > 1 else to[d, 2] in (pytest.approx(2.9), 9.0)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.4)])
+@pytest.mark.parametrize("mode", ["safe", "paper"])
+def test_free_ranges_before_a_wall_are_right_at_any_tilt(tilt: tuple[float, float], mode: str) -> None:
+    """The paper's view leans when the camera does; the profile is judged on the exact one in either mode."""
+    model = extract(flat_wall(VIEW, 7.0, *tilt), VIEW, level(*tilt), mode=mode)
+    f = model.free
+    widest = np.maximum(np.abs(f.azimuth_edges_rad[1:]), np.abs(f.azimuth_edges_rad[:-1]))
+    assert (f.free_to_m * np.cos(widest)[:, None] <= 7.0 + 1e-3).all()
+    assert free_to(model, 0.0, 0.0) > 6.0
+
+
+def test_columns_pooled_for_speed_hide_no_unknown() -> None:
+    """Every second column unknown: pooled by their nearest they would look seen through."""
+    depth = flat_wall(VIEW, 7.0)
+    depth[:, ::2] = 0
+    assert free_to(extract(depth, VIEW, column_step=2), 0.0, 0.0) == 0.0
+    assert free_to(extract(flat_wall(VIEW, 7.0), VIEW, column_step=2), 0.0, 0.0) > 6.0
