@@ -82,6 +82,10 @@ class Calls:
         self._calls.setdefault(name, []).append(Call(before, [_copy(a) for a in args], _copy(result)))
         return result
 
+    def names(self) -> list[str]:
+        """The functions that were called."""
+        return list(self._calls)
+
     def of(self, name: str, index: int = 0) -> Call:
         """The index-th call of a function in this frame."""
         return self._calls[name][index]
