@@ -23,7 +23,7 @@ from .console import fail, say, say_json, warn
 from .import_folder import FolderSource
 from .import_report import ImportOptions, Report, RosTopics
 from .import_ros2 import Ros2Source
-from .log_writer import write_recording
+from .log_writer import refuse_output, write_recording
 from .run_info import run_info
 from .sync import NS
 
@@ -47,8 +47,9 @@ class Imported:
 
 
 def import_recording(path: Path, output: Path, options: ImportOptions, config: Config | None = None) -> Imported:
-    """Writes the recording as a log. Raises DriverError when nothing of it can be used, OSError when the log cannot
-    be written; problems with parts of it are in the result."""
+    """Writes the recording as a log. Raises DriverError when nothing of it can be used, OSError and ValueError when
+    the log cannot be written; problems with parts of it are in the result."""
+    refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
     report = Report()
     try:
         source = open_recording(path, options, report)

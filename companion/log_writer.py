@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, Event, EventSource
+from drivers.mcap_scan import MAGIC
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.topics import ENCODING, TOPICS, camera_name_fits
 from drivers.wire import attitude_message, calibration_message, camera_message, depth_message, pose_message
@@ -35,10 +36,12 @@ ACTIVE: Final = ".active"
 class LogWriter:
     """A log in the making. As a context manager it is finished at the end, or left as .active after an exception.
 
-    Raises OSError (no space, no rights) and ValueError for stamps and names that a log cannot hold."""
+    Raises OSError (no space, no rights) and ValueError for an output that is something else than a log, and for
+    stamps and names that a log cannot hold."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
         self._file: BinaryIO = self.active_path.open("wb")
         self._writer = start_writer(self._file)
@@ -127,6 +130,24 @@ class LogWriter:
         if self._file.closed:
             return
         finish_file(self._writer, self._file, self.active_path, self.path)
+
+
+def refuse_output(path: Path, *inputs: Path) -> None:
+    """Raises ValueError where writing a log to `path` would destroy something: one of the inputs (also by the name
+    under which the log is written until it is whole), a directory, or a file that is no log."""
+    taken = {path.resolve(), path.with_name(path.name + ACTIVE).resolve()}
+    for given in inputs:
+        if given.resolve() in taken:
+            raise ValueError(
+                f"{given}: writing {path} would overwrite this input; input and output are the same file or would "
+                "share the name of the unfinished log; give -o another name"
+            )
+    if path.is_dir():
+        raise ValueError(f"{path}: is a directory; give -o the name of a file, such as {path / 'out.mcap'}")
+    if path.is_file() and path.stat().st_size:
+        with path.open("rb") as stream:
+            if stream.read(len(MAGIC)) != MAGIC:
+                raise ValueError(f"{path}: exists and is no log; it is left as it is; give -o another name")
 
 
 def start_writer(stream: BinaryIO) -> Writer:

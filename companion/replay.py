@@ -18,7 +18,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from .compare import Comparison, Key, key_of
 from .config import Config, config_from_text, config_text, load_config
 from .console import fail, progress, say_json
-from .log_writer import LogWriter
+from .log_writer import LogWriter, refuse_output
 from .messages import prisms_message, state_from_message
 from .pipeline import Output, Pipeline, PipelineState, PrismsResult
 from .replay_report import Replay, problems_of, report, say_report
@@ -61,8 +61,8 @@ class Options:
 def replay(path: Path, options: Options, on_progress: Callable[[float], None] = lambda share: None) -> Replay:
     """Runs a log through the pipeline. Raises DriverError, ConfigError, OSError when it cannot even begin; damage
     later on ends it and is told in the result, what was readable being written and counted."""
-    if options.output is not None and options.output.resolve() == path.resolve():
-        raise ValueError(f"{path}: input and output are the same file; give -o another name")
+    if options.output is not None:
+        refuse_output(options.output, path)
     with ExitStack() as stack:
         source = stack.enter_context(McapRecording(path))
         config = _config(options, source)

@@ -354,3 +354,21 @@ def test_problems_have_words_for_an_empty_run(recorded):
     emptied = dataclasses.replace(result.tally, frames=0)
     result.tally = emptied
     assert "no depth image" in problems_of(result)[0]
+
+
+def test_an_unfinished_log_is_never_written_over(tmp_path, recorded, capsys):
+    """OUT.mcap is written as OUT.mcap.active, which here is the input."""
+    active = tmp_path / "flight.mcap.active"
+    active.write_bytes(recorded.read_bytes())
+    assert main(["replay", str(active), "-o", str(tmp_path / "flight.mcap")]) == 1
+    assert "give -o another name" in capsys.readouterr().err
+    assert active.read_bytes() == recorded.read_bytes()
+
+
+def test_an_output_that_is_no_log_is_left_as_it_is(tmp_path, recorded, capsys):
+    config = tmp_path / "mine.toml"
+    config.write_text("[sync]\n")
+    assert main(["replay", str(recorded), "-o", str(config)]) == 1
+    assert "exists and is no log" in capsys.readouterr().err
+    assert config.read_text() == "[sync]\n"
+    assert list(tmp_path.iterdir()) == [config]
