@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -27,6 +28,8 @@ from .sync import NS
 
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 POSITION = ("x_m", "y_m", "z_m")
+MOST_RAD = 2.0 * math.pi
+"""No angle of an attitude in radians is more than a turn."""
 GAP_FACTOR, GAP_LEAST_S = 5.0, 0.5
 """A pause this many times the usual interval, and at least this long, is told."""
 
@@ -53,12 +56,12 @@ class DepthCoding:
 
 class FolderSource:
     """A recording in a folder (EventSource). What is wrong with single rows and images is told in `report`, and the rest
-    is delivered. Raises BadData where nothing can be delivered."""
+    is delivered. Raises BadData where nothing can be delivered. An attribute `frame_count` holds the rows that there are."""
 
     def __init__(self, folder: Path, options: ImportOptions, report: Report) -> None:
         self._folder, self._options, self._report = folder, options, report
         self._info, self._coding = read_intrinsics(folder / "intrinsics.json", options)
-        self._rows = read_rows(folder / "frames.csv", report)
+        self._rows, self.frame_count = read_rows(folder / "frames.csv", report)
         if not self._rows:
             raise BadData(f"{folder / 'frames.csv'}: no usable row; expected one for each depth image")
         self._tell_unlisted()
@@ -69,11 +72,6 @@ class FolderSource:
     def cameras(self) -> tuple[CameraInfo, ...]:
         """The one camera."""
         return (self._info,)
-
-    @property
-    def frame_count(self) -> int:
-        """Rows that name a frame."""
-        return len(self._rows)
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -136,25 +134,44 @@ class FolderSource:
             attitudes = [
                 AttitudeSample(r.t_ns, r.t_ns, quaternion_from_euler(*r.euler_rad))
                 for r in self._rows
-                if r.euler_rad is not None
+                if r.euler_rad is not None and not _too_far_round(r)
             ]
             poses = [PoseSample(r.t_ns, r.t_ns, r.position_ned_m) for r in self._rows if r.position_ned_m is not None]
-            bare = [r.line for r in self._rows if r.euler_rad is None]
-            if bare:
-                self._report.problem(
-                    "attitude",
-                    f"{self._folder / 'frames.csv'}: {len(bare)} rows without a usable attitude (line {spans(bare)}): "
-                    "the frames are kept, their attitude is left out; fill in roll_rad, pitch_rad and yaw_rad, or put "
-                    "a .tlog beside it",
-                )
+            self._tell_unusable()
         missing = uncovered(exposures, [a.t_ns for a in attitudes], self._options.sync)
         if missing and log is not None:
-            lines = spans(r.line for r in self._rows if r.t_ns in set(missing))
+            bare_ns = set(missing)
+            lines = spans(r.line for r in self._rows if r.t_ns in bare_ns)
             self._report.problem(
                 "attitude",
                 f"{log.name}: no attitude near the frames of frames.csv line {lines}; they are kept without one",
             )
         return attitudes, poses
+
+    def _tell_unusable(self) -> None:
+        """Attitudes and positions of frames.csv that are left out."""
+        path = self._folder / "frames.csv"
+        bare = [r.line for r in self._rows if r.euler_rad is None]
+        if bare:
+            self._report.problem(
+                "attitude",
+                f"{path}: {len(bare)} rows without a usable attitude (line {spans(bare)}): the frames are kept, their "
+                "attitude is left out; fill in roll_rad, pitch_rad and yaw_rad, or put a .tlog beside it",
+            )
+        turned = [r.line for r in self._rows if _too_far_round(r)]
+        if turned:
+            self._report.problem(
+                "attitude",
+                f"{path}: {len(turned)} rows with angles of more than a full turn (line {spans(turned)}): the frames are "
+                "kept, their attitude is left out; roll_rad, pitch_rad and yaw_rad are radians, these look like degrees",
+            )
+        lost = [r.line for r in self._rows if r.position_ned_m is None]
+        if 0 < len(lost) < len(self._rows):
+            self._report.problem(
+                "position",
+                f"{path}: {len(lost)} rows without a usable position (line {spans(lost)}): the frames are kept, their "
+                "position is left out; fill in x_m, y_m and z_m",
+            )
 
     def _tlog(self) -> Path | None:
         if self._options.tlog is not None or not self._options.use_tlog:
@@ -196,12 +213,17 @@ def read_intrinsics(path: Path, options: ImportOptions) -> tuple[CameraInfo, Dep
     invalid = content.get("invalid", [0, 65535])
     if not isinstance(invalid, list) or not all(type(v) is int and 0 <= v <= 65535 for v in invalid):
         raise BadData(f"{path}: invalid = {invalid!r}; expected a list of pixel values 0..65535")
+    for key in ("width", "height"):
+        if not 16 <= numbers[key] <= 4096 or numbers[key] % 1:  # also NaN
+            raise BadData(f"{path}: {key} is {numbers[key]}; expected a whole number of pixels, 16..4096")
     try:
         size = int(numbers["width"]), int(numbers["height"])
         intrinsics = Intrinsics(*size, *(float(numbers[key]) for key in ("fx", "fy", "cx", "cy")))
         info = options.camera.applied_to(CameraInfo(options.camera.name, intrinsics))
+    except OverflowError as error:
+        raise BadData(f"{path}: a number of pixels is far too large; expected fx, fy, cx, cy in pixels") from error
     except ValueError as error:
-        raise BadData(f"{path}: {error}") from error
+        raise BadData(f"{path}, or what overrides it on the command line: {error}") from error
     return info, DepthCoding(unit_mm=float(unit_mm), invalid=tuple(invalid))
 
 
@@ -217,9 +239,9 @@ def _json_object(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_rows(path: Path, report: Report) -> list[FrameRow]:
-    """The usable rows of frames.csv, in order; what is wrong with the others is told. Raises BadData for a file
-    without the columns that give each frame its image and its time."""
+def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
+    """(the usable rows of frames.csv in order of time, how many rows there are); what is wrong with the others is told.
+    Raises BadData for a file without the columns that give each frame its image and its time."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
@@ -235,23 +257,43 @@ def read_rows(path: Path, report: Report) -> list[FrameRow]:
             f"{path} line 1: column {', '.join(missing)} is missing (found: {', '.join(columns) or 'nothing'}); "
             f"expected file, t_ns, {', '.join(ATTITUDE)} and, where known, {', '.join(POSITION)}"
         )
+    twice = [c for c in ("file", "t_ns", *ATTITUDE, *POSITION) if columns.count(c) > 1]
+    if twice:
+        raise BadData(f"{path} line 1: column {', '.join(twice)} stands there more than once; keep the right one")
     absent = [c for c in ATTITUDE if c not in columns]
     if absent:
         report.problem(
             "column", f"{path} line 1: column {', '.join(absent)} is missing, hence no frame has an attitude"
         )
-    rows: list[FrameRow] = []
-    for number, (line, cells) in enumerate(content):
-        row = _row(path, line, number, cells, report)
-        if row is not None and rows and row.t_ns <= rows[-1].t_ns:
+    told = [row for n, (line, cells) in enumerate(content) if (row := _row(path, line, n, cells, report)) is not None]
+    rows = _in_order(path, told, report)
+    _tell_pauses(path, rows, report)
+    return rows, len(content)
+
+
+def _in_order(path: Path, rows: list[FrameRow], report: Report) -> list[FrameRow]:
+    """Most rows whose times increase: a single wrong stamp costs its own row, not all that follow it. The longest
+    increasing subsequence, by patience sorting."""
+    tails: list[int] = []
+    ends: list[int] = []
+    before: list[int | None] = []
+    for i, row in enumerate(rows):
+        place = bisect_left(tails, row.t_ns)
+        before.append(ends[place - 1] if place else None)
+        tails[place : place + 1], ends[place : place + 1] = [row.t_ns], [i]
+    kept: set[int] = set()
+    at = ends[-1] if ends else None
+    while at is not None:
+        kept.add(at)
+        at = before[at]
+    for i, row in enumerate(rows):
+        if i not in kept:
             report.problem(
                 "order",
-                f"{path} line {line}: t_ns {row.t_ns} is not later than the row before ({rows[-1].t_ns}); row left out",
+                f"{path} line {row.line}: t_ns {row.t_ns} does not come after the rows before and ahead of those after it; "
+                "row left out; correct the stamp, or sort the rows by t_ns",
             )
-        elif row is not None:
-            rows.append(row)
-    _tell_pauses(path, rows, report)
-    return rows
+    return [row for i, row in enumerate(rows) if i in kept]
 
 
 def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], report: Report) -> FrameRow | None:
@@ -268,6 +310,9 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
     if not -(1 << 62) < t_ns < 1 << 62:
         report.problem("row", f"{path} line {line}: t_ns {stamp} is out of range; row left out")
         return None
+    if "\0" in file:
+        report.problem("row", f"{path} line {line}: file {file!r} is no file name; row left out")
+        return None
     return FrameRow(
         line=line,
         number=number,
@@ -276,6 +321,11 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
         euler_rad=_three(cells, ATTITUDE),
         position_ned_m=_three(cells, POSITION),
     )
+
+
+def _too_far_round(row: FrameRow) -> bool:
+    """Whether its angles cannot be radians."""
+    return row.euler_rad is not None and max(map(abs, row.euler_rad)) > MOST_RAD
 
 
 def _three(cells: dict[str | None, Any], names: tuple[str, str, str]) -> tuple[float, float, float] | None:

@@ -149,7 +149,11 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         ({3: "depth/000003.png,300000000,1,2", 4: "depth/000004.png,400000000"}, "(line 5-6)", 10),
         ({4: "depth/000004.png,soon,0,0,0,0,0,0"}, "line 6: t_ns 'soon' is no whole number", 9),
         ({4: ",400000000,0,0,0,0,0,0"}, "line 6: file is empty", 9),
-        ({4: "depth/000004.png,100,0,0,0,0,0,0"}, "line 6: t_ns 100 is not later than the row before", 9),
+        ({4: "depth/000004.png,100,0,0,0,0,0,0"}, "line 6: t_ns 100 does not come after the rows before", 9),
+        ({4: "depth/000004.png,99999999999999,0,0,0,0,0,0"}, "line 6: t_ns 99999999999999 does not come after", 9),
+        ({4: "depth/00\0004.png,400000000,0,0,0,0,0,0"}, "is no file name; row left out", 9),
+        ({4: "depth/000004.png,400000000,0,57.3,0,0,0,0"}, "more than a full turn (line 6)", 10),
+        ({4: "depth/000004.png,400000000,0,0,0,0,nan,0"}, "1 rows without a usable position (line 6)", 10),
         ({4: "depth/000004.png,9" + "9" * 30 + ",0,0,0,0,0,0"}, "out of range", 9),
         ({4: None, 5: None}, "2 images in depth/ have no row (000004.png, 000005.png)", 8),
         (dict.fromkeys(range(2, 9)), "lines 3-4: a gap of 0.80 s (usual: 0.100 s)", 13),
@@ -159,11 +163,12 @@ def test_bad_rows_are_told_with_their_lines(
     changes: dict[int, str | None], words: str, kept: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     count = 20 if kept == 13 else 10
+    there = len(rows_with(changes, count))
     status, out = imported(write_folder(tmp_path / "rec", count, rows_with(changes, count)))
     said = capsys.readouterr().err
     assert status == 1
     assert words in said
-    assert f"{kept} of {kept} frames kept" in said
+    assert f"{kept} of {there} frames kept" in said
     assert len(frames_of(out)) == kept
 
 
@@ -172,6 +177,28 @@ def test_a_row_without_attitude_keeps_its_frame_and_invents_nothing(tmp_path: Pa
     events = events_of(out)
     assert 400_000_000 in [e.t_exposure_ns for e in events if isinstance(e, DepthFrame)]
     assert 400_000_000 not in [e.t_ns for e in events if isinstance(e, AttitudeSample)]
+
+
+def test_an_attitude_in_degrees_is_not_used(tmp_path: Path) -> None:
+    _, out = imported(write_folder(tmp_path / "rec", 10, rows_with({4: "depth/000004.png,400000000,0,57.3,0,0,0,0"})))
+    events = events_of(out)
+    assert 400_000_000 in [e.t_exposure_ns for e in events if isinstance(e, DepthFrame)]
+    assert 400_000_000 not in [e.t_ns for e in events if isinstance(e, AttitudeSample)]
+
+
+def test_a_column_that_stands_there_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [row(i) + ",5" for i in range(3)]
+    assert imported(write_folder(tmp_path / "rec", 3, rows, heading=HEADING + ",t_ns"))[0] == 1
+    assert "column t_ns stands there more than once" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "", "."])
+def test_an_output_that_would_destroy_something(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 3)
+    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    assert main(["import", str(folder), "-o", str(folder / name)]) == 1
+    assert "-o" in capsys.readouterr().err
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
 def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -194,6 +221,10 @@ def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[
     ("change", "words"),
     [
         ({"fx": None}, "fx is missing"),
+        ({"width": math.inf}, "width is inf; expected a whole number"),
+        ({"width": math.nan}, "width is nan; expected a whole number"),
+        ({"height": 48.5}, "height is 48.5; expected a whole number"),
+        ({"fx": 10**400}, "far too large"),
         ({"fx": "wide"}, "fx is 'wide'; expected a number"),
         ({"fx": 2.0}, "do not fit an image 64 px wide"),
         ({"cx": 400.0}, "principal point"),
