@@ -9,6 +9,7 @@ has x right, y down, z forward (as ours). Ours: ned and frd. Hence R_ned_frd = R
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,13 +65,17 @@ def rotation_of(q: Any) -> Rotation | None:
 
 
 def to_ned(world_frame: str) -> Rotation:
-    """R_ned_world: ENU unless the frame's name says ned."""
-    return np.eye(3) if "ned" in world_frame.lower() else R_NED_ENU
+    """R_ned_world: ENU unless a word of the frame's name is ned (`map_ned`, but not `aligned_map`)."""
+    return np.eye(3) if "ned" in _words(world_frame) else R_NED_ENU
 
 
 def to_frd(body_frame: str) -> Rotation:
-    """R_frd_body: FLU unless the frame's name says frd."""
-    return np.eye(3) if "frd" in body_frame.lower() else R_FRD_FLU
+    """R_frd_body: FLU unless a word of the frame's name is frd (`base_link_frd`)."""
+    return np.eye(3) if "frd" in _words(body_frame) else R_FRD_FLU
+
+
+def _words(frame: str) -> list[str]:
+    return re.split(r"[^a-z]+", frame.lower())
 
 
 def quaternion_wxyz(R: Rotation) -> tuple[float, float, float, float]:

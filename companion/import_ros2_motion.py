@@ -109,8 +109,9 @@ class Motion:
         """Attitudes of the base frame, ned from frd, in file order."""
         out = []
         for r in self._readings[topic]:
-            body_from_base = self._body_from_base(r, between)
-            R_frd_body = to_frd(self._base) @ body_from_base.R.T
+            joined = between(r.body, self._base)
+            # where no chain joins the two they are taken as the same body, each with the axes that its name says
+            R_frd_body = to_frd(r.body) if joined is None else to_frd(self._base) @ joined.R.T
             R = to_ned(r.world) @ r.R_world_body @ R_frd_body.T
             rates = None if r.rates is None else triple(R_frd_body @ r.rates)
             out.append(AttitudeSample(r.t_ns, r.log_ns, quaternion_wxyz(R), rates))

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from companion.cli import main
+from companion.import_ros2_frames import to_ned
 from core.frames import rotation_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mcap_file import McapRecording
 
 from .recordings import events_of, frames_of
-from .ros2_recording import NS, START_NS, RosFlight, expected_depth
+from .ros2_recording import NS, R_ENU_FLU, RATES_FLU, START_NS, RosFlight, expected_depth
 
 R_FLU_CAMOPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Of a camera that looks forward, in ROS terms."""
@@ -271,3 +272,29 @@ def test_damage_of_any_kind_is_told_and_never_raised(seed: int, tmp_path: Path) 
         assert status in (0, 1)
         if status == 0:
             assert frames_of(tmp_path / "out.mcap")
+
+
+@pytest.mark.parametrize(("frame", "ned"), [("odom", False), ("map_ned", True), ("NED", True), ("aligned_map", False)])
+def test_only_a_word_of_a_frames_name_makes_it_ned(frame: str, ned: bool) -> None:
+    assert np.array_equal(to_ned(frame), np.eye(3)) is ned
+
+
+def test_a_body_in_frd_is_taken_at_its_word_without_a_transform(tmp_path: Path) -> None:
+    """Read as flu, nose up and the yaw rate would change their sign."""
+    status, out = imported(RosFlight(odometry_child="base_link_frd"), tmp_path)
+    assert status == 0
+    attitude = next(e for e in events_of(out) if isinstance(e, AttitudeSample))
+    R_ned_enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    assert rotation_from_quaternion(attitude.q_ned_frd_wxyz) == pytest.approx(R_ned_enu @ R_ENU_FLU, abs=1e-9)
+    assert attitude.rates_frd_rad_s == pytest.approx(RATES_FLU)
+
+
+@pytest.mark.parametrize(("source", "output"), [("in.mcap", "in.mcap"), ("out.mcap.active", "out.mcap")])
+def test_the_recording_is_never_written_over(
+    source: str, output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = RosFlight(frames=2).write(tmp_path / source)
+    before = path.read_bytes()
+    assert main(["import", str(path), "-o", str(tmp_path / output)]) == 1
+    assert "give -o another name" in capsys.readouterr().err
+    assert path.read_bytes() == before
