@@ -8,6 +8,7 @@ envelope. `map_boot_clock` finds it, per boot of the autopilot.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from .base import BadData, DeviceNotFound
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 
 MAVLINK1, MAVLINK2 = 0xFE, 0xFD
+_MARK = re.compile(b"[\xfd\xfe]")
 MAX_DRIFT = 200e-6
 """Crystals differ by up to about 75 ppm: a fitted drift beyond this is noise, and the drift is then taken as 0."""
 DRIFT_SPAN_MS = 30_000
@@ -154,8 +156,8 @@ def _starts_record(data: bytes, at: int) -> bool:
 
 def _next_start(data: bytes, at: int) -> int:
     """The next place at which a record may start, or the end of the data."""
-    marks = [m for m in (data.find(MAVLINK2, at + 8), data.find(MAVLINK1, at + 8)) if m >= 0]
-    return min(marks) - 8 if marks else len(data)
+    mark = _MARK.search(data, at + 8)
+    return mark.start() - 8 if mark is not None else len(data)
 
 
 def _more(data: bytes, at: int) -> bool:
