@@ -18,6 +18,10 @@ from core.types import AttitudeSample, PoseSample
 from .rotation import Quaternion, Vector, body_rates, rotate_by_rates, slerp
 
 NS = 1_000_000_000
+MOST_RATE_RAD_S = 70.0
+"""Twice what the gyros of autopilots can measure: faster rates are nonsense and carry no attitude."""
+FARTHEST_M = 100_000.0
+"""From the origin of ned: farther out float32 cannot hold the centimetres of a prism, nor an autopilot's local frame."""
 
 
 class Source(IntEnum):
@@ -183,7 +187,7 @@ class Synchroniser:
             if before is None:
                 return DropCause.FRAME_TOO_OLD
             return DropCause.ATTITUDE_TOO_OLD if after is None else DropCause.GAP_TOO_WIDE
-        rates = nearest.rates_frd_rad_s or self._turn(nearest)
+        rates = _possible(nearest.rates_frd_rad_s) or _possible(self._turn(nearest))
         if rates is None:
             return DropCause.NO_RATES
         q = rotate_by_rates(nearest.q_ned_frd_wxyz, rates, (t_ns - nearest.t_ns) / NS)
@@ -197,7 +201,14 @@ class Synchroniser:
         return body_rates(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
 
     def pose_at(self, t_ns: int) -> PoseAt | str:
-        """The position at t_ns, or the words why there is none. Never across a jump of the autopilot's estimate."""
+        """The position at t_ns, or the words why there is none. Never across a jump of the autopilot's estimate, never
+        so far from the origin that a prism there would lose its shape."""
+        found = self._pose_at(t_ns)
+        if isinstance(found, PoseAt) and not all(abs(c) <= FARTHEST_M for c in found.position_ned_m):  # also NaN
+            return f"the position is farther than {FARTHEST_M / 1000.0:g} km from the origin of ned"
+        return found
+
+    def _pose_at(self, t_ns: int) -> PoseAt | str:
         before, after = self.poses.around(t_ns)
         if before is None and after is None:
             return "no position had arrived"
@@ -221,6 +232,13 @@ class Synchroniser:
         vx, vy, vz = nearest.velocity_ned_m_s
         moved = (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s)
         return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter)
+
+
+def _possible(rates_rad_s: Vector | None) -> Vector | None:
+    """The rates, unless nothing that flies turns so fast."""
+    if rates_rad_s is None or max(map(abs, rates_rad_s)) > MOST_RATE_RAD_S:
+        return None
+    return rates_rad_s
 
 
 def _nearest(t_ns: int, before: S | None, after: S | None) -> S:

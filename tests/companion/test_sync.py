@@ -19,7 +19,7 @@ from companion.rotation import (
     slerp,
     to_rotation_vector,
 )
-from companion.sync import NS, DropCause, PoseAt, Source, Synchroniser, SyncParams
+from companion.sync import FARTHEST_M, NS, DropCause, PoseAt, Source, Synchroniser, SyncParams
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
@@ -208,3 +208,24 @@ def test_bounds_are_checked():
         SyncParams(max_gap_s=3.0)
     with pytest.raises(ValueError, match="held_samples"):
         SyncParams(held_samples=math.nan)
+
+
+@pytest.mark.parametrize("rate", [71.0, 1e4, 1e200])
+def test_rates_that_nothing_flies_with_carry_no_attitude(rate):
+    """By such rates a frame would be levelled anyhow, or not at all."""
+    q = (1.0, 0.0, 0.0, 0.0)
+    alone = synchroniser(AttitudeSample(0, 0, q, (rate, 0.0, 0.0)))
+    assert alone.attitude_at(10 * MS) is DropCause.NO_RATES
+    two = synchroniser(AttitudeSample(0, 0, q, None), AttitudeSample(20 * MS, 20 * MS, q, (0.0, -rate, 0.0)))
+    at = two.attitude_at(30 * MS)  # the turn between the two is none
+    assert at.source is Source.EXTRAPOLATED
+    assert angle_between(at.q_ned_frd_wxyz, q) < 1e-9
+
+
+@pytest.mark.parametrize("far_m", [1.01 * FARTHEST_M, -1e8, 1e39, 1e300])
+def test_a_position_beyond_every_local_frame_is_none(far_m):
+    exact = synchroniser(PoseSample(0, 0, (0.0, far_m, 0.0)))
+    assert "km from the origin" in exact.pose_at(0)
+    carried = synchroniser(PoseSample(0, 0, (0.0, 0.0, 0.0), (far_m * 100, 0.0, 0.0)))
+    assert "km from the origin" in carried.pose_at(100 * MS)
+    assert isinstance(synchroniser(PoseSample(0, 0, (0.0, 0.0, -FARTHEST_M))).pose_at(0), PoseAt)
