@@ -14,9 +14,10 @@ from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, Event
 from drivers.mcap_file import LoggedMessage, McapRecording
 from drivers.proto import osape_v1_pb2 as pb
+from drivers.topics import TOPICS
 
 from .compare import Comparison, Key, key_of
-from .config import Config, config_from_text, config_text, load_config
+from .config import Config, ConfigError, config_from_text, config_text, load_config
 from .console import fail, progress, say_json
 from .log_writer import LogWriter, refuse_output
 from .messages import prisms_message, state_from_message
@@ -66,7 +67,7 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
     with ExitStack() as stack:
         source = stack.enter_context(McapRecording(path))
         config = _config(options, source)
-        state = state_from_message(source.snapshot) if source.snapshot is not None else None
+        state = _state(source)
         pipeline = make_pipeline(config, source.cameras, state)
         comparison = Comparison(options.tolerance) if options.check else None
         result = Replay(Tally(), {}, tuple(info.camera for info in source.cameras), comparison)
@@ -124,12 +125,43 @@ class _Sink:
 
 
 def _config(options: Options, source: McapRecording) -> Config:
-    """The one given, else the one in the log, else the default."""
+    """The one given (raises ConfigError where its cameras are not those of the log), else the one in the log, else the default."""
     if options.config is not None:
-        return load_config(options.config)
+        config = load_config(options.config)
+        _refuse_strangers(config, options.config, source)
+        return config
     if source.run is not None and source.run.config_json:
         return config_from_text(source.run.config_json, f"the configuration in {source.path}")
     return Config()
+
+
+def _refuse_strangers(config: Config, path: Path, source: McapRecording) -> None:
+    """A mount or a range under a misspelt name would silently go nowhere. A configuration of more cameras than the log
+    has is none, nor one that is silent about cameras."""
+    there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
+    strange, bare = [name for name in said if name not in there], [name for name in there if name not in said]
+    if strange and bare:
+        raise ConfigError(
+            str(path),
+            [
+                f'[[camera]] "{name}": {source.path} has no such camera, and nothing is said of its {", ".join(bare)}; '
+                "correct the name, or leave the section out"
+                for name in strange
+            ],
+        )
+
+
+def _state(source: McapRecording) -> PipelineState | None:
+    """What the log opens with. Raises BadData when that cannot be used."""
+    if source.snapshot is None:
+        return None
+    try:
+        return state_from_message(source.snapshot)
+    except ValueError as error:
+        raise BadData(
+            f"{source.path}: {TOPICS['state'].name}: {error}; the frames depend on it. Use another copy of the file, or "
+            "import the recording anew"
+        ) from error
 
 
 def _events(source: McapRecording, comparison: Comparison | None) -> Iterator[Event]:

@@ -15,6 +15,8 @@ from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Intr
 from .proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
+_LAST_NS = 1 << 62
+"""Later stamps (after 146 years) are damage."""
 
 
 def stamp(t_ns: int) -> Timestamp:
@@ -26,6 +28,16 @@ def stamp(t_ns: int) -> Timestamp:
 def stamp_ns(timestamp: Timestamp) -> int:
     """The instant of a viewer's stamp."""
     return int(timestamp.seconds) * NS + int(timestamp.nanos)
+
+
+def checked_stamps(t_ns: int, t_arrival_ns: int) -> tuple[int, int]:
+    """Both as they are. Raises ValueError for those that no clock shows: a measurement may lie before the clock's zero
+    (a wrong estimate of the autopilot's clock), an arrival may not."""
+    if not -_LAST_NS < t_ns < _LAST_NS:
+        raise ValueError(f"stamp {t_ns} ns is out of range")
+    if not 0 <= t_arrival_ns < _LAST_NS:
+        raise ValueError(f"arrival {t_arrival_ns} ns is out of range")
+    return t_ns, t_arrival_ns
 
 
 def optical_frame(camera: str) -> str:
@@ -56,8 +68,7 @@ def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
     """An attitude sample of a message."""
     q, rates = message.q_ned_frd, message.rates_frd_rad_s
     return AttitudeSample(
-        message.t_ns,
-        message.t_arrival_ns,
+        *checked_stamps(message.t_ns, message.t_arrival_ns),
         (q.w, q.x, q.y, q.z),
         (rates.x, rates.y, rates.z) if message.HasField("rates_frd_rad_s") else None,
     )
@@ -76,8 +87,7 @@ def pose_from_message(message: pb.PoseSample) -> PoseSample:
     """A position sample of a message."""
     p, v = message.position_ned_m, message.velocity_ned_m_s
     return PoseSample(
-        message.t_ns,
-        message.t_arrival_ns,
+        *checked_stamps(message.t_ns, message.t_arrival_ns),
         (p.x, p.y, p.z),
         (v.x, v.y, v.z) if message.HasField("velocity_ned_m_s") else None,
         message.reset_counter,
@@ -156,12 +166,13 @@ def depth_from_message(message: RawImage, info: CameraInfo, sequence: int, t_arr
         raise ValueError(f"image of {width}x{height}, but its camera info says {k.width}x{k.height}")
     if step < 2 * width or step % 2 or len(message.data) != step * height:
         raise ValueError(f"image of {width}x{height} with rows of {step} bytes holds {len(message.data)} bytes")
+    t_exposure_ns, t_arrival_ns = checked_stamps(stamp_ns(message.timestamp), t_arrival_ns)
     rows = np.frombuffer(message.data, dtype="<u2").reshape(height, step // 2)
     depth_mm = np.ascontiguousarray(rows[:, :width], dtype=np.uint16)
     return DepthFrame(
         camera=info.camera,
         sequence=sequence,
-        t_exposure_ns=stamp_ns(message.timestamp),
+        t_exposure_ns=t_exposure_ns,
         t_arrival_ns=t_arrival_ns,
         depth_mm=depth_mm,
     )

@@ -22,11 +22,12 @@ from companion.pipeline import PipelineState
 from companion.replay import Options, make_pipeline, replay
 from companion.replay_report import problems_of
 from companion.run_info import run_info
-from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics
+from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.mcap_file import McapRecording
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulated_flight import SimulatedFlight
 from drivers.topics import TOPICS
+from drivers.wire import attitude_message, camera_message, depth_message
 
 from .made_up import Events, flight, write_flight
 
@@ -372,3 +373,69 @@ def test_an_output_that_is_no_log_is_left_as_it_is(tmp_path, recorded, capsys):
     assert "exists and is no log" in capsys.readouterr().err
     assert config.read_text() == "[sync]\n"
     assert list(tmp_path.iterdir()) == [config]
+
+
+def test_a_configuration_for_another_camera_is_refused(tmp_path, recorded, capsys):
+    """Its mount would go nowhere."""
+    config = tmp_path / "c.toml"
+    config.write_text('[[camera]]\nname = "fornt"\npitch_deg = -20\n')
+    assert main(["replay", str(recorded), "-c", str(config)]) == 1
+    said = capsys.readouterr().err
+    assert '"fornt"' in said
+    assert "nothing is said of its front; correct the name" in said
+    config.write_text('[[camera]]\nname = "front"\n[[camera]]\nname = "rear"\n')
+    assert main(["replay", str(recorded), "-c", str(config)]) == 0
+
+
+def test_a_state_that_cannot_be_used_is_told_with_the_file(tmp_path, capsys):
+    path = tmp_path / "odd.mcap"
+    sample = pb.AttitudeSample(t_ns=1, t_arrival_ns=1, q_ned_frd=pb.Quaternion(w=3.0))
+    with LogWriter(path) as log:
+        log.write("camera_info", camera_message(SMALL), 0, camera="front")
+        log.write("state", pb.StateSnapshot(attitudes=[sample]), 0)
+        for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events():
+            log.event(event)
+    assert main(["replay", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert "odd.mcap: /state: attitude at 1 ns: quaternion norm 3" in said
+    assert "Use another copy" in said
+
+
+@pytest.mark.parametrize("odd", ["stamp of an image", "arrival of an attitude", "arrival of an image"])
+def test_a_stamp_beyond_every_clock_costs_its_own_message_only(odd, tmp_path, capsys):
+    path, out = tmp_path / "odd.mcap", tmp_path / "out.mcap"
+    number = 0
+    with LogWriter(path) as log:
+        log.begin(run_info("simulated"), (SMALL,))
+        for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.5).events():
+            message = depth_message(event) if isinstance(event, DepthFrame) else None
+            number += message is not None
+            if message is not None and number == 2 and odd == "stamp of an image":
+                message.timestamp.seconds = 1 << 62
+                log.write("depth", message, event.t_arrival_ns, "front", 1)
+            elif message is not None and number == 2 and odd == "arrival of an image":
+                log.write("depth", message, (1 << 62) + 1, "front", 1)
+            elif number == 2 and isinstance(event, AttitudeSample) and odd == "arrival of an attitude":
+                number += 100
+                late = attitude_message(event)
+                late.t_arrival_ns = -5
+                log.write("attitude", late, event.t_arrival_ns)
+            else:
+                log.event(event)
+    assert main(["replay", str(path), "-o", str(out)]) == 1
+    assert "1 messages could not be used and were left out" in capsys.readouterr().err
+    assert len(prisms_of(out)) == (6 if odd == "arrival of an attitude" else 5)
+
+
+def test_a_position_beyond_float32_publishes_in_level(tmp_path):
+    """In ned a wall there would be of infinite numbers, and valid."""
+    path, out = tmp_path / "far.mcap", tmp_path / "out.mcap"
+    events = [
+        dataclasses.replace(e, position_ned_m=(1e39, 0.0, 0.0)) if isinstance(e, PoseSample) else e
+        for e in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events()
+    ]
+    write_recording(Events(events, (SMALL,)), path, run_info("simulated"))
+    assert main(["replay", str(path), "-o", str(out)]) == 0
+    prisms = prisms_of(out)
+    assert {p.frame for p in prisms} == {"level"}
+    assert all(np.isfinite(p.planes.corners_m).all() for p in prisms)
