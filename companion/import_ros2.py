@@ -270,6 +270,11 @@ class Ros2Source:
         if bad:
             self._report.problem("attitude", f"{self._path}: {bad} attitudes of {attitude} are no rotation, left out")
         to_child = self._fixed.between
+        for stranger in self._motion.strangers(attitude, to_child):
+            self._report.note(
+                f"no transform joins {stranger} and {topics.base_frame}: {attitude} is taken as the attitude of the vehicle "
+                "itself; if it is not, record /tf_static, or choose with --base-frame"
+            )
         attitudes, poses = (
             self._motion.attitudes(attitude, to_child),
             self._motion.poses(pose, to_child) if pose else [],

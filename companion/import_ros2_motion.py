@@ -106,28 +106,36 @@ class Motion:
         self._readings.setdefault(topic, []).append(reading)
 
     def attitudes(self, topic: str, between: Between) -> list[AttitudeSample]:
-        """Attitudes of the base frame, ned from frd, in file order."""
+        """Attitudes of the base frame, ned from frd, in file order. Rates that are zero throughout were never filled in
+        (a real gyro is never still): they are not told."""
+        told = any(r.rates is not None and r.rates.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
             joined = between(r.body, self._base)
             # where no chain joins the two they are taken as the same body, each with the axes that its name says
             R_frd_body = to_frd(r.body) if joined is None else to_frd(self._base) @ joined.R.T
             R = to_ned(r.world) @ r.R_world_body @ R_frd_body.T
-            rates = None if r.rates is None else triple(R_frd_body @ r.rates)
+            rates = None if r.rates is None or not told else triple(R_frd_body @ r.rates)
             out.append(AttitudeSample(r.t_ns, r.log_ns, quaternion_wxyz(R), rates))
         return out
 
     def poses(self, topic: str, between: Between) -> list[PoseSample]:
-        """Positions of the base frame in ned, in file order."""
+        """Positions of the base frame in ned, in file order. Velocities that are zero throughout are not told."""
+        told = any(r.velocity is not None and r.velocity.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
             if r.t_m is None:
                 continue
             lever_m = r.R_world_body @ self._body_from_base(r, between).t_m
             R_ned_world = to_ned(r.world)
-            velocity = None if r.velocity is None else triple(R_ned_world @ r.R_world_body @ r.velocity)
+            velocity = None if r.velocity is None or not told else triple(R_ned_world @ r.R_world_body @ r.velocity)
             out.append(PoseSample(r.t_ns, r.log_ns, triple(R_ned_world @ (r.t_m + lever_m)), velocity))
         return out
+
+    def strangers(self, topic: str, between: Between) -> list[str]:
+        """Body frames of a topic that no chain joins with the base frame: taken as the same body."""
+        bodies = {r.body for r in self._readings[topic]} - {self._base}
+        return sorted(body for body in bodies if between(body, self._base) is None)
 
     def _body_from_base(self, r: Reading, between: Between) -> Rigid:
         """Where the base frame stands in the frame that the reading is of; the same one where no chain joins them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mcap_file import McapRecording
 
 from .recordings import events_of, frames_of
-from .ros2_recording import NS, R_ENU_FLU, RATES_FLU, START_NS, RosFlight, expected_depth
+from .ros2_recording import NS, R_ENU_FLU, RATES_FLU, START_NS, RosFlight, expected_depth, vector
 
 R_FLU_CAMOPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Of a camera that looks forward, in ROS terms."""
@@ -298,3 +299,25 @@ def test_the_recording_is_never_written_over(
     assert main(["import", str(path), "-o", str(tmp_path / output)]) == 1
     assert "give -o another name" in capsys.readouterr().err
     assert path.read_bytes() == before
+
+
+def test_a_body_that_nothing_joins_with_the_vehicle_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert imported(RosFlight(odometry_child="t265_pose"), tmp_path)[0] == 0
+    assert "no transform joins t265_pose and base_link" in capsys.readouterr().out
+    assert imported(RosFlight(), tmp_path)[0] == 0
+    assert "t265" not in capsys.readouterr().out
+
+
+def test_a_twist_that_was_never_filled_in_is_not_told(tmp_path: Path) -> None:
+    """Carrying an attitude by rates of zero would freeze it; the turn between two samples is better."""
+
+    class Bare(RosFlight):
+        def moved(self, kind: str, t_ns: int) -> tuple[str, str, dict[str, Any]]:
+            topic, type_name, message = super().moved(kind, t_ns)
+            message["twist"]["twist"] = {"linear": vector(0, 0, 0), "angular": vector(0, 0, 0)}
+            return topic, type_name, message
+
+    _, out = imported(Bare(), tmp_path)
+    events = events_of(out)
+    assert {e.rates_frd_rad_s for e in events if isinstance(e, AttitudeSample)} == {None}
+    assert {e.velocity_ned_m_s for e in events if isinstance(e, PoseSample)} == {None}
