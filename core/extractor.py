@@ -233,7 +233,7 @@ class Extractor:
         p = self.params
         size = 2 * max(n, 1) + 16
         planes = self._buffer("planes", (size, 8), np.float64)
-        plane_ints = self._buffer("plane_ints", (size, 7), np.int32)
+        plane_ints = self._buffer("plane_ints", (size, 9), np.int32)
         moments = self._buffer("moments", (size, 6), np.float64)
         column_t = float(view.lateral[0]) / view.f_px
         if p.paper:

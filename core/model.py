@@ -14,7 +14,9 @@ from .params import Params
 from .types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
 
 _INFERRED_SHARE = 0.05
-"""A plane with more of its rows filled than this is called inferred; less is what single pixels drop out."""
+"""A plane with more of its rows or columns filled than this is called inferred; less is what single pixels drop out."""
+_BESIDE_COLUMNS = 4.0
+"""Columns of a plane without a strip that are no gap: footprints of both ends, and where neighbours meet."""
 
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
@@ -70,7 +72,9 @@ def plane_flags(planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view
     column_t = float(view.lateral[0]) / view.f_px
     inferred = plane_ints[:, pl.P_INFERRED] > 0
     filled = plane_ints[:, pl.P_FILL] > _INFERRED_SHARE * plane_ints[:, pl.P_ROWS]
-    flags = np.where(inferred | filled, int(PlaneFlags.INFERRED), 0)
+    columns = (planes[:, pl.T1] - planes[:, pl.T0]) / column_t
+    spanned = plane_ints[:, pl.P_COLUMNS] < (1.0 - _INFERRED_SHARE) * columns - _BESIDE_COLUMNS
+    flags = np.where(inferred | filled | spanned, int(PlaneFlags.INFERRED), 0)
     flags |= np.where(inferred, 0, int(PlaneFlags.UNKNOWN_BEHIND))
     flags |= np.where(planes[:, pl.T0] <= (1.5 - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
     flags |= np.where(planes[:, pl.T1] >= (view.cols - 2.5 - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0)

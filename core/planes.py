@@ -13,13 +13,13 @@ from numba import njit
 
 from .lines import W, fit_line, incidence_cosine
 from .openings import is_open
-from .strips import BOTTOM, CUT, FILL, NEAR, SUPPORT, TOP, TRACK
+from .strips import BOTTOM, CUT, FILL, NEAR, SUPPORT, TOP, TRACK, U
 from .tracks import T_T0, T_T1, tangent
 
 # columns of the float table of planes: line a, b; first and last tangent; heights (m, down); misfit in front (m); distance in the middle (m)
 A, B, T0, T1, Z0, Z1, FRONT, MIDDLE = range(8)
 # columns of the integer table
-P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED, P_ROWS = range(7)
+P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED, P_ROWS, P_COLUMNS, P_LAST_U = range(9)
 MOST_M = 1e9
 _BESIDE_M = 0.1
 
@@ -46,14 +46,14 @@ def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, plan
 def measure_planes(
     ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, count, plane_of, planes, plane_ints
 ):  # fmt: skip
-    """Heights, support, filled rows, cuts, clusters and the misfit in front, of every plane, from its strips.
+    """Heights, support, filled rows, seen columns, cuts, clusters and the misfit in front, of every plane, from its strips.
 
     plane_of: (tracks,) int32 root plane of a track. FRONT is the largest excess of the robust near edge over
     safe_distance, perpendicular to the plane, and at least what keeps half a metre along the viewing ray."""
     for k in range(count):
         planes[k, Z0], planes[k, Z1], planes[k, FRONT] = MOST_M, -MOST_M, -MOST_M
         plane_ints[k, P_SUPPORT], plane_ints[k, P_FILL], plane_ints[k, P_CUT], plane_ints[k, P_KIND] = 0, 0, 0, 0
-        plane_ints[k, P_ROWS] = 0
+        plane_ints[k, P_ROWS], plane_ints[k, P_COLUMNS], plane_ints[k, P_LAST_U] = 0, 0, -1
         planes[k, MIDDLE] = distance_at(planes[k], 0.5 * (planes[k, T0] + planes[k, T1]))
     for i in range(n):
         if ints[i, SUPPORT] == 0:
@@ -72,6 +72,9 @@ def measure_planes(
         plane_ints[k, P_SUPPORT] += ints[i, SUPPORT]
         plane_ints[k, P_FILL] += ints[i, FILL]
         plane_ints[k, P_ROWS] += ints[i, BOTTOM] - ints[i, TOP] + 1
+        if ints[i, U] != plane_ints[k, P_LAST_U]:  # strips come in order of their columns
+            plane_ints[k, P_COLUMNS] += 1
+            plane_ints[k, P_LAST_U] = ints[i, U]
         plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, 4])
         plane_ints[k, P_CLUSTER] = ints[i, 5]
         # the near edge along the ray, and its distance to the plane

@@ -13,6 +13,8 @@ from .lines import add_point
 from .params import Params
 
 _MOST_SPLITS = 100000
+_MANY_COLUMNS = 1 << 30
+"""The printed form does not ask which columns of a plane were seen."""
 
 
 def planes_paper(
@@ -36,7 +38,7 @@ def planes_paper(
         s0, s1 = (1.0 / ax, 1.0 / bx) if ay / ax <= by / bx else (1.0 / bx, 1.0 / ax)
         b = (s1 - s0) / (t1 - t0) if t1 - t0 > 1e-9 else 0.0
         planes[count] = (s0 - b * t0, b, t0 - half, t1 + half, top, bottom, -params.safe_distance_m, 0.0)
-        plane_ints[count] = (cluster, support, 0, 0, 0, 0, 1)
+        plane_ints[count] = (cluster, support, 0, 0, 0, 0, 1, _MANY_COLUMNS, -1)
         moments[count] = 0.0
         add_point(moments[count], t0, s0, 1e6)
         count += 1

@@ -14,10 +14,12 @@ from .openings import is_open
 from .planes import (
     FRONT,
     P_CLUSTER,
+    P_COLUMNS,
     P_CUT,
     P_FILL,
     P_INFERRED,
     P_KIND,
+    P_LAST_U,
     P_ROWS,
     P_SUPPORT,
     T0,
@@ -139,7 +141,7 @@ def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least
         plane_ints[count, P_CLUSTER], plane_ints[count, P_SUPPORT] = plane_ints[i, P_CLUSTER], 0
         plane_ints[count, P_FILL], plane_ints[count, P_CUT], plane_ints[count, P_KIND] = 1, 0, 0
         plane_ints[count, P_INFERRED] = 1
-        plane_ints[count, P_ROWS] = 1
+        plane_ints[count, P_ROWS], plane_ints[count, P_COLUMNS], plane_ints[count, P_LAST_U] = 1, 0, -1
         moments[count] = moments[i] + moments[best]
         count += 1
     return count

@@ -96,11 +96,11 @@ def kth_largest(values, n, k):
 
 
 @njit(cache=True, nogil=True)
-def add_strip(ints, floats, n, u, top, bottom, support, kind, d, near, sigma):
+def add_strip(ints, floats, n, u, top, bottom, support, kind, d, near, sigma, filled):
     """Appends a strip. There is always room: strips of one column share no pixel, so a view has no more than cells."""
     ints[n, U], ints[n, TOP], ints[n, BOTTOM] = u, top, bottom
     ints[n, SUPPORT], ints[n, KIND], ints[n, CLUSTER], ints[n, TRACK] = support, kind, -1, -1
-    ints[n, FILL], ints[n, CUT] = 0, 0
+    ints[n, FILL], ints[n, CUT] = filled, 0
     floats[n, D], floats[n, NEAR], floats[n, SIGMA] = d, near, sigma
     return n + 1
 
@@ -121,8 +121,11 @@ def near_side(values, n, mean, fs, si):
 
 @njit(cache=True, nogil=True)
 def emit_pixels(line, state, member, label, top, bottom, rough, kind, u, H, fs, si, scratch, ints, floats, n):
-    """One strip from the rows top..bottom with member[v] == label, and marks them taken; returns the new count."""
+    """One strip from the rows top..bottom with member[v] == label; returns the new count.
+
+    Runs of more than irregular_gap_px rows between members were never seen at this distance: they count as filled."""
     count = 0
+    filled = 0
     total = np.float64(0.0)
     first_row = -1
     last_row = -1
@@ -134,6 +137,8 @@ def emit_pixels(line, state, member, label, top, bottom, rough, kind, u, H, fs, 
             count += 1
             if first_row < 0:
                 first_row = v
+            elif v - last_row - 1 > si[I_GAP]:
+                filled += v - last_row - 1
             last_row = v
     if count == 0:
         return n
@@ -146,7 +151,7 @@ def emit_pixels(line, state, member, label, top, bottom, rough, kind, u, H, fs, 
     near = np.float32(max(0.5 * d, near - fs[S_BAND_SIGMAS] * sigma))
     share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
     support = max(1, int(PX * count * share + 0.5))
-    return add_strip(ints, floats, n, u, first_row, last_row, support, kind, d, near, np.float32(sigma))
+    return add_strip(ints, floats, n, u, first_row, last_row, support, kind, d, near, np.float32(sigma), filled)
 
 
 @njit(cache=True, nogil=True)
@@ -307,7 +312,7 @@ def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n):
     d = most if rough else total / count
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
     kind = ROUGH if rough else SMOOTH
-    return add_strip(ints, floats, n, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma))
+    return add_strip(ints, floats, n, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma), 0)
 
 
 @njit(cache=True, nogil=True)

@@ -79,7 +79,7 @@ def plane_table(*rows: tuple[float, ...], room: int = 8) -> tuple[np.ndarray, np
     """(planes, ints, moments) of rectangles (a_x, a_y, b_x, b_y, top, bottom), all of cluster 0."""
     n = len(rows)
     width = 1 + max(v for k, v in vars(pl).items() if k in ("FRONT", "MIDDLE"))
-    planes, ints, moments = np.zeros((n + room, width)), np.zeros((n + room, 8), np.int32), np.zeros((n + room, 6))
+    planes, ints, moments = np.zeros((n + room, width)), np.zeros((n + room, 9), np.int32), np.zeros((n + room, 6))
     for k, (ax, ay, bx, by, top, bottom) in enumerate(rows):
         planes[k, pl.A], planes[k, pl.B] = line_through((ax, ay), (bx, by))
         planes[k, pl.T0], planes[k, pl.T1] = ay / ax, by / bx

@@ -31,7 +31,7 @@ def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[
     """Tracks of a table of strips as measured planes."""
     count = t.track(hs=1.0)
     size = 2 * t.n + 16
-    planes, ints, plane_of = np.zeros((size, 8)), np.zeros((size, 8), np.int32), np.zeros(size, np.int32)
+    planes, ints, plane_of = np.zeros((size, 8)), np.zeros((size, 9), np.int32), np.zeros(size, np.int32)
     g = t.view
     pl.planes_from_tracks(count, t.moments, t.track_floats, 1.2, 0.5 / F, planes, ints, plane_of)
     pl.measure_planes(
@@ -52,6 +52,7 @@ def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
     assert p[pl.Z1] == pytest.approx(5.0 * (80 - 50) / F)
     assert ends(p) == pytest.approx((5.0, 5.0 * (9.5 - 29.5) / F, 5.0, 5.0 * (49.5 - 29.5) / F), abs=1e-3)
     assert ints[0, pl.P_SUPPORT] == 40 * 30 * s.PX
+    assert (ints[0, pl.P_COLUMNS], ints[0, pl.P_ROWS]) == (40, 40 * 60)
     assert p[pl.FRONT] == pytest.approx(-0.28, abs=1e-3)
     higher, _, _ = whole_way(t, footprint=1.0)
     assert higher[0, pl.Z0] == pytest.approx(5.0 * (19 - 50) / F)

@@ -107,6 +107,16 @@ def test_a_pole_in_front_does_not_pull_the_wall_behind_it_forward() -> None:
     assert (c.state[40:44] == s.FREE_PX).all()  # nearer than the peak: left for a strip of its own
 
 
+def test_rows_between_members_that_were_never_seen_count_as_filled() -> None:
+    x = np.full(100, 5.0)
+    x[40:50] = math.nan
+    x[70:73] = math.nan  # no more than single pixels drop out
+    c = Column(x)
+    n = c.windows(0.9 * code(5.0)[0], 1.1 * code(5.0)[0], F / 5.0)
+    assert c.ends(n) == [(0, 99)]
+    assert c.ints[0, s.FILL] == 10
+
+
 def cut_rows(c: Column) -> list[int]:
     k = s.split_bands(c.line, c.state, c.member, 0, 0, len(c.line) - 1, c.fs, c.si, c.cuts)
     return [int(v) for v in c.cuts[:k]]
