@@ -8,6 +8,8 @@ from typing import Any
 
 from .compare import Comparison, Key
 from .console import say
+from .pipeline import UNSEEN, FrameDecision
+from .sync import DropCause
 from .tally import Tally
 
 _LISTED = 5
@@ -27,19 +29,32 @@ class Replay:
 def problems_of(result: Replay) -> list[str]:
     """What keeps the command from success, in words with a remedy."""
     problems = [result.damage] if result.damage else []
-    first = result.tally.first_dropped
-    if first is not None:
-        causes = ", ".join(f"{n} x {cause}" for cause, n in sorted(result.tally.dropped.items()))
-        problems.append(
-            f"{result.tally.dropped.total()} of {result.tally.frames} frames were dropped and are published as blind "
-            f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
-            "Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]"
-        )
+    if result.tally.first_dropped is not None:
+        problems.append(_drop_problem(result.tally, result.tally.first_dropped))
     elif result.tally.frames == 0 and not result.damage:
         problems.append("no depth image in the input: nothing was computed")
     if result.comparison is not None and not result.comparison.passed:
         problems.append(_check_problem(result.comparison))
     return problems
+
+
+def _drop_problem(tally: Tally, first: FrameDecision) -> str:
+    causes = ", ".join(f"{n} x {cause}" for cause, n in sorted(tally.dropped.items()))
+    passed_over = sum(tally.dropped[str(cause)] for cause in UNSEEN)
+    wrong_size = tally.dropped[str(DropCause.WRONG_SIZE)]
+    blind = tally.dropped.total() - passed_over
+    remedies = []
+    if blind > wrong_size:
+        remedies.append("Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]")
+    if wrong_size:
+        remedies.append("Give the camera the description of its image size")
+    if passed_over:
+        remedies.append(f"{passed_over} came twice or out of order and are passed over: look at the camera's stamps")
+    return (
+        f"{tally.dropped.total()} of {tally.frames} frames were dropped and {blind} of them are published as blind "
+        f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
+        + ". ".join(remedies)
+    )
 
 
 def _check_problem(comparison: Comparison) -> str:

@@ -439,3 +439,15 @@ def test_a_position_beyond_float32_publishes_in_level(tmp_path):
     prisms = prisms_of(out)
     assert {p.frame for p in prisms} == {"level"}
     assert all(np.isfinite(p.planes.corners_m).all() for p in prisms)
+
+
+def test_a_frame_that_comes_twice_is_not_called_blind(tmp_path, capsys):
+    events = list(SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.2).events())
+    twice = next(i for i, e in enumerate(events) if isinstance(e, DepthFrame))
+    path = tmp_path / "twice.mcap"
+    write_recording(Events([*events[: twice + 1], *events[twice:]], (SMALL,)), path, run_info("simulated"))
+    assert main(["replay", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert "1 of 4 frames were dropped and 0 of them are published as blind" in said
+    assert "look at the camera's stamps" in said
+    assert "attitude" not in said
