@@ -8,17 +8,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final
 
+import numpy as np
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError, Message
 from mcap.records import Channel, Schema
 
-from core.types import CameraInfo
+from core.types import UNKNOWN_MM, CameraInfo, DepthFrame
 
 from .base import BadData, DeviceNotFound, Event
 from .mcap_scan import Damage, Logged, McapScan, NotMcap
 from .proto import osape_v1_pb2 as pb
 from .topics import ENCODING, TOPICS, find_topic
-from .wire import attitude_from_message, camera_from_message, depth_from_message, pose_from_message
+from .wire import (
+    attitude_from_message,
+    camera_from_message,
+    checked_stamps,
+    depth_from_message,
+    pose_from_message,
+    stamp_ns,
+)
 
 EVENT_KEYS: Final = ("depth", "attitude", "pose")
 _ROS2_DEPTH: Final = ("sensor_msgs/msg/Image", "sensor_msgs/Image")
@@ -88,8 +96,9 @@ class McapRecording:
             self._scan = None
 
     def events(self) -> Iterator[Event]:
-        """Depth, attitude and pose in file order. Samples and images that do not fit are left out; where the file is
-        damaged the pass ends. Either is told at the end by BadData, after everything readable was delivered."""
+        """Depth, attitude and pose in file order. Samples that do not fit are left out; an image that does not comes as
+        one of a single unknown pixel, so that its exposure is blind and not forgotten; where the file is damaged the
+        pass ends. Each is told at the end by BadData, after everything readable was delivered."""
         for item in self.events_with():
             if not isinstance(item, LoggedMessage):
                 yield item
@@ -105,11 +114,14 @@ class McapRecording:
                 event = self._event(item)
             except ValueError as error:
                 rejected.append(f"{TOPICS[item.key].of(item.camera)}: {error}")
-                continue
+                blind = self._unreadable(item)
+                if blind is None:
+                    continue
+                event = blind
             yield event
         if rejected:
             raise BadData(
-                f"{self.path}: {len(rejected)} messages could not be used and were left out, the first: {rejected[0]}; "
+                f"{self.path}: {len(rejected)} messages could not be used and were left out (an image among them is blind), the first: {rejected[0]}; "
                 "correct what wrote them, or go on without them"
             )
 
@@ -154,6 +166,22 @@ class McapRecording:
         if isinstance(message, pb.PoseSample):
             return pose_from_message(message)
         raise ValueError(f"{item.key} is no event")
+
+    def _unreadable(self, item: LoggedMessage) -> DepthFrame | None:
+        """A frame of one unknown pixel in place of an image that cannot be used; None where its stamps cannot either."""
+        if not isinstance(item.message, RawImage):
+            return None
+        try:
+            t_exposure_ns, t_arrival_ns = checked_stamps(stamp_ns(item.message.timestamp), item.t_log_ns)
+        except ValueError:
+            return None
+        return DepthFrame(
+            camera=item.camera,
+            sequence=item.sequence,
+            t_exposure_ns=t_exposure_ns,
+            t_arrival_ns=t_arrival_ns,
+            depth_mm=np.full((1, 1), UNKNOWN_MM, np.uint16),
+        )
 
     def _read_head(self) -> None:
         """Cameras, run and state. One pass, cut short where the closing part of the file says what there is."""

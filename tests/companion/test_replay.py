@@ -427,6 +427,24 @@ def test_a_stamp_beyond_every_clock_costs_its_own_message_only(odd, tmp_path, ca
     assert len(prisms_of(out)) == (6 if odd == "arrival of an attitude" else 5)
 
 
+def test_an_image_of_another_size_in_a_log_is_published_as_blind(tmp_path, capsys):
+    path, out = tmp_path / "odd.mcap", tmp_path / "out.mcap"
+    number = 0
+    with LogWriter(path) as log:
+        log.begin(run_info("simulated"), (SMALL,))
+        for event in SimulatedFlight("demo", cameras=(SMALL,), duration_s=0.5).events():
+            if isinstance(event, DepthFrame):
+                number += 1
+                if number == 2:
+                    event = dataclasses.replace(event, depth_mm=np.full((20, 30), 5000, np.uint16))
+            log.event(event)
+    assert main(["replay", str(path), "-o", str(out)]) == 1
+    assert "an image among them is blind" in capsys.readouterr().err
+    valid = [message.valid for message in prisms_of(out)]
+    assert valid == [True, False] + [True] * (len(valid) - 2)
+    assert len(valid) == number
+
+
 def test_a_position_beyond_float32_publishes_in_level(tmp_path):
     """In ned a wall there would be of infinite numbers, and valid."""
     path, out = tmp_path / "far.mcap", tmp_path / "out.mcap"

@@ -239,8 +239,12 @@ def test_samples_that_do_not_fit_are_left_out_and_told(tmp_path):
         ],
     )
     events, problem = read(path)
-    assert [type(e).__name__ for e in events] == ["AttitudeSample", "DepthFrame"]
-    assert "3 messages could not be used and were left out, the first: /vehicle/attitude: attitude at" in problem
+    assert [type(e).__name__ for e in events] == ["AttitudeSample", "DepthFrame", "DepthFrame", "DepthFrame"]
+    # an image that cannot be used is not forgotten: its exposure comes as one unknown pixel, which is blind
+    assert [e.depth_mm.shape for e in events[1:]] == [(1, 1), (1, 1), (INFO.intrinsics.height, INFO.intrinsics.width)]
+    assert not events[1].depth_mm.any()
+    assert "3 messages could not be used and were left out (an image among them is blind), the first:" in problem
+    assert "/vehicle/attitude: attitude at" in problem
     assert "nan" in problem
 
 
