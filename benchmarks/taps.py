@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from core import clusters, extractor, fill, planes, refine, strips, support, tracks
+from core import clusters, extractor, fill, planes, refine, support, tracks
 
 Stage = tuple[str, ModuleType, str]
 STAGES: tuple[Stage, ...] = (
@@ -23,7 +23,7 @@ STAGES: tuple[Stage, ...] = (
     ("level", extractor, "level_safe"),
     ("ground", extractor, "find_ground"),
     ("ground", extractor, "ground_gate"),
-    ("density, windows, strips, rest", strips, "extract_strips"),
+    ("density, windows, strips, rest", extractor, "extract_strips"),
     ("support", support, "drop_unsupported"),
     ("support", support, "sort_columns"),
     ("support", support, "mark_cuts"),

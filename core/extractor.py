@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from . import clusters, fill, planes_paper, refine, strips, support, tracks
 from . import planes as pl
 from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table
+from .columns import extract_strips
 from .density import BinTable, bin_table
 from .frames import Rotation
 from .free_space import free_profile
@@ -158,7 +159,7 @@ class Extractor:
         states = self._buffer("states", codes.shape, np.uint8)
         ground_px = self._buffer("ground_px", (view.cols,), np.int32)
         tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
-        found = strips.extract_strips(
+        found = extract_strips(
             codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
             bins.weights, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints, floats, states,
             ground_px,

@@ -1,4 +1,4 @@
-"""Sections 4.1-4.3 for one column: density, windows, strips, and the irregular rest.
+"""Section 4.2 for one column: windows and the strips they give.
 
 A strip is a vertical run of pixels at one distance: (disparity, column, first row, last row). Every kernel works
 on plain arrays. Tables of strips: ints (N, 9) int32 U, TOP, BOTTOM (rows, inclusive), SUPPORT (distinct source pixels, in 1/16), KIND,
@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numba import njit
 
-from .density import MAX_PEAKS, NO_PEAK, find_peaks, soft_counts
 from .level import source_px_per_cell
 
 FREE_PX, GROUND_PX, NONE_PX, FAR_PX, TAKEN_PX = range(5)
@@ -313,125 +312,3 @@ def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n):
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
     kind = ROUGH if rough else SMOOTH
     return add_strip(ints, floats, n, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma), 0)
-
-
-@njit(cache=True, nogil=True)
-def is_horizontal(line, member, label, top, bottom, fs):
-    """Eq. 12-14: do disparity and row of these pixels correlate, and does their line meet the horizon?
-
-    In the levelled view the vanishing row is the horizon whatever the pitch."""
-    n, sd, sv, sdd, svv, sdv = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for v in range(top, bottom + 1):
-        if member[v] == label:
-            d = line[v] / fs[S_QUANTUM]
-            n, sd, sv, sdd, svv, sdv = n + 1, sd + d, sv + v, sdd + d * d, svv + 1.0 * v * v, sdv + d * v
-    if n < 6:
-        return False
-    var_d, var_v, cov = sdd - sd * sd / n, svv - sv * sv / n, sdv - sd * sv / n
-    if var_d <= 1e-9 or var_v <= 1e-9:
-        return False
-    r = cov / math.sqrt(var_d * var_v)
-    centre = (sv / n * sdd - sd / n * sdv) / (sdd - sd * sd / n)
-    return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
-
-
-@njit(cache=True, nogil=True)
-def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n):
-    """Section 4.3: what no window took, in segments; returns the new count.
-
-    A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
-    than irregular_depth_m. `member` is overwritten with the segment's mark."""
-    rows = line.shape[0]
-    paper = si[I_PAPER] == 1
-    mark = 0
-    top, last = -1, -1
-    least, most = 0.0, 0.0
-    for v in range(rows):
-        member[v] = NO_PEAK
-    for v in range(rows + 1):
-        open_ = top >= 0
-        taken = v < rows and state[v] == FREE_PX
-        d = line[v] / fs[S_QUANTUM] if taken else 0.0
-        close = open_ and (v == rows or v - last > si[I_GAP])
-        if open_ and taken and not close:
-            lo, hi = min(least, d), max(most, d)
-            if paper:
-                close = v - top + 1 > fs[S_HD] * most
-            else:
-                noise = 4.0 * fs[S_SIGMA_D]
-                jump = abs(d - line[last] / fs[S_QUANTUM]) > max(noise, fs[S_JUMP] * d)
-                depth = fs[S_F] / lo - fs[S_F] / hi
-                deep = depth > fs[S_DEPTH] + noise * fs[S_F] / (lo * lo)
-                close = jump or deep or v - top + 1 > fs[S_HD] * hi
-        if close:
-            n = close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n)
-            mark = (mark + 1) % NO_PEAK
-            top = -1
-        if taken:
-            if top < 0:
-                top, least, most = v, d, d
-            member[v] = mark
-            last, least, most = v, min(least, d), max(most, d)
-    return n
-
-
-@njit(cache=True, nogil=True)
-def close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n):
-    """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
-    horizontal = is_horizontal(line, member, mark, top, last, fs)
-    if si[I_PAPER] == 1:
-        if horizontal:
-            return n
-        return emit_paper(line, state, top, last, True, u, fs, ints, floats, n)
-    kind = HORIZONTAL if horizontal else IRREGULAR
-    return emit_pixels(line, state, member, mark, top, last, True, kind, u, H, fs, si, scratch, ints, floats, n)
-
-
-@njit(cache=True, nogil=True)
-def extract_strips(
-    codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, fs, si,
-    ints, floats, states, ground_px,
-):  # fmt: skip
-    """All strips of a levelled view, column by column; returns their number.
-
-    codes: (cols, rows) uint16. gate, shift: see `histogram`; shift: (cols,) float32. tan_mid: (rows,) float32.
-    The bin arrays: BinTable. fs, si: settings by the S_ and I_ indices. ints, floats: outputs. states: (cols, rows)
-    uint8 out."""
-    cols, rows = codes.shape
-    n_bins = bin_px.shape[0]
-    hist = np.zeros(n_bins, np.int32)
-    counts = np.zeros(n_bins, np.int32)
-    bins = np.zeros(rows, np.uint16)
-    member = np.zeros(rows, np.uint8)
-    peak_of_bin = np.zeros(n_bins, np.uint8)
-    low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
-    scratch = np.zeros(rows, np.float32)
-    blocks = np.zeros((3, rows + 2), np.int64)
-    cuts = np.zeros(64, np.int32)
-    n = 0
-    for u in range(cols):
-        line, state = codes[u], states[u]
-        ground_px[u] = histogram(line, gate, shift[u], tan_mid, bin_of_code, bins, state, hist)
-        soft_counts(hist, weights, counts)
-        peaks = find_peaks(counts, threshold, fs[S_VALLEY], fs[S_ALPHA], low, high, top)
-        peak_of_bin[:] = NO_PEAK
-        for p in range(peaks):
-            peak_of_bin[low[p] : high[p] + 1] = p
-        for v in range(rows):
-            member[v] = peak_of_bin[bins[v]] if bins[v] > 0 else NO_PEAK
-        for p in range(peaks):
-            x = top[p]
-            spread = bin_px[high[p]] - bin_px[low[p]] + bin_width_px[x]
-            e = fs[S_SIGMA_D] + 2.0 * fs[S_ALPHA] * weights.shape[0] * bin_width_px[x]
-            if si[I_PAPER] == 1:
-                # as printed: ke*(C f/x)^2, metres, added to a disparity
-                e += fs[S_KE] * (fs[S_F] / bin_px[x]) ** 2 - fs[S_SIGMA_D]
-            rough = spread > fs[S_ROUGH] * e
-            low_code = (bin_px[low[p]] - 0.5 * bin_width_px[low[p]]) * fs[S_QUANTUM]
-            high_code = (bin_px[high[p]] + 0.5 * bin_width_px[high[p]]) * fs[S_QUANTUM]
-            n = slide_windows(
-                line, state, member, p, bin_px[x], low_code, high_code, rough, u, H, fs, si, scratch, blocks, cuts,
-                ints, floats, n,
-            )  # fmt: skip
-        n = irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n)
-    return n

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from core import strips as s
+from core.irregular import irregular_rest
 from core.level import ViewGeometry
 from core.params import Params
 from core.settings import float_settings, int_settings
@@ -77,7 +78,7 @@ class Column:
     def rest(self) -> int:
         """irregular_rest; returns the number of strips."""
         return int(
-            s.irregular_rest(
+            irregular_rest(
                 self.line, self.state, self.member, 0, self.H, self.fs, self.si, self.scratch, self.ints, self.floats,
                 0,
             )

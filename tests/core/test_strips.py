@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core import irregular
 from core import strips as s
 from core.density import NO_PEAK
 from core.params import Params
@@ -191,9 +192,9 @@ def test_horizontal_surfaces_correlate_and_vanish_at_the_horizon(tilt: float, ex
     c = Column(np.full(100, 5.0), params=Params(horizontal_centre_px=10.0))
     rows = v[60:100]
     c.line[60:] = np.rint(QUANTUM * (F * tilt + rows - 49.5) / 2.0).astype(np.uint16)
-    assert s.is_horizontal(c.line, c.member, 0, 60, 99, c.fs) == expected
-    assert not s.is_horizontal(c.line, c.member, 0, 0, 50, c.fs)  # a wall: no correlation
-    assert not s.is_horizontal(c.line, c.member, 0, 60, 64, c.fs)  # too few
+    assert irregular.is_horizontal(c.line, c.member, 0, 60, 99, c.fs) == expected
+    assert not irregular.is_horizontal(c.line, c.member, 0, 0, 50, c.fs)  # a wall: no correlation
+    assert not irregular.is_horizontal(c.line, c.member, 0, 60, 64, c.fs)  # too few
 
 
 def test_strips_of_a_wall_stand_at_its_distance_in_every_column() -> None:
