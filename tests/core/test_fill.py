@@ -123,6 +123,19 @@ def test_an_opening_that_goes_on_to_the_side_stays() -> None:
     assert slits(t) == 0
 
 
+def test_a_narrow_opening_at_the_edge_of_what_is_seen_stays() -> None:
+    """Twenty columns are less than Ws, but nobody knows how far it goes on."""
+    t = Strips(cols=60)
+    for u in range(60):
+        if u < 40:
+            t.add(u, 5, 90, X)
+        else:
+            t.add(u, 5, 39, X)
+            t.add(u, 65, 90, X)
+    t.build().cluster()
+    assert slits(low_gaps(t)) == 0
+
+
 def test_a_notch_without_a_sill_is_no_slit() -> None:
     assert slits(low_gaps(opening(20, sill=False))) == 0
 

@@ -142,6 +142,17 @@ def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
     assert (fs.lowest_clear(NO_GROUND, ring_m, np.zeros(2), 0.005, p) > 1e5).all()
 
 
+def test_nothing_below_the_ground_is_free() -> None:
+    g = view(rows=200, cols=160)
+    far = np.full((160, 200), 1, np.uint16)
+    assert (profile(far, g).free_to_m[:, 4] > 5).all()
+    low = profile(far, g, Ground(seen=True, height_m=1.2))
+    assert (low.free_to_m[:, 4:] == 0).all()
+    assert (low.free_to_m[:, 3] > 5).all()
+    # a layer cut by the ground is judged down to it
+    assert (profile(far, g, Ground(seen=True, height_m=2.5)).free_to_m[:, 4] > 5).all()
+
+
 def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
     planes, ints, _ = plane_table(
         (5.0, -1.0, 6.0, 1.0, -0.5, 0.5), (3.0, 1.5, 3.0, 2.0, 1.5, 2.5), (1.0, -3.0, 1.0, 3.0, -9, 9)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from core import openings, refine
@@ -59,6 +59,8 @@ def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
 
 
 @given(SEED, st.floats(0.05, 1.5), st.floats(-0.3, 0.3))
+@example(1, 1.5, 0.3)
+@example(2, 1.5, -0.3)
 def test_no_plane_stays_farther_behind_its_near_edges_than_the_safe_distance(seed: int, out: float, b: float) -> None:
     rng = np.random.default_rng(seed)
     t = Strips(cols=80)
