@@ -202,10 +202,10 @@ def test_random_pictures_of_other_sizes_and_steps_never_raise(seed: int, width: 
     sound(extract(depth, info, level(rng.uniform(-0.9, 0.9), rng.uniform(-0.9, 0.9)), column_step=step), info)
 
 
-def test_noise_of_full_size_stays_within_its_buffers() -> None:
+def test_noise_of_full_width_stays_within_its_buffers() -> None:
     rng = np.random.default_rng(5)
-    info = camera_info(640, 200, focal_px=450.0)
-    model = extract(rng.integers(300, 20000, (200, 640)).astype(np.uint16), info)
+    info = camera_info(640, 64, focal_px=450.0)
+    model = extract(rng.integers(300, 20000, (64, 640)).astype(np.uint16), info)
     assert len(model.planes) > 0
     sound(model, info)
 
