@@ -6,6 +6,8 @@ so the same events give the same results, bit for bit.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -205,13 +207,19 @@ class Pipeline:
     ) -> PrismsResult:
         R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
         R_level_optical = rotation_level_cam_optical(R_ned_frd @ rotation_frd_optical(info.mount))
+        transform = transform_from_level_cam(R_ned_frd, info, pose)
         state = self._states[frame.camera]
         extractor = self._extractors[frame.camera]
         model, after = extractor.extract(
-            frame.depth_mm, info, R_level_optical, state=state.extractor, keep_strips=False
+            frame.depth_mm,
+            info,
+            R_level_optical,
+            state=with_height(state.extractor, pose, transform),
+            keep_strips=False,
         )
+        if not model.ground.seen:  # a height told by the pose is not carried on as one that was seen
+            after = dataclasses.replace(after, ground_height_m=state.extractor.ground_height_m)
         self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns)
-        transform = transform_from_level_cam(R_ned_frd, info, pose)
         return PrismsResult(
             camera=frame.camera,
             sequence=frame.sequence,
@@ -246,6 +254,16 @@ class Pipeline:
             model=None,
         )
         return decision, blind
+
+
+def with_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTransform) -> ExtractorState:
+    """The state with the camera's height above the origin of ned as its ground seed, where no frame has left one yet.
+
+    A hint only: the ground is still found in the image, or not seen. transform: level_cam to the published frame."""
+    height_m = -transform.translation_m[2]
+    if pose is None or math.isfinite(state.ground_height_m) or height_m <= 0.0:
+        return state
+    return dataclasses.replace(state, ground_height_m=height_m)
 
 
 def transform_from_level_cam(R_ned_frd: NDArray[np.float64], info: CameraInfo, pose: PoseAt | None) -> LevelTransform:

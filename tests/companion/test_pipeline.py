@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.pipeline import FrameDecision, Pipeline, PrismsResult, transform_from_level_cam
+from companion.pipeline import FrameDecision, Pipeline, PrismsResult, transform_from_level_cam, with_height
 from companion.reframe import LevelTransform, reframed
 from companion.sync import DropCause, PoseAt, Source
 from core.frames import (
@@ -15,7 +15,7 @@ from core.frames import (
     rotation_from_euler,
     rotation_level_cam_optical,
 )
-from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics, InvalidCause
+from core.types import CameraInfo, CameraMount, DepthFrame, ExtractorState, Intrinsics, InvalidCause
 
 from .made_up import INFO, MS, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 
@@ -201,3 +201,19 @@ def test_a_frame_is_not_an_odd_sample():
     outputs([attitude(START_NS), attitude(START_NS)], line)
     assert line.odd_samples() == {"attitude_duplicates": 1}
     assert isinstance(frame(0, 0), DepthFrame)
+
+
+@pytest.mark.parametrize(
+    ("z_m", "seen_m", "with_pose", "expected_m"),
+    [
+        (-3.5, float("nan"), True, 3.5),  # no frame has seen the ground yet: the height is a hint
+        (-3.5, 2.0, True, 2.0),  # what was seen goes before what is told
+        (-3.5, float("nan"), False, float("nan")),
+        (0.2, float("nan"), True, float("nan")),  # below the origin: no height
+    ],
+)
+def test_the_height_of_the_pose_seeds_the_ground_until_it_was_seen(z_m, seen_m, with_pose, expected_m):
+    place = PoseAt((0.0, 0.0, z_m), Source.EXACT, 0, 0) if with_pose else None
+    seeded = with_height(ExtractorState(seen_m, 0.002), place, LevelTransform(0.1, (1.0, 2.0, z_m)))
+    np.testing.assert_equal(seeded.ground_height_m, expected_m)
+    assert seeded.ke_per_m == 0.002
