@@ -79,7 +79,7 @@ class Extractor:
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         inverse, counts = self._classify(depth_mm, info, ke)
         stats = pixel_stats(counts, depth_mm.size)
-        if stats.measured_share + stats.far_share < self.params.min_measured_share:
+        if stats.measured_share + stats.far_share < self.params.min_measured_share or self._is_noise(counts):
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         clear_m = clear_range_m(info, ke)
         ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
@@ -108,6 +108,13 @@ class Extractor:
         relative = 1e9 if self.params.paper else self.params.flying_relative
         counts = classify(depth_mm, self._inverse_table[1], relative, self.params.flying_sigmas * ke, raw, inverse)
         return inverse, counts
+
+    def _is_noise(self, counts: tuple[int, int, int]) -> bool:
+        """Whether so many pixels fly that the rest is no measurement either: pure noise has 27 %, foliage 0.2 %.
+
+        Without this such an image would cost minutes in the merge, and its model would be no one's."""
+        measured, _, flying = counts
+        return not self.params.paper and flying > self.params.max_flying_share * measured
 
     def _level(
         self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation

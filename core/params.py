@@ -52,6 +52,9 @@ class Params:
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
     flying_relative: float = _number(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
+    max_flying_share: float = _number(
+        0.03, 0.005, 1.0, "", "with more of the measured pixels flying the image is noise, no measurement"
+    )
     flying_sigmas: float = _number(5.0, 1.0, 20.0, "sigma", "and least step in noise")
 
     # Ground

@@ -205,7 +205,7 @@ def test_random_pictures_of_other_sizes_and_steps_never_raise(seed: int, width: 
 def test_noise_of_full_width_stays_within_its_buffers() -> None:
     rng = np.random.default_rng(5)
     info = camera_info(640, 64, focal_px=450.0)
-    model = extract(rng.integers(300, 20000, (64, 640)).astype(np.uint16), info)
+    model = extract(rng.integers(300, 20000, (64, 640)).astype(np.uint16), info, max_flying_share=1.0)
     assert len(model.planes) > 0
     sound(model, info)
 
@@ -314,3 +314,12 @@ def test_intrinsics_wider_than_high_or_off_centre_are_taken() -> None:
     assert a[3] == pytest.approx(6.0 * (199.5 - 130.3) / 160.0, abs=0.06)
     assert a[4] == pytest.approx(6.0 * (-0.5 - 60.8) / 150.0, abs=0.06)
     assert a[5] == pytest.approx(6.0 * (149.5 - 60.8) / 150.0, abs=0.06)
+
+
+@pytest.mark.nojit
+def test_an_image_of_pure_noise_is_blind_in_no_time() -> None:
+    depth = np.random.default_rng(8).integers(300, 20000, (60, 80)).astype(np.uint16)
+    info = CameraInfo("noise", Intrinsics(80, 60, 60.0, 60.0, 39.5, 29.5))
+    model = extract(depth, info)
+    assert model.stats.flying_px > 0.05 * depth.size
+    assert says_nothing(model, InvalidCause.NO_MEASUREMENT)
