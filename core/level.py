@@ -178,7 +178,8 @@ def level_pool(inverse, picked, R, k, window, out):
         a0, a1, a2 = R[0, 1] * yv + R[0, 2], R[1, 1] * yv + R[1, 2], R[2, 1] * yv + R[2, 2]
         for u in range(src_cols):
             d = inverse[v, u]
-            if d == 0.0 or picked[v * src_cols + u] != 0:
+            # far never overrules a neighbour of which nothing is known: it would call the cell free
+            if d <= 0.0 or picked[v * src_cols + u] != 0:
                 continue
             xu = (u - k[2]) / k[0]
             forward = R[0, 0] * xu + a0

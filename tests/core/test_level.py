@@ -70,12 +70,12 @@ def test_every_cell_and_every_pixel_against_direct_projection(
     assert (picked[took] == 1).all()
     for (y, x), d in np.ndenumerate(inverse):
         cell = naive.own_cell(x, y, R, k, g.f_px, g.cu, g.cv)
-        if picked[y, x] or d == 0.0 or cell is None:
+        if picked[y, x] or d <= 0.0 or cell is None:  # far may not make a neighbour's unknown cell free
             continue
         u, v = math.floor(cell[0] + 0.5), math.floor(cell[1] + 0.5)
         if not (0 <= u < g.cols and 0 <= v < g.rows):
             continue
-        code = naive.code_of(float(d), 1.0 / cell[2], gain) if d > 0 else 1
+        code = naive.code_of(float(d), 1.0 / cell[2], gain)
         if naive.near_half(cell[0], cell[1]):
             sure[max(u - 1, 0) : u + 2, max(v - 1, 0) : v + 2] = False
         want[u, v] = max(want[u, v], code)
