@@ -18,7 +18,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 """The families and the names of their scenes."""
 SCENES: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in names)
 
-TUNING_SEEDS = range(0, 100)
+TUNING_SEEDS = range(100)
 HELD_OUT_SEEDS = range(100, 200)
 
 

@@ -24,7 +24,7 @@ def test_a_scene_is_made_by_its_seed(name: str) -> None:
     one, again, other = make_scene(name, 3), make_scene(name, 3), make_scene(name, 4)
     np.testing.assert_array_equal(one.rows, again.rows)
     np.testing.assert_array_equal(one.halfspaces, again.halfspaces)
-    if name not in ("open", "no_ground"):
+    if name not in ("open", "no_ground", "tunnel"):
         differs = one.rows.shape != other.rows.shape or one.halfspaces.shape != other.halfspaces.shape
         assert differs or (one.rows != other.rows).any() or (one.halfspaces != other.halfspaces).any()
 
