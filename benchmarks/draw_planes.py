@@ -12,7 +12,7 @@ from benchmarks.draw_pixels import PALE, bare, painted, view_mm
 from benchmarks.taps import Calls
 from companion.view_colors import depth_rgb
 from core.lines import fit_line
-from core.openings import level_of
+from core.openings import F_DOWN, F_FIRST_M, F_LOG_RATIO, level_of
 from core.planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, Z0, Z1, A, B
 from core.strips import CLUSTER, FILL, NEAR, SUPPORT, TRACK, D, U
 from core.types import FrameModel, FreeEnd
@@ -129,12 +129,14 @@ def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) ->
 
 def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """The mask of openings at the distance of the nearest large thing."""
-    view, (masks, _) = calls.of("view_geometry").result, calls.of("opening_masks").result
+    view, (masks, where) = calls.of("view_geometry").result, calls.of("opening_masks").result
     codes = calls.of("extract_strips").before[0]
     rgb = depth_rgb(view_mm(codes, view.f_px, view.quantum), frame.info).astype(np.float64)
     axes = figure.subplots(1, 2)
     for ax, x in zip(axes, (6.5, 11.0), strict=True):
-        mask = np.kron(masks[level_of(x)].T, np.ones((4, 4)))[: view.rows, : view.cols] > 0
+        cell = round(view.f_px / where[F_DOWN])
+        mask = np.kron(masks[level_of(x, where[F_FIRST_M], where[F_LOG_RATIO])].T, np.ones((cell, cell)))
+        mask = mask[: view.rows, : view.cols] > 0
         shown = 0.4 * rgb + 0.6 * PALE
         shown[mask] = 0.5 * shown[mask] + 0.5 * np.array((60, 180, 75))
         ax.imshow(shown.astype(np.uint8))

@@ -40,12 +40,17 @@ def root_of(parent, i):
 
 
 @njit(cache=True, nogil=True)
-def cluster_strips(ints, place, n, ws, hs, column_m_per_x, parent, frontier):
+def cluster_strips(
+    ints, place, n, ws, hs, column_m_per_x, tan_limit, near_share, cover_share, cover_m, parent, frontier
+):  # fmt: skip
     """Writes CLUSTER (numbered from 0 in order of first appearance); returns the number of clusters.
 
-    place: see place_strips. column_m_per_x: width of one column at 1 m. parent, frontier: (N,) int32 scratch."""
+    place: see place_strips. column_m_per_x: width of one column at 1 m. tan_limit: the largest tangent of azimuth of the
+    view. near_share (of Ws), cover_share, cover_m: what a later strip may stand for, see `covers`.
+    parent, frontier: (N,) int32 scratch."""
     size = 0
-    near = (0.25 * ws) ** 2
+    near = (near_share * ws) ** 2
+    beyond = ws * math.sqrt(1.0 + tan_limit * tan_limit)
     for i in range(n):
         parent[i] = i
         root = i
@@ -53,8 +58,8 @@ def cluster_strips(ints, place, n, ws, hs, column_m_per_x, parent, frontier):
         kept = 0
         for k in range(size):
             j = frontier[k]
-            # nothing in this column or a later one can come within Ws of it any more
-            if (u - ints[j, U] - 1) * column_m_per_x * place[j, X] > 2.0 * ws:
+            # a ray passes x * (t - t_j) / sqrt(1 + t^2) beside it: no later column comes within Ws of it any more
+            if (u - ints[j, U] - 1) * column_m_per_x * place[j, X] > beyond:
                 continue
             vertical = max(place[i, Z_TOP] - place[j, Z_BOTTOM], place[j, Z_TOP] - place[i, Z_BOTTOM])
             apart = (place[i, X] - place[j, X]) ** 2 + (place[i, Y] - place[j, Y]) ** 2
@@ -64,7 +69,7 @@ def cluster_strips(ints, place, n, ws, hs, column_m_per_x, parent, frontier):
                     parent[max(root, other)] = min(root, other)
                     root = min(root, other)
                 # what a later strip close by reaches past on both ends need not be kept: that one stands for it
-                if apart < near and ints[j, U] < u and covers(place, i, j):
+                if apart < near and ints[j, U] < u and covers(place, i, j, cover_share, cover_m):
                     continue
             frontier[kept] = j
             kept += 1
@@ -74,9 +79,9 @@ def cluster_strips(ints, place, n, ws, hs, column_m_per_x, parent, frontier):
 
 
 @njit(cache=True, nogil=True)
-def covers(place, i, j):
-    """Whether strip i reaches at least as high and as low as strip j, give or take a tenth of its height."""
-    slack = 0.1 * (place[j, Z_BOTTOM] - place[j, Z_TOP]) + 0.02
+def covers(place, i, j, share, least_m):
+    """Whether strip i reaches at least as high and as low as strip j, give or take a share of its height and least_m."""
+    slack = share * (place[j, Z_BOTTOM] - place[j, Z_TOP]) + least_m
     return place[i, Z_TOP] <= place[j, Z_TOP] + slack and place[i, Z_BOTTOM] >= place[j, Z_BOTTOM] - slack
 
 

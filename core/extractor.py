@@ -213,7 +213,11 @@ class Extractor:
             return ints, floats, place, n
         support.mark_cuts(ints, n, view.H, k.width, k.height)
         column_t = float(view.lateral[0]) / view.f_px
-        clusters.cluster_strips(ints, place, n, ws, hs, column_t, parent, other)
+        tan_limit = column_t * max(view.cu, view.cols - 1 - view.cu)
+        clusters.cluster_strips(
+            ints, place, n, ws, hs, column_t, tan_limit, p.cluster_near_share, p.cluster_cover_share, p.cluster_cover_m,
+            parent, other,
+        )  # fmt: skip
         fill.fill_low_gaps(ints, floats, place, n, view.cols, columns, view.f_px, hs, p.band_step_m, p.line_sigmas)
         runs, spans = np.empty((fill.MAX_RUNS, 3), np.int32), np.empty((fill.MAX_RUNS, 3), np.float32)
         fill.fill_slits(
@@ -253,7 +257,8 @@ class Extractor:
         plane_of, parent = self._buffer("plane_of", (size,), np.int32), self._buffer("parent", (size,), np.int32)
         count = tracks.grow_tracks(
             ints, floats, place, n, view.cols, columns, view.f_px, view.cu, view.lateral, p.height_step_m,
-            p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, moments, track_ints, track_floats,
+            p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, p.roughness_m,
+            p.track_jump, p.track_jump_sigmas, moments, track_ints, track_floats,
         )  # fmt: skip
         grown = count
         masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p)

@@ -15,6 +15,7 @@ from .clusters import Z_BOTTOM, Z_TOP, X
 from .strips import BOTTOM, CLUSTER, FILL, NEAR, SIGMA, SUPPORT, TOP, D
 
 MAX_RUNS = 32
+"""Room for the runs of gaps that are open at one time: what does not fit stays open, which is never wrong."""
 # columns of the table of open runs of gaps
 R_FIRST, R_LAST, R_CLUSTER = range(3)
 
@@ -178,7 +179,7 @@ def _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, run, span
             j = lower[i]
             if j < 0 or ints[i, SUPPORT] == 0 or ints[j, SUPPORT] == 0 or ints[i, CLUSTER] != run[R_CLUSTER]:
                 continue
-            if place[i, Z_BOTTOM] <= span[0] + 1e-3 and place[j, Z_TOP] >= span[1] - 1e-3:
+            if place[i, Z_BOTTOM] <= span[0] and place[j, Z_TOP] >= span[1]:
                 fill_gap(ints, floats, i, j, f, step_m, sigmas)
                 lower[i] = -1
                 filled += 1

@@ -16,17 +16,17 @@ from .level import ViewGeometry
 from .params import Params
 from .strips import BOTTOM, SUPPORT, TOP, D, U
 
-CELL_PX = 4
-LEVELS = 12
-FIRST_M = 0.5
-RATIO = 1.42
 _BLOCKED = 20000
+"""A blocked cell in sums that else count unknown cells: more than any box may hold of those."""
+
+# what is_open needs to know of the masks: cells per tangent across and down, the cell of the axis, the distances
+F_ACROSS, F_DOWN, F_CU, F_CV, F_FIRST_M, F_LOG_RATIO = range(6)
 
 
 @njit(cache=True, nogil=True)
-def level_of(x):
-    """Index of the layer of masks for distance x: steps of 42 % from half a metre."""
-    return min(LEVELS - 1, max(0, int(math.log(max(x, 1e-3) / FIRST_M) / math.log(RATIO) + 0.5)))
+def level_of(x, first_m, log_ratio):
+    """Index of the layer of masks for distance x: the distances grow geometrically from first_m."""
+    return max(0, int(math.log(max(x, 1e-3) / first_m) / log_ratio + 0.5))
 
 
 @njit(cache=True, nogil=True)
@@ -59,15 +59,17 @@ def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
 
 
 @njit(cache=True, nogil=True)
-def open_mask(nearest, limit, wide, high, total, mask):
+def open_mask(nearest, limit, wide, high, unknown_share, total, mask):
     """mask[i, j] = 1 where a free box of wide x high cells covers the cell.
 
-    A box is free when no cell's code reaches limit and at most a fifth of its cells is unknown (dropped pixels).    total: (C + 1, R + 1) int64 scratch. Summed areas find the free boxes, summed areas of those their union."""
+    A box is free when no cell's code reaches limit and at most unknown_share of its cells is unknown (dropped pixels).
+    total: (C + 1, R + 1) int64 scratch. Summed areas find the free boxes, summed areas of those their union."""
     cols, rows = nearest.shape
     mask[:] = 0
     if wide > cols or high > rows:
         return
     total[:] = 0
+    allowed = int(unknown_share * (wide * high))
     for i in range(cols):
         run = 0
         for j in range(rows):
@@ -77,7 +79,7 @@ def open_mask(nearest, limit, wide, high, total, mask):
         for j in range(rows):
             if i + wide <= cols and j + high <= rows:
                 inside = total[i + wide, j + high] - total[i, j + high] - total[i + wide, j] + total[i, j]
-                mask[i, j] = 1 if 5 * inside <= wide * high else 0
+                mask[i, j] = 1 if inside <= allowed else 0
     # each free box marks its cells: spread right, then down
     for j in range(rows):
         left = 0
@@ -93,34 +95,36 @@ def open_mask(nearest, limit, wide, high, total, mask):
 
 @njit(cache=True, nogil=True)
 def is_open(masks, t, m, x, frame):
-    """Whether the ray of tangents (t, m) is open at distance x. frame: (3,) float64 f in cells across, cu, cv in cells."""
-    i = int(math.floor(t * frame[0] + frame[2]))
-    j = int(math.floor(m * frame[1] + frame[3]))
+    """Whether the ray of tangents (t, m) is open at distance x. frame: (6,) float64 by the F_ indices."""
+    i = int(math.floor(t * frame[F_ACROSS] + frame[F_CU]))
+    j = int(math.floor(m * frame[F_DOWN] + frame[F_CV]))
     if i < 0 or j < 0 or i >= masks.shape[1] or j >= masks.shape[2]:
         return False
-    return masks[level_of(x), i, j] == 1
+    level = min(masks.shape[0] - 1, level_of(x, frame[F_FIRST_M], frame[F_LOG_RATIO]))
+    return masks[level, i, j] == 1
 
 
 def opening_masks(
     codes: NDArray[np.uint16], ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, g: ViewGeometry,
     max_range_m: float, params: Params,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:  # fmt: skip
-    """(masks, frame): masks (12, C, R) uint8 per distance step, frame (4,) for is_open.
+    """(masks, frame): masks (L, C, R) uint8 per distance step, up to the maximum range, frame (6,) for is_open.
 
     A cell passes at x when nothing in it is nearer than x + Ws; so a niche shallower than the vehicle is wide is no
     opening."""
-    step = float(g.lateral[0])
-    nearest = np.empty((-(-g.cols // CELL_PX), -(-g.rows // CELL_PX)), np.int32)
-    nearest_codes(codes, CELL_PX, ints, floats, n, g.quantum, nearest)
-    masks = np.zeros((LEVELS, *nearest.shape), np.uint8)
+    p = params
+    step, cell = float(g.lateral[0]), p.opening_cell_px
+    nearest = np.empty((-(-g.cols // cell), -(-g.rows // cell)), np.int32)
+    nearest_codes(codes, cell, ints, floats, n, g.quantum, nearest)
+    log_ratio = math.log(p.opening_ratio)
+    levels = 1 + level_of(max_range_m, p.opening_first_m, log_ratio)
+    masks = np.zeros((levels, *nearest.shape), np.uint8)
     total = np.empty((nearest.shape[0] + 1, nearest.shape[1] + 1), np.int64)
-    for level in range(LEVELS):
-        x = FIRST_M * RATIO**level
-        if x > 1.2 * max_range_m:
-            break
-        wide = max(1, math.ceil(params.passable_width_m * g.f_px / (x * step * CELL_PX) - 1e-9))
-        high = max(1, math.ceil(params.passable_height_m * g.f_px / (x * CELL_PX) - 1e-9))
-        limit = int(g.f_px * g.quantum / min(x + params.passable_width_m, max(max_range_m, x + 0.5)))
-        open_mask(nearest, max(limit, 2), wide, high, total, masks[level])
-    frame = np.array([g.f_px / step / CELL_PX, g.f_px / CELL_PX, (g.cu + 0.5) / CELL_PX, (g.cv + 0.5) / CELL_PX])
-    return masks, frame
+    for level in range(levels):
+        x = p.opening_first_m * p.opening_ratio**level
+        wide = max(1, math.ceil(p.passable_width_m * g.f_px / (x * step * cell) - 1e-9))
+        high = max(1, math.ceil(p.passable_height_m * g.f_px / (x * cell) - 1e-9))
+        limit = int(g.f_px * g.quantum / min(x + p.passable_width_m, max(max_range_m, x + p.opening_behind_m)))
+        open_mask(nearest, max(limit, 2), wide, high, p.opening_unknown_share, total, masks[level])
+    across, down, cu, cv = g.f_px / step / cell, g.f_px / cell, (g.cu + 0.5) / cell, (g.cv + 0.5) / cell
+    return masks, np.array([across, down, cu, cv, p.opening_first_m, log_ratio])

@@ -105,7 +105,14 @@ class Params:
     horizontal_correlation: float = _number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
     horizontal_centre_px: float = _number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
 
-    # Clusters and planes
+    # Clusters
+    cluster_near_share: float = _number(
+        0.25, 0.0, 0.5, "Ws", "a strip this close to a later one is forgotten where that one reaches as far"
+    )
+    cluster_cover_share: float = _number(0.1, 0.0, 0.5, "", "and that but for this share of its height")
+    cluster_cover_m: float = _number(0.02, 0.0, 0.5, "m", "plus this")
+
+    # Straight pieces and planes
     height_step_m: float = _number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
     line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a plane [eps_l]")
     line_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
@@ -113,6 +120,11 @@ class Params:
         1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
     )
     link_gap_px: int = _number(4, 1, 64, "px", "columns that one surface may miss")
+    roughness_m: float = _number(
+        0.02, 0.0, 0.2, "m", "roughness of surfaces, added to the noise so that near strips do not rule alone"
+    )
+    track_jump: float = _number(0.1, 0.01, 0.5, "", "a step of disparity of this share, from one strip to the next,")
+    track_jump_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and of this much noise, begins another piece")
     plane_angle_deg: float = _number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
     merge_distance_m: float = _number(
         0.35, 0.0, 2.0, "m", "a merged plane lies no farther than this from what it replaces"
@@ -125,6 +137,15 @@ class Params:
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
     )
     margin_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
+
+    # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
+    opening_cell_px: int = _number(4, 1, 16, "px", "side of a cell in which free boxes are looked for")
+    opening_first_m: float = _number(0.5, 0.1, 5.0, "m", "first of the distances at which they are looked for")
+    opening_ratio: float = _number(1.42, 1.05, 2.0, "", "each such distance over the one before it")
+    opening_unknown_share: float = _number(0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)")
+    opening_behind_m: float = _number(
+        0.5, 0.05, 5.0, "m", "what must be seen behind an opening from where Ws would reach beyond the maximum range"
+    )
 
     # Layers and the free-range profile
     layer_join_m: float = _number(0.25, 0.0, 2.0, "m", "tops and bottoms closer than this are one cut")

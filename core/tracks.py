@@ -28,10 +28,10 @@ def tangent(ints, i, cu, f, lateral):
 
 
 @njit(cache=True, nogil=True)
-def strip_sigma_s(floats, i, f):
-    """Noise of 1/x of a strip, with 2 cm of roughness, so that near strips do not rule alone."""
+def strip_sigma_s(floats, i, f, rough_m):
+    """Noise of 1/x of a strip, with some roughness of the surface, so that near strips do not rule alone."""
     s = floats[i, D] / f
-    return math.hypot(floats[i, SIGMA] / f, 0.02 * s * s)
+    return math.hypot(floats[i, SIGMA] / f, rough_m * s * s)
 
 
 @njit(cache=True, nogil=True)
@@ -59,7 +59,9 @@ def widen_heights(ints, place, track, i):
 
 
 @njit(cache=True, nogil=True)
-def match_cost(ints, floats, place, moments, track_i, track_f, i, t, f, hs, line_m, sigmas, slope):
+def match_cost(
+    ints, floats, place, moments, track_i, track_f, i, t, f, hs, line_m, sigmas, slope, rough_m, jump, jump_sigmas
+):  # fmt: skip
     """Misfit over tolerance of strip i to a track (below 1: joins), or 2 where it cannot be its continuation."""
     last = track_i[T_LAST]
     if ints[i, TOP] > ints[last, BOTTOM] or ints[last, TOP] > ints[i, BOTTOM]:
@@ -69,24 +71,26 @@ def match_cost(ints, floats, place, moments, track_i, track_f, i, t, f, hs, line
     prior = 1.0 / (slope * slope)
     a, b, mean, scatter = fit_line(moments, prior)
     s = floats[i, D] / f
-    sigma = strip_sigma_s(floats, i, f)
+    sigma = strip_sigma_s(floats, i, f, rough_m)
     spread = 1.0 / moments[W] + (t - mean) ** 2 / (scatter + prior)
     tolerance = line_m * s * s + sigmas * math.sqrt(sigma * sigma + spread)
     # a depth jump is another surface, however little a short track knows of its slope
-    jump = abs(floats[i, D] - floats[last, D])
-    if jump > 0.1 * floats[i, D] + 3.0 * math.hypot(floats[i, SIGMA], floats[last, SIGMA]):
+    step = abs(floats[i, D] - floats[last, D])
+    if step > jump * floats[i, D] + jump_sigmas * math.hypot(floats[i, SIGMA], floats[last, SIGMA]):
         return 2.0
     return abs(s - a - b * t) / tolerance
 
 
 @njit(cache=True, nogil=True)
 def grow_tracks(
-    ints, floats, place, n, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link,
-    moments, track_ints, track_floats,
+    ints, floats, place, n, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link, rough_m, jump,
+    jump_sigmas, moments, track_ints, track_floats,
 ):  # fmt: skip
     """Writes TRACK of every strip and the tables of tracks; returns their number.
 
-    moments: (N, 6) float64, track_ints: (N, 3) int32, track_floats: (N, 6) float64, outputs with a row a track."""
+    hs: step of heights that ends a piece. line_m, sigmas: misfit of its line, in metres and in noise. slope: px of
+    disparity from one column to the next, the prior of the line. link: columns it may miss. jump, jump_sigmas: step of
+    disparity that ends it, as a share and in noise. moments: (N, 6) float64, track_ints: (N, 3) int32, track_floats: (N, 6) float64, outputs with a row a track."""
     tracks = 0
     active = [0 for _ in range(0)]
     for u in range(cols):
@@ -104,8 +108,9 @@ def grow_tracks(
                 if track_ints[k, T_LAST_U] == u:
                     continue
                 c = match_cost(
-                    ints, floats, place, moments[k], track_ints[k], track_floats[k], i, t, f, hs, line_m, sigmas, slope
-                )
+                    ints, floats, place, moments[k], track_ints[k], track_floats[k], i, t, f, hs, line_m, sigmas, slope,
+                    rough_m, jump, jump_sigmas,
+                )  # fmt: skip
                 if c < cost:
                     best, cost = k, c
             if best < 0:
@@ -113,7 +118,7 @@ def grow_tracks(
                 tracks += 1
                 _begin(track_ints[best], track_floats[best], moments[best], t)
                 active.append(best)
-            _join(ints, floats, place, moments[best], track_ints[best], track_floats[best], i, u, t, f)
+            _join(ints, floats, place, moments[best], track_ints[best], track_floats[best], i, u, t, f, rough_m)
             ints[i, TRACK] = best
     return tracks
 
@@ -128,8 +133,8 @@ def _begin(track_i, track_f, moments, t):
 
 
 @njit(cache=True, nogil=True)
-def _join(ints, floats, place, moments, track_i, track_f, i, u, t, f):
-    sigma = strip_sigma_s(floats, i, f)
+def _join(ints, floats, place, moments, track_i, track_f, i, u, t, f, rough_m):
+    sigma = strip_sigma_s(floats, i, f, rough_m)
     add_point(moments, t, floats[i, D] / f, 1.0 / (sigma * sigma))
     track_i[T_LAST_U], track_i[T_LAST] = u, i
     track_i[T_COUNT] += 1

@@ -45,7 +45,12 @@ class Strips:
 
     def cluster(self, ws: float = 2.0, hs: float = 1.0) -> int:
         """cluster_strips; returns the number of clusters."""
-        return int(clusters.cluster_strips(self.ints, self.place, self.n, ws, hs, 1.0 / F, self.parent, self.other))
+        tan_limit = self.cols / F
+        return int(
+            clusters.cluster_strips(
+                self.ints, self.place, self.n, ws, hs, 1.0 / F, tan_limit, 0.25, 0.1, 0.02, self.parent, self.other
+            )
+        )
 
     def track(self, hs: float = 1.0, line_m: float = 0.12, link: int = 4) -> int:
         """grow_tracks; returns the number of tracks, tables in `moments`, `track_ints`, `track_floats`."""
@@ -56,7 +61,7 @@ class Strips:
         return int(
             tracks.grow_tracks(
                 self.ints, self.floats, self.place, self.n, self.cols, self.columns, g.f_px, g.cu, g.lateral, hs, line_m,
-                3.0, 1.2, link, self.moments, self.track_ints, self.track_floats,
+                3.0, 1.2, link, 0.02, 0.1, 3.0, self.moments, self.track_ints, self.track_floats,
             )
         )  # fmt: skip
 

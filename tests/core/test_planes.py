@@ -19,7 +19,8 @@ from .tables import Strips, ends, line_through, plane_table
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
-CLOSED = np.zeros((openings.LEVELS, 40, 40), np.uint8), np.array([F / 4, F / 4, 20.0, 20.0])
+P = Params()
+CLOSED = np.zeros((12, 40, 40), np.uint8), np.array([F / 4, F / 4, 20.0, 20.0, 0.5, np.log(1.42)])
 """No opening anywhere."""
 
 
@@ -293,7 +294,7 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
     rng = np.random.default_rng(seed)
     nearest = rng.choice([0, 50, 500], (9, 7), p=[0.05, 0.75, 0.2]).astype(np.int32)
     mask = np.full(nearest.shape, 9, np.uint8)
-    openings.open_mask(nearest, 100, wide, high, np.zeros((10, 8), np.int64), mask)
+    openings.open_mask(nearest, 100, wide, high, 0.2, np.zeros((10, 8), np.int64), mask)
     want = np.zeros(nearest.shape, np.uint8)
     for i in range(9 - wide + 1):
         for j in range(7 - high + 1):
@@ -306,7 +307,7 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
 def masks_of(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
     g = view(rows=codes.shape[1], cols=codes.shape[0])
     none = np.zeros((1, 9), np.int32), np.zeros((1, 3), np.float32)
-    return (*openings.opening_masks(codes, *none, 0, g, 20.0, Params()), g)
+    return (*openings.opening_masks(codes, *none, 0, g, 20.0, P), g)
 
 
 def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None:
@@ -326,7 +327,7 @@ def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None
     small = np.full((160, 120), code(5.0)[0], np.uint16)
     small[60:90, 40:80] = code(18.0)[0]  # 1.5 m wide
     masks, frame, _ = masks_of(small)
-    assert not masks[openings.level_of(5.0)].any()
+    assert not masks[openings.level_of(5.0, P.opening_first_m, np.log(P.opening_ratio))].any()
 
 
 def test_unknown_is_not_open() -> None:

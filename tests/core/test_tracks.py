@@ -96,7 +96,7 @@ def test_what_holds_for_every_track(seed: int, n: int, hs: float, link: int) -> 
         m = moments_of(
             (us - t.view.cu) / F,
             t.floats[own, s.D] / F,
-            [1.0 / tr.strip_sigma_s(t.floats, i, F) ** 2 for i in own],
+            [1.0 / tr.strip_sigma_s(t.floats, i, F, 0.02) ** 2 for i in own],
         )
         np.testing.assert_allclose(t.moments[k], m, rtol=1e-6, atol=1e-7 * m[0])
         assert t.track_floats[k, tr.T_T0] == pytest.approx((us[0] - t.view.cu) / F)
