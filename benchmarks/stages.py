@@ -1,28 +1,20 @@
 """Time of each stage of the extractor: medians over many frames of one thread, after warm-up.
 
 Run `python -m benchmarks.stages`, or with --runs, --width, --ke, --mode. The frames are our simulator's, 640x480 uint16
-with the noise and the faults of a good stereo camera: one structured (street), one of foliage (trees), each level and tilted."""
+with the noise and the faults of a good stereo camera: one structured (street), one of foliage (trees), each level and
+tilted. Times are the processor's; other work on the machine counts little."""
 
 from __future__ import annotations
 
 import argparse
-import math
-import os
-import platform
-import statistics
 import sys
-import time
-from collections import defaultdict
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
 
-from benchmarks.taps import STAGES, tapped
+from companion.bench_frames import Measured, filmed, measure
+from companion.bench_machine import machine, versions
+from companion.bench_taps import in_order
+from companion.bench_timing import one_core
 from core.extractor import Extractor
 from core.params import Params
-from core.types import ExtractorState
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import Rendered, camera_info, render
 
 FRAMES = (
     ("street, level", "street", 0.0, 0.0),
@@ -33,65 +25,25 @@ FRAMES = (
 """(what the column is called, scene, roll and pitch in degrees)."""
 
 
-class Stopwatch:
-    """A tap that adds up the time of each stage within one frame, seconds."""
+def stage_table(columns: list[Measured]) -> str:
+    """A Markdown table, milliseconds of the processor; the wall's time of the whole call beside it."""
+    lines = ["| ms | " + " | ".join(m.name for m in columns) + " |", "|---|" + "---:|" * len(columns)]
 
-    def __init__(self) -> None:
-        self.spent: dict[str, float] = defaultdict(float)
+    def row(name: str, values: list[str]) -> None:
+        lines.append(f"| {name} | " + " | ".join(values) + " |")
 
-    def __call__(
-        self, stage: str, name: str, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
-    ) -> Any:
-        begun = time.perf_counter()
-        try:
-            return function(*args, **kwargs)
-        finally:
-            self.spent[stage] += time.perf_counter() - begun
-
-
-def frame_of(scene: str, roll_deg: float, pitch_deg: float, width: int, ke: float, seed: int) -> Rendered:
-    """One frame, 2 m above the ground."""
-    info = camera_info(width, width * 3 // 4, ke_per_m=ke)
-    sensor = replace(TYPICAL, ke_per_m=ke).scaled_to(width)
-    roll, pitch = math.radians(roll_deg), math.radians(pitch_deg)
-    return render(scene, info, roll_rad=roll, pitch_rad=pitch, sensor=sensor, seed=seed)
+    for stage in in_order(stage for m in columns for stage in m.stages_ms):
+        row(stage, [f"{m.stages_ms.get(stage, 0.0):.2f}" for m in columns])
+    row("between the stages", [f"{m.rest_ms():.2f}" for m in columns])
+    row("**whole call, median**", [f"**{m.times.cpu():.2f}**" for m in columns])
+    row("whole call, 99th percentile", [f"{m.times.cpu(99):.2f}" for m in columns])
+    row("whole call, median, by the wall", [f"{m.times.wall():.2f}" for m in columns])
+    row("planes", [str(m.planes) for m in columns])
+    row("strips", [str(m.strips) for m in columns])
+    return "\n".join(lines) + "\n"
 
 
-def time_frame(frame: Rendered, params: Params, runs: int) -> tuple[dict[str, float], float, float, int]:
-    """(median ms of each stage, median ms and 99th percentile of the whole untapped call, planes)."""
-    extractor = Extractor(params)
-    model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state=ExtractorState())
-    stages: dict[str, list[float]] = defaultdict(list)
-    for _ in range(runs):
-        watch = Stopwatch()
-        with tapped(watch):
-            extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state=state)
-        for stage in dict.fromkeys(stage for stage, _, _ in STAGES):
-            stages[stage].append(1000.0 * watch.spent[stage])
-    whole = []
-    for _ in range(runs):
-        begun = time.perf_counter()
-        extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state=state)
-        whole.append(1000.0 * (time.perf_counter() - begun))
-    whole.sort()
-    medians = {stage: statistics.median(times) for stage, times in stages.items()}
-    return medians, statistics.median(whole), whole[min(runs - 1, int(0.99 * runs))], len(model.planes)
-
-
-def print_table(columns: list[tuple[str, dict[str, float], float, float, int]]) -> None:
-    """A Markdown table, milliseconds."""
-    print("| ms | " + " | ".join(name for name, *_ in columns) + " |")
-    print("|---|" + "---:|" * len(columns))
-    for stage in columns[0][1]:
-        print(f"| {stage} | " + " | ".join(f"{medians[stage]:.2f}" for _, medians, *_ in columns) + " |")
-    rest = [whole - sum(medians.values()) for _, medians, whole, _, _ in columns]
-    print("| the rest (tables, flags, stats) | " + " | ".join(f"{max(0.0, r):.2f}" for r in rest) + " |")
-    print("| **whole call, median** | " + " | ".join(f"**{whole:.2f}**" for _, _, whole, _, _ in columns) + " |")
-    print("| whole call, 99th percentile | " + " | ".join(f"{p99:.2f}" for _, _, _, p99, _ in columns) + " |")
-    print("| planes | " + " | ".join(str(planes) for *_, planes in columns) + " |")
-
-
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Prints the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.stages", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--runs", type=int, default=100, help="frames of each kind (100)")
@@ -99,19 +51,21 @@ def main() -> int:
     parser.add_argument("--ke", type=float, default=0.0015, help="noise, sigma_Z = ke * Z^2 (0.0015)")
     parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
     parser.add_argument("--seed", type=int, default=1)
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     if args.runs < 3:
         parser.error("--runs: at least 3")
+    size = (args.width, args.width * 3 // 4)
     columns = []
-    for name, scene, roll, pitch in FRAMES:
-        print(f"{name} ...", file=sys.stderr)
-        frame = frame_of(scene, roll, pitch, args.width, args.ke, args.seed)
-        columns.append((name, *time_frame(frame, Params(mode=args.mode), args.runs)))
-    print(
-        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}; {args.width}x{args.width * 3 // 4}, "
-        f"ke {args.ke:g}, mode {args.mode}, one thread, medians of {args.runs} runs after warm-up\n"
-    )
-    print_table(columns)
+    with one_core():
+        extractor = Extractor(Params(mode=args.mode))
+        for name, scene, roll, pitch in FRAMES:
+            print(f"{name} ...", file=sys.stderr)
+            shot = filmed(name, scene, size, roll_deg=roll, pitch_deg=pitch, ke_per_m=args.ke, seed=args.seed)
+            columns.append(measure(shot, extractor, args.runs, watched=args.runs))
+    software = ", ".join(f"{name} {version}" for name, version in versions().items())
+    print(f"{machine().words()}; {software}; {size[0]}x{size[1]}, ke {args.ke:g}, mode {args.mode}, one thread,")
+    print(f"medians of {args.runs} runs after warm-up\n")
+    print(stage_table(columns), end="")
     return 0
 
 

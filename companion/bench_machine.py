@@ -1,0 +1,78 @@
+"""On what, and with what, times were measured: the processor and the versions; no name of the machine, no path."""
+
+from __future__ import annotations
+
+import os
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+PACKAGES: Final = ("numpy", "numba", "llvmlite", "scipy", "opencv-python-headless")
+"""Distributions on which the times depend."""
+_CPUINFO: Final = Path("/proc/cpuinfo")
+_GOVERNOR: Final = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+_BOARD: Final = Path("/proc/device-tree/model")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machine:
+    """processor: its model in the maker's words; cores: that this process may use; governor: how the clock rate is
+    chosen, "" where the system does not tell; board: of a single-board computer, "" elsewhere."""
+
+    processor: str
+    architecture: str
+    cores: int
+    governor: str
+    board: str
+    system: str
+
+    def words(self) -> str:
+        """One line."""
+        parts = [self.board, self.processor, self.architecture, f"{self.cores} core{'s' * (self.cores != 1)}"]
+        parts.append(f"clock governor {self.governor}" if self.governor else "clock governor not told")
+        return ", ".join(part for part in [*parts, self.system] if part)
+
+
+def machine() -> Machine:
+    """The machine that this runs on."""
+    return Machine(
+        processor=processor_model(_text(_CPUINFO)) or platform.processor() or "unknown processor",
+        architecture=platform.machine(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        governor=_text(_GOVERNOR),
+        board=_text(_BOARD).strip("\0"),
+        system=platform.system(),
+    )
+
+
+def processor_model(cpuinfo: str) -> str:
+    """The model's name in the text of /proc/cpuinfo; of ARM cores, which give numbers only, their part numbers."""
+    rows = [line.split(":", 1) for line in cpuinfo.splitlines() if ":" in line]
+    values = [(key.strip().lower(), value.strip()) for key, value in rows]
+    for wanted in ("model name", "hardware"):
+        found = next((value for key, value in values if key == wanted and value), "")
+        if found:
+            return found
+    parts = sorted({value for key, value in values if key == "cpu part"})
+    return f"ARM cores of part {', '.join(parts)}" if parts else ""
+
+
+def versions() -> dict[str, str]:
+    """Python and the packages that the times depend on."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+
+
+def _version(distribution: str) -> str:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace").strip()
+    except OSError:
+        return ""
