@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.taps import Calls
 from companion.view_colors import depth_rgb
-from core.classify import tile_roughness
+from core.classify import noise_tiles
 from core.density import find_peaks, soft_counts
 from core.extractor import Extractor
 from core.strips import BOTTOM, GROUND_PX, HORIZONTAL, IRREGULAR, KIND, NONE_PX, ROUGH, SMOOTH, TOP, D, U
@@ -78,15 +78,15 @@ def _most(mask: NDArray[np.bool_], rows: int, cols: int) -> tuple[slice, slice]:
 def draw_noise(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """Noise of each tile, those that count in bold."""
     inverse, focal = calls.of("estimate_ke").before[0], calls.of("estimate_ke").before[1]
-    tiles = np.empty((6, 8), np.float32)
-    tile_roughness(inverse, focal, 0.05, 1.0 / 1.5, np.zeros(512, np.int32), tiles)
-    sigma = np.where(tiles >= 0, tiles / (0.6745 * np.sqrt(6.0)), np.nan)
-    limit = np.nanquantile(sigma, 0.25)
+    tiles = noise_tiles(inverse, focal, extractor.params)
+    down, across = tiles.shape
+    sigma = np.where(tiles >= 0, tiles, np.nan)
+    limit = np.nanquantile(sigma, extractor.params.noise_quantile)
     ax = figure.subplots()
     ax.imshow(depth_rgb(frame.depth_mm, frame.info), alpha=0.45)
-    high, wide = inverse.shape[0] / 6, inverse.shape[1] / 8
-    for v in range(6):
-        for u in range(8):
+    high, wide = inverse.shape[0] / down, inverse.shape[1] / across
+    for v in range(down):
+        for u in range(across):
             text = "-" if np.isnan(sigma[v, u]) else f"{sigma[v, u]:.2f}"
             weight = "bold" if sigma[v, u] <= limit else "normal"
             ax.text((u + 0.5) * wide, (v + 0.5) * high, text, ha="center", va="center", fontsize=8, weight=weight)

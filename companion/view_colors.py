@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.classify import clear_range_m
+from core.params import Params
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo
 
 UNKNOWN_INDEX, FAR_INDEX = 0, 255
@@ -30,7 +31,7 @@ def range_index(range_m: NDArray[np.floating], info: CameraInfo) -> NDArray[np.u
 def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float | None = None) -> NDArray[np.uint8]:
     """(H, W) uint8 of a depth image in millimetres, classified as in the core: nearer than the camera's minimum counts
     as unknown, beyond what it can vouch for as far. ke_per_m: the frame's noise, None: the camera's prior."""
-    clear_m = clear_range_m(info, info.ke_per_m if ke_per_m is None else ke_per_m)
+    clear_m = clear_range_m(info, info.ke_per_m if ke_per_m is None else ke_per_m, Params())
     index = range_index(depth_mm.astype(np.float32) / 1000.0, info)
     unknown = (depth_mm == UNKNOWN_MM) | (depth_mm == SATURATED_MM) | (depth_mm < info.min_range_m * 1000.0)
     index[depth_mm > 1000.0 * clear_m] = FAR_INDEX

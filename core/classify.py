@@ -29,6 +29,7 @@ def depth_to_mm(depth: NDArray[np.uint16] | NDArray[np.float32], out: NDArray[np
     if depth.dtype == np.uint16:
         np.copyto(out, depth)
     elif depth.dtype == np.float32:
+        # what rounds to 1..65533: the values above are marks
         with np.errstate(invalid="ignore"):
             good = (depth > 0.0005) & (depth < 65.533)
         out[...] = np.where(good, np.where(good, depth, 0.0) * 1000.0 + 0.5, 0.0).astype(np.uint16)
@@ -36,20 +37,21 @@ def depth_to_mm(depth: NDArray[np.uint16] | NDArray[np.float32], out: NDArray[np
         raise ValueError(f"depth of dtype {depth.dtype}: expected uint16 millimetres or float32 metres")
 
 
-def clear_range_m(info: CameraInfo, ke_per_m: float) -> float:
+def clear_range_m(info: CameraInfo, ke_per_m: float, params: Params) -> float:
     """Greatest depth that counts as measured, m: what lies beyond it is FAR, so that FAR is free up to here only.
 
-    A surface closer to the clip than three sigma would survive by its near noise tail alone and come out metres close."""
-    return info.max_range_m / (1.0 + 3.0 * ke_per_m * info.max_range_m)
+    A surface closer to the clip than `clear_sigmas` would survive by its near noise tail alone and come out metres
+    close."""
+    return info.max_range_m / (1.0 + params.clear_sigmas * ke_per_m * info.max_range_m)
 
 
-def inverse_depth_table(info: CameraInfo, ke_per_m: float) -> NDArray[np.float32]:
+def inverse_depth_table(info: CameraInfo, ke_per_m: float, params: Params) -> NDArray[np.float32]:
     """(65536,) float32: uint16 millimetres -> 1/Z in 1/m, UNKNOWN or FAR.
 
     Too near is UNKNOWN. Beyond `clear_range_m` is FAR."""
     z_mm = np.arange(65536)
     table = np.full(65536, UNKNOWN, np.float32)
-    cut_mm = 1000.0 * clear_range_m(info, ke_per_m)
+    cut_mm = 1000.0 * clear_range_m(info, ke_per_m, params)
     measured = (z_mm >= max(1.0, 1000.0 * info.min_range_m)) & (z_mm <= cut_mm)
     table[measured] = 1000.0 / z_mm[measured]
     table[z_mm > cut_mm] = FAR
@@ -97,62 +99,71 @@ def classify(depth_mm, table, relative, absolute, raw, out):
     return measured, far, flying
 
 
-_TILES_V, _TILES_U = 6, 8
-_STEP = 8
-_BINS = 512
-_MIN_SAMPLES = 120
+NOISE_BINS, NOISE_BIN_PX = 512, 0.05
+"""Resolution of the histogram of second differences; its median is interpolated within a bin."""
 
 
 @njit(cache=True, nogil=True)
-def tile_roughness(inverse, focal_px, bin_px, max_inverse, hist, out):
+def tile_roughness(inverse, focal_px, bin_px, max_inverse, step, row_step, min_samples, hist, out):
     """Median |second difference| of disparity in each tile of the image, px; -1 where too few pixels are measured.
 
-    inverse: (H, W) float32. hist: (512,) int32 scratch. out: (6, 8) float32. On a flat surface disparity is linear in
-    the image, so its second difference along a row is noise alone: sigma * sqrt(6). Taken over 8 px: what a matcher
-    smears over neighbouring pixels would hide from a shorter one (a real D435 shows 0.4 px at 2 px, 1.1 px at 8 px)."""
+    inverse: (H, W) float32. step: px of the difference; every row_step-th row is looked at. hist: (bins,) int32 scratch
+    of bin_px. out: (tiles down, tiles across) float32. On a flat surface disparity is linear in the image, so its second
+    difference along a row is noise alone: sigma * sqrt(6). What a matcher smears over neighbouring pixels hides from a
+    short step (a real D435 shows 0.4 px at 2 px, 1.1 px at 8 px)."""
     rows, cols = inverse.shape
-    for tv in range(_TILES_V):
-        for tu in range(_TILES_U):
+    down, across = out.shape
+    bins = len(hist)
+    for tv in range(down):
+        for tu in range(across):
             hist[:] = 0
             n = 0
-            for v in range(tv * rows // _TILES_V, (tv + 1) * rows // _TILES_V, 3):
-                for u in range(tu * cols // _TILES_U + _STEP, (tu + 1) * cols // _TILES_U - _STEP):
-                    a, b, c = inverse[v, u - _STEP], inverse[v, u], inverse[v, u + _STEP]
+            for v in range(tv * rows // down, (tv + 1) * rows // down, row_step):
+                for u in range(tu * cols // across + step, (tu + 1) * cols // across - step):
+                    a, b, c = inverse[v, u - step], inverse[v, u], inverse[v, u + step]
                     if a > 0.0 and b > 0.0 and c > 0.0 and b < max_inverse:
                         n += 1
-                        hist[min(_BINS - 1, int(abs(a - 2.0 * b + c) * focal_px / bin_px))] += 1
+                        hist[min(bins - 1, int(abs(a - 2.0 * b + c) * focal_px / bin_px))] += 1
             out[tv, tu] = -1.0
-            if n >= _MIN_SAMPLES:
+            if n >= min_samples:
                 below = 0
-                for i in range(_BINS):
+                for i in range(bins):
                     if 2 * (below + hist[i]) >= n:
                         out[tv, tu] = bin_px * (i + (0.5 * n - below) / hist[i])
                         break
                     below += hist[i]
 
 
+def noise_tiles(inverse: NDArray[np.float32], focal_px: float, params: Params) -> NDArray[np.float32]:
+    """(noise_tiles_down, noise_tiles_across) float32 disparity noise of each tile, px; negative: not known."""
+    p = params
+    tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
+    max_inverse = 1.0 / p.noise_min_depth_m if p.noise_min_depth_m > 0.0 else math.inf
+    tile_roughness(
+        inverse, focal_px, NOISE_BIN_PX, max_inverse, p.noise_step_px, p.noise_row_step, p.noise_min_samples,
+        np.zeros(NOISE_BINS, np.int32), tiles,
+    )  # fmt: skip
+    # the median magnitude of a normal deviate, and the second difference of three of them
+    return tiles / np.float32(0.6745 * math.sqrt(6.0))
+
+
 def estimate_ke(inverse: NDArray[np.float32], focal_px: float, prior: float, last: float, params: Params) -> float:
     """Noise constant ke (1/m, sigma_Z = ke Z^2) measured from one frame, blended with the last estimate.
 
-    The lower quartile of the tiles' medians is taken: the smoothest parts of the picture, since leaves and edges only
-    add. Stays within prior/span..prior*span and moves in steps of 5 %, so that tables need not be rebuilt each frame.
-    Ours: the paper takes ke as known; a wrong one is costly."""
+    The lower quartile of the tiles is taken: the smoothest parts of the picture, since leaves and edges only add. Stays
+    within prior/span..prior*span and moves in steps of `noise_grid`, so that tables need not be rebuilt each frame. Ours: the paper takes ke as known; a wrong one is costly."""
     if not params.estimate_noise or params.paper:
         return prior
-    hist = np.zeros(_BINS, np.int32)
-    tiles = np.empty((_TILES_V, _TILES_U), np.float32)
-    # closer than 1.5 m the millimetre steps of the depth image outweigh the noise
-    tile_roughness(inverse, focal_px, 0.05, 1.0 / 1.5, hist, tiles)
+    tiles = noise_tiles(inverse, focal_px, params)
     good = tiles[tiles >= 0.0]
     seed = last if math.isfinite(last) else prior
-    if good.size < 3:
+    if good.size < params.noise_min_tiles:
         return seed
-    sigma_px = float(np.quantile(good, 0.25)) / (0.6745 * math.sqrt(6.0))
-    measured = max(sigma_px, params.min_sigma_px) / focal_px
+    measured = max(float(np.quantile(good, params.noise_quantile)), params.min_sigma_px) / focal_px
     measured = min(max(measured, prior / params.noise_prior_span), prior * params.noise_prior_span)
     memory = params.noise_memory if math.isfinite(last) else 0.0
     blended = math.exp(memory * math.log(seed) + (1.0 - memory) * math.log(measured))
-    step = math.log(1.05)
-    if math.isfinite(last) and abs(math.log(blended / last)) < 0.75 * step:
+    step = math.log(1.0 + params.noise_grid)
+    if math.isfinite(last) and abs(math.log(blended / last)) < params.noise_hold * step:
         return last
     return math.exp(step * round(math.log(blended) / step))

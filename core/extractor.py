@@ -81,7 +81,7 @@ class Extractor:
         stats = pixel_stats(counts, depth_mm.size)
         if stats.measured_share + stats.far_share < self.params.min_measured_share or self._is_noise(counts):
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
-        clear_m = clear_range_m(info, ke)
+        clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
         codes, view, seen = self._level(inverse, info, R)
@@ -102,7 +102,7 @@ class Extractor:
     ) -> tuple[NDArray[np.float32], tuple[int, int, int]]:
         """Inverse depth with unknown and far marked, flying pixels taken out; counts (measured, far, flying)."""
         if self._inverse_table is None or self._inverse_table[0] != (info, ke):
-            self._inverse_table = ((info, ke), inverse_depth_table(info, ke))
+            self._inverse_table = ((info, ke), inverse_depth_table(info, ke, self.params))
         raw = self._buffer("raw", depth_mm.shape, np.float32)
         inverse = self._buffer("inverse", depth_mm.shape, np.float32)
         relative = 1e9 if self.params.paper else self.params.flying_relative
@@ -128,7 +128,7 @@ class Extractor:
         level_safe(inverse, info, R, view, codes, self._buffer("picked", (inverse.size,), np.uint8))
         seen = codes, view
         if self.params.paper:
-            view = view_geometry_paper(info, R)
+            view = view_geometry_paper(info, R, self.params)
             codes = self._buffer("paper_codes", (view.cols, view.rows), np.uint16)
             level_paper(inverse, view.H, view.lateral, view.f_px * view.quantum, codes)
         step = self.params.column_step
@@ -145,7 +145,7 @@ class Extractor:
         """The ground, before any density; the paper looks for horizontal surfaces among the rest only."""
         if self.params.paper:
             return NO_GROUND
-        points = self._buffer("points", (30000, 5), np.float32)
+        points = self._buffer("points", (self.params.ground_max_samples, 5), np.float32)
         return find_ground(inverse, info, R, ke, state.ground_height_m, self.params, points)
 
     # ---- strips and clusters ------------------------------------------------------------------------------------

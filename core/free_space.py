@@ -18,7 +18,8 @@ from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
 from .types import FreeEnd, FreeProfile, Ground
 
-_BLOCK_ROWS = 4
+_MAX_RINGS = 250
+"""Rings are counted in one byte; beyond so many nothing is called free."""
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
 )  # fmt: skip
@@ -53,19 +54,19 @@ def count_through(codes, direction, ring_of_code, rings, block_rows, through, un
 
 @njit(cache=True, nogil=True)
 def walk_rings(
-    through, unknown, cells, ring_m, layers, lowest, rows, cv, f, block_rows, share, free_from, free_to, end
+    through, unknown, cells, ring_m, layers, lowest, rows, cv, f, block_rows, share, least_m, free_from, free_to, end
 ):  # fmt: skip
     """Walks each direction and layer outward; writes free_from, free_to (D, L) as forward distances and end.
 
     ring_m: (R,) float32 distances, ring r is seen through by through[.., r + 1]. lowest: (D, R) float64 z that is surely
-    above the ground there: layers are judged down to it."""
+    above the ground there: layers are judged down to it, where least_m is left of them."""
     for d in range(through.shape[0]):
         for layer in range(layers.shape[0] - 1):
             first, last, why = -1, -1, _NOT_SEEN
             for r in range(ring_m.shape[0]):
                 x = ring_m[r]
                 z0, z1 = layers[layer], min(layers[layer + 1], lowest[d, r])
-                if z1 - z0 < 0.1:
+                if z1 - z0 < least_m:
                     why = _NOT_SEEN if first < 0 else _VIEW
                     if first >= 0:
                         break
@@ -159,24 +160,25 @@ def free_profile(
     edges_t = np.tan(edges)
     column_t = (np.arange(g.cols) - g.cu) / f_u
     direction = np.clip(np.searchsorted(edges_t, column_t, side="right") - 1, 0, n - 1).astype(np.int32)
-    ring_m = np.arange(params.profile_ring_m, clear_m, params.profile_ring_m).astype(np.float32)[:250]
+    ring_m = np.arange(params.profile_ring_m, clear_m, params.profile_ring_m).astype(np.float32)[:_MAX_RINGS]
     rings = len(ring_m)
     # a cell sees through a ring when it measures farther than its own noise behind it
     x = g.f_px * g.quantum / np.maximum(np.arange(65536), 1)
-    ring_of_code = np.searchsorted(ring_m, x - np.minimum(2.0 * ke * x * x, 0.3 * x), side="right").astype(np.uint8)
+    behind = np.minimum(params.profile_sigmas * ke * x * x, params.profile_noise_cap * x)
+    ring_of_code = np.searchsorted(ring_m, x - behind, side="right").astype(np.uint8)
     ring_of_code[Q_FAR] = rings
     ring_of_code[0] = 0
-    blocks = -(-g.rows // _BLOCK_ROWS)
+    blocks = -(-g.rows // params.profile_block_px)
     through = np.empty((n, blocks, rings + 1), np.int32)
     unknown, cells = np.empty((n, blocks), np.int32), np.empty((n, blocks), np.int32)
-    count_through(codes, direction, ring_of_code, rings, _BLOCK_ROWS, through, unknown, cells)
+    count_through(codes, direction, ring_of_code, rings, params.profile_block_px, through, unknown, cells)
     layers = layer_edges(params)
     free_from, free_to = np.empty((n, len(layers) - 1), np.float32), np.empty((n, len(layers) - 1), np.float32)
     end = np.empty(free_to.shape, np.uint8)
     middle_t = 0.5 * (edges_t[1:] + edges_t[:-1])
     walk_rings(
         through, unknown, cells, ring_m, layers, lowest_clear(ground, ring_m, middle_t, ke, params), g.rows, g.cv, g.f_px,
-        _BLOCK_ROWS, params.free_share, free_from, free_to, end,
+        params.profile_block_px, params.free_share, params.profile_least_m, free_from, free_to, end,
     )  # fmt: skip
     stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end)
     # forward distance to horizontal range: the shorter of both edges for what is free, the longer for where it begins

@@ -19,28 +19,46 @@ from .params import Params
 from .types import CameraInfo, Ground
 
 NO_GROUND = Ground(seen=False)
-_BIN = 0.04
-"""Heights are voted for in steps of 4 %: the noise of height grows with height (sigma_h = ke X h)."""
-_BINS = 160
-_LEAST_HEIGHT_M = 0.12
+(
+    V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
+) = range(11)  # fmt: skip
+"""Indices of `vote_settings`."""
+
+
+def vote_settings(rows: int, p: Params) -> NDArray[np.float64]:
+    """(11,) float64 for pictures of so many rows."""
+    return np.array(
+        [
+            p.ground_min_height_m, p.ground_height_step, p.ground_pair_climb, p.ground_pair_climb_min_m,
+            p.ground_pair_climb_max_m, p.ground_pair_min_px, rows // p.ground_pair_parts, p.ground_pair_flat,
+            p.ground_pair_sigmas, p.ground_pair_flat_cap, p.ground_pair_level,
+        ]
+    )  # fmt: skip
+
+
+def height_bins(p: Params) -> int:
+    """How many steps of height are counted: a few beyond the greatest height considered."""
+    return 4 + math.ceil(math.log(max(p.ground_max_height_m / p.ground_min_height_m, 1.0)) / p.ground_height_step)
 
 
 @njit(cache=True, nogil=True)
-def vote(inverse, R, k, ke, step, votes, points):
+def vote(inverse, R, k, ke, column_step, row_step, tuning, votes, points):
     """Votes for the height of horizontal surfaces; returns (points written, votes cast, pixels sampled).
 
-    inverse: (H, W) float32. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. votes: (160,) int32 over log height.
-    points: (N, 5) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre of height, and 1
-    where they voted. Every 5 step-th column and 3 step-th row is sampled. A pair of pixels in one source column votes when what lies between them climbs less than a quarter
-    of what a wall would show over the same rows."""
+    inverse: (H, W) float32. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `vote_settings`. votes: (bins,)
+    int32 over log height. points: (N, 5) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
+    of height, and 1 where they voted. A pair of pixels in one source column votes when what lies between them climbs
+    little of what a wall would show over the same rows."""
     rows, cols = inverse.shape
+    least, bin_step = tuning[V_LEAST], tuning[V_STEP]
+    bins = len(votes)
     votes[:] = 0
     n = 0
     cast = 0
     sampled = 0
-    for u in range(2, cols, 5 * step):
+    for u in range(column_step // 2, cols, column_step):
         xu = (u - k[2]) / k[0]
-        for v in range(1, rows, 3 * step):
+        for v in range(row_step // 2, rows, row_step):
             d = inverse[v, u]
             if d <= 0.0:
                 continue
@@ -55,11 +73,11 @@ def vote(inverse, R, k, ke, step, votes, points):
                 points[n, 3] = d / ke
                 points[n, 4] = 0.0
                 n += 1
-            if z < _LEAST_HEIGHT_M or x <= 0.0:
+            if z < least or x <= 0.0:
                 continue
-            # what a wall would climb over the rows that are looked at: a fifth of the camera's height
-            climb = min(max(0.2 * z, 0.08), 2.0)
-            v2 = v - max(4, min(rows // 3, int(climb * k[1] * d)))
+            # what a wall would climb over the rows that are looked at
+            climb = min(max(tuning[V_CLIMB] * z, tuning[V_CLIMB_MIN]), tuning[V_CLIMB_MAX])
+            v2 = v - int(max(tuning[V_ROWS_MIN], min(tuning[V_ROWS_MAX], climb * k[1] * d)))
             if v2 < 0:
                 continue
             d2 = inverse[v2, u]
@@ -67,12 +85,13 @@ def vote(inverse, R, k, ke, step, votes, points):
                 continue
             yv2 = (v2 - k[3]) / k[1]
             z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
-            noise = 2.0 * ke * (z / d + abs(z2) / d2) * 0.5
-            if abs(z2 - z) < min(0.25 * climb + noise, 0.5 * climb) and z2 > 0.5 * z:
+            noise = tuning[V_SIGMAS] * ke * (z / d + abs(z2) / d2) * 0.5
+            allowed = min(tuning[V_FLAT] * climb + noise, tuning[V_FLAT_CAP] * climb)
+            if abs(z2 - z) < allowed and z2 > tuning[V_LEVEL] * z:
                 cast += 1
                 points[n - 1, 4] = 1.0
-                bin_ = int(math.log(0.5 * (z + z2) / _LEAST_HEIGHT_M) / _BIN)
-                if 0 <= bin_ < _BINS:
+                bin_ = int(math.log(0.5 * (z + z2) / least) / bin_step)
+                if 0 <= bin_ < bins:
                     votes[bin_] += 1
     return n, cast, sampled
 
@@ -100,32 +119,34 @@ def find_ground(
 ) -> Ground:  # fmt: skip
     """The ground of one frame, or NO_GROUND.
 
-    seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count half as much again.
-    points: (N, 5) float32 scratch. The heights are tried from the most voted on; one is taken when enough pixels lie
+    seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
+    points: (ground_max_samples, 5) float32 scratch. The heights are tried from the most voted on; one is taken when enough pixels lie
     on it and few below."""
-    k = info.intrinsics
-    votes = np.zeros(_BINS, np.int32)
+    k, p = info.intrinsics, params
+    votes = np.zeros(height_bins(p), np.int32)
+    across, down = p.ground_column_step, p.ground_row_step
     # as coarse as it takes for the whole picture to find room: a part of it would say nothing of what lies below
-    step = max(1, math.ceil(math.sqrt((k.width // 5 + 1) * (k.height // 3 + 1) / len(points))))
+    step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
     n, _, sampled = vote(
-        inverse, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, step, votes, points
-    )
-    if sampled < 50:
+        inverse, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, across * step, down * step,
+        vote_settings(k.height, p), votes, points,
+    )  # fmt: skip
+    if sampled < p.ground_min_samples:
         return NO_GROUND
     score = np.convolve(votes, [1.0, 1.0, 1.0], mode="same")
-    if math.isfinite(seed_height_m) and seed_height_m > _LEAST_HEIGHT_M:
-        at = int(math.log(seed_height_m / _LEAST_HEIGHT_M) / _BIN)
-        score[max(0, at - 2) : at + 3] *= 1.5
+    if math.isfinite(seed_height_m) and seed_height_m > p.ground_min_height_m:
+        at = int(math.log(seed_height_m / p.ground_min_height_m) / p.ground_height_step)
+        score[max(0, at - p.ground_seed_steps) : at + p.ground_seed_steps + 1] *= p.ground_seed_weight
     seen = points[:n].astype(np.float64)
-    for _ in range(6):
+    for _ in range(p.ground_tries):
         best = int(np.argmax(score))
-        if score[best] < params.ground_min_share * sampled:
+        if score[best] < p.ground_min_share * sampled:
             return NO_GROUND
-        height = _LEAST_HEIGHT_M * math.exp((best + 0.5) * _BIN)
-        score[max(0, best - 2) : best + 3] = 0.0
-        if height > params.ground_max_height_m:
+        height = p.ground_min_height_m * math.exp((best + 0.5) * p.ground_height_step)
+        score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
+        if height > p.ground_max_height_m:
             continue
-        ground = _fit(seen, height, ke, params)
+        ground = _fit(seen, height, ke, p)
         if ground is not None:
             return ground
     return NO_GROUND
@@ -136,21 +157,21 @@ def _fit(points: NDArray[np.float64], height_m: float, ke: float, params: Params
     x, y, z, inv_noise, level = points.T
     slope = np.zeros(2)
     cap = params.ground_tolerance_cap * params.min_obstacle_height_m
-    for _ in range(4):
+    for _ in range(params.ground_fit_rounds):
         noise = params.ground_sigmas * height_m / inv_noise
         tolerance = np.clip(noise, min(params.ground_tolerance_m, cap), cap)
         off = z - (height_m + slope[0] * x + slope[1] * y)
         on = (np.abs(off) < tolerance) & (level > 0.0)  # the foot of a wall is near the ground and not level
-        if on.sum() < max(20, params.ground_min_share * len(points)):
+        if on.sum() < max(params.ground_fit_min_px, params.ground_min_share * len(points)):
             return None
-        # inverse variance of height (sigma_h = ke X h), floored so that near pixels do not rule alone
-        w = np.where(on, 1.0 / (0.02 + height_m / inv_noise) ** 2, 0.0)
+        # inverse variance of height, sigma_h = ke X h
+        w = np.where(on, 1.0 / (params.ground_fit_floor_m + height_m / inv_noise) ** 2, 0.0)
         height_m = height_m + float(np.sum(w * off) / np.sum(w))
         if params.ground_max_slope > 0.0:
-            slope = _bounded_slope(x, y, z - height_m, w, params.ground_max_slope)
+            slope = _bounded_slope(x, y, z - height_m, w, params)
     off = z - (height_m + slope[0] * x + slope[1] * y)
-    below = np.mean(off > tolerance + 0.1 * height_m / (height_m + 5.0))
-    if below > params.ground_max_below_share or height_m < _LEAST_HEIGHT_M:
+    below = np.mean(off > tolerance + params.ground_below_m * height_m / (height_m + params.ground_below_full_m))
+    if below > params.ground_max_below_share or height_m < params.ground_min_height_m:
         return None
     blind = params.min_obstacle_height_m / (params.ground_sigmas * ke * height_m)
     return Ground(
@@ -160,14 +181,13 @@ def _fit(points: NDArray[np.float64], height_m: float, ke: float, params: Params
 
 
 def _bounded_slope(
-    x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], w: NDArray[np.float64], limit: float
+    x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], w: NDArray[np.float64], params: Params
 ) -> NDArray[np.float64]:
     """Weighted least-squares slopes of z over (x, y) with intercept, shrunk to 0 where the data do not carry them."""
     A = np.stack([np.ones_like(x), x, y])
     normal = (A * w) @ A.T
-    # a prior of 1 degree keeps a narrow patch of ground from tilting
-    normal[1, 1] += 1.0 / 0.0175**2
-    normal[2, 2] += 1.0 / 0.0175**2
+    normal[1, 1] += 1.0 / params.ground_slope_prior**2
+    normal[2, 2] += 1.0 / params.ground_slope_prior**2
     fit = np.linalg.solve(normal, (A * w) @ z)
     length = math.hypot(fit[1], fit[2])
-    return np.asarray(fit[1:] * min(1.0, limit / max(length, 1e-12)))
+    return np.asarray(fit[1:] * min(1.0, params.ground_max_slope / max(length, 1e-12)))

@@ -20,6 +20,13 @@ from .types import CameraInfo, Intrinsics
 
 Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
 """Codes of the levelled image: no measurement, free to the maximum, and the least measured value."""
+_MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
+"""Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
+
+
+def code_quantum(info: CameraInfo, f_px: float) -> float:
+    """Codes per pixel of disparity in a view of focal length f_px."""
+    return min(_MAX_QUANTUM, _MAX_CODE * 0.5 * info.min_range_m / f_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -73,7 +80,7 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     to_source = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]]) @ R_level_optical.T
     from_cell = np.array([[0.0, 0.0, f_px], [1.0, 0.0, -cu], [0.0, 1.0, -cv]]) / f_px
     edges = ((np.arange(rows + 1) - 0.5 - cv) / f_px).astype(np.float32)
-    quantum = min(64.0, 60000.0 * 0.5 * info.min_range_m / f_px)
+    quantum = code_quantum(info, f_px)
     return ViewGeometry(
         cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=quantum,
         tan_edge=edges, lateral=np.ones(rows, np.float32), H=to_source @ from_cell,
@@ -229,17 +236,13 @@ def pooled_geometry(g: ViewGeometry, step: int) -> ViewGeometry:
     )  # fmt: skip
 
 
-PAPER_ROLL_RAD = math.radians(2.0)
-"""The paper rotates the image when the roll exceeds this [phi0]."""
-
-
-def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation) -> ViewGeometry:
-    """The paper's view: the source's own window, rotated by -roll when that is over 2 degrees; rows levelled by pitch."""
+def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
+    """The paper's view: the source's own window, rotated by -roll beyond `paper_roll_deg`; rows levelled by pitch."""
     k = info.intrinsics
     # nose-up pitch and roll of the camera, from R_level_optical = Ry(pitch) Rx(roll) R_camfrd_optical
     pitch = math.asin(max(-1.0, min(1.0, -float(R_level_optical[2, 2]))))
     roll = math.atan2(float(R_level_optical[2, 0]), float(R_level_optical[2, 1]))
-    c, s = (math.cos(roll), math.sin(roll)) if abs(roll) > PAPER_ROLL_RAD else (1.0, 0.0)
+    c, s = (math.cos(roll), math.sin(roll)) if abs(roll) > math.radians(params.paper_roll_deg) else (1.0, 0.0)
     turn = np.array([[c, s, k.cx - c * k.cx - s * k.cy], [-s, c, k.cy + s * k.cx - c * k.cy], [0.0, 0.0, 1.0]])
     theta = -pitch  # the paper's theta is positive nose down, MAVLink's pitch nose up
     edge = (np.arange(k.height + 1) - 0.5 - k.cy) / k.fy
@@ -247,7 +250,7 @@ def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation) -> ViewGeom
     forward = math.cos(theta) - edge * math.sin(theta)
     tan_edge = (math.sin(theta) + edge * math.cos(theta)) / np.maximum(forward, 1e-3)
     lateral = (k.fy / k.fx) / np.maximum(math.cos(theta) - mid * math.sin(theta), 1e-3)
-    quantum = min(64.0, 60000.0 * 0.5 * info.min_range_m / k.fy)
+    quantum = code_quantum(info, k.fy)
     return ViewGeometry(
         cols=k.width, rows=k.height, f_px=k.fy, cu=k.cx, cv=k.cy, quantum=quantum,
         tan_edge=tan_edge.astype(np.float32), lateral=lateral.astype(np.float32), H=turn,

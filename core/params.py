@@ -40,6 +40,21 @@ class Params:
     noise_prior_span: float = _number(4.0, 1.0, 10.0, "", "the measured ke stays within prior/span .. prior*span")
     noise_memory: float = _number(0.7, 0.0, 0.99, "", "share of the previous estimate kept at each frame")
     min_sigma_px: float = _number(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
+    noise_tiles_down: int = _number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
+    noise_tiles_across: int = _number(8, 1, 32, "", "and columns of them")
+    noise_step_px: int = _number(8, 1, 64, "px", "step of the second difference whose median is a tile's noise")
+    noise_row_step: int = _number(3, 1, 32, "px", "rows from one to the next that is looked at")
+    noise_min_samples: int = _number(120, 10, 10000, "", "differences that a tile needs to count")
+    noise_min_tiles: int = _number(3, 1, 1024, "", "tiles that a picture needs to tell its noise")
+    noise_min_depth_m: float = _number(
+        1.5, 0.0, 20.0, "m", "pixels closer than this do not count: millimetre steps outweigh their noise"
+    )
+    noise_quantile: float = _number(0.25, 0.0, 1.0, "", "quantile of the tiles that is the picture's noise")
+    noise_grid: float = _number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
+    noise_hold: float = _number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
+    clear_sigmas: float = _number(
+        3.0, 0.0, 8.0, "sigma", "what measures closer to the range clip than this is far; far is free up to there only"
+    )
 
     # Levelling
     max_tilt_deg: float = _number(
@@ -47,6 +62,7 @@ class Params:
     )
     max_elevation_deg: float = _number(74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown")
     max_view_ratio: float = _number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
+    paper_roll_deg: float = _number(2.0, 0.0, 30.0, "deg", "the paper rotates the image when it rolls more [phi0]")
     column_step: int = _number(1, 1, 16, "", "columns pooled by maximum disparity into one [sampling interval]")
     min_measured_share: float = _number(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
 
@@ -69,6 +85,48 @@ class Params:
     ground_min_share: float = _number(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
     ground_max_slope: float = _number(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
     ground_max_height_m: float = _number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
+    ground_min_height_m: float = _number(0.12, 0.02, 1.0, "m", "and the least")
+    ground_height_step: float = _number(
+        0.04, 0.005, 0.3, "", "heights are voted for in steps of this share: noise of height grows with height"
+    )
+    ground_column_step: int = _number(5, 1, 64, "px", "columns from one sampled pixel to the next")
+    ground_row_step: int = _number(3, 1, 64, "px", "rows from one sampled pixel to the next")
+    ground_max_samples: int = _number(
+        30000, 1000, 1000000, "", "larger pictures are sampled in larger steps than those"
+    )
+    ground_min_samples: int = _number(50, 10, 10000, "", "sampled pixels without which no ground is looked for")
+    ground_pair_climb: float = _number(
+        0.2, 0.02, 1.0, "", "rows of a pair: a wall there would climb this share of the camera's height"
+    )
+    ground_pair_climb_min_m: float = _number(0.08, 0.01, 1.0, "m", "but at least this much")
+    ground_pair_climb_max_m: float = _number(2.0, 0.1, 20.0, "m", "and at most this much")
+    ground_pair_min_px: int = _number(4, 1, 100, "px", "least rows of a pair")
+    ground_pair_parts: int = _number(3, 1, 20, "", "greatest rows of a pair: the picture's over this")
+    ground_pair_flat: float = _number(
+        0.25, 0.0, 1.0, "", "a pair votes when it climbs less than this share of a wall's"
+    )
+    ground_pair_sigmas: float = _number(2.0, 0.0, 8.0, "sigma", "and this much of its noise of height")
+    ground_pair_flat_cap: float = _number(0.5, 0.0, 1.0, "", "which together are at most this share of a wall's climb")
+    ground_pair_level: float = _number(
+        0.5, 0.0, 1.0, "", "its farther pixel lies at least this share as low as the other"
+    )
+    ground_seed_weight: float = _number(1.5, 1.0, 10.0, "", "votes near the last frame's height count this much")
+    ground_seed_steps: int = _number(2, 0, 20, "", "steps of height on either side that are near it")
+    ground_tries: int = _number(6, 1, 50, "", "heights that are tried, from the most voted on")
+    ground_fit_rounds: int = _number(4, 1, 20, "", "rounds of the fit, each with the pixels near the one before")
+    ground_fit_min_px: int = _number(20, 3, 10000, "", "sampled pixels that a fit needs")
+    ground_fit_floor_m: float = _number(
+        0.02, 0.001, 1.0, "m", "added to a pixel's noise in its weight: near pixels do not rule alone"
+    )
+    ground_slope_prior: float = _number(
+        0.0175, 0.001, 1.0, "m/m", "slope expected beforehand: a narrow patch of ground does not tilt the fit"
+    )
+    ground_below_m: float = _number(
+        0.1, 0.0, 1.0, "m", "below the ground is what lies lower than its tolerance and this"
+    )
+    ground_below_full_m: float = _number(
+        5.0, 0.1, 50.0, "m", "height of the camera at which half of that is granted; near the ground less is"
+    )
 
     # Density and peaks
     bin_per_sigma: float = _number(1.25, 0.5, 4.0, "", "bins per sigma of disparity noise")
@@ -153,6 +211,10 @@ class Params:
     profile_layers: int = _number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
     profile_ring_m: float = _number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
     free_share: float = _number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
+    profile_block_px: int = _number(4, 1, 64, "px", "rows that are counted together, a layer's rows rounded outwards")
+    profile_sigmas: float = _number(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
+    profile_noise_cap: float = _number(0.3, 0.0, 0.9, "", "which is at most this share of its distance")
+    profile_least_m: float = _number(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
 
     def __post_init__(self) -> None:
         for f in fields(self):

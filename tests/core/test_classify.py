@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table
+from core.classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table, noise_tiles
 from core.params import Params
 from core.types import FAR_MM, SATURATED_MM
 from drivers.simulated import camera_info
@@ -18,10 +18,12 @@ from drivers.simulated import camera_info
 from . import naive
 from .views import INFO, flat_wall, noisy
 
+P = Params()
+
 
 def run(depth: np.ndarray, ke: float, relative: float, absolute: float) -> tuple[np.ndarray, tuple[int, int, int]]:
     raw, out = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.float32)
-    counts = classify(depth, inverse_depth_table(INFO, ke), relative, absolute, raw, out)
+    counts = classify(depth, inverse_depth_table(INFO, ke, P), relative, absolute, raw, out)
     return out, counts
 
 
@@ -77,7 +79,7 @@ def test_metres_that_measure_nothing_are_unknown(value: float) -> None:
 @given(st.integers(0, 65535), st.sampled_from([1e-5, 0.0015, 0.01, 0.05]), st.sampled_from([2.0, 20.0, 65.0]))
 def test_the_table_against_the_definition(mm: int, ke: float, max_m: float) -> None:
     info = replace(INFO, max_range_m=max_m)
-    value = inverse_depth_table(info, ke)[mm]
+    value = inverse_depth_table(info, ke, P)[mm]
     kind = naive.pixel_kind(mm, info.min_range_m, max_m, ke)
     assert {"measured": value > 0, "far": value == -1, "unknown": value == 0}[kind]
     if kind == "measured":
@@ -88,7 +90,7 @@ def test_the_table_against_the_definition(mm: int, ke: float, max_m: float) -> N
 def test_the_cut_is_three_sigma_of_its_own_range_short_of_the_maximum() -> None:
     """At the cut Zc a pixel three sigma of disparity farther is at the maximum: 1/Zc - 3 ke = 1/max."""
     for ke in (1e-5, 0.0015, 0.05):
-        assert 1.0 / clear_range_m(INFO, ke) - 3.0 * ke == pytest.approx(1.0 / INFO.max_range_m)
+        assert 1.0 / clear_range_m(INFO, ke, P) - 3.0 * ke == pytest.approx(1.0 / INFO.max_range_m)
 
 
 @pytest.mark.parametrize("ke", [0.0015, 0.005, 0.01])
@@ -101,7 +103,7 @@ def test_the_noise_of_a_plain_wall_is_recovered(ke: float, size: tuple[int, int]
 
 
 def inverse(depth: np.ndarray, info: object) -> np.ndarray:
-    return inverse_depth_table(info, 1e-5)[depth]
+    return inverse_depth_table(info, 1e-5, P)[depth]
 
 
 def test_the_noise_stays_within_the_span_of_its_prior() -> None:
@@ -128,3 +130,27 @@ def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
     assert estimate_ke(blank, 225.0, 0.004, math.nan, p) == 0.004
     assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, estimate_noise=False)) == 0.004
     assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, mode="paper")) == 0.004
+
+
+def test_each_tile_has_the_noise_of_its_own_pixels() -> None:
+    """Left half quiet, right half loud, the top row of tiles unknown."""
+    info = camera_info(320, 240)
+    depth = np.where(np.arange(320) < 160, noisy(flat_wall(info, 6.0), 0.002, 3), noisy(flat_wall(info, 6.0), 0.008, 4))
+    depth[:60] = 0
+    tiles = noise_tiles(inverse(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2))
+    assert tiles.shape == (4, 2)
+    assert (tiles[0] < 0).all()
+    np.testing.assert_allclose(tiles[1:], [[0.45, 1.8]] * 3, rtol=0.1)
+
+
+def test_which_tiles_and_pixels_tell_the_noise_is_a_setting() -> None:
+    info = camera_info(320, 240)
+    near, half = noisy(flat_wall(info, 1.4), 0.004, 3), noisy(flat_wall(info, 6.0), 0.002, 3)
+    half[:, 160:] = noisy(flat_wall(info, 6.0), 0.006, 4)[:, 160:]
+    p = Params(min_sigma_px=0.01)
+    assert estimate_ke(inverse(near, info), 225.0, 0.003, math.nan, p) == 0.003
+    got = estimate_ke(inverse(near, info), 225.0, 0.003, math.nan, replace(p, noise_min_depth_m=0.0))
+    assert got == pytest.approx(0.004, rel=0.15)
+    for quantile, want in ((0.25, 0.002), (0.75, 0.006)):
+        got = estimate_ke(inverse(half, info), 225.0, 0.003, math.nan, replace(p, noise_quantile=quantile))
+        assert got == pytest.approx(want, rel=0.15)

@@ -67,7 +67,21 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     shape = (3, 3)
     start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
     fs.walk_rings(
-        through, unknown, cells, ring_m, layers, np.full((3, len(ring_m)), 1e6), 90, 44.5, F, 4, 0.8, start, to, end
+        through,
+        unknown,
+        cells,
+        ring_m,
+        layers,
+        np.full((3, len(ring_m)), 1e6),
+        90,
+        44.5,
+        F,
+        4,
+        0.8,
+        0.1,
+        start,
+        to,
+        end,
     )
     for d in range(3):
         for layer in range(3):

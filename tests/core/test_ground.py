@@ -33,8 +33,11 @@ def ground_image(
     return to_mm(np.where((depth > 0) & (depth < info.max_range_m), depth, np.inf))
 
 
-def find(depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan) -> Ground:
-    return find_ground(inverse_depth_table(info, ke)[depth], info, R, ke, seed, P, np.zeros((30000, 5), np.float32))
+def find(
+    depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
+) -> Ground:
+    points = np.zeros((p.ground_max_samples, 5), np.float32)
+    return find_ground(inverse_depth_table(info, ke, p)[depth], info, R, ke, seed, p, points)
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])
@@ -82,6 +85,33 @@ def test_the_last_height_breaks_a_tie() -> None:
     upper = ground_image(VIEW, 1.9, -0.4)
     depth[:, ::2] = upper[:, ::2]
     assert find(depth, VIEW, level(-0.4), seed=2.0).seen
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"ground_height_step": 0.02},
+        {"ground_height_step": 0.15},
+        {"ground_min_height_m": 0.5, "ground_max_height_m": 3.0},
+        {"ground_column_step": 11, "ground_row_step": 1},
+        {"ground_max_samples": 1000},
+        {"ground_fit_rounds": 8, "ground_fit_floor_m": 0.1},
+        {"ground_pair_climb": 0.4, "ground_pair_parts": 5},
+    ],
+)
+def test_the_ground_does_not_hang_on_how_it_is_looked_for(change: dict[str, float]) -> None:
+    depth = noisy(ground_image(VIEW, 2.0, -0.2, 0.1), 0.0015, 1)
+    g = find(depth, VIEW, level(-0.2, 0.1), p=Params(**change))
+    assert g.seen
+    assert g.height_m == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_ground_higher_or_lower_than_considered_is_none() -> None:
+    depth = ground_image(VIEW, 2.0, -0.2)
+    assert not find(depth, VIEW, level(-0.2), p=Params(ground_max_height_m=1.5)).seen
+    shallow = ground_image(VIEW, 0.5, -0.2)
+    assert find(shallow, VIEW, level(-0.2)).seen
+    assert not find(shallow, VIEW, level(-0.2), p=Params(ground_min_height_m=0.8)).seen
 
 
 @pytest.mark.parametrize("size", [(848, 480), (1280, 720), (1600, 1200)])

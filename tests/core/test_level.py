@@ -212,7 +212,7 @@ def test_nearest_leaves_no_old_cells_and_no_old_marks() -> None:
 def test_lemma_1_levels_the_distances_of_a_wall(pitch: float) -> None:
     """The paper's form, without roll: same rows, disparity over (cos theta - (v - v0)/f sin theta), theta nose down."""
     depth = flat_wall(INFO, 6.0, pitch)
-    g = view_geometry_paper(INFO, level(pitch))
+    g = view_geometry_paper(INFO, level(pitch), P)
     out = np.empty((g.cols, g.rows), np.uint16)
     level_paper((1000.0 / np.maximum(depth, 1)).astype(np.float32), g.H, g.lateral, g.f_px * g.quantum, out)
     np.testing.assert_allclose(g.f_px * g.quantum / out, 6.0, atol=0.03)
@@ -224,10 +224,11 @@ def test_lemma_1_levels_the_distances_of_a_wall(pitch: float) -> None:
 @pytest.mark.nojit
 @pytest.mark.parametrize("roll", [-0.3, 0.3])
 def test_the_paper_rotates_the_image_back_by_the_roll(roll: float) -> None:
-    g = view_geometry_paper(INFO, level(0.0, roll))
+    g = view_geometry_paper(INFO, level(0.0, roll), P)
     R = level(0.0, roll)
     for u, v in ((5, 6), (30, 20)):
         got = g.H @ [u, v, 1.0]
         want = naive.source_pixel(u, v, R, SMALL, 30.0, 19.5, 14.5)
         np.testing.assert_allclose(got[:2], want[:2], atol=1e-9)
-    assert np.array_equal(view_geometry_paper(INFO, level(0.0, 0.03)).H, np.eye(3))  # below two degrees: left alone
+    assert np.array_equal(view_geometry_paper(INFO, level(0.0, 0.03), P).H, np.eye(3))  # below two degrees: left alone
+    assert not np.array_equal(view_geometry_paper(INFO, level(0.0, 0.03), Params(paper_roll_deg=1.0)).H, np.eye(3))

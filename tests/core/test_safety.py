@@ -78,9 +78,9 @@ def test_a_wall_beyond_what_is_measured_is_not_reported_as_free() -> None:
     """With noise a wall at 17 m of a 20 m camera is cut off before any plane is made: the free range ends before it."""
     info = camera_info(320, 240, ke_per_m=0.005)
     model = extract(noisy(flat_wall(info, 17.0), 0.005, 1), info, estimate_noise=False)
-    assert clear_range_m(info, 0.005) < 17.0
+    assert clear_range_m(info, 0.005, Params()) < 17.0
     for azimuth in (-0.4, -0.2, 0.0, 0.2, 0.4):
-        assert 10.0 < free_to(model, azimuth, 0.0) * math.cos(azimuth) <= clear_range_m(info, 0.005)
+        assert 10.0 < free_to(model, azimuth, 0.0) * math.cos(azimuth) <= clear_range_m(info, 0.005, Params())
 
 
 def same(a: FrameModel, b: FrameModel) -> bool:
@@ -212,7 +212,7 @@ def test_noise_of_full_width_stays_within_its_buffers() -> None:
 
 def test_a_picture_that_is_far_all_over_is_free_up_to_the_clear_range() -> None:
     model = extract(np.full((240, 320), FAR_MM, np.uint16), VIEW)
-    limit = clear_range_m(VIEW, VIEW.ke_per_m)
+    limit = clear_range_m(VIEW, VIEW.ke_per_m, Params())
     assert model.valid
     assert len(model.planes) == 0
     for azimuth in (-0.4, 0.0, 0.4):
