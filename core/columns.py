@@ -41,7 +41,7 @@ def extract_strips(
     low, high, top = np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32), np.zeros(MAX_PEAKS, np.int32)
     scratch = np.zeros(rows, np.float32)
     blocks = np.zeros((3, rows + 2), np.int64)
-    cuts = np.zeros(64, np.int32)
+    cuts = np.zeros(rows + 1, np.int32)
     n = 0
     for u in range(cols):
         line, state = codes[u], states[u]

@@ -1,8 +1,8 @@
 """Section 4.1: how many pixels of a column lie near each disparity, and where that has its peaks.
 
 Bins follow the noise, which stereo has constant in disparity; near the camera, where a bin would be thinner than any
-obstacle is flat, they have a least depth instead. The soft count of a bin is sum K((x - D)/h)/K(0) with a Gaussian of
-seven taps, in 1/64 of a pixel, to be compared with the pixels an obstacle of the least height fills: Hm * x / C.
+obstacle is flat, they have a least depth instead. The soft count of a bin is sum K((x - D)/h)/K(0) with a Gaussian
+over a few bins, in 1/64 of a pixel, to be compared with the pixels an obstacle of the least height fills: Hm * x / C.
 """
 
 from __future__ import annotations
@@ -16,18 +16,21 @@ from numpy.typing import NDArray
 
 from .params import Params
 
-TAPS = 7
 ONE_PX = 64
+"""Soft counts are in this fraction of a pixel: their resolution."""
 MAX_PEAKS = 24
+"""Room for the peaks of one column: what no peak takes, the irregular rest does."""
 NO_PEAK = 255
+"""Mark of a row that belongs to no peak."""
 _MAX_BINS = 4096
+"""Room for the bins: finer ones than fit are widened. Three quarters are for those uniform in disparity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BinTable:
     """bin_of_code: (65536,) uint16, the bin of a code of the levelled view, counted from 1 (0: no measurement).
     disparity_px: (B + 2,) float32 at bin centres, rising with the bin. threshold: (B + 2,) int32, least soft count of
-    a peak in 1/64 px. weights: (7,) int32. width_px: (B + 2,) float32 width of a bin. All indexed by bin."""
+    a peak in 1/64 px. weights: (2 kernel_half_bins + 1,) int32. width_px: (B + 2,) float32 width of a bin. All indexed by bin."""
 
     bin_of_code: NDArray[np.uint16]
     disparity_px: NDArray[np.float32]
@@ -60,11 +63,11 @@ def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) ->
     centre = np.where(edges <= knee_at, edges * uniform, 1.0 / np.maximum(inverse, 1.0 / top))
     centre[0] = 0.0
     width = np.maximum(uniform, centre * centre * depth / f_px)
-    taps = np.arange(TAPS) - TAPS // 2
+    taps = np.arange(-params.kernel_half_bins, params.kernel_half_bins + 1)
     weights = np.rint(ONE_PX * np.exp(-0.5 * (taps / params.kernel_sigma_bins) ** 2)).astype(np.int32)
     if params.paper:
-        # the printed kernel has unit area over its total width h = 7 bins, so its centre counts K(0) > 1 pixels
-        s = params.kernel_sigma_bins / TAPS
+        # the printed kernel has unit area over its total width h, so its centre counts K(0) > 1 pixels
+        s = params.kernel_sigma_bins / len(taps)
         peak = 1.0 / (math.erf(1.0 / (2.0 * math.sqrt(2.0) * s)) * s * math.sqrt(2.0 * math.pi))
         threshold = params.min_obstacle_height_m * centre / peak
     else:
@@ -77,12 +80,12 @@ def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) ->
 
 @njit(cache=True, nogil=True)
 def soft_counts(hist, weights, out):
-    """out[b] = sum_k weights[k] hist[b + k - 3], int32; hist and out: (B + 2,), zero at both ends."""
-    n = hist.shape[0]
-    half = TAPS // 2
+    """out[b] = sum_k weights[k] hist[b + k - half], int32; hist and out: (B + 2,), zero at both ends."""
+    n, taps = hist.shape[0], weights.shape[0]
+    half = taps // 2
     for b in range(n):
         total = 0
-        for k in range(max(0, half - b), min(TAPS, n + half - b)):
+        for k in range(max(0, half - b), min(taps, n + half - b)):
             total += weights[k] * hist[b + k - half]
         out[b] = total
 

@@ -187,21 +187,10 @@ class Extractor:
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
         parent, other = self._buffer("parent", (len(ints),), np.int32), self._buffer("other", (len(ints),), np.int32)
         place = self._buffer("place", (len(ints), 4), np.float32)
+        fs, si = float_settings(view, ke, max(ke * view.f_px, p.min_sigma_px), p), int_settings(p)
         if not p.paper:
-            sigma_d = max(ke * view.f_px, p.min_sigma_px)
             keep = self._buffer("keep", (len(ints),), np.uint8)
-            n = support.drop_unsupported(
-                ints,
-                floats,
-                n,
-                view.cols,
-                sigma_d,
-                p.min_support_px * strips.PX,
-                p.min_support_m * strips.PX,
-                p.support_columns,
-                columns,
-                keep,
-            )
+            n = support.drop_unsupported(ints, floats, n, view.cols, fs, si, columns, keep)
         support.index_columns(ints, n, view.cols, columns)
         support.sort_columns(ints, floats, view.cols, columns)
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
@@ -211,7 +200,7 @@ class Extractor:
             spans = np.empty((max(count, 1), 2), np.float32)
             fill.fill_paper(ints, place, n, hs, count, spans)
             return ints, floats, place, n
-        support.mark_cuts(ints, n, view.H, k.width, k.height)
+        support.mark_cuts(ints, n, view.H, k.width, k.height, si)
         column_t = float(view.lateral[0]) / view.f_px
         tan_limit = column_t * max(view.cu, view.cols - 1 - view.cu)
         clusters.cluster_strips(
@@ -225,7 +214,7 @@ class Extractor:
             p.link_gap_px, runs, spans, other,
         )  # fmt: skip
         raw = self._buffer("raw_near", (len(ints),), np.float32)
-        support.smooth_near(ints, floats, n, view.cols, columns, raw)
+        support.smooth_near(ints, floats, n, view.cols, fs, columns, raw)
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
         return ints, floats, place, n
 

@@ -11,6 +11,7 @@ from .strips import (
     FREE_PX,
     HORIZONTAL,
     I_GAP,
+    I_HORIZONTAL,
     I_PAPER,
     IRREGULAR,
     S_CENTRE,
@@ -21,6 +22,7 @@ from .strips import (
     S_HORIZON,
     S_JUMP,
     S_QUANTUM,
+    S_REST_SIGMAS,
     S_SIGMA_D,
     emit_paper,
     emit_pixels,
@@ -28,7 +30,7 @@ from .strips import (
 
 
 @njit(cache=True, nogil=True)
-def is_horizontal(line, member, label, top, bottom, fs):
+def is_horizontal(line, member, label, top, bottom, fs, si):
     """Eq. 12-14: do disparity and row of these pixels correlate, and does their line meet the horizon?
 
     In the levelled view the vanishing row is the horizon whatever the pitch."""
@@ -37,7 +39,7 @@ def is_horizontal(line, member, label, top, bottom, fs):
         if member[v] == label:
             d = line[v] / fs[S_QUANTUM]
             n, sd, sv, sdd, svv, sdv = n + 1, sd + d, sv + v, sdd + d * d, svv + 1.0 * v * v, sdv + d * v
-    if n < 6:
+    if n < si[I_HORIZONTAL]:
         return False
     var_d, var_v, cov = sdd - sd * sd / n, svv - sv * sv / n, sdv - sd * sv / n
     if var_d <= 1e-9 or var_v <= 1e-9:
@@ -70,7 +72,7 @@ def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n):
             if paper:
                 close = v - top + 1 > fs[S_HD] * most
             else:
-                noise = 4.0 * fs[S_SIGMA_D]
+                noise = fs[S_REST_SIGMAS] * fs[S_SIGMA_D]
                 jump = abs(d - line[last] / fs[S_QUANTUM]) > max(noise, fs[S_JUMP] * d)
                 depth = fs[S_F] / lo - fs[S_F] / hi
                 deep = depth > fs[S_DEPTH] + noise * fs[S_F] / (lo * lo)
@@ -90,7 +92,7 @@ def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n):
 @njit(cache=True, nogil=True)
 def close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n):
     """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
-    horizontal = is_horizontal(line, member, mark, top, last, fs)
+    horizontal = is_horizontal(line, member, mark, top, last, fs, si)
     if si[I_PAPER] == 1:
         if horizontal:
             return n

@@ -132,6 +132,7 @@ class Params:
     bin_per_sigma: float = _number(1.25, 0.5, 4.0, "", "bins per sigma of disparity noise")
     bin_depth_m: float = _number(0.03, 0.0, 0.5, "m", "a bin is never thinner than this in depth (0: uniform bins)")
     kernel_sigma_bins: float = _number(1.25, 0.5, 3.0, "bins", "width of the Gaussian kernel [sigma]")
+    kernel_half_bins: int = _number(3, 1, 7, "bins", "the kernel ends this far to either side: 2 x this + 1 bins [h]")
     density_share: float = _number(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
     density_min_px: float = _number(4.0, 1.0, 50.0, "px", "least soft count of a peak")
     peak_alpha: float = _number(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
@@ -144,24 +145,50 @@ class Params:
         0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak"
     )
     window_min_px: int = _number(4, 2, 50, "px", "shortest window [least delta v]")
+    window_members: int = _number(3, 1, 20, "px", "and least pixels of the peak in it")
+    window_take_sigmas: float = _number(
+        1.0, 0.0, 5.0, "sigma", "pixels of a segment's rows this much nearer than its peak are taken with it"
+    )
     rough_factor: float = _number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough")
     near_quantile: float = _number(
         0.02, 0.0, 0.2, "", "near side of rough things: the k-th closest, k = max(3, this share)"
     )
     near_rank: int = _number(3, 1, 20, "px", "least k of the k-th closest")
+    near_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "and noise that the k-th closest is expected to stand out by")
+    near_edge_share: float = _number(
+        0.5, 0.1, 1.0, "", "a near edge, less its noise, keeps at least this share of the strip's disparity"
+    )
     band_rows: int = _number(5, 2, 50, "px", "rows of one band when a strip is looked at for steps")
     band_step_m: float = _number(0.2, 0.02, 2.0, "m", "a band this far off in depth begins a strip of its own")
     band_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and by this much of its noise")
     irregular_gap_px: int = _number(3, 1, 50, "px", "rows without pixels that end an irregular segment")
     irregular_jump: float = _number(0.08, 0.01, 0.5, "", "step of disparity between rows, as a share, that ends one")
     irregular_depth_m: float = _number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
+    irregular_sigmas: float = _number(4.0, 1.0, 10.0, "sigma", "and noise that is neither a jump nor depth")
     min_support_px: int = _number(7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have")
     min_support_m: float = _number(
         0.02, 0.0, 0.2, "m", "and source pixels per pixel of this length: near things are large, stray blobs are not"
     )
     support_columns: int = _number(4, 0, 16, "px", "columns on either side that may support a strip")
+    support_rows: int = _number(
+        2, 0, 16, "px", "rows that may lie between it and such a strip, one more for each column"
+    )
+    support_sigmas: float = _number(
+        4.0, 1.0, 10.0, "sigma", "and difference in disparity, at most, in noise of a pixel"
+    )
+    support_relative: float = _number(0.05, 0.0, 0.5, "", "or as a share of the disparity")
+    support_large: int = _number(4, 1, 50, "", "a strip with this many times the support that is needed is large")
+    support_tail_sigmas: float = _number(
+        4.5, 1.0, 10.0, "sigma", "what lies within this of a large strip beside it is that strip's noise"
+    )
+    cut_rows: int = _number(2, 1, 20, "px", "an end this close to the border of the image is cut by it")
+    smooth_relative: float = _number(
+        0.1, 0.0, 0.5, "", "strips of neighbouring columns share near edges within this part of the disparity"
+    )
+    smooth_sigmas: float = _number(3.0, 0.0, 10.0, "sigma", "and this much of the strip's noise")
     horizontal_correlation: float = _number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
     horizontal_centre_px: float = _number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
+    horizontal_min_px: int = _number(6, 3, 100, "px", "fewer pixels tell of no surface")
 
     # Clusters
     cluster_near_share: float = _number(

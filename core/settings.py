@@ -1,4 +1,4 @@
-"""The parameters as plain arrays for the kernels of strips.py, by its S_ and I_ indices."""
+"""The parameters as plain arrays for the kernels of the strip stage, by its S_ and I_ indices."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .params import Params
 
 
 def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:
-    """(19,) float64."""
-    out = np.zeros(19)
+    """(29,) float64."""
+    out = np.zeros(29)
     for index, value in (
         (s.S_SIGMA_D, sigma_d_px), (s.S_F, view.f_px), (s.S_HS, p.passable_height_m), (s.S_HD, p.segment_height_m),
         (s.S_ALPHA, p.peak_alpha), (s.S_VALLEY, p.peak_valley), (s.S_MAJORITY, p.window_majority),
@@ -20,18 +20,23 @@ def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
         (s.S_BAND_STEP, p.band_step_m), (s.S_BAND_SIGMAS, p.band_sigmas), (s.S_DEPTH, p.irregular_depth_m),
         (s.S_SAFE, p.safe_distance_m), (s.S_KE, ke_per_m), (s.S_CORRELATION, p.horizontal_correlation),
         (s.S_CENTRE, p.horizontal_centre_px), (s.S_HORIZON, view.cv), (s.S_QUANTUM, view.quantum), (s.S_JUMP, p.irregular_jump),
+        (s.S_TAKE, p.window_take_sigmas), (s.S_NEAR_SIGMAS, p.near_sigmas), (s.S_NEAR_SHARE, p.near_edge_share),
+        (s.S_REST_SIGMAS, p.irregular_sigmas), (s.S_SUPPORT_PER_PX, s.PX * p.min_support_m),
+        (s.S_SUPPORT_SIGMAS, p.support_sigmas), (s.S_SUPPORT_RELATIVE, p.support_relative), (s.S_TAIL, p.support_tail_sigmas),
+        (s.S_SMOOTH_RELATIVE, p.smooth_relative), (s.S_SMOOTH_SIGMAS, p.smooth_sigmas),
     ):  # fmt: skip
         out[index] = value
     return out
 
 
 def int_settings(p: Params) -> NDArray[np.int64]:
-    """(7,) int64."""
-    out = np.zeros(7, np.int64)
+    """(12,) int64."""
+    out = np.zeros(12, np.int64)
     for index, value in (
         (s.I_WINDOW_MIN, p.window_min_px), (s.I_RANK, p.near_rank), (s.I_BAND_ROWS, p.band_rows),
         (s.I_GAP, p.irregular_gap_px), (s.I_PAPER, int(p.paper)), (s.I_SUPPORT, p.min_support_px),
-        (s.I_SUPPORT_COLUMNS, p.support_columns),
+        (s.I_SUPPORT_COLUMNS, p.support_columns), (s.I_SUPPORT_ROWS, p.support_rows), (s.I_LARGE, p.support_large),
+        (s.I_MEMBERS, p.window_members), (s.I_CUT, p.cut_rows), (s.I_HORIZONTAL, p.horizontal_min_px),
     ):  # fmt: skip
         out[index] = value
     return out

@@ -31,10 +31,14 @@ SMOOTH, ROUGH, IRREGULAR, HORIZONTAL = range(4)
 # indices of the float settings handed to the kernels
 (
     S_SIGMA_D, S_F, S_HS, S_HD, S_ALPHA, S_VALLEY, S_MAJORITY, S_ROUGH, S_QUANTILE, S_BAND_STEP, S_BAND_SIGMAS,
-    S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM, S_JUMP,
-) = range(19)  # fmt: skip
+    S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM, S_JUMP, S_TAKE, S_NEAR_SIGMAS, S_NEAR_SHARE,
+    S_REST_SIGMAS, S_SUPPORT_PER_PX, S_SUPPORT_SIGMAS, S_SUPPORT_RELATIVE, S_TAIL, S_SMOOTH_RELATIVE, S_SMOOTH_SIGMAS,
+) = range(29)  # fmt: skip
 # indices of the integer settings
-I_WINDOW_MIN, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS = range(7)
+(
+    I_WINDOW_MIN, I_MEMBERS, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS, I_SUPPORT_ROWS, I_LARGE,
+    I_CUT, I_HORIZONTAL,
+) = range(12)  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -108,12 +112,12 @@ def add_strip(ints, floats, n, u, top, bottom, support, kind, d, near, sigma, fi
 def near_side(values, n, mean, fs, si):
     """(disparity, near edge) of rough or irregular pixels; reorders values.
 
-    The near edge is the k-th closest less two sigma of noise, never behind the mean; the strip stands at most
-    safe_distance behind it (Eq. 9 with a k-th largest for its one-pixel maximum)."""
+    The near edge is the k-th closest less near_sigmas of noise, never behind the mean; k is no more than half of
+    them. The strip stands at most safe_distance behind it (Eq. 9 with a k-th largest for its one-pixel maximum)."""
     k = max(si[I_RANK], int(fs[S_QUANTILE] * n))
     k = min(k, (n + 1) // 2)
     closest = kth_largest(values, n, k)
-    near = max(closest - np.float32(2.0 * fs[S_SIGMA_D]), mean)
+    near = max(closest - np.float32(fs[S_NEAR_SIGMAS] * fs[S_SIGMA_D]), mean)
     behind = fs[S_F] / (fs[S_F] / near + fs[S_SAFE])
     return max(mean, np.float32(behind)), near
 
@@ -147,7 +151,7 @@ def emit_pixels(line, state, member, label, top, bottom, rough, kind, u, H, fs, 
         d, near = near_side(scratch, count, mean, fs, si)
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
     # a lower confidence bound: a few stray pixels in front of a wall move no plane
-    near = np.float32(max(0.5 * d, near - fs[S_BAND_SIGMAS] * sigma))
+    near = np.float32(max(fs[S_NEAR_SHARE] * d, near - fs[S_BAND_SIGMAS] * sigma))
     share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
     support = max(1, int(PX * count * share + 0.5))
     return add_strip(ints, floats, n, u, first_row, last_row, support, kind, d, near, np.float32(sigma), filled)
@@ -214,11 +218,13 @@ def window_blocks(line, state, member, label, first, last, block, counts):
 
 @njit(cache=True, nogil=True)
 def window_half_rows(d, fs, si, rows):
-    """Half the window's length (Eq. 7, 8): Hs * g(x) px with Z_near = max(Z/2, Z - ke Z^2), in [least, V]."""
+    """Half the window's length (Eq. 7, 8): Hs * g(x) px with Z_near = max(Z/2, Z - ke Z^2), in [least, V].
+
+    Z - ke Z^2 turns around at Z = 1/(2 ke), where it is Z/2."""
     z = fs[S_F] / d
     z_near = max(0.5 * z, z - fs[S_KE] * z * z)
     length = min(max(fs[S_HS] * fs[S_F] / z_near, si[I_WINDOW_MIN]), rows)
-    return max(2, int(length / 2.0 + 0.5))
+    return max(1, int(length / 2.0 + 0.5))
 
 
 @njit(cache=True, nogil=True)
@@ -251,7 +257,7 @@ def slide_windows(
         size = valid
         if si[I_PAPER] == 1:
             size = (k - j + 1) * block
-        need = min(si[I_WINDOW_MIN], 3)
+        need = min(si[I_WINDOW_MIN], si[I_MEMBERS])
         good = m >= need and m > fs[S_MAJORITY] * size and low_code * valid <= s <= high_code * valid
         if good and run < 0:
             run = j
@@ -289,7 +295,7 @@ def finish_segment(line, state, member, label, a, b, high_code, rough, u, H, fs,
                 line, state, member, label, cuts[i], end, rough, ROUGH if rough else SMOOTH, u, H, fs, si, scratch,
                 ints, floats, n,
             )  # fmt: skip
-    tail = high_code + fs[S_SIGMA_D] * fs[S_QUANTUM]
+    tail = high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM]
     for v in range(a, b + 1):
         if state[v] == FREE_PX and (line[v] <= tail or si[I_PAPER] == 1):
             state[v] = TAKEN_PX

@@ -5,41 +5,68 @@ from __future__ import annotations
 from numba import njit
 
 from .level import outside_source
-from .strips import BOTTOM, CUT, NEAR, SIGMA, SUPPORT, TOP, D, U
+from .strips import (
+    BOTTOM,
+    CUT,
+    I_CUT,
+    I_LARGE,
+    I_SUPPORT,
+    I_SUPPORT_COLUMNS,
+    I_SUPPORT_ROWS,
+    NEAR,
+    PX,
+    S_SIGMA_D,
+    S_SMOOTH_RELATIVE,
+    S_SMOOTH_SIGMAS,
+    S_SUPPORT_PER_PX,
+    S_SUPPORT_RELATIVE,
+    S_SUPPORT_SIGMAS,
+    S_TAIL,
+    SIGMA,
+    SUPPORT,
+    TOP,
+    D,
+    U,
+)
 
 
 @njit(cache=True, nogil=True)
-def drop_unsupported(ints, floats, n, cols, sigma_d, least, least_per_px, reach, first_of_column, keep):
+def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, keep):
     """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
 
-    A strip of less than `least` support (or least_per_px times its disparity: near things are large) is kept when other small strips of neighbouring columns, within `reach`, two
-    rows and four sigma (or 5 %) of disparity, bring it to `least`: a pole has it in its own column, a wire along its
-    row; a mismatch of two by two pixels has it nowhere. What lies within four sigma of a large strip beside it is that
-    strip's noise, and counts there. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
+    A strip needs min_support_px source pixels, near ones min_support_m's worth. With fewer it is kept when other small
+    strips, within support_columns, support_rows and support_sigmas (or support_relative) of disparity, bring it to
+    that: a pole has it in its own column, a wire along its row; a mismatch of two by two pixels has it nowhere. What
+    lies within support_tail_sigmas of a large strip beside it is that strip's noise, and counts there.
+    fs, si: settings by the S_ and I_ indices. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
     index_columns(ints, n, cols, first_of_column)
     for i in range(n):
         keep[i] = 1
-        need = max(least, int(least_per_px * floats[i, D]))
+        need = max(PX * si[I_SUPPORT], int(fs[S_SUPPORT_PER_PX] * floats[i, D]))
         if ints[i, SUPPORT] < need:
-            keep[i] = _carried(ints, floats, i, cols, sigma_d, need, reach, first_of_column)
+            keep[i] = _carried(ints, floats, i, cols, need, fs, si, first_of_column)
     return compact(ints, floats, n, keep)
 
 
 @njit(cache=True, nogil=True)
-def _carried(ints, floats, i, cols, sigma_d, least, reach, first_of_column):
-    """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0."""
+def _carried(ints, floats, i, cols, least, fs, si, first_of_column):
+    """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0.
+
+    A large one lies beside it when it touches its rows in its own column or the next."""
     total = ints[i, SUPPORT]
-    u = ints[i, U]
+    u, reach, rows = ints[i, U], si[I_SUPPORT_COLUMNS], si[I_SUPPORT_ROWS]
+    near = max(fs[S_SUPPORT_SIGMAS] * fs[S_SIGMA_D], fs[S_SUPPORT_RELATIVE] * floats[i, D])
+    tail, large = fs[S_TAIL] * fs[S_SIGMA_D], si[I_LARGE] * least
     for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
         for j in range(first_of_column[w], first_of_column[w + 1]):
             apart = max(ints[j, TOP] - ints[i, BOTTOM], ints[i, TOP] - ints[j, BOTTOM])
             off = abs(floats[j, D] - floats[i, D])
-            if j == i or apart > 2 + abs(w - u) or off > max(4.0 * sigma_d, 0.05 * floats[i, D]):
+            if j == i or apart > rows + abs(w - u) or off > near:
                 continue
             inside = ints[i, TOP] >= ints[j, TOP] - 1 and ints[i, BOTTOM] <= ints[j, BOTTOM] + 1
-            if inside and abs(w - u) <= 1 and off <= 4.5 * sigma_d and ints[j, SUPPORT] >= 4 * least:
+            if inside and abs(w - u) <= 1 and off <= tail and ints[j, SUPPORT] >= large:
                 return 0
-            if not inside or ints[j, SUPPORT] < 4 * least:
+            if not inside or ints[j, SUPPORT] < large:
                 total += ints[j, SUPPORT]
     return 1 if total >= least else 0
 
@@ -94,23 +121,24 @@ def sort_columns(ints, floats, cols, first_of_column):
 
 
 @njit(cache=True, nogil=True)
-def mark_cuts(ints, n, H, cols, rows):
-    """Sets CUT where the next cell above (1) or below (2) a strip is outside the source image (cols x rows)."""
+def mark_cuts(ints, n, H, cols, rows, si):
+    """Sets CUT where the cell cut_rows above (1) or below (2) a strip is outside the source image (cols x rows)."""
+    beyond = si[I_CUT]
     for i in range(n):
         cut = 0
-        if outside_source(H, ints[i, U], ints[i, TOP] - 2, cols, rows):
+        if outside_source(H, ints[i, U], ints[i, TOP] - beyond, cols, rows):
             cut = 1
-        if outside_source(H, ints[i, U], ints[i, BOTTOM] + 2, cols, rows):
+        if outside_source(H, ints[i, U], ints[i, BOTTOM] + beyond, cols, rows):
             cut += 2
         ints[i, CUT] = cut
 
 
 @njit(cache=True, nogil=True)
-def smooth_near(ints, floats, n, cols, first_of_column, raw):
+def smooth_near(ints, floats, n, cols, fs, first_of_column, raw):
     """Near edge as the median over three columns of touching strips, so that one column alone moves no plane.
 
-    raw: (N,) float32 scratch. A strip without both neighbours keeps its own. Thin things keep theirs by SIGMA: where a
-    neighbour lies farther off than three sigma it is another thing."""
+    raw: (N,) float32 scratch. A strip without both neighbours keeps its own. Thin things keep theirs: a neighbour
+    farther off than smooth_relative of the disparity and smooth_sigmas of SIGMA is another thing."""
     index_columns(ints, n, cols, first_of_column)
     for i in range(n):
         raw[i] = floats[i, NEAR]
@@ -118,8 +146,8 @@ def smooth_near(ints, floats, n, cols, first_of_column, raw):
         u = ints[i, U]
         if u == 0 or u == cols - 1:
             continue
-        left = _touching(ints, floats, i, first_of_column[u - 1], first_of_column[u])
-        right = _touching(ints, floats, i, first_of_column[u + 1], first_of_column[u + 2])
+        left = _touching(ints, floats, i, fs, first_of_column[u - 1], first_of_column[u])
+        right = _touching(ints, floats, i, fs, first_of_column[u + 1], first_of_column[u + 2])
         if left >= 0 and right >= 0:
             a, b, c = raw[left], raw[i], raw[right]
             middle = max(min(a, b), min(max(a, b), c))
@@ -127,9 +155,9 @@ def smooth_near(ints, floats, n, cols, first_of_column, raw):
 
 
 @njit(cache=True, nogil=True)
-def _touching(ints, floats, i, first, last):
+def _touching(ints, floats, i, fs, first, last):
     """The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1."""
-    best, found = 0.1 * floats[i, D] + 3.0 * floats[i, SIGMA], -1
+    best, found = fs[S_SMOOTH_RELATIVE] * floats[i, D] + fs[S_SMOOTH_SIGMAS] * floats[i, SIGMA], -1
     for j in range(first, last):
         if ints[j, TOP] <= ints[i, BOTTOM] and ints[i, TOP] <= ints[j, BOTTOM]:
             off = abs(floats[j, D] - floats[i, D])

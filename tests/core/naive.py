@@ -130,7 +130,7 @@ def accepted_segments(code, state, is_member, low, high, half, majority, need):
     return segments
 
 
-def irregular_segments(disparity, state, f, gap, tall_m, deep_m, sigma_px):
+def irregular_segments(disparity, state, f, gap, tall_m, deep_m, noise_px):
     """(top, bottom) rows of the irregular rest of one column."""
     out, rows = [], []
     for v in range(len(disparity)):
@@ -138,8 +138,8 @@ def irregular_segments(disparity, state, f, gap, tall_m, deep_m, sigma_px):
             continue
         if rows:
             new = [disparity[w] for w in [*rows, v]]
-            jump = abs(disparity[v] - disparity[rows[-1]]) > max(4 * sigma_px, 0.08 * disparity[v])
-            allowed = deep_m + 4 * sigma_px * f / min(new) ** 2
+            jump = abs(disparity[v] - disparity[rows[-1]]) > max(noise_px, 0.08 * disparity[v])
+            allowed = deep_m + noise_px * f / min(new) ** 2
             deep = f / min(new) - f / max(new) > allowed
             tall = v - rows[0] + 1 > tall_m * max(new)
             if v - rows[-1] > gap or jump or deep or tall:
@@ -149,19 +149,21 @@ def irregular_segments(disparity, state, f, gap, tall_m, deep_m, sigma_px):
     return [*out, (rows[0], rows[-1])] if rows else out
 
 
-def carried(strips, i, sigma_d, least, reach):
+def carried(strips, i, sigma_d, least, p):
     """Whether strip i of [(u, top, bottom, support, disparity)] stays: by itself, or by small neighbours."""
+    alike = max(p.support_sigmas * sigma_d, p.support_relative * strips[i][4])
     u, top, bottom, support, d = strips[i]
     if support >= least:
         return True
     total = support
     for j, (w, t, b, s, e) in enumerate(strips):
         rows_apart = max(t - bottom, top - b)
-        if j == i or abs(w - u) > reach or rows_apart > 2 + abs(w - u) or abs(e - d) > max(4 * sigma_d, 0.05 * d):
+        rows_free = p.support_rows + abs(w - u)
+        if j == i or abs(w - u) > p.support_columns or rows_apart > rows_free or abs(e - d) > alike:
             continue
         inside = top >= t - 1 and bottom <= b + 1
-        large = s >= 4 * least
-        if inside and large and abs(w - u) <= 1 and abs(e - d) <= 4.5 * sigma_d:
+        large = s >= p.support_large * least
+        if inside and large and abs(w - u) <= 1 and abs(e - d) <= p.support_tail_sigmas * sigma_d:
             return False
         if not (inside and large):
             total += s

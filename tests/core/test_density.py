@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.density import MAX_PEAKS, ONE_PX, TAPS, BinTable, bin_table, find_peaks, soft_counts
+from core.density import MAX_PEAKS, ONE_PX, BinTable, bin_table, find_peaks, soft_counts
 from core.params import Params
 
 from . import naive
@@ -56,11 +56,12 @@ def test_the_threshold_is_the_pixels_of_a_least_obstacle() -> None:
         assert t.threshold[b] == pytest.approx(ONE_PX * max(p.density_share * pixels, p.density_min_px), abs=1.0)
 
 
-def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it() -> None:
+@pytest.mark.parametrize("half", [1, 3, 5])
+def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it(half: int) -> None:
     """Eq. 4-6: n h F = sum K against Hm x / C; in soft counts (the peak of the kernel is one pixel) that is over K(0)."""
-    p = Params(mode="paper")
+    p = Params(mode="paper", kernel_half_bins=half)
     t = bin_table(450.0, 20.0, 0.675, p)
-    s = p.kernel_sigma_bins / TAPS
+    s = p.kernel_sigma_bins / (2 * half + 1)
     x = np.linspace(-0.5, 0.5, 20001)
     shape = np.exp(-0.5 * (x / s) ** 2)
     peak = 1.0 / (np.mean(shape) * 1.0)
@@ -68,15 +69,16 @@ def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it() -> None
     assert (t.width_px[1:] == t.width_px[1]).all()
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(2, 60))
-def test_soft_counts_are_a_convolution(seed: int, n: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([1, 3, 7]))
+def test_soft_counts_are_a_convolution(seed: int, n: int, half: int) -> None:
     rng = np.random.default_rng(seed)
     hist = (rng.integers(0, 9, n) * (rng.random(n) < 0.4)).astype(np.int32)
-    weights = bin_table(450.0, 20.0, 0.5, Params()).weights
+    weights = bin_table(450.0, 20.0, 0.5, Params(kernel_half_bins=half)).weights
     out = np.full(n, -1, np.int32)
     soft_counts(hist, weights, out)
-    np.testing.assert_array_equal(out, np.convolve(hist, weights)[TAPS // 2 : TAPS // 2 + n])
-    assert weights[TAPS // 2] == ONE_PX
+    np.testing.assert_array_equal(out, np.convolve(hist, weights)[half : half + n])
+    assert len(weights) == 2 * half + 1
+    assert weights[half] == ONE_PX
     np.testing.assert_array_equal(weights, weights[::-1])
 
 

@@ -11,6 +11,7 @@ from core import strips as s
 from core import support
 from core.level import view_geometry
 from core.params import Params
+from core.settings import float_settings, int_settings
 
 from . import naive
 from .columns import F
@@ -48,27 +49,36 @@ def test_columns_are_indexed_and_ordered_from_top_to_bottom(seed: int, n: int) -
     assert t.columns[-1] == n
 
 
+def settings(t: Strips, sigma_d: float, p: Params) -> tuple[np.ndarray, np.ndarray]:
+    return float_settings(t.view, sigma_d / F, sigma_d, p), int_settings(p)
+
+
 @given(SEED, st.integers(1, 60), st.sampled_from([1, 7, 15]), st.sampled_from([0, 2, 4]))
 def test_small_strips_stay_only_with_company(seed: int, n: int, least: int, reach: int) -> None:
     rng = np.random.default_rng(seed)
+    p = Params(
+        min_support_px=least, support_columns=reach, min_support_m=float(rng.choice([0.0, 0.05, 0.2])),
+        support_rows=int(rng.choice([0, 2, 5])), support_sigmas=float(rng.choice([2.0, 4.0])),
+        support_relative=float(rng.choice([0.0, 0.05, 0.1])), support_large=int(rng.choice([1, 4])),
+        support_tail_sigmas=float(rng.choice([1.0, 4.5])),
+    )  # fmt: skip
     t = random_strips(rng, n)
     rows = [
         (int(r[s.U]), int(r[s.TOP]), int(r[s.BOTTOM]), int(r[s.SUPPORT]), float(f[s.D]))
         for r, f in zip(t.ints, t.floats, strict=True)
     ]
-    per_px = float(rng.choice([0.0, 10.0]))
-    want = [i for i in range(n) if naive.carried(rows, i, 0.3, max(least * s.PX, int(per_px * rows[i][4])), reach)]
+    need = [max(least * s.PX, int(s.PX * p.min_support_m * row[4])) for row in rows]
+    want = [i for i in range(n) if naive.carried(rows, i, 0.3, need[i], p)]
     before = t.ints.copy()
-    kept = support.drop_unsupported(
-        t.ints, t.floats, n, t.cols, 0.3, least * s.PX, per_px, reach, t.columns, np.zeros(n, np.uint8)
-    )
+    kept = support.drop_unsupported(t.ints, t.floats, n, t.cols, *settings(t, 0.3, p), t.columns, np.zeros(n, np.uint8))
     assert kept == len(want)
     np.testing.assert_array_equal(t.ints[:kept], before[want])
 
 
 def keep(t: Strips, least: int = 7) -> list[int]:
+    p = Params(min_support_px=least, min_support_m=0.0)
     n = support.drop_unsupported(
-        t.ints, t.floats, t.n, t.cols, 0.2, least * s.PX, 0.0, 4, t.columns, np.zeros(t.n, np.uint8)
+        t.ints, t.floats, t.n, t.cols, *settings(t, 0.2, p), t.columns, np.zeros(t.n, np.uint8)
     )
     return t.ints[:n, s.U].tolist()
 
@@ -118,8 +128,13 @@ def test_cuts_are_marked_where_the_picture_ends(roll: float, pitch: float) -> No
     ints = np.zeros((len(rows), 9), np.int32)
     for i, (u, top, bottom, _) in enumerate(rows):
         ints[i, s.U], ints[i, s.TOP], ints[i, s.BOTTOM] = u, top, bottom
-    support.mark_cuts(ints, len(rows), g.H, k.width, k.height)
+    support.mark_cuts(ints, len(rows), g.H, k.width, k.height, int_settings(Params()))
     np.testing.assert_array_equal(ints[:, s.CUT], [r[3] for r in rows])
+
+
+def smooth(t: Strips, p: Params | None = None) -> None:
+    fs, _ = settings(t, 0.2, p or Params())
+    support.smooth_near(t.ints, t.floats, t.n, t.cols, fs, t.columns, np.zeros(t.n, np.float32))
 
 
 def test_the_near_edge_is_the_median_of_three_touching_columns() -> None:
@@ -128,7 +143,7 @@ def test_the_near_edge_is_the_median_of_three_touching_columns() -> None:
     for u, x in enumerate(near):
         t.add(u, 10, 60, 5.0, near_m=x)
     t.build()
-    support.smooth_near(t.ints, t.floats, t.n, t.cols, t.columns, np.zeros(t.n, np.float32))
+    smooth(t)
     np.testing.assert_allclose(F / t.floats[:, s.NEAR], [5.0, 5.0, 4.8, 4.8, 4.8, 5.0], rtol=1e-5)
 
 
@@ -137,5 +152,24 @@ def test_a_pole_keeps_its_own_near_edge() -> None:
     for u in range(9):
         t.add(u, 10, 60, 3.0 if u == 4 else 8.0, near_m=2.9 if u == 4 else 7.9)
     t.build()
-    support.smooth_near(t.ints, t.floats, t.n, t.cols, t.columns, np.zeros(t.n, np.float32))
+    smooth(t)
     assert F / t.floats[4, s.NEAR] == pytest.approx(2.9)
+
+
+@pytest.mark.parametrize(("relative", "sigmas", "shared"), [(0.1, 3.0, True), (0.05, 3.0, False), (0.05, 10.0, True)])
+def test_how_far_off_a_neighbour_may_be_to_share_its_near_edge(relative: float, sigmas: float, shared: bool) -> None:
+    t = Strips(sigma_px=0.2)
+    for u, x in enumerate([5.0, 5.5, 5.0]):  # 1.8 px of disparity apart
+        t.add(u, 10, 60, x, near_m=x - 0.2)
+    smooth(t.build(), Params(smooth_relative=relative, smooth_sigmas=sigmas))
+    assert F / t.floats[1, s.NEAR] == pytest.approx(4.8 if shared else 5.3)
+
+
+def test_an_end_is_cut_within_its_rows_of_the_border() -> None:
+    k = INFO.intrinsics
+    g = view_geometry(INFO, level(0.0, 0.0), Params())
+    for rows in (1, 2, 4):
+        ints = np.zeros((5, 9), np.int32)
+        ints[:, s.U], ints[:, s.TOP], ints[:, s.BOTTOM] = g.cols // 2, np.arange(5), k.height // 2
+        support.mark_cuts(ints, 5, g.H, k.width, k.height, int_settings(Params(cut_rows=rows)))
+        assert ints[:, s.CUT].tolist() == [int(top < rows) for top in range(5)]
