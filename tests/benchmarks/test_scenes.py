@@ -1,11 +1,21 @@
-"""The seam of the scenes: every name makes a scene, the same each time, and no seed serves both purposes."""
+"""The scenes: every name makes one, the same each time, with something to see and the camera in the open."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 
-from benchmarks.scenes import FAMILIES, HELD_OUT_SEEDS, SCENES, TUNING_SEEDS, family_of, make_scene
+from benchmarks.scenes import FAMILIES, HELD_OUT_SEEDS, SCENES, TUNING_SEEDS, camera_pose, family_of, make_scene
+from benchmarks.scenes_parts import Line, across
+from benchmarks.scenes_structured import CORRIDOR_M, SLIT_M, STRUCTURED, WINDOW_M
+from benchmarks.scenes_thin import GROUND, THIN
+from benchmarks.scenes_unstructured import UNSTRUCTURED
+from drivers.simulated import camera_info, render
+
+FIXED = ("open", "no_ground", "tunnel")
+"""Scenes of which only the camera moves with the seed."""
 
 
 def test_half_of_the_seeds_are_held_out() -> None:
@@ -13,20 +23,74 @@ def test_half_of_the_seeds_are_held_out() -> None:
     assert not set(TUNING_SEEDS) & set(HELD_OUT_SEEDS)
 
 
-def test_every_scene_is_in_one_family() -> None:
+def test_every_scene_is_in_one_family_and_each_large_family_has_at_least_twelve() -> None:
     assert len(set(SCENES)) == len(SCENES)
     assert {family_of(name) for name in SCENES} == set(FAMILIES)
+    assert min(len(FAMILIES["structured"]), len(FAMILIES["unstructured"])) >= 12
     assert family_of("nowhere") == "other"
+    for family, made in (
+        ("structured", STRUCTURED),
+        ("unstructured", UNSTRUCTURED),
+        ("thin", THIN),
+        ("ground", GROUND),
+    ):
+        assert set(made) <= set(FAMILIES[family])
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_scene_is_made_by_its_seed(name: str) -> None:
-    one, again, other = make_scene(name, 3), make_scene(name, 3), make_scene(name, 4)
-    np.testing.assert_array_equal(one.rows, again.rows)
-    np.testing.assert_array_equal(one.halfspaces, again.halfspaces)
-    if name not in ("open", "no_ground", "tunnel"):
-        differs = one.rows.shape != other.rows.shape or one.halfspaces.shape != other.halfspaces.shape
-        assert differs or (one.rows != other.rows).any() or (one.halfspaces != other.halfspaces).any()
+def test_a_scene_is_made_by_its_seed_and_named_after_itself(name: str) -> None:
+    one, other = make_scene(name, 3), make_scene(name, 4)
+    again = make_scene.__wrapped__(name, 3)
+    assert one.name == name
+    assert one.kinds.tobytes() == again.kinds.tobytes()
+    assert one.rows.tobytes() == again.rows.tobytes()
+    assert one.halfspaces.tobytes() == again.halfspaces.tobytes()
+    same = one.rows.tobytes() == other.rows.tobytes() and one.halfspaces.tobytes() == other.halfspaces.tobytes()
+    assert same == (name in FIXED)
+    assert camera_pose(name, 3, 2.0) != camera_pose(name, 4, 2.0)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_camera_stands_in_the_open_and_sees_what_the_scene_is_for(name: str) -> None:
+    for height in (0.7, 2.0, 10.0):
+        position, yaw = camera_pose(name, 5, height)
+        seen = render(make_scene(name, 5), camera_info(64, 48), position_ned_m=position, yaw_rad=yaw).truth
+        solid = np.isfinite(seen.depth_m) & ~seen.drawn_ground
+        if solid.any():
+            assert seen.depth_m[solid].min() > 0.8
+        if height == 2.0 and name not in ("open", "mounds", "low_things"):
+            assert seen.obstacle()[seen.depth_m < 15.0].any()
+        if name in ("open", "mounds"):
+            assert not seen.obstacle().any()
+
+
+def test_the_camera_stays_below_a_ceiling_and_level_with_things_without_ground() -> None:
+    assert camera_pose("hall", 1, 10.0)[0][2] == -5.6
+    assert camera_pose("tunnel", 1, 10.0)[0][2] == -2.2
+    assert camera_pose("street", 1, 10.0)[0][2] == -10.0
+    assert camera_pose("no_ground", 1, 10.0)[0][2] == -2.0
+
+
+@pytest.mark.parametrize(("name", "sizes"), [("paper_window", (WINDOW_M, SLIT_M)), ("paper_corridor", (CORRIDOR_M,))])
+def test_the_openings_of_the_paper_have_their_sizes_for_any_seed(
+    name: str, sizes: tuple[tuple[float, float], ...]
+) -> None:
+    for seed in range(4):
+        openings = make_scene(name, seed).openings
+        assert len(openings) == len(sizes)
+        for opening, (width, height) in zip(openings, sizes, strict=True):
+            assert math.dist(opening.a_m, opening.b_m) == pytest.approx(width)
+            assert opening.bottom_m - opening.top_m == pytest.approx(height)
+
+
+def test_places_along_a_line_and_behind_it() -> None:
+    straight = across(8.0, 3.0, 0.0)
+    assert straight.at(0.0) == pytest.approx((8.0, -3.0))
+    assert straight.at(6.0, 1.0) == pytest.approx((9.0, 3.0))
+    turned = across(8.0, 3.0, 0.4, 1.0)
+    assert turned.at(3.0) == pytest.approx((8.0, 1.0))
+    assert turned.at(6.0)[0] == pytest.approx(8.0 - 3.0 * math.sin(0.4))
+    assert Line(1.0, 2.0, 0.0).at(3.0, 4.0) == pytest.approx((4.0, -2.0))
 
 
 def test_a_name_that_does_not_exist_is_told_with_those_that_do() -> None:
