@@ -7,12 +7,13 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PEERS := $(VENV)/.peers
 SOURCES := $(wildcard core drivers companion tests benchmarks examples)
 # compiled kernels live in the checkout: a second run starts at once, `make clean` forgets them
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help env demo test soak golden golden-recordings proto lint config-docs clean
+.PHONY: help env demo test bench soak golden golden-recordings proto lint config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
@@ -48,6 +49,14 @@ test: lint ## all checks, at most 10 minutes on two cores
 	@echo "== everything"
 	@$(BIN)/pytest -n 2 -m "not soak" tests
 
+# What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
+$(PEERS): $(STAMP) .ci/constraints-peers.txt
+	@if $(BIN)/python -m benchmarks.install_peers; then touch $@; fi
+
+NEEDS_PEERS := $(if $(findstring --only,$(ARGS)),$(findstring peers,$(ARGS)),yes)
+bench: $(STAMP) $(if $(NEEDS_PEERS),$(PEERS)) ## all figures of docs/benchmarks (hours); ARGS=--quick: minutes, ARGS='--only speed'
+	@$(BIN)/python -m benchmarks $(ARGS)
+
 soak: $(STAMP) ## the long runs (hours)
 	@$(BIN)/pytest -m soak tests
 
@@ -65,5 +74,5 @@ config-docs: $(STAMP) ## rewrite the tables of docs/configuration.md from the pa
 	@$(BIN)/python -m companion.config_docs docs/configuration.md
 
 clean: ## forget the environment, the compiled kernels and what demo and tests left
-	rm -rf $(VENV) .numba-cache demo-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage
+	rm -rf $(VENV) .numba-cache demo-out bench-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage
 	find $(SOURCES) -type d -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,86 @@
+"""The pages of docs/benchmarks: one a section, and an index of those that are there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from benchmarks.machine import Stamp
+
+INDEX: Final = "README.md"
+_MEASURED: Final = "Measured on "
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """name: of the page's file and of `--only`; the module benchmarks.section_NAME has `section(out, quick)`."""
+
+    name: str
+    title: str
+    question: str
+
+    @property
+    def module(self) -> str:
+        """Where the section is."""
+        return f"benchmarks.section_{self.name}"
+
+
+SECTIONS: Final = (
+    Section("speed", "Speed", "How long does a frame take, where does the time go, what makes it longer?"),
+    Section("fidelity", "Fidelity", "Is what is there in the model, and is what is in the model there?"),
+    Section("peers", "Beside others", "What would an engineer get from a grid, an octree or a plane extractor?"),
+    Section("paper", "The paper's figures", "Which of the paper's claims hold?"),
+    Section("recordings", "Recordings", "What becomes of images that no simulator made?"),
+    Section("memory", "Memory", "Does anything grow over 100 000 frames?"),
+)
+"""In the order of the index."""
+
+FRAME: Final = """# Benchmarks
+
+What the algorithm reaches, and what it does not, measured by
+
+    make bench
+
+which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page says when it was measured, on what and with what. Figures are of simulated scenes with known truth unless the page says otherwise. Nothing here is edited by hand.
+
+On a drone, without this checkout, `companion bench` tells how fast that machine is.
+
+How to read the times: one thread on one core, after everything is compiled, medians of many frames that differ in their noise. *Processor* is the time that the core worked for us; *wall* is what a clock on the wall shows, other work on the machine included. To compare two machines, or two days, compare the ratios to the reference workload of the same run.
+
+| page | question | measured |
+|---|---|---|
+"""
+
+
+def page(section: Section, text: str, stamp: Stamp) -> str:
+    """A whole page. text: Markdown with headings from level 2; what stands before the first is its summary."""
+    return f"# {section.title}\n\n{stamp.markdown()}\n{text.strip()}\n"
+
+
+def index(folder: Path) -> str:
+    """The index of the pages in a folder, with their summaries."""
+    rows, summaries = [], []
+    for section in SECTIONS:
+        path = folder / f"{section.name}.md"
+        if not path.is_file():
+            rows.append(f"| {section.title} | {section.question} | not yet |")
+            continue
+        text = path.read_text()
+        rows.append(f"| [{section.title}]({path.name}) | {section.question} | {measured(text)} |")
+        if summary := summary_of(text):
+            summaries.append(f"## {section.title}\n\n{summary}\n")
+    return FRAME + "\n".join(rows) + "\n" + "".join(f"\n{s}" for s in summaries)
+
+
+def measured(text: str) -> str:
+    """When and at which commit a page was measured, of its first lines."""
+    line = next((x for x in text.splitlines() if x.startswith(_MEASURED)), "")
+    return line.removeprefix(_MEASURED).removesuffix(".")
+
+
+def summary_of(text: str) -> str:
+    """What stands between the stamp of a page and its first heading of level 2."""
+    head = text.split("\n## ", 1)[0]
+    _, _, after = head.partition("\n- versions: ")
+    return after.partition("\n")[2].strip()

@@ -1,0 +1,152 @@
+"""`make bench`: sections become pages, what fails or is missing is told, and the index says what is there."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+import benchmarks.__main__ as harness
+from benchmarks.__main__ import SectionError, main, parse, run_apart
+from benchmarks.install_peers import install, peers
+from benchmarks.machine import CHECKOUT, Stamp, commit
+from benchmarks.pages import SECTIONS, Section, index, measured, page, summary_of
+
+MADE = "No figure here is real.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
+TOLD = Stamp(
+    date="2026-11-21", commit="abc1234", command="python -m benchmarks", machine="a processor, 2 cores",
+    versions="python 3.11, numpy 2", minutes=12.2, quick=False,
+)  # fmt: skip
+
+
+def test_a_page_tells_when_where_and_how_before_its_text() -> None:
+    text = page(SECTIONS[0], MADE, TOLD)
+    assert text.startswith("# Speed\n\nMeasured on 2026-11-21 at commit abc1234.\n\n- command: `python -m benchmarks`")
+    assert "- machine: a processor, 2 cores\n- versions: python 3.11, numpy 2\n" in text
+    assert text.endswith(MADE)
+    assert measured(text) == "2026-11-21 at commit abc1234"
+    assert summary_of(text) == "No figure here is real."
+    assert summary_of(page(SECTIONS[0], "## A table\n", TOLD)) == ""
+
+
+def test_every_section_that_can_run_gets_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def run(section: Section, out: Path, quick: bool) -> str:
+        asked.append((section.name, out, quick))
+        return MADE
+
+    monkeypatch.setattr(harness, "find_spec", lambda module: None if module.endswith("_paper") else module)
+    assert main(["--quick", "--out", str(tmp_path)], run) == 0
+    names = [s.name for s in SECTIONS if s.name != "paper"]
+    assert asked == [(name, tmp_path, True) for name in names]
+    assert {p.name for p in tmp_path.iterdir()} == {"README.md", *(f"{name}.md" for name in names)}
+    assert "a quick run, its figures are rough" in (tmp_path / "speed.md").read_text()
+
+
+def test_a_section_that_fails_keeps_its_old_page_and_the_others_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(section: Section, out: Path, quick: bool) -> str:
+        if section.name == "peers":
+            raise SectionError("ended by signal 11")
+        return MADE
+
+    monkeypatch.setattr(harness, "find_spec", lambda module: module)
+    (tmp_path / "peers.md").write_text("as it was")
+    assert main(["--out", str(tmp_path)], run) == 1
+    assert (tmp_path / "peers.md").read_text() == "as it was"
+    assert (tmp_path / "memory.md").is_file()
+    said = capsys.readouterr().err
+    assert "peers: ended by signal 11; its page stays as it was" in said
+    assert "error: no figures of peers" in said
+
+
+def test_a_section_that_is_not_there_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(harness, "find_spec", lambda module: None)
+    assert main(["--out", str(tmp_path), "--only", "speed"], lambda *_: MADE) == 0
+    assert "speed: not in this checkout, left out" in capsys.readouterr().err
+    assert not (tmp_path / "speed.md").exists()
+
+
+def test_the_index_links_pages_and_names_those_that_are_missing(tmp_path: Path) -> None:
+    (tmp_path / "speed.md").write_text(page(SECTIONS[0], MADE, TOLD))
+    text = index(tmp_path)
+    assert f"| [Speed](speed.md) | {SECTIONS[0].question} | 2026-11-21 at commit abc1234 |" in text
+    assert "## Speed\n\nNo figure here is real.\n" in text
+    for section in SECTIONS[1:]:
+        assert f"| {section.title} | {section.question} | not yet |" in text
+
+
+def test_quick_figures_do_not_land_in_the_documentation() -> None:
+    assert parse(["--quick"]).out == Path("bench-out")
+    assert parse([]).out == Path("docs/benchmarks")
+    with pytest.raises(SystemExit):
+        parse(["--only", "nothing"])
+
+
+def test_a_section_runs_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its Markdown comes back; a signal or a status is told."""
+    seen = {}
+
+    def child(status: int) -> None:
+        def call(command: Sequence[str], **kwargs: object) -> subprocess.CompletedProcess[str]:
+            seen["environment"] = kwargs["env"]
+            if status == 0:
+                Path(command[command.index("--child") + 1]).write_text(MADE)
+            return subprocess.CompletedProcess(command, status)
+
+        monkeypatch.setattr(harness.subprocess, "run", call)
+
+    child(0)
+    assert run_apart(SECTIONS[0], tmp_path, True) == MADE
+    assert seen["environment"]["OMP_NUM_THREADS"] == "1"
+    child(-11)
+    with pytest.raises(SectionError, match="signal 11"):
+        run_apart(SECTIONS[0], tmp_path, True)
+    child(1)
+    with pytest.raises(SectionError, match="status 1"):
+        run_apart(SECTIONS[0], tmp_path, True)
+
+
+def test_the_commit_is_told_with_what_differs_from_it(tmp_path: Path) -> None:
+    def git(*words: str) -> None:
+        who = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+        subprocess.run(["git", "-C", str(tmp_path), *who, *words], check=True, capture_output=True)
+
+    assert commit(tmp_path) == "unknown (no git checkout)"
+    git("init")
+    (tmp_path / "core").mkdir()
+    file = tmp_path / "core" / "a.py"
+    file.write_text("a = 1\n")
+    git("add", "-A")
+    git("commit", "-m", "one")
+    clean = commit(tmp_path)
+    assert len(clean) >= 7
+    assert " " not in clean
+    file.write_text("a = 2\n")
+    assert commit(tmp_path) == f"{clean} with changes that are not committed"
+
+
+def test_peers_are_installed_one_by_one_and_one_without_a_wheel_is_left_out() -> None:
+    called: list[Sequence[str]] = []
+
+    def command(words: Sequence[str]) -> int:
+        called.append(words)
+        return 1 if words[-1].startswith("b") else 0
+
+    constraints = CHECKOUT / ".ci" / "constraints.txt"
+    assert install(["a>=1", "b>=1", "c"], [constraints], command) == ["b>=1"]
+    assert [words[-1] for words in called] == ["a>=1", "b>=1", "c"]
+    assert all("--only-binary" in words and str(constraints) in words for words in called)
+
+
+def test_the_peers_of_the_project_are_named_and_pinned() -> None:
+    pinned = (CHECKOUT / ".ci" / "constraints-peers.txt").read_text()
+    named = [r.split(">")[0] for r in peers(CHECKOUT / "pyproject.toml")]
+    assert named
+    assert all(f"\n{name}==" in pinned for name in named)
