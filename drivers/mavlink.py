@@ -1,0 +1,261 @@
+"""One companion's side of a MAVLink conversation, without input, output or clock: bytes and instants in, samples and
+bytes out. `drivers.mavlink_link` puts it on a line.
+
+Nothing but a hello (on lines whose other end waits for one) is sent before the autopilot's own heartbeat was seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from core.types import AttitudeSample, PoseSample
+
+from .clock import NS, ClockEstimate, ClockFilter, ClockParams
+from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
+from .mavlink_frames import MessageSplitter
+from .mavlink_motion import MotionDecoder
+from .mavlink_rates import RateKeeper, Wish, link_budget_bytes_per_s
+from .mavlink_timesync import TimeSync
+from .transport import Chunk
+
+MAV_TYPE_ONBOARD_CONTROLLER = 18
+MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
+MAV_MODE_FLAG_SAFETY_ARMED = 128
+AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
+SILENT_NS = 3 * NS
+"""An autopilot that sent no heartbeat for this long is gone; another one may take its place."""
+ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
+
+
+def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
+    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MavlinkParams:
+    """Who we are and what we ask for. Raises ValueError naming the field, its value and its range."""
+
+    system_id: int = _number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
+    component_id: int = _number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
+    attitude_hz: float = _number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
+    position_hz: float = _number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value, low, high = getattr(self, f.name), f.metadata["min"], f.metadata["max"]
+            if not low <= value <= high:
+                raise ValueError(f"mavlink: {f.name} = {value}, expected {low}..{high} {f.metadata['unit']}".rstrip())
+
+    def wishes(self) -> tuple[Wish, ...]:
+        """The messages we ask for."""
+        return (
+            Wish(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz, 32),
+            Wish(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, 28, instead_of=ATTITUDE_QUATERNION_ID),
+            Wish(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz, 28),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The autopilot we listen to, as its newest heartbeat says."""
+
+    system_id: int
+    autopilot: str
+    vehicle_type: int
+    armed: bool
+    custom_mode: int
+    heartbeat_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkStatus:
+    """What the health report tells of the link. Rates in Hz over two seconds; ages of None: never."""
+
+    vehicle: Vehicle | None
+    clock: ClockEstimate
+    clock_restarts: int
+    attitude_hz: float
+    position_hz: float
+    received: int
+    counts: dict[str, int]
+
+
+class MavlinkSession:
+    """Feed it with `receive` and `due`, in the order in which things happen; one thread at a time."""
+
+    def __init__(
+        self,
+        params: MavlinkParams | None = None,
+        clock: ClockParams | None = None,
+        on_frame: Callable[[bytes, int], None] | None = None,
+        on_message: Callable[[Any, int], None] | None = None,
+    ) -> None:
+        """on_frame: is given every good frame as it came, with its arrival, for the log. on_message: every good
+        message of the autopilot."""
+        self.params = params or MavlinkParams()
+        self.clock = ClockFilter(clock)
+        self.system_status = MAV_STATE_STANDBY
+        self.vehicle: Vehicle | None = None
+        self.counts: Counter[str] = Counter()
+        self.received = 0
+        self._on_frame, self._on_message = on_frame, on_message
+        self._timesync = TimeSync(self.clock)
+        self._motion = MotionDecoder(self.clock)
+        self.rates = RateKeeper(self.params.wishes())
+        self._splitter = MessageSplitter()
+        self._encoder = dialect.MAVLink(None)
+        self._encoder.srcComponent = self.params.component_id
+        self._next_heartbeat_ns = 0
+        self._clock_restarts = 0
+        self._outbox: deque[Any] = deque(maxlen=64)
+
+    # ---- in -----------------------------------------------------------------------------------------------------
+
+    def receive(self, chunks: list[Chunk]) -> list[AttitudeSample | PoseSample]:
+        """The samples in what arrived, in its order."""
+        samples: list[AttitudeSample | PoseSample] = []
+        for data, arrival_ns in chunks:
+            for message in self._splitter.feed(data):
+                sample = self._take(message, arrival_ns)
+                if sample is not None:
+                    samples.append(sample)
+        return samples
+
+    def new_line(self) -> None:
+        """The line was opened anew: half a message of the old one must not spoil the first of the new."""
+        self._splitter.clear()
+
+    def _take(self, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        kind = message.get_type()
+        self.received += 1
+        if self._on_frame is not None:
+            self._on_frame(bytes(message.get_msgbuf()), arrival_ns)
+        if kind == "HEARTBEAT":
+            self._heartbeat(message, arrival_ns)
+        own = self._from_autopilot(message)
+        if kind == "TIMESYNC":
+            self._timesync.take(message, arrival_ns, from_autopilot=own)
+        if not own:
+            return None
+        self.rates.heard(message.get_msgId(), arrival_ns)
+        if kind == "COMMAND_ACK":
+            self.rates.acknowledged(int(message.command), int(message.result))
+        if self._on_message is not None:
+            self._on_message(message, arrival_ns)
+        sample = self._motion.decode(message, arrival_ns)
+        if self.clock.restarts != self._clock_restarts:
+            self._clock_restarts = self.clock.restarts
+            self._begin_anew()
+        return sample
+
+    def _from_autopilot(self, message: Any) -> bool:
+        v = self.vehicle
+        return (
+            v is not None
+            and message.get_srcSystem() == v.system_id
+            and message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1
+        )
+
+    def _heartbeat(self, m: Any, arrival_ns: int) -> None:
+        system = m.get_srcSystem()
+        if m.autopilot == MAV_AUTOPILOT_INVALID or m.get_srcComponent() != MAV_COMP_ID_AUTOPILOT1:
+            return
+        if self.params.system_id not in (0, system):
+            self.counts["heartbeats of other vehicles"] += 1
+            return
+        old = self.vehicle
+        if old is not None and old.system_id != system:
+            if arrival_ns - old.heartbeat_ns < SILENT_NS:
+                self.counts["heartbeats of other vehicles"] += 1
+                return
+            self.clock.restart()  # another autopilot, another clock
+            self._clock_restarts = self.clock.restarts
+            self._begin_anew()
+        self.vehicle = Vehicle(
+            system,
+            AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"),
+            int(m.type),
+            bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
+            int(m.custom_mode),
+            arrival_ns,
+        )
+
+    def _begin_anew(self) -> None:
+        self._timesync.restart()
+        self.rates.restart()
+
+    # ---- out ----------------------------------------------------------------------------------------------------
+
+    def heard(self, now_ns: int) -> bool:
+        """Whether the autopilot's heartbeat is fresh."""
+        return self.vehicle is not None and now_ns - self.vehicle.heartbeat_ns < SILENT_NS
+
+    def post(self, message: Any) -> None:
+        """A message to send with the next `due`; without a fresh heartbeat it is dropped and counted."""
+        self._outbox.append(message)
+
+    def due(self, now_ns: int, speaks_first: bool = False) -> list[bytes]:
+        """What to send now, ready for the line. speaks_first: the other end waits for a hello."""
+        messages: list[Any] = []
+        if not self.heard(now_ns):
+            self.counts["messages without an autopilot to hear them"] += len(self._outbox)
+            self._outbox.clear()
+            if speaks_first and now_ns >= self._next_heartbeat_ns:
+                messages.append(self._own_heartbeat(now_ns))
+            return [self._pack(m) for m in messages]
+        assert self.vehicle is not None
+        if now_ns >= self._next_heartbeat_ns:
+            messages.append(self._own_heartbeat(now_ns))
+        messages.extend(self.rates.due(now_ns, self.vehicle.system_id, MAV_COMP_ID_AUTOPILOT1))
+        while self._outbox:
+            messages.append(self._outbox.popleft())
+        messages.extend(self._timesync.due(now_ns))
+        return [self._pack(m) for m in messages]
+
+    def _own_heartbeat(self, now_ns: int) -> Any:
+        self._next_heartbeat_ns = now_ns + NS
+        return dialect.MAVLink_heartbeat_message(
+            MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, 0, 0, self.system_status, 3
+        )
+
+    def _pack(self, message: Any) -> bytes:
+        # a companion shares the vehicle's system id; before it is known, 1 is what autopilots are delivered with
+        self._encoder.srcSystem = self.vehicle.system_id if self.vehicle else (self.params.system_id or 1)
+        data = bytes(message.pack(self._encoder))
+        self._encoder.seq = (self._encoder.seq + 1) % 256
+        return data
+
+    # ---- what is told of it -------------------------------------------------------------------------------------
+
+    def status(self, now_ns: int) -> LinkStatus:
+        """For the health report."""
+        rate = self.rates.rate_hz
+        counts = self.counts + self._motion.counts + self._splitter.counts
+        counts.update({"timesync answers to nobody": self._timesync.unpaired} if self._timesync.unpaired else {})
+        return LinkStatus(
+            vehicle=self.vehicle,
+            clock=self.clock.estimate,
+            clock_restarts=self.clock.restarts,
+            attitude_hz=max(rate(ATTITUDE_ID, now_ns), rate(ATTITUDE_QUATERNION_ID, now_ns)),
+            position_hz=rate(LOCAL_POSITION_ID, now_ns),
+            received=self.received,
+            counts=dict(counts),
+        )
+
+
+def budget_warning(params: MavlinkParams, bytes_per_s: float | None) -> str:
+    """What to say of a line too slow for what we ask for; empty when it is fast enough."""
+    if bytes_per_s is None:
+        return ""
+    need = link_budget_bytes_per_s(params.wishes())
+    if need <= 0.5 * bytes_per_s:
+        return ""
+    fitting = math.floor(0.5 * bytes_per_s * params.attitude_hz / need)
+    return (
+        f"the line carries {bytes_per_s:.0f} bytes/s and the attitude and position asked for need {need:.0f}: "
+        f"set a faster line (921600 baud), or attitude_hz = {max(5, fitting)}"
+    )

@@ -1,0 +1,123 @@
+"""A MAVLink session on a line, in a thread of its own: reads, writes, and opens the line again when it is lost."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from core.types import AttitudeSample, PoseSample
+
+from .base import DriverError
+from .mavlink import LinkStatus, MavlinkSession, budget_warning
+from .transport import Address, Chunk, Transport, open_transport
+
+NS = 1_000_000_000
+READ_S = 0.005
+"""Longest wait for bytes: so late, at most, is what is due to be sent."""
+FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class LineState:
+    """open: whether there is a line; error: why not, in words; losses: how often it was lost; alive_ns: when the
+    thread last went round."""
+
+    open: bool
+    error: str
+    warning: str
+    losses: int
+    alive_ns: int
+
+
+class MavlinkLink:
+    """Runs a session until closed. `deliver` is called from the link's thread with the samples of each read, in order
+    of arrival; it must not block."""
+
+    def __init__(
+        self,
+        address: Address,
+        session: MavlinkSession,
+        deliver: Callable[[list[AttitudeSample | PoseSample]], None],
+    ) -> None:
+        self._address = address
+        self._session = session
+        self._deliver = deliver
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._state = LineState(False, "not opened yet", "", 0, time.monotonic_ns())
+        self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
+
+    def open(self) -> None:
+        """Starts the thread; the line itself may come later."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stops the thread and closes the line. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+
+    @property
+    def line(self) -> LineState:
+        """How the line is."""
+        return self._state
+
+    def post(self, message: Any) -> None:
+        """Sends a message as soon as the thread comes round, if an autopilot is there to hear it."""
+        with self._lock:
+            self._session.post(message)
+
+    def set_system_status(self, status: int) -> None:
+        """The MAV_STATE of our heartbeat: how the pipeline is."""
+        with self._lock:
+            self._session.system_status = status
+
+    def status(self) -> LinkStatus:
+        """What the session knows."""
+        with self._lock:
+            return self._session.status(time.monotonic_ns())
+
+    def _run(self) -> None:
+        backoff_s, losses, error = FIRST_BACKOFF_S, 0, ""
+        while not self._stop.is_set():
+            transport: Transport | None = None
+            try:
+                transport = open_transport(self._address)
+                warning = budget_warning(self._session.params, transport.bytes_per_s)
+                self._state = LineState(True, "", warning, losses, time.monotonic_ns())
+                opened_ns = time.monotonic_ns()
+                self._talk(transport, warning, losses)
+            except DriverError as failure:
+                error = str(failure)
+                if transport is not None:
+                    losses += 1
+                    if time.monotonic_ns() - opened_ns > LONGEST_BACKOFF_S * NS:
+                        backoff_s = FIRST_BACKOFF_S
+            finally:
+                if transport is not None:
+                    transport.close()
+            if not self._stop.is_set():
+                self._wait(backoff_s, error, losses)
+                backoff_s = min(2.0 * backoff_s, LONGEST_BACKOFF_S)
+
+    def _talk(self, transport: Transport, warning: str, losses: int) -> None:
+        with self._lock:
+            self._session.new_line()
+        while not self._stop.is_set():
+            chunks: list[Chunk] = transport.read(READ_S)
+            with self._lock:
+                samples = self._session.receive(chunks)
+                for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
+                    transport.write(data)
+            if samples:
+                self._deliver(samples)
+            self._state = LineState(True, "", warning, losses, time.monotonic_ns())
+
+    def _wait(self, seconds: float, error: str, losses: int) -> None:
+        """Waits and stays alive: a missing line is a state, not a hang."""
+        until_ns = time.monotonic_ns() + round(seconds * NS)
+        while time.monotonic_ns() < until_ns and not self._stop.wait(0.1):
+            self._state = LineState(False, error, "", losses, time.monotonic_ns())

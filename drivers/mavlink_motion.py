@@ -1,0 +1,137 @@
+"""What an autopilot says of its motion, as samples on our clock. Nothing that is not a number gets through."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+from core.frames import quaternion_from_euler, rotation_from_quaternion
+from core.types import AttitudeSample, PoseSample
+
+from .clock import NS, ClockEstimate, ClockFilter, ClockSource
+
+MS = 1_000_000
+HALF_MS = 500_000
+"""time_boot_ms is rounded down: on average the measurement is half a millisecond later."""
+PREFER_FOR_NS = NS // 2
+"""A better kind of message silences a poorer one for this long."""
+UNIX_NS = 10**17
+"""Stamps beyond 3 years are no time since boot: some senders put unix time into time_usec."""
+LOCAL_FRAMES = frozenset({1, 20})
+"""MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_FRD."""
+BODY_FRAMES = frozenset({8, 12})
+"""MAV_FRAME_BODY_NED, MAV_FRAME_BODY_FRD: the velocity of ODOMETRY turns with the vehicle."""
+
+
+class MotionDecoder:
+    """Turns ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED and ODOMETRY into samples.
+
+    `counts`: messages that were refused, by cause. Of two kinds that tell the same the better one is taken: the
+    quaternion (no gimbal lock) and ODOMETRY (it tells when the estimate jumped)."""
+
+    def __init__(self, clock: ClockFilter) -> None:
+        self._clock = clock
+        self._quaternion_ns: int | None = None
+        self._odometry_ns: int | None = None
+        self.counts: Counter[str] = Counter()
+
+    def decode(self, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        """The sample in a message, or None."""
+        kind = message.get_type()
+        reader = _READERS.get(kind)
+        return reader(self, message, arrival_ns) if reader is not None else None
+
+    def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
+        """When something of the autopilot's boot time happened on our clock; never after it arrived."""
+        self._clock.arrival(boot_ns, arrival_ns)
+        estimate: ClockEstimate = self._clock.estimate
+        if estimate.source is ClockSource.NONE:
+            return None
+        t_ns = estimate.local_ns(boot_ns + rounded_ns)
+        if t_ns > arrival_ns:
+            self.counts["stamped after its arrival"] += 1
+            t_ns = arrival_ns
+        return t_ns
+
+    def _attitude(self, m: Any, arrival_ns: int) -> AttitudeSample | None:
+        angles = (float(m.roll), float(m.pitch), float(m.yaw))
+        if not all(map(math.isfinite, angles)) or max(map(abs, angles)) > 2.0 * math.pi + 1e-3:
+            self.counts["attitude is not a number"] += 1
+            return None
+        t_ns = self._stamp(int(m.time_boot_ms) * MS, HALF_MS, arrival_ns)
+        if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
+            return None
+        return AttitudeSample(t_ns, arrival_ns, quaternion_from_euler(*angles), _rates(m))
+
+    def _attitude_quaternion(self, m: Any, arrival_ns: int) -> AttitudeSample | None:
+        q = (float(m.q1), float(m.q2), float(m.q3), float(m.q4))
+        norm = math.sqrt(sum(c * c for c in q))
+        if not abs(norm - 1.0) < 0.05:  # also NaN
+            self.counts["attitude is not a number"] += 1
+            return None
+        t_ns = self._stamp(int(m.time_boot_ms) * MS, HALF_MS, arrival_ns)
+        if t_ns is None:
+            return None
+        self._quaternion_ns = arrival_ns
+        unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+        return AttitudeSample(t_ns, arrival_ns, unit, _rates(m))
+
+    def _local_position(self, m: Any, arrival_ns: int) -> PoseSample | None:
+        position, velocity = (float(m.x), float(m.y), float(m.z)), (float(m.vx), float(m.vy), float(m.vz))
+        if not all(map(math.isfinite, position)):
+            self.counts["position is not a number"] += 1
+            return None
+        t_ns = self._stamp(int(m.time_boot_ms) * MS, HALF_MS, arrival_ns)
+        if t_ns is None or _recent(self._odometry_ns, arrival_ns):
+            return None
+        return PoseSample(t_ns, arrival_ns, position, velocity if all(map(math.isfinite, velocity)) else None)
+
+    def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
+        position = (float(m.x), float(m.y), float(m.z))
+        if int(m.frame_id) not in LOCAL_FRAMES or int(m.quality) < 0:
+            self.counts["odometry of another frame or failed"] += 1
+            return None
+        if not all(map(math.isfinite, position)):
+            self.counts["position is not a number"] += 1
+            return None
+        boot_ns = int(m.time_usec) * 1000
+        if boot_ns > UNIX_NS:
+            self.counts["odometry with unix time"] += 1
+            return None
+        t_ns = self._stamp(boot_ns, 0, arrival_ns)
+        if t_ns is None:
+            return None
+        self._odometry_ns = arrival_ns
+        return PoseSample(t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter))
+
+
+def _recent(heard_ns: int | None, now_ns: int) -> bool:
+    return heard_ns is not None and now_ns - heard_ns < PREFER_FOR_NS
+
+
+def _rates(m: Any) -> tuple[float, float, float] | None:
+    rates = (float(m.rollspeed), float(m.pitchspeed), float(m.yawspeed))
+    return rates if all(map(math.isfinite, rates)) else None
+
+
+def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
+    """Velocity in ned: ODOMETRY gives it in child_frame_id."""
+    v = (float(m.vx), float(m.vy), float(m.vz))
+    if not all(map(math.isfinite, v)):
+        return None
+    if int(m.child_frame_id) in LOCAL_FRAMES:
+        return v
+    q = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
+    if int(m.child_frame_id) not in BODY_FRAMES or not abs(math.sqrt(sum(c * c for c in q)) - 1.0) < 0.05:
+        return None
+    ned = rotation_from_quaternion(q) @ v
+    return float(ned[0]), float(ned[1]), float(ned[2])
+
+
+_READERS = {
+    "ATTITUDE": MotionDecoder._attitude,
+    "ATTITUDE_QUATERNION": MotionDecoder._attitude_quaternion,
+    "LOCAL_POSITION_NED": MotionDecoder._local_position,
+    "ODOMETRY": MotionDecoder._odometry,
+}

@@ -1,0 +1,66 @@
+"""TIMESYNC: our requests, paired exactly with their answers, into the clock filter.
+
+Other parties ask on the same link (tc1 = 0) and several may answer us: only an answer of the autopilot itself that
+mirrors a stamp we sent, once, counts. We answer nobody's request: another companion may be the one the autopilot
+synchronises with."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Any
+
+from .clock import NS, ClockFilter, ClockSource
+from .mavlink_dialect import dialect
+
+FAST_NS, SLOW_NS = NS // 10, NS // 2
+"""Between requests: until the clock is synchronised and for FAST_FOR_NS after that, and from then on."""
+FAST_FOR_NS = 3 * NS
+_PENDING = 64
+
+
+class TimeSync:
+    """Asks and pairs. `unpaired`: answers that mirror nothing we asked; `others`: those not from the autopilot."""
+
+    def __init__(self, clock: ClockFilter) -> None:
+        self._clock = clock
+        self._pending: OrderedDict[int, None] = OrderedDict()
+        self._next_ns = 0
+        self._synchronised_ns: int | None = None
+        self.asked = self.answered = self.unpaired = self.others = 0
+
+    def due(self, now_ns: int) -> list[Any]:
+        """The request to send now, if it is time for one. ts1 is now_ns: send it at once."""
+        if now_ns < self._next_ns:
+            return []
+        if self._clock.estimate.source is not ClockSource.TIMESYNC:
+            self._synchronised_ns = None
+        elif self._synchronised_ns is None:
+            self._synchronised_ns = now_ns
+        settled = self._synchronised_ns is not None and now_ns - self._synchronised_ns > FAST_FOR_NS
+        self._next_ns = now_ns + (SLOW_NS if settled else FAST_NS)
+        self._pending[now_ns] = None
+        if len(self._pending) > _PENDING:
+            self._pending.popitem(last=False)
+        self.asked += 1
+        return [dialect.MAVLink_timesync_message(tc1=0, ts1=now_ns)]
+
+    def take(self, message: Any, arrival_ns: int, *, from_autopilot: bool) -> None:
+        """A TIMESYNC that came in."""
+        if message.tc1 == 0:
+            return
+        if not from_autopilot:
+            self.others += 1
+            return
+        ts1 = int(message.ts1)
+        if ts1 not in self._pending:
+            self.unpaired += 1
+            return
+        del self._pending[ts1]
+        self.answered += 1
+        self._clock.exchange(ts1, int(message.tc1), arrival_ns)
+
+    def restart(self) -> None:
+        """Another autopilot, or the same one booted: what was asked before is void."""
+        self._pending.clear()
+        self._next_ns = 0
+        self._synchronised_ns = None

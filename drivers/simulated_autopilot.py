@@ -1,0 +1,180 @@
+"""An autopilot that is not there: it answers as PX4 or as ArduPilot does on the wire, for tests and for the demo.
+
+`SimulatedAutopilot` holds no socket and no clock: bytes and instants in, bytes out. `drivers.simulated_autopilot_line`
+puts it on a UDP port or a pty. What it does is what was measured on the real ones: PX4 streams by itself and asks for
+TIMESYNC at 10 Hz; ArduPilot sends nothing but heartbeats until it is asked and refuses 400 Hz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from .flight_path import VehicleState
+from .mavlink_dialect import dialect
+from .mavlink_frames import MessageSplitter
+
+NS = 1_000_000_000
+PX4, ARDUPILOT = "PX4", "ArduPilot"
+AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
+_SET_MESSAGE_INTERVAL = 511
+_HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
+_STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
+_STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
+_MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
+
+
+def hovering(_: int) -> VehicleState:
+    """Level, two metres up, still."""
+    still = (0.0, 0.0, 0.0)
+    return VehicleState(position_ned_m=(0.0, 0.0, -2.0), velocity_ned_m_s=still, euler_rad=still, rates_frd_rad_s=still)
+
+
+@dataclass(kw_only=True)
+class Personality:
+    """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
+    knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant."""
+
+    kind: str = PX4
+    system_id: int = 1
+    component_id: int = 1
+    drift: float = 0.0
+    boot_at_ns: int = 0
+    streams: dict[int, float] | None = None
+    knows_intervals: bool = True
+    answers_timesync: bool = True
+    timesync_asks_hz: float = 10.0
+    armed: bool = False
+    motion: Callable[[int], VehicleState] = field(default=hovering)
+
+
+class SimulatedAutopilot:
+    """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
+
+    parameters: name -> value, answered to PARAM_REQUEST_READ. received: the good messages that came, newest last."""
+
+    def __init__(self, personality: Personality | None = None) -> None:
+        self.personality = personality or Personality()
+        self.parameters: dict[str, float] = {}
+        self.received: list[Any] = []
+        self.silent = False
+        self._next_ns: dict[int, int] = {}
+        self._intervals: dict[int, float] = {}
+        self._answers: list[bytes] = []
+        self._mavlink = dialect.MAVLink(None, self.personality.system_id, self.personality.component_id)
+        self._splitter = MessageSplitter()
+        self.reboot(self.personality.boot_at_ns)
+
+    def reboot(self, now_ns: int) -> None:
+        """Boot time starts from 0 and all intervals are forgotten."""
+        p = self.personality
+        p.boot_at_ns = now_ns
+        self._intervals = dict(_STREAMED_UNASKED[p.kind] if p.streams is None else p.streams)
+        self._next_ns.clear()
+        self._answers.clear()
+
+    def boot_ns(self, now_ns: int) -> int:
+        """Time since boot on its own crystal."""
+        return max(0, round((now_ns - self.personality.boot_at_ns) * (1.0 + self.personality.drift)))
+
+    # ---- in -----------------------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """What the companion sent."""
+        for message in self._splitter.feed(data):
+            kind = message.get_type()
+            self.received.append(message)
+            if kind == "TIMESYNC" and message.tc1 == 0 and self.personality.answers_timesync:
+                self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
+            elif kind == "COMMAND_LONG" and message.command == _SET_MESSAGE_INTERVAL:
+                self._set_interval(int(message.param1), float(message.param2))
+            elif kind == "REQUEST_DATA_STREAM":
+                for number in _STREAMS.get(int(message.req_stream_id), ()):
+                    self._intervals[number] = float(message.req_message_rate)
+            elif kind == "PARAM_REQUEST_READ":
+                self._read_parameter(message)
+
+    def of_kind(self, kind: str) -> list[Any]:
+        """The messages of one kind that came."""
+        return [m for m in self.received if m.get_type() == kind]
+
+    def _set_interval(self, number: int, interval_us: float) -> None:
+        result = 0
+        if not self.personality.knows_intervals:
+            result = 3
+        elif interval_us > 0 and 1e6 / interval_us > _MOST_HZ[self.personality.kind]:
+            result = 2
+        elif interval_us > 0:
+            self._intervals[number] = 1e6 / interval_us
+        elif interval_us < 0:
+            self._intervals.pop(number, None)
+        self._answer(dialect.MAVLink_command_ack_message(_SET_MESSAGE_INTERVAL, result))
+
+    def _read_parameter(self, request: Any) -> None:
+        name = request.param_id
+        if name in self.parameters:
+            index = list(self.parameters).index(name)
+            self._answer(
+                dialect.MAVLink_param_value_message(
+                    name.encode(), self.parameters[name], 9, len(self.parameters), index
+                )
+            )
+
+    def _answer(self, message: Any) -> None:
+        self._answers.append(self._pack(message))
+
+    # ---- out ----------------------------------------------------------------------------------------------------
+
+    def due(self, now_ns: int) -> list[bytes]:
+        """What to send now."""
+        out, self._answers = self._answers, []
+        if self.silent:
+            return []
+        if self._is_due(_HEARTBEAT, 1.0, now_ns):
+            out.append(self._pack(self._heartbeat()))
+        for number, hz in list(self._intervals.items()):
+            if number in _SENDERS and self._is_due(number, hz, now_ns):
+                out.append(self._pack(_SENDERS[number](self, now_ns)))
+        hz = self.personality.timesync_asks_hz if self.personality.kind == PX4 else 0.1
+        if self._is_due(_TIMESYNC, hz, now_ns):
+            out.append(self._pack(dialect.MAVLink_timesync_message(0, self.boot_ns(now_ns))))
+        return out
+
+    def _is_due(self, number: int, hz: float, now_ns: int) -> bool:
+        if hz <= 0.0 or now_ns < self._next_ns.get(number, 0):
+            return False
+        step = round(NS / hz)
+        # keeps the rate over late calls, without a burst after a long pause
+        self._next_ns[number] = max(self._next_ns.get(number, now_ns) + step, now_ns)
+        return True
+
+    def _heartbeat(self) -> Any:
+        p = self.personality
+        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, 0, 4, 3)
+
+    def _attitude(self, now_ns: int) -> Any:
+        m = self.personality.motion(now_ns)
+        return dialect.MAVLink_attitude_message(self.boot_ns(now_ns) // 1_000_000, *m.euler_rad, *m.rates_frd_rad_s)
+
+    def _attitude_quaternion(self, now_ns: int) -> Any:
+        m = self.personality.motion(now_ns)
+        boot_ms = self.boot_ns(now_ns) // 1_000_000
+        return dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)
+
+    def _local_position(self, now_ns: int) -> Any:
+        m = self.personality.motion(now_ns)
+        boot_ms = self.boot_ns(now_ns) // 1_000_000
+        return dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)
+
+    def _pack(self, message: Any) -> bytes:
+        data = bytes(message.pack(self._mavlink))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return data
+
+
+_SENDERS: dict[int, Callable[[SimulatedAutopilot, int], Any]] = {
+    _ATTITUDE: SimulatedAutopilot._attitude,
+    _ATTITUDE_QUATERNION: SimulatedAutopilot._attitude_quaternion,
+    _LOCAL_POSITION: SimulatedAutopilot._local_position,
+}

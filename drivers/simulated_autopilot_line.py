@@ -1,0 +1,144 @@
+"""A simulated autopilot on a real line: UDP or a pty, with the faults of real lines."""
+
+from __future__ import annotations
+
+import heapq
+import os
+import pty
+import random
+import select
+import socket
+import threading
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from .simulated_autopilot import SimulatedAutopilot
+
+_STEP_S = 0.001
+
+
+@dataclass(kw_only=True)
+class Faults:
+    """What the line does to the autopilot's messages. jitter_s: each is late by up to so much; the shares are of all
+    messages: noise bytes put before one, sent twice, or a second late."""
+
+    jitter_s: float = 0.0
+    noise_share: float = 0.0
+    double_share: float = 0.0
+    late_share: float = 0.0
+    seed: int = 0
+
+
+class UdpEnd:
+    """Sends to one address from a port of its own."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._peer = (host, port)
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> bytes:
+        try:
+            return self._socket.recv(65_536)
+        except (BlockingIOError, ConnectionRefusedError):
+            return b""
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._socket.sendto(data, self._peer)
+        except (BlockingIOError, ConnectionRefusedError):
+            return
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class PtyEnd:
+    """The autopilot's side of a pty; `device` is what the companion opens as its serial port."""
+
+    def __init__(self) -> None:
+        self._own, self._theirs = pty.openpty()
+        tty.setraw(self._theirs)
+        os.set_blocking(self._own, False)
+        self.device = os.ttyname(self._theirs)
+
+    def fileno(self) -> int:
+        return self._own
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self._own, 65_536)
+        except (BlockingIOError, OSError):
+            return b""
+
+    def write(self, data: bytes) -> None:
+        try:
+            os.write(self._own, data)
+        except (BlockingIOError, OSError):
+            return
+
+    def close(self) -> None:
+        os.close(self._own)
+        os.close(self._theirs)
+
+
+class AutopilotLine:
+    """Runs an autopilot in a thread until closed. Usable as a context manager."""
+
+    def __init__(self, autopilot: SimulatedAutopilot, end: UdpEnd | PtyEnd, faults: Faults | None = None) -> None:
+        self.autopilot = autopilot
+        self.faults = faults or Faults()
+        self._end = end
+        self._lock = threading.Lock()
+        self._random = random.Random(self.faults.seed)
+        self._waiting: list[tuple[int, int, bytes]] = []
+        self._count = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="simulated autopilot", daemon=True)
+
+    def __enter__(self) -> AutopilotLine:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stops and closes the line."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+        self._end.close()
+
+    def change(self, act: Callable[[SimulatedAutopilot], Any]) -> Any:
+        """Does something to the autopilot between two rounds, or asks it."""
+        with self._lock:
+            return act(self.autopilot)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            select.select([self._end], [], [], _STEP_S)
+            data = self._end.read()
+            now_ns = time.monotonic_ns()
+            with self._lock:
+                if data and not self.autopilot.silent:
+                    self.autopilot.receive(data, now_ns)
+                for message in self.autopilot.due(now_ns):
+                    self._send_later(message, now_ns)
+            while self._waiting and self._waiting[0][0] <= now_ns:
+                self._end.write(heapq.heappop(self._waiting)[2])
+
+    def _send_later(self, message: bytes, now_ns: int) -> None:
+        f, dice = self.faults, self._random
+        copies = 2 if dice.random() < f.double_share else 1
+        for _ in range(copies):
+            delay_s = dice.random() * f.jitter_s + (1.0 if dice.random() < f.late_share else 0.0)
+            noise = dice.randbytes(dice.randrange(1, 40)) if dice.random() < f.noise_share else b""
+            self._count += 1
+            heapq.heappush(self._waiting, (now_ns + round(delay_s * 1e9), self._count, noise + message))

@@ -1,0 +1,53 @@
+"""Cutting a stream of bytes into messages."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.mavlink_dialect import dialect
+from drivers.mavlink_frames import MessageSplitter
+
+ENCODER = dialect.MAVLink(None, 1, 1)
+
+
+def attitude(k: int) -> bytes:
+    return bytes(dialect.MAVLink_attitude_message(k, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0).pack(ENCODER))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.binary(max_size=30), min_size=1, max_size=12), st.integers(1, 64))
+def test_noise_hides_no_message(noises: list[bytes], step: int) -> None:
+    """Whatever comes between, and however the line cuts it, every whole message is found once, in order."""
+    stream = b"".join(noise + attitude(k) for k, noise in enumerate(noises)) + bytes(300)
+    splitter = MessageSplitter()
+    found = [m for at in range(0, len(stream), step) for m in splitter.feed(stream[at : at + step])]
+    assert [m.time_boot_ms for m in found if m.get_type() == "ATTITUDE"] == list(range(len(noises)))
+
+
+def test_a_flipped_bit_loses_one_message() -> None:
+    frames = [bytearray(attitude(k)) for k in range(3)]
+    frames[1][15] ^= 4
+    splitter = MessageSplitter()
+    assert [m.time_boot_ms for m in splitter.feed(b"".join(frames))] == [0, 2]
+    assert splitter.counts["bytes of noise"] == len(frames[1])
+
+
+def test_a_message_unknown_to_the_dialect_is_counted_and_passed_by() -> None:
+    unknown = bytes([0xFD, 1, 0, 0, 0, 1, 1, 0xEE, 0xEE, 0x0E, 7, 0, 0])
+    splitter = MessageSplitter()
+    assert [m.time_boot_ms for m in splitter.feed(unknown + attitude(5))] == [5]
+    assert splitter.counts["unknown messages"] == 1
+
+
+def test_mavlink_1_is_understood_too() -> None:
+    old = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(ENCODER, force_mavlink1=True)
+    (message,) = MessageSplitter().feed(bytes(old))
+    assert message.get_type() == "HEARTBEAT"
+
+
+def test_a_message_begun_on_a_lost_line_is_forgotten() -> None:
+    splitter = MessageSplitter()
+    assert splitter.feed(attitude(1)[:20]) == []
+    splitter.clear()
+    assert [m.time_boot_ms for m in splitter.feed(attitude(2))] == [2]

@@ -1,0 +1,274 @@
+"""A session against a simulated autopilot, without a line: instants are made up, bytes are real."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from core.types import AttitudeSample, PoseSample
+from drivers.clock import ClockSource
+from drivers.flight_path import VehicleState
+from drivers.mavlink import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_warning
+from drivers.mavlink_dialect import dialect
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot, hovering
+
+MS, NS = 1_000_000, 1_000_000_000
+
+
+def turning(now_ns: int) -> VehicleState:
+    """60 degrees a second to the right."""
+    still = (0.0, 0.0, 0.0)
+    yaw = math.remainder(math.radians(60.0) * now_ns / NS, 2.0 * math.pi)
+    rates = (0.0, 0.0, math.radians(60.0))
+    return VehicleState(position_ned_m=still, velocity_ned_m_s=still, euler_rad=(0, 0, yaw), rates_frd_rad_s=rates)
+
+
+@dataclass
+class Conversation:
+    """Both ends in steps of a millisecond; a message is delay_ns on its way."""
+
+    session: MavlinkSession
+    autopilots: list[SimulatedAutopilot]
+    delay_ns: int = 2 * MS
+    now_ns: int = 100 * NS
+    samples: list[AttitudeSample | PoseSample] = field(default_factory=list)
+    sent: list[bytes] = field(default_factory=list)
+    noise: bytes = b""
+
+    def run(self, seconds: float) -> None:
+        for _ in range(int(seconds * 1000)):
+            self.now_ns += MS
+            chunks = [
+                (self.noise + d, self.now_ns + self.delay_ns) for a in self.autopilots for d in a.due(self.now_ns)
+            ]
+            self.samples += self.session.receive(chunks)
+            for data in self.session.due(self.now_ns):
+                self.sent.append(data)
+                for a in self.autopilots:
+                    a.receive(data, self.now_ns + self.delay_ns)
+
+    def kinds(self) -> list[str]:
+        parser = dialect.MAVLink(None)
+        return [m.get_type() for d in self.sent for m in parser.parse_buffer(d)]
+
+
+def talk(kind: str, params: MavlinkParams | None = None, **personality: Any) -> Conversation:
+    autopilot = SimulatedAutopilot(Personality(kind=kind, **personality))
+    return Conversation(MavlinkSession(params), [autopilot])
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_two_seconds_after_the_first_heartbeat_attitudes_come_on_a_synchronised_clock(kind: str) -> None:
+    c = talk(kind, boot_at_ns=90 * NS)
+    c.run(2.0)
+    status = c.session.status(c.now_ns)
+    assert status.vehicle is not None
+    assert (status.vehicle.autopilot, status.vehicle.system_id) == (kind, 1)
+    assert status.clock.source is ClockSource.TIMESYNC
+    assert any(isinstance(s, AttitudeSample) for s in c.samples)
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_the_wanted_rates_are_asked_for_and_arrive(kind: str) -> None:
+    c = talk(kind, boot_at_ns=90 * NS)
+    c.run(8.0)
+    status = c.session.status(c.now_ns)
+    assert status.attitude_hz == pytest.approx(100.0, rel=0.1)
+    assert status.position_hz == pytest.approx(30.0, rel=0.1)
+
+
+def test_nothing_is_sent_before_a_heartbeat_of_the_autopilot() -> None:
+    c = Conversation(MavlinkSession(), [])
+    c.session.post(dialect.MAVLink_statustext_message(6, b"nobody hears"))
+    c.run(3.0)
+    assert c.sent == []
+    assert c.session.counts["messages without an autopilot to hear them"] == 1
+
+
+def test_a_hello_goes_out_on_a_line_whose_other_end_waits_for_it() -> None:
+    session = MavlinkSession()
+    (hello,) = session.due(NS, speaks_first=True)
+    message = dialect.MAVLink(None).parse_buffer(hello)[0]
+    assert message.get_type() == "HEARTBEAT"
+    assert session.due(NS + MS, speaks_first=True) == []
+
+
+def test_our_heartbeat_tells_what_we_are_and_how_the_pipeline_is() -> None:
+    c = talk(PX4)
+    c.session.system_status = MAV_STATE_CRITICAL
+    c.run(3.0)
+    beats = c.autopilots[0].of_kind("HEARTBEAT")
+    assert len(beats) in (3, 4)
+    last = beats[-1]
+    assert (last.type, last.autopilot, last.system_status) == (18, 8, MAV_STATE_CRITICAL)
+    assert (last.get_srcSystem(), last.get_srcComponent()) == (1, 196)
+    assert last.get_msgbuf()[0] == 0xFD
+
+
+def test_attitudes_stand_at_the_instant_of_their_measurement() -> None:
+    c = talk(PX4, motion=turning, drift=50e-6, boot_at_ns=0)
+    c.run(6.0)
+    late = [s for s in c.samples if isinstance(s, AttitudeSample)][-100:]
+    for s in late:
+        yaw = 2.0 * math.atan2(s.q_ned_frd_wxyz[3], s.q_ned_frd_wxyz[0])
+        error = math.remainder(yaw - turning(s.t_ns).euler_rad[2], 2.0 * math.pi)
+        assert abs(math.degrees(error)) < 0.1  # 60 deg/s: 1.7 ms
+        assert s.t_ns <= s.t_arrival_ns
+
+
+def test_the_quaternion_silences_the_angles_while_it_comes() -> None:
+    c = talk(PX4)
+    c.run(3.0)
+    c.samples.clear()
+    c.run(1.0)
+    attitudes = [s for s in c.samples if isinstance(s, AttitudeSample)]
+    assert 85 <= len(attitudes) <= 115  # one kind at 100 Hz, not both
+
+
+def test_an_ardupilot_without_intervals_is_asked_in_the_old_way_once() -> None:
+    c = talk(ARDUPILOT, knows_intervals=False)
+    c.run(10.0)
+    requests = c.autopilots[0].of_kind("REQUEST_DATA_STREAM")
+    assert sorted(m.req_stream_id for m in requests) == [6, 10]
+    assert c.session.status(c.now_ns).attitude_hz == pytest.approx(100.0, rel=0.1)
+
+
+def test_a_refused_rate_is_asked_for_ever_more_rarely() -> None:
+    c = talk(ARDUPILOT, MavlinkParams(attitude_hz=400.0))
+    c.run(60.0)
+    asked = [m for m in c.autopilots[0].of_kind("COMMAND_LONG") if m.param1 == 31]
+    assert 3 <= len(asked) <= 6
+    assert all(m.param2 > 0 for m in asked)
+
+
+def test_rates_that_another_station_takes_away_are_asked_for_again() -> None:
+    c = talk(PX4)
+    c.run(5.0)
+    c.autopilots[0]._intervals.clear()
+    c.run(12.0)
+    assert c.session.status(c.now_ns).attitude_hz == pytest.approx(100.0, rel=0.1)
+
+
+def test_a_reboot_starts_clock_and_rates_anew() -> None:
+    c = talk(ARDUPILOT, boot_at_ns=0)
+    c.run(5.0)
+    c.autopilots[0].reboot(c.now_ns)
+    c.run(4.0)
+    status = c.session.status(c.now_ns)
+    assert status.clock_restarts == 1
+    assert status.clock.source is ClockSource.TIMESYNC
+    assert status.attitude_hz > 80.0
+    last = [s for s in c.samples if isinstance(s, AttitudeSample)][-1]
+    assert 0 <= last.t_arrival_ns - last.t_ns < 10 * MS
+
+
+def test_requests_of_the_autopilot_and_answers_of_others_leave_our_clock_alone() -> None:
+    c = talk(PX4, boot_at_ns=0)
+    stranger = SimulatedAutopilot(Personality(kind=PX4, system_id=7, boot_at_ns=-5000 * NS))
+    camera = SimulatedAutopilot(Personality(kind=ARDUPILOT, component_id=100, boot_at_ns=-300 * NS))
+    c.autopilots += [stranger, camera]
+    c.run(5.0)
+    status = c.session.status(c.now_ns)
+    assert status.vehicle is not None
+    assert status.vehicle.system_id == 1
+    assert status.clock_restarts == 0
+    assert abs(status.clock.local_ns(c.autopilots[0].boot_ns(c.now_ns)) - c.now_ns) < 3 * MS
+    assert status.counts["heartbeats of other vehicles"] >= 4
+
+
+def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
+    c = talk(PX4, boot_at_ns=0)
+    c.autopilots.append(SimulatedAutopilot(Personality(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
+    c.run(2.0)
+    assert c.session.vehicle is not None
+    assert c.session.vehicle.system_id == 1
+    c.autopilots[0].silent = True
+    c.run(5.0)
+    assert c.session.vehicle.system_id == 7
+    assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
+
+
+def test_a_configured_vehicle_is_the_only_one_heard() -> None:
+    c = talk(PX4, MavlinkParams(system_id=3))
+    c.run(2.0)
+    assert c.session.vehicle is None
+    assert c.sent == []
+
+
+def test_noise_between_messages_is_skipped_and_counted() -> None:
+    c = talk(PX4)
+    c.noise = b"\x00\xfd\x03noise"
+    c.run(3.0)
+    assert len([s for s in c.samples if isinstance(s, AttitudeSample)]) > 250  # 100 Hz: none is lost with the noise
+    assert c.session.status(c.now_ns).counts["bytes of noise"] > 1000
+
+
+def test_what_is_not_a_number_never_becomes_a_sample() -> None:
+    still = (0.0, 0.0, 0.0)
+    bad = VehicleState(
+        position_ned_m=(math.nan, 0, 0), velocity_ned_m_s=still, euler_rad=(math.nan, 0, 0), rates_frd_rad_s=still
+    )
+    c = talk(PX4, motion=lambda _: bad)
+    c.run(3.0)
+    assert c.samples == []
+    counts = c.session.status(c.now_ns).counts
+    assert counts["attitude is not a number"] > 50
+    assert counts["position is not a number"] > 20
+
+
+def test_rates_that_are_not_numbers_leave_the_attitude() -> None:
+    still = (0.0, 0.0, 0.0)
+    bad = VehicleState(
+        position_ned_m=still, velocity_ned_m_s=still, euler_rad=still, rates_frd_rad_s=(math.inf, 0.0, 0.0)
+    )
+    c = talk(PX4, motion=lambda _: bad)
+    c.run(1.0)
+    attitudes = [s for s in c.samples if isinstance(s, AttitudeSample)]
+    assert attitudes
+    assert all(s.rates_frd_rad_s is None for s in attitudes)
+
+
+def test_odometry_turns_its_velocity_into_ned_and_tells_of_jumps() -> None:
+    c = talk(PX4, boot_at_ns=0)
+    c.run(2.0)
+    c.samples.clear()
+    q = (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))  # heading east
+    nan = [math.nan] * 21
+    boot_us = c.autopilots[0].boot_ns(c.now_ns) // 1000
+    odometry = dialect.MAVLink_odometry_message(
+        boot_us, 1, 12, 1.0, 2.0, -3.0, q, 4.0, 0.0, 0.0, 0, 0, 0, nan, nan, reset_counter=5, quality=80
+    )
+    other = dialect.MAVLink(None, 1, 1)
+    (pose,) = c.session.receive([(bytes(odometry.pack(other)), c.now_ns + MS)])
+    assert isinstance(pose, PoseSample)
+    assert pose.velocity_ned_m_s == pytest.approx((0.0, 4.0, 0.0), abs=1e-6)
+    assert pose.reset_counter == 5
+    odometry.quality = -1
+    assert c.session.receive([(bytes(odometry.pack(other)), c.now_ns + 2 * MS)]) == []
+
+
+def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
+    frames: list[tuple[bytes, int]] = []
+    autopilot = SimulatedAutopilot(Personality(kind=PX4, motion=hovering))
+    c = Conversation(MavlinkSession(on_frame=lambda data, t_ns: frames.append((data, t_ns))), [autopilot])
+    c.run(2.0)
+    again = MavlinkSession()
+    samples = again.receive(frames)  # what was logged says the same to a new session, save for the clock
+    assert len(frames) == c.session.received
+    assert [type(s) for s in samples] == [type(s) for s in c.samples]
+
+
+def test_a_slow_line_is_told_with_the_rate_that_would_fit() -> None:
+    assert budget_warning(MavlinkParams(), None) == ""
+    assert budget_warning(MavlinkParams(), 92_160.0) == ""
+    warning = budget_warning(MavlinkParams(), 5_760.0)
+    assert "5760 bytes/s" in warning
+    assert "attitude_hz = 51" in warning
+
+
+def test_parameters_out_of_range_are_named() -> None:
+    with pytest.raises(ValueError, match=r"mavlink: attitude_hz = 0, expected 5.0..400.0 Hz"):
+        MavlinkParams(attitude_hz=0)
