@@ -7,7 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.metrics import Rays, distances, missed_rays, open_stopped_rays, rays_of, recall, score, stops
+from benchmarks.metrics import (
+    Rays,
+    distances,
+    judge,
+    missed_rays,
+    open_stopped_rays,
+    range_counts,
+    rays_of,
+    recall,
+    score,
+    stops,
+)
 from drivers.scenes import SceneBuilder
 from drivers.sensor_model import PERFECT, SensorModel
 from drivers.simulated import Rendered, camera_info, render
@@ -53,6 +64,18 @@ def test_distances_take_the_nearest_of_many_and_agree_with_the_obvious_way() -> 
         flat = np.linalg.norm(points[:, :2] - a - t[:, None] * edge, axis=1)
         slow = np.minimum(slow, np.hypot(flat, points[:, 2] - np.clip(points[:, 2], top, bottom)))
     np.testing.assert_allclose(distances(points, planes), slow, rtol=1e-12)
+
+
+def test_distances_of_points_side_by_side_agree_with_each_alone() -> None:
+    """Runs of points share the planes they look at; a single point looks at all."""
+    rng = np.random.Generator(np.random.PCG64(4))
+    planes = rng.uniform(-6.0, 6.0, (300, 6))
+    planes[:, 2:4] = planes[:, 0:2] + rng.uniform(-0.4, 0.4, (300, 2))
+    planes[:, 5] = planes[:, 4] + 0.5
+    points = np.cumsum(rng.uniform(-0.03, 0.031, (700, 3)), axis=0)
+    points[350:] += [3.0, -2.0, 1.0]  # an edge within a run
+    alone = [float(distances(point[None], planes)[0]) for point in points]
+    np.testing.assert_allclose(distances(points, planes), alone, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("roll", "pitch", "yaw"), [(0.0, 0.0, 0.0), (0.5, 0.0, 0.3), (-0.2, -0.4, 2.0)])
@@ -136,14 +159,109 @@ def test_plane_over_open_ground_is_a_phantom_and_one_just_behind_a_ray_is_not() 
     assert lying.phantom == 0.0
 
 
-def test_open_stopped_needs_more_than_half_a_metre_before_the_ground() -> None:
+def test_open_rays_are_stopped_by_what_stands_before_the_ground_however_low() -> None:
+    """Of a strip 0.1 m high at 4 m, rows 113 to 115 of the ground meet it: f h / (v - cy) = 4.0 .. 4.21 m."""
+    frame = wall_frame()
+    r = rays(frame)
+    low = rect(SKY_WALL, (4.0, -9.0, 4.0, 9.0, 1.9, 2.0))
+    s = score(frame, r, low)
+    assert s.open_stopped * s.open_rays == pytest.approx(3 * 160)
+    assert s.open_stopped_early == 0.0
+    assert s.phantom_open == 0.0  # none is stopped more than a metre before the ground
+
+
+def test_early_stops_are_more_than_half_a_metre_or_two_sigma_before_the_ground() -> None:
     frame = wall_frame()
     r = rays(frame)
     ground = r.open & np.isfinite(r.range_m)
-    assert not open_stopped_rays(r, np.where(ground, r.range_m - 0.45, np.inf)).any()
-    np.testing.assert_array_equal(
-        open_stopped_rays(r, np.where(ground, r.range_m - r.sigma_m * 2 - 0.6, np.inf)), ground
-    )
+    just = np.where(ground, r.range_m - 0.45, np.inf)
+    assert not open_stopped_rays(r, just, early=True).any()
+    np.testing.assert_array_equal(open_stopped_rays(r, just), ground)
+    far = np.where(ground, r.range_m - np.nan_to_num(r.sigma_m) * 2 - 0.6, np.inf)
+    np.testing.assert_array_equal(open_stopped_rays(r, far, early=True), ground)
+
+
+def test_a_ray_is_missed_by_its_own_length_not_by_depth() -> None:
+    """A wall taken for 0.45 m farther is missed where that is more than 0.5 m along the ray."""
+    frame = wall_frame()
+    r = rays(frame)
+    moved = rect((8.45, -9.0, 8.45, 9.0, -20.0, 2.0))
+    oblique = r.obstacle & (r.per_depth > 0.5 / 0.45)
+    assert 0 < oblique.sum() < r.obstacle.sum()
+    np.testing.assert_array_equal(judge(frame, r, moved).missed, oblique)
+
+
+def test_two_sigma_are_missed_by_noise_squared_in_depth() -> None:
+    """At ke = 0.01 and 8 m, 2 sigma are 1.28 m for every ray alike, since noise and misfit both lie along it."""
+    frame = wall_frame()
+    r = rays(frame, 0.01)
+    assert score(frame, r, rect((9.27, -19.0, 9.27, 19.0, -30.0, 2.0))).missed == 0.0
+    assert score(frame, r, rect((9.29, -19.0, 9.29, 19.0, -30.0, 2.0))).missed == 1.0
+
+
+def test_ninety_five_percent_of_the_distances() -> None:
+    """Half of a wall of 6 m is modelled: distances grow from 0 to 3 m over the other half."""
+    frame = wall_frame()
+    s = score(frame, rays(frame), rect((8.0, -3.0, 8.0, 0.0, -8.0, 0.0)))
+    assert s.p95_m == pytest.approx(2.7, abs=0.06)
+
+
+def test_a_stop_beside_another_obstacle_is_no_phantom() -> None:
+    b = SceneBuilder("test")
+    b.ground()
+    b.wall("far", (14.0, -20.0), (14.0, 20.0), 9.0)
+    b.pole("pole", 6.0, -1.0, 0.2, 9.0)
+    frame = render(b.build(), INFO)
+    r = rays(frame)
+    for beside, phantom in ((1.0, False), (1.2, True)):  # from its axis, 0.1 m more than from its side
+        strip = rect((6.0, -1.0 + beside, 6.0, -0.96 + beside, -9.0, 0.0))
+        verdict = judge(frame, r, strip)
+        stopped = r.obstacle & np.isfinite(verdict.stop_m)
+        assert stopped.sum() > 20
+        np.testing.assert_array_equal(verdict.phantom & r.obstacle, stopped & phantom)
+
+
+def test_beyond_the_range_the_noise_is_that_of_the_stop() -> None:
+    """Sky and ground far away are judged alike: at ke = 0.01 a stop at 10 m may be 3 m from a true surface."""
+    b = SceneBuilder("test")
+    b.ground()
+    b.pole("pole", 10.0, -3.4, 0.4, 20.0)
+    frame = render(b.build(), INFO)
+    r = rays(frame, 0.01)
+    far = r.open & (np.isinf(r.range_m) | (r.range_m > 40.0))
+    assert (far & np.isfinite(r.range_m)).any()
+    for y, phantom in ((-0.6, False), (0.2, True)):
+        verdict = judge(frame, r, rect((10.0, y, 10.0, y + 0.1, -20.0, 0.5)))
+        stopped = far & np.isfinite(verdict.stop_m)
+        assert stopped.sum() > 20
+        np.testing.assert_array_equal(verdict.phantom & far, stopped & phantom)
+
+
+def test_phantoms_are_counted_where_no_ground_is() -> None:
+    """Of a scene without ground all rays beside the things are open, and a plane among them is a phantom."""
+    frame = render("no_ground", INFO)
+    r = rays(frame)
+    assert not frame.truth.drawn_ground.any()
+    s = score(frame, r, rect((4.0, -0.4, 4.0, 0.4, 0.5, 2.0)))
+    expected = np.isfinite(stops(rect((4.0, -0.4, 4.0, 0.4, 0.5, 2.0)), INFO.intrinsics, frame.R_level_optical)[0])
+    assert s.phantom_open == pytest.approx((expected & r.open).sum() / r.open.sum())
+    assert s.phantom_open > 0.02
+
+
+def test_rays_by_range_add_up_and_lie_in_their_metre() -> None:
+    b = SceneBuilder("test")
+    b.ground()
+    b.pole("near", 5.4, -1.0, 0.3, 9.0)
+    b.pole("far", 9.4, 2.0, 0.3, 9.0)
+    frame = render(b.build(), INFO)
+    r = rays(frame)
+    verdict = judge(frame, r, rect((5.25, -1.3, 5.25, -0.7, -9.0, 2.0), (3.5, 0.5, 3.5, 0.6, 1.0, 2.0)))
+    counts = range_counts(r, verdict)
+    assert sum(counts.obstacle) == r.obstacle.sum()
+    assert sum(counts.missed) == verdict.missed.sum() > 0
+    assert sum(counts.missed[:9]) == 0  # the near pole is kept, the far one stands between 9.4 and 12 m of range
+    assert counts.open_phantom[3] == sum(counts.open_phantom) == (verdict.phantom & r.open).sum() > 0
+    assert sum(counts.phantom) == 0
 
 
 def test_range_clip_blind_band_and_low_things_are_no_obstacle_rays() -> None:
