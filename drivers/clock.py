@@ -40,6 +40,7 @@ class ClockParams:
     min_exchanges: int = _number(3, 1, 50, "", "answers before the clock is called synchronised")
     max_rtt_s: float = _number(0.5, 0.01, 5.0, "s", "slower answers say nothing")
     reboot_step_s: float = _number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
+    reboot_messages: int = _number(5, 1, 50, "", "messages in a row that lie so far back; one alone is only late")
     strange_exchanges: int = _number(3, 2, 20, "", "answers in a row that contradict the rest mean a step: begin anew")
 
     def __post_init__(self) -> None:
@@ -90,6 +91,7 @@ class ClockFilter:
         self._doubtful: list[_Bound] = []
         self._arrivals: deque[_Bound] = deque()
         self._newest_boot_ns: int | None = None
+        self._back = 0
 
     def restart(self) -> None:
         """Forgets everything: the autopilot is another one, or has booted."""
@@ -100,31 +102,43 @@ class ClockFilter:
         self._exchanges.clear()
         self._arrivals.clear()
         self._doubtful.clear()
+        self._back = 0
         self._newest_boot_ns = None
         self.estimate = ClockEstimate(ClockSource.NONE)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
-    def arrival(self, boot_ns: int, arrival_ns: int) -> None:
-        """A message measured at boot_ns (rounded down) arrived at arrival_ns: it was not measured later than that."""
-        self._look_for_reboot(boot_ns)
+    def arrival(self, boot_ns: int, arrival_ns: int) -> bool:
+        """A message measured at boot_ns (rounded down) arrived at arrival_ns: it was not measured later than that.
+
+        False: it lies so far back that it is either very late or the first after a reboot; do not use it."""
+        if self._is_back(boot_ns):
+            self._back += 1
+            if self._back < self.params.reboot_messages:
+                return False
+            self.restart()
+        self._back = 0
+        self._newest_boot_ns = max(boot_ns, self._newest_boot_ns or boot_ns)
         high = arrival_ns - boot_ns
         newest = self._arrivals[-1] if self._arrivals else None
         if newest is not None and boot_ns - newest.boot_ns < NS:
             if high >= newest.high:
-                return
+                return True
             self._arrivals.pop()
         self._arrivals.append(_Bound(boot_ns, None, high))
         self._trim(boot_ns)
         if self.estimate.source is not ClockSource.TIMESYNC:
             self._envelope(boot_ns)
+        return True
 
     def exchange(self, ts1_ns: int, tc1_ns: int, now_ns: int) -> bool:
         """An answer: we asked at ts1_ns, the autopilot's clock said tc1_ns, we had it at now_ns. False: not used."""
         if not 0 <= now_ns - ts1_ns <= self.params.max_rtt_s * NS:
             self.slow += 1
             return False
-        self._look_for_reboot(tc1_ns)
+        if self._is_back(tc1_ns):
+            self.restart()
+        self._newest_boot_ns = max(tc1_ns, self._newest_boot_ns or tc1_ns)
         new = _Bound(tc1_ns, ts1_ns - tc1_ns, now_ns - tc1_ns)
         if self._exchanges and not self._fits(new):
             return self._doubt(new)
@@ -134,11 +148,9 @@ class ClockFilter:
         self._estimate(tc1_ns)
         return True
 
-    def _look_for_reboot(self, boot_ns: int) -> None:
+    def _is_back(self, boot_ns: int) -> bool:
         newest = self._newest_boot_ns
-        if newest is not None and boot_ns < newest - self.params.reboot_step_s * NS:
-            self.restart()
-        self._newest_boot_ns = max(boot_ns, self._newest_boot_ns or boot_ns)
+        return newest is not None and boot_ns < newest - self.params.reboot_step_s * NS
 
     def _doubt(self, new: _Bound) -> bool:
         """A contradiction is not believed at once; several in a row that agree with each other are a step."""

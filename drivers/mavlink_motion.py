@@ -44,7 +44,9 @@ class MotionDecoder:
 
     def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
         """When something of the autopilot's boot time happened on our clock; never after it arrived."""
-        self._clock.arrival(boot_ns, arrival_ns)
+        if not self._clock.arrival(boot_ns, arrival_ns):
+            self.counts["far behind the others"] += 1
+            return None
         estimate: ClockEstimate = self._clock.estimate
         if estimate.source is ClockSource.NONE:
             return None

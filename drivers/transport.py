@@ -248,12 +248,9 @@ def _resolve(address: Address) -> tuple[str, int]:
 
 
 def _reason(error: BaseException) -> str:
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, OSError) and cause.strerror:
-            return cause.strerror
-        cause = cause.__context__
-    return str(error) or type(error).__name__
+    """The system's words for the cause; pyserial wraps them into a sentence of its own."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error) or type(error).__name__
 
 
 def _serial_remedy(error: BaseException, place: str) -> str:

@@ -141,12 +141,23 @@ def test_a_reboot_starts_over() -> None:
     clock, link = ClockFilter(), Link()
     run(link, clock, 5.0)
     again = Link(boot_at_ns=6 * NS, seed=1)
-    again.attitude(clock, 8 * NS)
+    for k in range(5):
+        assert clock.restarts == 0
+        again.attitude(clock, 8 * NS + k * 10 * MS)
     assert clock.restarts == 1
     assert clock.estimate.source is ClockSource.ENVELOPE
     run(again, clock, 2.0, start_ns=8 * NS)
     assert clock.estimate.source is ClockSource.TIMESYNC
     assert abs(again.error_ns(clock, again.boot(10 * NS))) < 5 * MS
+
+
+def test_a_message_a_second_late_is_no_reboot() -> None:
+    clock, link = ClockFilter(), Link()
+    run(link, clock, 5.0)
+    for k in range(20):
+        assert not clock.arrival(link.boot(3 * NS + k * 10 * MS), 5 * NS + k * 10 * MS)
+        assert clock.arrival(link.boot(5 * NS + k * 10 * MS), 5 * NS + k * 10 * MS + MS)
+    assert clock.restarts == 0
 
 
 def test_a_single_contradiction_changes_nothing() -> None:

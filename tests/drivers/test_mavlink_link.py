@@ -1,0 +1,236 @@
+"""The link on real lines: UDP, pty and TCP, with what happens to them."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from core.types import AttitudeSample, PoseSample
+from drivers.base import BadData, DeviceLost, DeviceNotFound
+from drivers.clock import ClockSource
+from drivers.mavlink import MavlinkParams, MavlinkSession
+from drivers.mavlink_dialect import dialect
+from drivers.mavlink_link import MavlinkLink
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.transport import Address, UdpLine, open_transport, parse_address
+
+Samples = list[AttitudeSample | PoseSample]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def until(condition: Callable[[], bool], seconds: float = 8.0) -> bool:
+    """Waits for a condition; whether it came true."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        if condition():
+            return True
+        time.sleep(0.01)
+    return condition()
+
+
+@contextmanager
+def linked(address: Address, params: MavlinkParams | None = None) -> Iterator[tuple[MavlinkLink, Samples]]:
+    samples: Samples = []
+    link = MavlinkLink(address, MavlinkSession(params), samples.extend)
+    link.open()
+    try:
+        yield link, samples
+    finally:
+        link.close()
+
+
+def synchronised(link: MavlinkLink) -> bool:
+    return link.status().clock.source is ClockSource.TIMESYNC
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_over_udp_the_clock_is_synchronised_and_attitudes_flow(kind: str) -> None:
+    port = free_port()
+    autopilot = SimulatedAutopilot(Personality(kind=kind, boot_at_ns=time.monotonic_ns() - 10**10))
+    with (
+        AutopilotLine(autopilot, UdpEnd("127.0.0.1", port), Faults(jitter_s=0.005)) as line,
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
+    ):
+        assert until(lambda: synchronised(link) and link.status().attitude_hz > 70.0)
+        now_ns = time.monotonic_ns()
+        boot_ns = line.change(lambda a: a.boot_ns(now_ns))
+        assert abs(link.status().clock.local_ns(boot_ns) - now_ns) < 5_000_000
+        assert samples[-1].t_ns <= samples[-1].t_arrival_ns
+
+
+def test_over_a_serial_line() -> None:
+    end = PtyEnd()
+    autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
+    with AutopilotLine(autopilot, end), linked(parse_address(f"serial:{end.device}:921600")) as (link, _):
+        assert until(lambda: synchronised(link) and link.status().attitude_hz > 70.0)
+
+
+def test_a_slow_serial_line_is_told_of() -> None:
+    end = PtyEnd()
+    with AutopilotLine(SimulatedAutopilot(), end), linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
+        assert until(lambda: link.line.open)
+        assert "5760 bytes/s" in link.line.warning
+
+
+def test_noise_doubles_and_late_messages_on_the_line() -> None:
+    port = free_port()
+    faults = Faults(jitter_s=0.01, noise_share=0.2, double_share=0.1, late_share=0.05)
+    with (
+        AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", port), faults),
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
+    ):
+        assert until(lambda: synchronised(link) and len(samples) > 200)
+        assert link.status().clock_restarts == 0
+        assert link.status().counts["bytes of noise"] > 0
+
+
+def test_a_line_that_is_not_there_yet_is_opened_when_it_comes(tmp_path: Path) -> None:
+    place = tmp_path / "usb-autopilot"
+    with linked(Address("serial", str(place), 921600)) as (link, _):
+        assert until(lambda: "No such file" in link.line.error)
+        alive_ns = link.line.alive_ns
+        assert until(lambda: link.line.alive_ns > alive_ns)  # waiting is living
+        end = PtyEnd()
+        place.symlink_to(end.device)
+        with AutopilotLine(SimulatedAutopilot(), end):
+            assert until(lambda: link.line.open and link.status().vehicle is not None)
+
+
+def test_an_unplugged_line_is_lost_and_found_again(tmp_path: Path) -> None:
+    place = tmp_path / "usb-autopilot"
+    first = PtyEnd()
+    place.symlink_to(first.device)
+    with linked(Address("serial", str(place), 921600)) as (link, _):
+        with AutopilotLine(SimulatedAutopilot(), first):
+            assert until(lambda: link.status().vehicle is not None)
+        assert until(lambda: link.line.losses >= 1)  # closed with its end: unplugged
+        second = PtyEnd()
+        place.unlink()
+        place.symlink_to(second.device)
+        autopilot = SimulatedAutopilot()
+        with AutopilotLine(autopilot, second) as line:
+            assert until(lambda: link.line.open and line.change(lambda a: len(a.of_kind("TIMESYNC")) > 0))
+
+
+def test_a_reboot_with_a_new_udp_port() -> None:
+    port = free_port()
+    address = parse_address(f"udpin:127.0.0.1:{port}")
+    first = SimulatedAutopilot(Personality(kind=ARDUPILOT, boot_at_ns=time.monotonic_ns() - 10**11))
+    with linked(address) as (link, samples):
+        with AutopilotLine(first, UdpEnd("127.0.0.1", port)):
+            assert until(lambda: synchronised(link) and len(samples) > 50)
+        again = SimulatedAutopilot(Personality(kind=ARDUPILOT, boot_at_ns=time.monotonic_ns()))
+        with AutopilotLine(again, UdpEnd("127.0.0.1", port)):
+            assert until(lambda: link.status().clock_restarts == 1 and synchronised(link))
+            assert until(lambda: link.status().attitude_hz > 70.0)
+
+
+def test_udpout_says_hello_first() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router:
+        router.bind(("127.0.0.1", 0))
+        router.settimeout(5.0)
+        with linked(parse_address(f"udpout:127.0.0.1:{router.getsockname()[1]}")):
+            data, _ = router.recvfrom(1000)
+            assert dialect.MAVLink(None).parse_buffer(data)[0].get_type() == "HEARTBEAT"
+
+
+def test_tcp_and_the_loss_of_it() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(5.0)
+        with linked(parse_address(f"tcp:127.0.0.1:{server.getsockname()[1]}")) as (link, _):
+            connection, _peer = server.accept()
+            autopilot = SimulatedAutopilot()
+            connection.sendall(b"".join(autopilot.due(time.monotonic_ns())))
+            assert until(lambda: link.status().vehicle is not None)
+            connection.close()
+            assert until(lambda: link.line.losses == 1)
+            server.accept()[0].close()
+
+
+def test_what_we_post_reaches_the_autopilot() -> None:
+    port = free_port()
+    with (
+        AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line,
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
+    ):
+        assert until(lambda: link.status().vehicle is not None)
+        link.post(dialect.MAVLink_statustext_message(6, b"OA: here"))
+        assert until(lambda: line.change(lambda a: [m.text for m in a.of_kind("STATUSTEXT")]) == ["OA: here"])
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("serial:/dev/serial/by-id/usb-x:57600", Address("serial", "/dev/serial/by-id/usb-x", 57600)),
+        ("serial:/dev/ttyAMA0", Address("serial", "/dev/ttyAMA0", 921600)),
+        (
+            "serial:/dev/serial/by-path/pci-0:1.2:1.0",
+            Address("serial", "/dev/serial/by-path/pci-0:1.2:1.0", 921600),
+        ),
+        ("udpin:0.0.0.0:14540", Address("udpin", "0.0.0.0", 14540)),
+        ("tcp:host:5760", Address("tcp", "host", 5760)),
+    ],
+)
+def test_addresses(text: str, address: Address) -> None:
+    assert parse_address(text) == address
+
+
+@pytest.mark.parametrize(
+    "text", ["", "/dev/ttyACM0", "udp:1.2.3.4:14550", "udpin:0.0.0.0", "tcp:host:0", "serial:ttyS0"]
+)
+def test_a_wrong_address_names_the_forms_there_are(text: str) -> None:
+    with pytest.raises(ValueError, match="expected serial:/dev/serial/by-id"):
+        parse_address(text)
+
+
+def test_failures_to_open_name_cause_and_remedy(tmp_path: Path) -> None:
+    with pytest.raises(DeviceNotFound, match=r"No such file or directory; plug it in"):
+        open_transport(Address("serial", str(tmp_path / "none"), 57600))
+    with pytest.raises(DeviceNotFound, match="does anything listen there"):
+        open_transport(Address("tcp", "127.0.0.1", 1))
+    held = UdpLine(Address("udpin", "127.0.0.1", free_port()))
+    try:
+        with pytest.raises(DeviceNotFound, match="is another program bound to this port"):
+            open_transport(Address("udpin", "127.0.0.1", held.port))
+    finally:
+        held.close()
+
+
+def test_a_port_that_another_program_holds() -> None:
+    end = PtyEnd()
+    first = open_transport(Address("serial", end.device, 57600))
+    try:
+        with pytest.raises(DeviceNotFound, match="another program holds"):
+            open_transport(Address("serial", end.device, 57600))
+    finally:
+        first.close()
+        end.close()
+
+
+def test_a_pty_that_hangs_up_is_lost() -> None:
+    own, theirs = os.openpty()
+    line = open_transport(Address("serial", os.ttyname(theirs), 57600))
+    os.close(theirs)
+    os.close(own)
+    with pytest.raises(DeviceLost, match="was it unplugged"):
+        line.read(5.0)
+    line.close()
+
+
+def test_a_rate_no_port_knows() -> None:
+    end = PtyEnd()
+    with pytest.raises(BadData, match="choose a rate the port knows"):
+        open_transport(Address("serial", end.device, -5))
+    end.close()
