@@ -255,21 +255,25 @@ class Extractor:
         ends_t = (0.5 + p.footprint_px) * column_t
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
         where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px)
-        pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
-        reach = min(p.join_reach_m, 0.45 * p.passable_width_m, 0.9 * p.passable_height_m)
+        pl.measure_planes(*where, p.safe_distance_m, p.safe_along_m, count, plane_of, planes, plane_ints)
+        reach = min(p.join_reach_m, 0.5 * p.join_share * p.passable_width_m, p.join_share * p.passable_height_m)
         pl.merge_planes(
-            count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.link_slope_px, reach,
-            math.radians(p.plane_angle_deg), 0.5 * p.passable_width_m,
+            count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.merge_noise_cap,
+            p.link_slope_px, reach, p.merge_reach_weight, math.radians(p.plane_angle_deg),
+            p.merge_long_share * p.passable_width_m, p.evidence_step, p.evidence_points, p.opening_slack_m, p.merge_rounds,
             self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 6), np.float64), masks, frame,
         )  # fmt: skip
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
-        pl.measure_planes(*where, p.safe_distance_m, count, plane_of, planes, plane_ints)
-        pl.shift_to_near_side(count, planes)
-        refine.meet_neighbours(count, planes, plane_ints, p.meet_share * p.passable_width_m, column_t)
-        count = refine.close_pockets(
-            count, size, planes, plane_ints, moments, p.passable_width_m, column_t, p.ground_tolerance_m, masks, frame
+        pl.measure_planes(*where, p.safe_distance_m, p.safe_along_m, count, plane_of, planes, plane_ints)
+        pl.shift_to_near_side(count, planes, p.min_plane_distance_m)
+        refine.meet_neighbours(
+            count, planes, plane_ints, p.meet_share * p.passable_width_m, p.meet_columns * column_t, p.meet_slack_m
         )
-        refine.drop_covered(count, planes, plane_ints, p.passable_width_m, column_t)
+        count = refine.close_pockets(
+            count, size, planes, plane_ints, moments, p.passable_width_m, p.pocket_min_columns * column_t, p.ground_tolerance_m,
+            p.pocket_behind_m, p.pocket_points, masks, frame,
+        )  # fmt: skip
+        refine.drop_covered(count, planes, plane_ints, p.passable_width_m, p.covered_px * column_t)
         return count, planes, plane_ints, moments
 
     # ---- what comes out -----------------------------------------------------------------------------------------
@@ -282,15 +286,15 @@ class Extractor:
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
         alive = np.flatnonzero(plane_ints[:count, pl.P_SUPPORT] >= 0)
         used, used_ints = planes[alive], plane_ints[alive]
-        end_at_ground(used, ground, self.params.ground_tolerance_m)
+        end_at_ground(used, ground, self.params)
         rows, margin = plane_rows(used, moments[alive], self.params)
         cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
-        prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m)
+        prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m, self.params.profile_join_m)
         free = free_profile(*seen, ground, clear_m, ke, self.params, len(used), used, used_ints, margin)
         return FrameModel(
             valid=True, cause=InvalidCause.NONE, planes=rows,
             support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,
-            flags=plane_flags(used, used_ints, view), cluster=cluster, prisms=prisms, free=free, ground=ground,
+            flags=plane_flags(used, used_ints, view, self.params), cluster=cluster, prisms=prisms, free=free, ground=ground,
             stats=replace(counted, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
             strips=strip_table(ints, place, n) if keep_strips else None,
         )  # fmt: skip

@@ -13,10 +13,8 @@ from .level import ViewGeometry
 from .params import Params
 from .types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
 
-_INFERRED_SHARE = 0.05
-"""A plane with more of its rows or columns filled than this is called inferred; less is what single pixels drop out."""
-_BESIDE_COLUMNS = 4.0
-"""Columns of a plane without a strip that are no gap: footprints of both ends, and where neighbours meet."""
+_LEAST_HEIGHT_M = 1e-3
+"""Not tuning: a plane's top must differ from its bottom in float32."""
 
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
@@ -37,16 +35,16 @@ def pixel_stats(counts: tuple[int, int, int], size: int) -> FrameStats:
     )  # fmt: skip
 
 
-def end_at_ground(planes: NDArray[np.float64], ground: Ground, tolerance_m: float) -> None:
-    """Cuts planes that reach below the ground seen at their feet, in place; one wholly below keeps its top.
+def end_at_ground(planes: NDArray[np.float64], ground: Ground, params: Params) -> None:
+    """Cuts planes that reach below the ground seen at their feet, in place; one wholly below keeps min_plane_height_m.
 
     A strip's rows reach below it where noise puts the strip too far away."""
     if not ground.seen:
         return
     middle = 0.5 * (planes[:, pl.T0] + planes[:, pl.T1])
-    x = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * middle, 1e-6)
-    floor = ground.height_m + (ground.slope_x + ground.slope_y * middle) * x + tolerance_m
-    planes[:, pl.Z1] = np.minimum(planes[:, pl.Z1], np.maximum(floor, planes[:, pl.Z0] + 0.05))
+    x = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * middle, pl.LEAST_S)
+    floor = ground.height_m + (ground.slope_x + ground.slope_y * middle) * x + params.ground_tolerance_m
+    planes[:, pl.Z1] = np.minimum(planes[:, pl.Z1], np.maximum(floor, planes[:, pl.Z0] + params.min_plane_height_m))
 
 
 def plane_rows(
@@ -56,28 +54,32 @@ def plane_rows(
 
     a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the near edge
     still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
-    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T0], 1e-6)
-    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T1], 1e-6)
+    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T0], pl.LEAST_S)
+    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T1], pl.LEAST_S)
     rows = np.stack(
         [x0, x0 * planes[:, pl.T0], x1, x1 * planes[:, pl.T1], planes[:, pl.Z0], planes[:, pl.Z1]], axis=1
     ).astype(np.float32)
-    rows[:, 5] = np.maximum(rows[:, 5], rows[:, 4] + 1e-3)
+    rows[:, 5] = np.maximum(rows[:, 5], rows[:, 4] + _LEAST_HEIGHT_M)
     noise = np.maximum(x0, x1) ** 2 / np.sqrt(np.maximum(moments[:, 0], 1e-9))
     front = np.clip(planes[:, pl.FRONT] + params.safe_distance_m, 0.0, params.safe_distance_m)
     return rows, (front + params.margin_sigmas * noise).astype(np.float32)
 
 
-def plane_flags(planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view: ViewGeometry) -> NDArray[np.uint8]:
+def plane_flags(
+    planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view: ViewGeometry, params: Params
+) -> NDArray[np.uint8]:
     """(N,) uint8 PlaneFlags."""
     column_t = float(view.lateral[0]) / view.f_px
     inferred = plane_ints[:, pl.P_INFERRED] > 0
-    filled = plane_ints[:, pl.P_FILL] > _INFERRED_SHARE * plane_ints[:, pl.P_ROWS]
+    filled = plane_ints[:, pl.P_FILL] > params.inferred_share * plane_ints[:, pl.P_ROWS]
     columns = (planes[:, pl.T1] - planes[:, pl.T0]) / column_t
-    spanned = plane_ints[:, pl.P_COLUMNS] < (1.0 - _INFERRED_SHARE) * columns - _BESIDE_COLUMNS
+    spanned = plane_ints[:, pl.P_COLUMNS] < (1.0 - params.inferred_share) * columns - params.inferred_columns
     flags = np.where(inferred | filled | spanned, int(PlaneFlags.INFERRED), 0)
     flags |= np.where(inferred, 0, int(PlaneFlags.UNKNOWN_BEHIND))
-    flags |= np.where(planes[:, pl.T0] <= (1.5 - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
-    flags |= np.where(planes[:, pl.T1] >= (view.cols - 2.5 - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0)
+    flags |= np.where(planes[:, pl.T0] <= (params.cut_columns - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
+    flags |= np.where(
+        planes[:, pl.T1] >= (view.cols - 1 - params.cut_columns - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0
+    )
     flags |= np.where(plane_ints[:, pl.P_CUT] & 1, int(PlaneFlags.CUT_TOP), 0)
     flags |= np.where(plane_ints[:, pl.P_CUT] & 2, int(PlaneFlags.CUT_BOTTOM), 0)
     flags |= np.where(plane_ints[:, pl.P_KIND] >= strips.IRREGULAR, int(PlaneFlags.IRREGULAR), 0)

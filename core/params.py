@@ -199,7 +199,7 @@ class Params:
 
     # Straight pieces and planes
     height_step_m: float = _number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
-    line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a plane [eps_l]")
+    line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece [eps_l]")
     line_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
     link_slope_px: float = _number(
         1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
@@ -214,14 +214,55 @@ class Params:
     merge_distance_m: float = _number(
         0.35, 0.0, 2.0, "m", "a merged plane lies no farther than this from what it replaces"
     )
-    join_reach_m: float = _number(
-        0.9, 0.1, 3.0, "m", "a joined plane covers nothing farther from what was seen (at most 0.45 Ws and 0.9 Hs)"
+    merge_noise_cap: float = _number(2.0, 0.0, 10.0, "", "noise allows at most this many times merge_distance_m more")
+    merge_reach_weight: float = _number(
+        0.2, 0.0, 1.0, "", "cost of a join that covers join_reach_m of what neither plane had; 1 is too much"
     )
-    meet_share: float = _number(0.25, 0.0, 1.0, "Ws", "neighbours are extended by at most this to meet")
+    merge_long_share: float = _number(
+        0.5, 0.05, 5.0, "Ws", "planes both longer than this are merged within plane_angle_deg only"
+    )
+    merge_rounds: int = _number(12, 1, 50, "", "rounds of merging, at most")
+    join_reach_m: float = _number(
+        0.9, 0.1, 3.0, "m", "a joined plane covers nothing farther than this from what was seen"
+    )
+    join_share: float = _number(0.9, 0.1, 0.99, "", "and nothing farther than this share of Ws/2 and of Hs")
+    evidence_step: float = _number(
+        0.4, 0.05, 1.0, "", "step between points looked at in a join, as a share of its reach"
+    )
+    evidence_points: int = _number(32, 4, 200, "", "and at most so many steps each way")
+    opening_slack_m: float = _number(
+        0.1, 0.0, 0.5, "m", "in an opening a join covers nothing farther than this from what was seen"
+    )
+    safe_along_m: float = _number(
+        0.5, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
+    )
+    min_plane_distance_m: float = _number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
     footprint_px: float = _number(
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
     )
+    min_plane_height_m: float = _number(0.05, 0.001, 0.5, "m", "height kept of a plane that lies below the ground")
     margin_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
+    inferred_share: float = _number(
+        0.05, 0.0, 0.5, "", "a plane with more of its rows or columns filled is inferred; less is what pixels drop out"
+    )
+    inferred_columns: float = _number(
+        4.0, 0.0, 20.0, "px", "columns of a plane without a strip that are no gap: footprints, and where planes meet"
+    )
+    cut_columns: float = _number(1.5, 0.5, 10.0, "px", "a plane that ends within so many columns of the border is cut")
+
+    # Neighbours and pockets
+    meet_share: float = _number(0.25, 0.0, 1.0, "Ws", "neighbours are extended by at most this to meet")
+    meet_columns: int = _number(40, 1, 500, "px", "and over at most so many columns")
+    meet_slack_m: float = _number(0.05, 0.0, 0.5, "m", "heights equal within this are the same where planes meet")
+    pocket_min_columns: float = _number(2.0, 0.0, 20.0, "px", "no ray passes a narrower gap between neighbours")
+    pocket_behind_m: float = _number(
+        0.3, 0.0, 2.0, "m", "a plane at most so far behind a pocket's mouth closes it already"
+    )
+    pocket_points: int = _number(5, 1, 50, "", "points each way at which a pocket's mouth is looked at for openings")
+    covered_px: float = _number(1.0, 0.0, 10.0, "px", "what stands out by no more than this is still covered")
+    paper_line_tolerance_m: float = _number(
+        0.2, 0.02, 1.0, "m", "greatest misfit of a plane in mode paper, if line_tolerance_m is less [eps_l]"
+    )
 
     # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
     opening_cell_px: int = _number(4, 1, 16, "px", "side of a cell in which free boxes are looked for")
@@ -234,6 +275,7 @@ class Params:
 
     # Layers and the free-range profile
     layer_join_m: float = _number(0.25, 0.0, 2.0, "m", "tops and bottoms closer than this are one cut")
+    profile_join_m: float = _number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
     profile_step_deg: float = _number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
     profile_layers: int = _number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
     profile_ring_m: float = _number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")

@@ -13,7 +13,7 @@ from numba import njit
 
 from .lines import W, fit_line, incidence_cosine
 from .openings import is_open
-from .strips import BOTTOM, CUT, FILL, NEAR, SUPPORT, TOP, TRACK, U
+from .strips import BOTTOM, CLUSTER, CUT, FILL, KIND, NEAR, SUPPORT, TOP, TRACK, U
 from .tracks import T_T0, T_T1, tangent
 
 # columns of the float table of planes: line a, b; first and last tangent; heights (m, down); misfit in front (m); distance in the middle (m)
@@ -21,14 +21,15 @@ A, B, T0, T1, Z0, Z1, FRONT, MIDDLE = range(8)
 # columns of the integer table
 P_CLUSTER, P_SUPPORT, P_FILL, P_CUT, P_KIND, P_INFERRED, P_ROWS, P_COLUMNS, P_LAST_U = range(9)
 MOST_M = 1e9
-_BESIDE_M = 0.1
+"""Stands for no distance at all, as do lines that cross a ray beyond 1/LEAST_S metres."""
+LEAST_S = 1e-6
 
 
 @njit(cache=True, nogil=True)
 def distance_at(plane, t):
     """Forward distance x of a plane at tangent t; MOST_M where its line never crosses that ray."""
     s = plane[A] + plane[B] * t
-    return 1.0 / s if s > 1e-6 else MOST_M
+    return 1.0 / s if s > LEAST_S else MOST_M
 
 
 @njit(cache=True, nogil=True)
@@ -44,12 +45,12 @@ def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, plan
 
 @njit(cache=True, nogil=True)
 def measure_planes(
-    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, count, plane_of, planes, plane_ints
-):  # fmt: skip
+    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, along_m, count, plane_of, planes, plane_ints
+):
     """Heights, support, filled rows, seen columns, cuts, clusters and the misfit in front, of every plane, from its strips.
 
     plane_of: (tracks,) int32 root plane of a track. FRONT is the largest excess of the robust near edge over
-    safe_distance, perpendicular to the plane, and at least what keeps half a metre along the viewing ray."""
+    safe_m, perpendicular to the plane, and at least what keeps along_m along the viewing ray."""
     for k in range(count):
         planes[k, Z0], planes[k, Z1], planes[k, FRONT] = MOST_M, -MOST_M, -MOST_M
         plane_ints[k, P_SUPPORT], plane_ints[k, P_FILL], plane_ints[k, P_CUT], plane_ints[k, P_KIND] = 0, 0, 0, 0
@@ -75,21 +76,22 @@ def measure_planes(
         if ints[i, U] != plane_ints[k, P_LAST_U]:  # strips come in order of their columns
             plane_ints[k, P_COLUMNS] += 1
             plane_ints[k, P_LAST_U] = ints[i, U]
-        plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, 4])
-        plane_ints[k, P_CLUSTER] = ints[i, 5]
+        plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, KIND])
+        plane_ints[k, P_CLUSTER] = ints[i, CLUSTER]
         # the near edge along the ray, and its distance to the plane
         ray = (x - f / floats[i, NEAR]) * math.sqrt(1.0 + t * t)
         cosine = incidence_cosine(planes[k, A], planes[k, B], t)
-        planes[k, FRONT] = max(planes[k, FRONT], max(ray * cosine - safe_m, (ray - 0.5) * cosine))
+        planes[k, FRONT] = max(planes[k, FRONT], max(ray * cosine - safe_m, (ray - along_m) * cosine))
 
 
 @njit(cache=True, nogil=True)
-def shift_to_near_side(count, planes):
-    """Moves each plane towards the camera by FRONT where that is positive; FRONT becomes 0 there."""
+def shift_to_near_side(count, planes, least_m):
+    """Moves each plane towards the camera by FRONT where that is positive, but to no nearer than least_m; FRONT becomes 0
+    there."""
     for k in range(count):
         if planes[k, FRONT] > 0.0:
             c = 1.0 / math.hypot(planes[k, A], planes[k, B])
-            scale = c / max(0.05, c - planes[k, FRONT])
+            scale = c / max(least_m, c - planes[k, FRONT])
             planes[k, A] *= scale
             planes[k, B] *= scale
             planes[k, FRONT] = 0.0
@@ -117,16 +119,18 @@ def joined_reach_m(p, q, x):
 
 
 @njit(cache=True, nogil=True)
-def deviation(p, moments, a, b, tolerance_m, sigmas):
-    """How far a new line leaves plane p at its ends, over what is allowed (below 1: it may replace it)."""
+def deviation(p, moments, a, b, tolerance_m, sigmas, noise_cap):
+    """How far a new line leaves plane p at its ends, over what is allowed (below 1: it may replace it).
+
+    Noise of p, `sigmas` of it, allows for more, but for at most noise_cap times tolerance_m."""
     worst = 0.0
     for t in (p[T0], p[T1]):
         old = distance_at(p, t)
         s = a + b * t
-        if s <= 1e-6:
+        if s <= LEAST_S:
             return 2.0
         noise = sigmas * old * old / math.sqrt(moments[W])
-        worst = max(worst, abs(1.0 / s - old) / (tolerance_m + min(noise, 2.0 * tolerance_m)))
+        worst = max(worst, abs(1.0 / s - old) / (tolerance_m + min(noise, noise_cap * tolerance_m)))
     return worst
 
 
@@ -139,7 +143,9 @@ def turn_rad(p, q):
 
 
 @njit(cache=True, nogil=True)
-def merge_cost(p, q, mp, mq, total, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m):
+def merge_cost(
+    p, q, mp, mq, total, tolerance_m, sigmas, noise_cap, slope, reach_m, reach_weight, angle_rad, long_m
+):  # fmt: skip
     """(cost, a, b) of one plane for both p and q; cost below 1: they stand for one thing. total: (6,) scratch.
 
     Opening rule: no point of the joined rectangle lies farther than reach_m (below Hs and Ws/2) from what was seen,
@@ -155,8 +161,10 @@ def merge_cost(p, q, mp, mq, total, tolerance_m, sigmas, slope, reach_m, angle_r
     for m in range(6):
         total[m] = mp[m] + mq[m]
     a, b, _, _ = fit_line(total, 1.0 / (slope * slope))
-    worst = max(deviation(p, mp, a, b, tolerance_m, sigmas), deviation(q, mq, a, b, tolerance_m, sigmas))
-    return worst + 0.2 * reach, a, b
+    worst = max(
+        deviation(p, mp, a, b, tolerance_m, sigmas, noise_cap), deviation(q, mq, a, b, tolerance_m, sigmas, noise_cap)
+    )
+    return worst + reach_weight * reach, a, b
 
 
 @njit(cache=True, nogil=True)
@@ -177,19 +185,19 @@ def near_evidence(t, z, x, reach_m, piece, following, pieces):
 
 
 @njit(cache=True, nogil=True)
-def joined_on_evidence(p, q, a, b, i, j, reach_m, following, pieces, masks, frame):
+def joined_on_evidence(p, q, a, b, i, j, reach_m, step, most, slack_m, following, pieces, masks, frame):
     """Whether every point of the joined rectangle outside both lies within reach_m of a piece that was really seen, and
-    no such point in an opening (openings.py), a tenth of a metre beside the evidence apart.
+    no such point in an opening (openings.py), slack_m beside the evidence apart.
 
-    a, b: the joined line. Rectangles may already cover more than was seen, so that without this planes creep over an
-    opening in small steps. pieces: (tracks, 6) t0, t1, top, bottom, 1/x at t0 and at t1 of what each track saw;
+    a, b: the joined line. Points lie `step` of the reach apart, at most `most` + 1 each way. Rectangles may already
+    cover more than was seen, so that without this planes creep over an opening in small steps. pieces: (tracks, 6) t0, t1, top, bottom, 1/x at t0 and at t1 of what each track saw;
     following: the next piece of a plane, -1 at the end."""
     t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
     z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
     s0, s1 = max(a + b * t0, 1e-3), max(a + b * t1, 1e-3)
     length = math.hypot(1.0 / s0 - 1.0 / s1, t0 / s0 - t1 / s1)
-    across = min(32, 2 + int(length / (0.4 * reach_m)))
-    down = min(32, 2 + int((z1 - z0) / (0.4 * reach_m)))
+    across = min(most, 2 + int(length / (step * reach_m)))
+    down = min(most, 2 + int((z1 - z0) / (step * reach_m)))
     for k in range(across + 1):
         t = t0 + (t1 - t0) * k / across
         x = 1.0 / max(a + b * t, 1e-3)
@@ -197,7 +205,7 @@ def joined_on_evidence(p, q, a, b, i, j, reach_m, following, pieces, masks, fram
             z = z0 + (z1 - z0) * m / down
             if (p[T0] <= t <= p[T1] and p[Z0] <= z <= p[Z1]) or (q[T0] <= t <= q[T1] and q[Z0] <= z <= q[Z1]):
                 continue
-            limit = _BESIDE_M if is_open(masks, t, z / x, x, frame) else reach_m
+            limit = slack_m if is_open(masks, t, z / x, x, frame) else reach_m
             if not near_evidence(t, z, x, limit, i, following, pieces) and not near_evidence(
                 t, z, x, limit, j, following, pieces
             ):
@@ -207,8 +215,8 @@ def joined_on_evidence(p, q, a, b, i, j, reach_m, following, pieces, masks, fram
 
 @njit(cache=True, nogil=True)
 def merge_planes(
-    count, planes, plane_ints, moments, parent, tolerance_m, sigmas, slope, reach_m, angle_rad, long_m, following, pieces,
-    masks, frame,
+    count, planes, plane_ints, moments, parent, tolerance_m, sigmas, noise_cap, slope, reach_m, reach_weight, angle_rad,
+    long_m, step, most, slack_m, rounds, following, pieces, masks, frame,
 ):  # fmt: skip
     """Joins planes of one cluster, cheapest partner first, until none fits (Eq. 17); dead ones get a negative support.
 
@@ -219,7 +227,7 @@ def merge_planes(
         p = planes[k]
         pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3] = p[T0], p[T1], p[Z0], p[Z1]
         pieces[k, 4], pieces[k, 5] = 1.0 / distance_at(p, p[T0]), 1.0 / distance_at(p, p[T1])
-    for _round in range(12):
+    for _round in range(rounds):
         changed = False
         for i in range(count):
             if plane_ints[i, P_SUPPORT] < 0:
@@ -234,10 +242,10 @@ def merge_planes(
                         continue  # most pairs are far apart
                     c, a, b = merge_cost(
                         planes[i], planes[j], moments[i], moments[j], total,
-                        tolerance_m, sigmas, slope, reach_m, angle_rad, long_m,
+                        tolerance_m, sigmas, noise_cap, slope, reach_m, reach_weight, angle_rad, long_m,
                     )  # fmt: skip
                     if c < cost and joined_on_evidence(
-                        planes[i], planes[j], a, b, i, j, reach_m, following, pieces, masks, frame
+                        planes[i], planes[j], a, b, i, j, reach_m, step, most, slack_m, following, pieces, masks, frame
                     ):
                         best, cost, best_a, best_b = j, c, a, b
                 if best < 0:

@@ -13,6 +13,9 @@ from .lines import add_point
 from .params import Params
 
 _MOST_SPLITS = 100000
+"""Not tuning: more splits than any frame has strips."""
+_EXACT = 1e6
+"""Not tuning: weight of a plane's one moment, so high that its published margin holds no noise, which the paper has not."""
 _MANY_COLUMNS = 1 << 30
 """The printed form does not ask which columns of a plane were seen."""
 
@@ -40,7 +43,7 @@ def planes_paper(
         planes[count] = (s0 - b * t0, b, t0 - half, t1 + half, top, bottom, -params.safe_distance_m, 0.0)
         plane_ints[count] = (cluster, support, 0, 0, 0, 0, 1, _MANY_COLUMNS, -1)
         moments[count] = 0.0
-        add_point(moments[count], t0, s0, 1e6)
+        add_point(moments[count], t0, s0, _EXACT)
         count += 1
     return count
 
@@ -70,9 +73,10 @@ def _split(points: NDArray[np.float64], support: NDArray[np.int32], params: Para
         top, bottom, weight = float(group[:, 2].min()), float(group[:, 3].max()), int(support[a:b].sum())
         if b - a > 3:
             p, q, off = _line(group)
-            if off.max() <= max(params.line_tolerance_m, 0.2):  # the paper's eps_l = 0.2 m
+            if off.max() <= max(params.line_tolerance_m, params.paper_line_tolerance_m):
+                least = params.min_plane_distance_m
                 y0, y1 = float(group[0, 1]), float(group[-1, 1])
-                out.append((max(p + q * y0, 0.05), y0, max(p + q * y1, 0.05), y1, top, bottom, weight))
+                out.append((max(p + q * y0, least), y0, max(p + q * y1, least), y1, top, bottom, weight))
             else:
                 at = a + min(max(int(off.argmax()), 1), b - a - 1)
                 groups += [(a, at), (at, b)]

@@ -33,26 +33,26 @@ def layer_cuts(
     return cuts, np.searchsorted(cuts, own_tops), np.searchsorted(cuts, own_bottoms)
 
 
-def profile_runs(planes: NDArray[np.float32], members: NDArray[np.int64]) -> list[list[int]]:
-    """Runs of members (ordered from left to right) whose facing ends coincide within a centimetre: one profile each."""
+def profile_runs(planes: NDArray[np.float32], members: NDArray[np.int64], end_m: float) -> list[list[int]]:
+    """Runs of members (ordered from left to right) whose facing ends coincide within end_m: one profile each."""
     runs: list[list[int]] = []
     for k in members:
         if runs:
             last = planes[runs[-1][-1]]
-            if abs(last[2] - planes[k, 0]) < 0.01 and abs(last[3] - planes[k, 1]) < 0.01:
+            if abs(last[2] - planes[k, 0]) < end_m and abs(last[3] - planes[k, 1]) < end_m:
                 runs[-1].append(int(k))
                 continue
         runs.append([int(k)])
     return runs
 
 
-def connected_planes(planes: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(N,) component of each plane: planes whose facing ends coincide within a centimetre and whose heights overlap.
+def connected_planes(planes: NDArray[np.float32], end_m: float) -> NDArray[np.int64]:
+    """(N,) component of each plane: planes whose facing ends coincide within end_m and whose heights overlap.
 
     Only such planes share a profile; cutting one at another's height would add edges and say nothing."""
     meets = (
-        (np.abs(planes[:, None, 2] - planes[None, :, 0]) < 0.01)
-        & (np.abs(planes[:, None, 3] - planes[None, :, 1]) < 0.01)
+        (np.abs(planes[:, None, 2] - planes[None, :, 0]) < end_m)
+        & (np.abs(planes[:, None, 3] - planes[None, :, 1]) < end_m)
         & (np.minimum(planes[:, None, 5], planes[None, :, 5]) > np.maximum(planes[:, None, 4], planes[None, :, 4]))
     )
     component: NDArray[np.int64] = np.arange(len(planes))
@@ -82,19 +82,21 @@ def layers_of(
 
 
 def layered_prisms(
-    planes: NDArray[np.float32], margin_m: NDArray[np.float32], cluster: NDArray[np.int32], join_m: float
+    planes: NDArray[np.float32], margin_m: NDArray[np.float32], cluster: NDArray[np.int32], join_m: float, end_m: float
 ) -> tuple[Prism, ...]:
-    """The multi-layer prisms of a frame. planes: (N, 6) as in FrameModel; every plane stands in each layer it reaches."""
+    """The multi-layer prisms of a frame. planes: (N, 6) as in FrameModel; every plane stands in each layer it reaches.
+
+    join_m: heights closer than this are one cut; end_m: ends closer than this are one vertex."""
     prisms: list[Prism] = []
     if not len(planes):
         return ()
     azimuth = np.arctan2(planes[:, 1] + planes[:, 3], planes[:, 0] + planes[:, 2])
-    component = connected_planes(planes)
+    component = connected_planes(planes, end_m)
     for c in np.unique(component):
         members = np.flatnonzero(component == c)
         members = members[np.argsort(azimuth[members], kind="stable")]
         for top_m, bottom_m, there in layers_of(planes, members, join_m):
-            for run in profile_runs(planes, there):
+            for run in profile_runs(planes, there, end_m):
                 vertices = [planes[run[0], 0:2], *[planes[k, 2:4] for k in run]]
                 prisms.append(
                     Prism(

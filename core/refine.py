@@ -13,6 +13,7 @@ from numba import njit
 from .openings import is_open
 from .planes import (
     FRONT,
+    MOST_M,
     P_CLUSTER,
     P_COLUMNS,
     P_CUT,
@@ -31,6 +32,11 @@ from .planes import (
     distance_at,
 )
 
+_NO_METRES = 0.1 * MOST_M
+"""Farther than this is no distance: MOST_M with room for rounding."""
+_NO_TURN = 1e-6
+"""Lines whose slopes differ by less are parallel: their crossing is noise of the arithmetic."""
+
 
 @njit(cache=True, nogil=True)
 def facing_gap_m(p, q):
@@ -40,18 +46,19 @@ def facing_gap_m(p, q):
 
 
 @njit(cache=True, nogil=True)
-def meet_neighbours(count, planes, plane_ints, reach_m, column_t):
+def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m):
     """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
 
-    Only over columns nobody stands in front of, and at most reach_m along either plane."""
+    Only over columns nobody stands in front of, at most reach_m along either plane and where the ends are less than
+    reach_t apart. An end is cut back only where the other plane reaches as high and as low, within slack_m."""
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
             if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] + q[T1] <= p[T0] + p[T1]:
                 continue
-            if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) <= 0.0 or abs(q[T0] - p[T1]) > 40.0 * column_t:
+            if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) <= 0.0 or abs(q[T0] - p[T1]) > reach_t:
                 continue
-            if facing_gap_m(p, q) > reach_m or abs(p[B] - q[B]) < 1e-6:
+            if facing_gap_m(p, q) > reach_m or abs(p[B] - q[B]) < _NO_TURN:
                 continue
             t = (q[A] - p[A]) / (p[B] - q[B])
             if not (p[T0] < t < q[T1]):
@@ -59,16 +66,16 @@ def meet_neighbours(count, planes, plane_ints, reach_m, column_t):
             x = distance_at(p, t)
             far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
             # an end may only be cut back where the other plane takes over all of its height
-            cuts_p, cuts_q = t < p[T1] and not _spans(q, p), t > q[T0] and not _spans(p, q)
-            if far <= reach_m and x < 1e8 and not cuts_p and not cuts_q:
+            cuts_p, cuts_q = t < p[T1] and not _spans(q, p, slack_m), t > q[T0] and not _spans(p, q, slack_m)
+            if far <= reach_m and x < _NO_METRES and not cuts_p and not cuts_q:
                 p[T1] = t
                 q[T0] = t
 
 
 @njit(cache=True, nogil=True)
-def _spans(p, q):
-    """Whether plane p reaches as high and as low as plane q."""
-    return p[Z0] <= q[Z0] + 0.05 and p[Z1] >= q[Z1] - 0.05
+def _spans(p, q, slack_m):
+    """Whether plane p reaches as high and as low as plane q, within slack_m."""
+    return p[Z0] <= q[Z0] + slack_m and p[Z1] >= q[Z1] - slack_m
 
 
 @njit(cache=True, nogil=True)
@@ -79,45 +86,49 @@ def _step_m(p, t_from, t_to):
 
 
 @njit(cache=True, nogil=True)
-def stands_between(count, planes, plane_ints, i, j, t, z, x):
-    """Whether a plane other than i and j already closes the ray (t, z/x) in front of x or just behind it."""
+def stands_between(count, planes, plane_ints, i, j, t, z, x, behind_m):
+    """Whether a plane other than i and j already closes the ray (t, z/x) in front of x or at most behind_m behind it."""
     for k in range(count):
         p = planes[k]
         if k in (i, j) or plane_ints[k, P_SUPPORT] < 0 or not p[T0] <= t <= p[T1]:
             continue
         own = distance_at(p, t)
-        if own < x + 0.3 and p[Z0] <= z / x * own <= p[Z1]:
+        if own < x + behind_m and p[Z0] <= z / x * own <= p[Z1]:
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def _touches_opening(p, q, masks, frame):
-    """Whether the chord between facing ends of p and q would cover part of an opening: looked at in 5 x 5 points."""
+def _touches_opening(p, q, points, masks, frame):
+    """Whether the chord between facing ends of p and q would cover part of an opening: looked at in points x points."""
     xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
     top, bottom = max(p[Z0], q[Z0]), min(p[Z1], q[Z1])
-    for a in range(1, 6):
-        t = p[T1] + (q[T0] - p[T1]) * a / 6.0
-        x = 6.0 / ((6.0 - a) / xp + a / xq)
-        for b in range(1, 6):
-            if is_open(masks, t, (top + (bottom - top) * b / 6.0) / x, x, frame):
+    steps = points + 1
+    for a in range(1, steps):
+        t = p[T1] + (q[T0] - p[T1]) * a / steps
+        x = steps / ((steps - a) / xp + a / xq)
+        for b in range(1, steps):
+            if is_open(masks, t, (top + (bottom - top) * b / steps) / x, x, frame):
                 return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least_height_m, masks, frame):
+def close_pockets(
+    count, limit, planes, plane_ints, moments, ws, least_t, least_height_m, behind_m, points, masks, frame
+):  # fmt: skip
     """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count.
 
     The chord goes from end to end over the height both share. What lies behind it in the pocket is left to
-    `drop_covered`. Gaps of under two columns need none: no ray passes there. An opening (openings.py) stays open."""
+    `drop_covered`. Gaps narrower than least_t need none: no ray passes there. An opening (openings.py) stays open. See
+    `stands_between` for behind_m, `_touches_opening` for points."""
     first = count
     for i in range(first):
         p = planes[i]
         best, nearest = -1, ws
         for j in range(first):
             q = planes[j]
-            if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] - p[T1] < 2.0 * column_t:
+            if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] - p[T1] < least_t:
                 continue
             if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) < least_height_m:
                 continue
@@ -131,7 +142,9 @@ def close_pockets(count, limit, planes, plane_ints, moments, ws, column_t, least
         t = 0.5 * (p[T1] + q[T0])
         z = 0.5 * (max(p[Z0], q[Z0]) + min(p[Z1], q[Z1]))
         x = 2.0 / (s0 + s1)
-        if _touches_opening(p, q, masks, frame) or stands_between(first, planes, plane_ints, i, best, t, z, x):
+        if _touches_opening(p, q, points, masks, frame) or stands_between(
+            first, planes, plane_ints, i, best, t, z, x, behind_m
+        ):
             continue
         new = planes[count]
         new[B] = (s1 - s0) / (q[T0] - p[T1])
@@ -155,7 +168,7 @@ def covered_by(p, q, depth_m, slack_t):
     for t in (p[T0], p[T1]):
         inside = min(max(t, q[T0]), q[T1])
         xp, xq = distance_at(p, inside), distance_at(q, inside)
-        if xq > xp or xp - xq > depth_m or xp > 1e8:
+        if xq > xp or xp - xq > depth_m or xp > _NO_METRES:
             return False
         if p[Z0] / xp < q[Z0] / xq - slack_t or p[Z1] / xp > q[Z1] / xq + slack_t:
             return False

@@ -36,7 +36,20 @@ def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[
     g = t.view
     pl.planes_from_tracks(count, t.moments, t.track_floats, 1.2, 0.5 / F, planes, ints, plane_of)
     pl.measure_planes(
-        t.ints, t.floats, t.n, g.f_px, g.cu, g.lateral, g.tan_edge, footprint / F, safe_m, count, plane_of, planes, ints
+        t.ints,
+        t.floats,
+        t.n,
+        g.f_px,
+        g.cu,
+        g.lateral,
+        g.tan_edge,
+        footprint / F,
+        safe_m,
+        0.5,
+        count,
+        plane_of,
+        planes,
+        ints,
     )
     return planes, ints, count
 
@@ -70,7 +83,7 @@ def test_no_plane_stays_farther_behind_its_near_edges_than_the_safe_distance(see
         t.add(u, 20, 80, x, near_m=x - out * rng.random())
     t.build().cluster()
     planes, _, count = whole_way(t)
-    pl.shift_to_near_side(count, planes)
+    pl.shift_to_near_side(count, planes, 0.05)
     for r, f in zip(t.ints, t.floats, strict=True):
         p = planes[r[s.TRACK]]
         y_over_x = (r[s.U] - t.view.cu) / F
@@ -85,10 +98,10 @@ def test_no_plane_stays_farther_behind_its_near_edges_than_the_safe_distance(see
 def test_a_plane_in_place_is_not_moved() -> None:
     planes, _, _ = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0))
     before = planes.copy()
-    pl.shift_to_near_side(1, planes)
+    pl.shift_to_near_side(1, planes, 0.05)
     np.testing.assert_array_equal(planes, before)
     planes[0, pl.FRONT] = 0.4
-    pl.shift_to_near_side(1, planes)
+    pl.shift_to_near_side(1, planes, 0.05)
     assert pl.distance_at(planes[0], 0.1) == pytest.approx(4.6)
 
 
@@ -141,7 +154,7 @@ def merge(
         planes[k, pl.MIDDLE] = pl.distance_at(planes[k], 0.5 * (planes[k, pl.T0] + planes[k, pl.T1]))
     parent = np.arange(len(planes), dtype=np.int32)
     pl.merge_planes(
-        n, planes, ints, moments, parent, 0.35, 3.0, 1.2, reach, math.radians(20), 1.0,
+        n, planes, ints, moments, parent, 0.35, 3.0, 2.0, 1.2, reach, 0.2, math.radians(20), 1.0, 0.4, 32, 0.1, 12,
         np.zeros(len(planes), np.int32), np.zeros((len(planes), 6)), *masks,
     )  # fmt: skip
     plane_of = np.arange(n, dtype=np.int32)
@@ -200,7 +213,7 @@ def test_an_opening_that_was_seen_is_never_covered() -> None:
 
 def test_two_walls_meet_in_their_corner() -> None:
     planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-    refine.meet_neighbours(2, planes, ints, 0.5, 1 / F)
+    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05)
     assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
     assert ends(planes[1])[:2] == pytest.approx((6.0, 2.0))
 
@@ -217,7 +230,7 @@ def test_walls_that_do_not_meet_keep_their_ends(change: str) -> None:
     planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), tuple(second))
     ints[1, pl.P_CLUSTER] = int(change == "cluster")
     before = planes.copy()
-    refine.meet_neighbours(2, planes, ints, 0.5, 1 / F)
+    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05)
     np.testing.assert_array_equal(planes, before)
 
 
@@ -225,13 +238,13 @@ def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None
     """A high wall that overshoots a low one by 20 cm keeps its end: nobody stands in for its upper part."""
     for high, kept in ((-3.0, True), (-1.0, False)):
         planes, ints, _ = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-        refine.meet_neighbours(2, planes, ints, 0.5, 1 / F)
+        refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05)
         assert (ends(planes[0])[3] == pytest.approx(2.2)) == kept
 
 
 def pockets(*rows: tuple[float, ...], masks: tuple[np.ndarray, np.ndarray] = CLOSED) -> tuple[np.ndarray, np.ndarray]:
     planes, ints, moments = plane_table(*rows)
-    count = refine.close_pockets(len(rows), len(planes), planes, ints, moments, 2.0, 1 / F, 0.25, *masks)
+    count = refine.close_pockets(len(rows), len(planes), planes, ints, moments, 2.0, 2 / F, 0.25, 0.3, 5, *masks)
     return planes[:count], ints[:count]
 
 
@@ -259,7 +272,7 @@ def test_wide_seen_through_and_covered_gaps_are_not_spanned() -> None:
 def test_pockets_never_write_past_their_table() -> None:
     rows = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
     planes, ints, moments = plane_table(*rows, room=0)
-    assert refine.close_pockets(2, 2, planes, ints, moments, 2.0, 1 / F, 0.25, *CLOSED) == 2
+    assert refine.close_pockets(2, 2, planes, ints, moments, 2.0, 2 / F, 0.25, 0.3, 5, *CLOSED) == 2
 
 
 def test_what_one_nearer_plane_hides_wholly_is_dropped_and_only_that() -> None:

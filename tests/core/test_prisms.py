@@ -20,7 +20,7 @@ def planes(*rows: tuple[float, ...]) -> np.ndarray:
 
 def prisms(rows: np.ndarray, join: float = 0.25, cluster: np.ndarray | None = None) -> tuple:
     own = np.zeros(len(rows), np.int32) if cluster is None else cluster
-    return layered_prisms(rows, np.linspace(0.1, 0.2, len(rows)).astype(np.float32), own, join)
+    return layered_prisms(rows, np.linspace(0.1, 0.2, len(rows)).astype(np.float32), own, join, 0.01)
 
 
 def test_no_planes_no_prisms_and_one_plane_one_layer() -> None:
