@@ -1,0 +1,212 @@
+"""Depth frames from a camera's process to ours: pixels in shared memory, word of them on a socket.
+
+The memory is anonymous (memfd): it has no name to collide with and goes when both processes are gone, however they
+end. A frame's pixels are written into the next of a few slots, then its word is sent; the socket's send and receive are
+the barrier between them. Each slot carries the number of its frame before and behind the pixels, so that a reader that
+was overtaken sees it and takes the next. A reader wants the newest frame only and never makes the writer wait.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import select
+import socket
+import struct
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from core.types import DepthFrame
+
+from .base import BadData, DeviceLost
+
+SLOTS = 4
+_MARK = struct.Struct("<Q")
+_PAGE = 4096
+_LONGEST_WORD = 60_000
+
+
+def slot_bytes(width: int, height: int) -> int:
+    """Bytes of one slot: a mark, the pixels, a mark; whole pages."""
+    return -(-(2 * _MARK.size + 2 * width * height) // _PAGE) * _PAGE
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What the camera's process said besides frames. kind: opened, state, failed or alive; told: its content."""
+
+    kind: str
+    told: dict[str, Any]
+
+
+class FrameWriter:
+    """The camera's side. fd: the socket given at its start."""
+
+    def __init__(self, fd: int, camera: str) -> None:
+        self._socket = socket.socket(fileno=fd)
+        self._socket.setblocking(False)
+        self._camera = camera
+        self._memory: mmap.mmap | None = None
+        self._size = (0, 0)
+        self._written = 0
+
+    def say(self, kind: str, **told: Any) -> None:
+        """A word. Raises DeviceLost when nobody is left to hear it."""
+        self._send({"kind": kind, **told})
+
+    def write(self, frame: DepthFrame) -> None:
+        """Puts a frame into the next slot and tells of it. Raises DeviceLost when nobody is left."""
+        height, width = frame.depth_mm.shape
+        if self._memory is None or self._size != (width, height):
+            self._open_memory(width, height)
+        if self._memory is None:
+            return  # the reader is so slow that it does not even hear of the memory
+        self._written += 1
+        size = slot_bytes(width, height)
+        at = (self._written % SLOTS) * size
+        pixels = at + _MARK.size
+        end = pixels + 2 * width * height
+        _MARK.pack_into(self._memory, at, self._written)
+        target = np.ndarray((height, width), np.uint16, self._memory, pixels)
+        target[...] = frame.depth_mm
+        _MARK.pack_into(self._memory, end, self._written)
+        self._send(
+            {
+                "kind": "frame", "number": self._written, "sequence": frame.sequence,
+                "t_exposure_ns": frame.t_exposure_ns, "t_arrival_ns": frame.t_arrival_ns,
+            }
+        )  # fmt: skip
+
+    def _open_memory(self, width: int, height: int) -> None:
+        size = SLOTS * slot_bytes(width, height)
+        fd = os.memfd_create(f"depth of {self._camera}")
+        try:
+            os.ftruncate(fd, size)
+            self._memory = mmap.mmap(fd, size)
+            self._size = (width, height)
+            word = json.dumps({"kind": "memory", "width": width, "height": height}).encode()
+            if not self._deliver(lambda: socket.send_fds(self._socket, [word], [fd])):
+                self._memory = None
+        finally:
+            os.close(fd)
+
+    def _send(self, word: dict[str, Any]) -> None:
+        data = json.dumps(word).encode()[:_LONGEST_WORD]
+        self._deliver(lambda: self._socket.send(data))
+
+    def _deliver(self, send: Any) -> bool:
+        """False: the reader is slow and will hear of a newer frame."""
+        try:
+            send()
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            raise DeviceLost(f"camera {self._camera}: the service is gone ({error.strerror})") from error
+        return True
+
+    def close(self) -> None:
+        """May be called again."""
+        self._socket.close()
+
+
+class FrameReader:
+    """Our side. `child_fd` is for the camera's process. dropped: frames never delivered since a newer one was there."""
+
+    def __init__(self, camera: str) -> None:
+        self._camera = camera
+        self._socket, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.setblocking(False)
+        self._memory: mmap.mmap | None = None
+        self._size = (0, 0)
+        self.dropped = 0
+
+    @property
+    def child_fd(self) -> int:
+        """To be passed on; close_child() when that is done."""
+        return self._theirs.fileno()
+
+    def close_child(self) -> None:
+        """Closes our copy of the child's end, so that its death is seen."""
+        self._theirs.close()
+
+    def read(self, timeout_s: float) -> tuple[DepthFrame | None, list[Word]]:
+        """The newest frame not yet delivered, and all words, waiting at most timeout_s for either. Raises DeviceLost
+        when the process is gone and BadData when it sends what cannot be."""
+        until_s = time.monotonic() + timeout_s
+        newest: dict[str, Any] | None = None
+        words: list[Word] = []
+        while True:
+            wait_s = 0.0 if newest or words else max(0.0, until_s - time.monotonic())
+            ready, _, _ = select.select([self._socket], [], [], wait_s)
+            if not ready:
+                break
+            told = self._receive()
+            if told["kind"] == "frame":
+                self.dropped += 1 if newest is not None else 0
+                newest = told
+            elif told["kind"] != "memory":
+                words.append(Word(str(told.pop("kind")), told))
+        frame = self._frame(newest) if newest is not None else None
+        return frame, words
+
+    def _receive(self) -> dict[str, Any]:
+        try:
+            data, fds, _, _ = socket.recv_fds(self._socket, _LONGEST_WORD, 1)
+        except OSError as error:
+            raise DeviceLost(f"camera {self._camera}: its process is gone ({error.strerror})") from error
+        if not data:
+            raise DeviceLost(f"camera {self._camera}: its process has ended")
+        try:
+            told = json.loads(data)
+            if fds:
+                self._take_memory(fds[0], int(told["width"]), int(told["height"]))
+            if not isinstance(told["kind"], str):
+                raise TypeError("kind")
+        except (ValueError, KeyError, TypeError) as error:
+            raise BadData(f"camera {self._camera}: its process sent what nobody understands ({error})") from error
+        finally:
+            for fd in fds:
+                os.close(fd)
+        return dict(told)
+
+    def _take_memory(self, fd: int, width: int, height: int) -> None:
+        size = SLOTS * slot_bytes(width, height)
+        if os.fstat(fd).st_size < size:
+            raise BadData(f"camera {self._camera}: its memory is too small for {width}x{height} pixels")
+        self._memory = mmap.mmap(fd, size, prot=mmap.PROT_READ)
+        self._size = (width, height)
+
+    def _frame(self, told: dict[str, Any]) -> DepthFrame | None:
+        """The frame of a word; None when the writer has overtaken us meanwhile."""
+        if self._memory is None:
+            raise BadData(f"camera {self._camera}: its process told of a frame before it gave the memory")
+        width, height = self._size
+        try:
+            number = int(told["number"])
+            at = (number % SLOTS) * slot_bytes(width, height)
+            pixels = at + _MARK.size
+            end = pixels + 2 * width * height
+            behind = _MARK.unpack_from(self._memory, end)[0]
+            depth = np.ndarray((height, width), np.uint16, self._memory, pixels).copy()
+            before = _MARK.unpack_from(self._memory, at)[0]
+            if before != number or behind != number:
+                self.dropped += 1
+                return None
+            return DepthFrame(
+                camera=self._camera,
+                sequence=int(told["sequence"]),
+                t_exposure_ns=int(told["t_exposure_ns"]),
+                t_arrival_ns=int(told["t_arrival_ns"]),
+                depth_mm=depth,
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadData(f"camera {self._camera}: its process told of a frame wrongly ({error})") from error
+
+    def close(self) -> None:
+        """May be called again."""
+        self._socket.close()
+        self._theirs.close()

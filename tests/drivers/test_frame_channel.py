@@ -1,0 +1,172 @@
+"""Frames through shared memory between two real processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+from core.types import DepthFrame
+from drivers.base import BadData, DeviceLost
+from drivers.frame_channel import FrameReader, FrameWriter, Word, slot_bytes
+
+
+def frame(sequence: int, width: int = 64, height: int = 48) -> DepthFrame:
+    depth = np.full((height, width), 1000 + sequence, np.uint16)
+    return DepthFrame(
+        camera="front", sequence=sequence, t_exposure_ns=sequence, t_arrival_ns=sequence + 5, depth_mm=depth
+    )
+
+
+def pair() -> tuple[FrameReader, FrameWriter]:
+    reader = FrameReader("front")
+    return reader, FrameWriter(os.dup(reader.child_fd), "front")
+
+
+def test_a_frame_comes_out_as_it_went_in() -> None:
+    reader, writer = pair()
+    rng = np.random.Generator(np.random.PCG64(1))
+    depth = rng.integers(0, 65536, (48, 64)).astype(np.uint16)
+    writer.write(DepthFrame(camera="front", sequence=7, t_exposure_ns=10**15, t_arrival_ns=10**15 + 3, depth_mm=depth))
+    got, words = reader.read(1.0)
+    assert got is not None
+    assert (got.sequence, got.t_exposure_ns, got.t_arrival_ns) == (7, 10**15, 10**15 + 3)
+    assert np.array_equal(got.depth_mm, depth)
+    assert words == []
+
+
+def test_only_the_newest_frame_is_delivered_and_the_others_are_counted() -> None:
+    reader, writer = pair()
+    for k in range(3):
+        writer.write(frame(k))
+    got, _ = reader.read(0.0)
+    assert got is not None
+    assert got.sequence == 2
+    assert reader.dropped == 2
+    assert reader.read(0.0) == (None, [])
+
+
+def test_a_reader_that_sleeps_never_makes_the_writer_wait_and_gets_whole_frames() -> None:
+    reader, writer = pair()
+    for k in range(5000):
+        writer.write(frame(k))
+    seen = 0
+    for _ in range(50):
+        got, _ = reader.read(0.0)
+        if got is not None:
+            assert np.all(got.depth_mm == 1000 + got.sequence)
+            seen += 1
+    writer.write(frame(6000))
+    got, _ = reader.read(1.0)
+    assert got is not None
+    assert got.sequence == 6000
+
+
+def test_a_frame_that_was_overwritten_meanwhile_is_not_delivered() -> None:
+    reader, writer = pair()
+    writer.write(frame(1))
+    told = reader._receive()
+    assert told["kind"] == "memory"
+    told = reader._receive()
+    for k in range(2, 6):
+        writer.write(frame(k))
+    assert reader._frame(told) is None
+    assert reader.dropped == 1
+
+
+def test_the_size_of_the_image_may_change() -> None:
+    reader, writer = pair()
+    writer.write(frame(1))
+    assert reader.read(1.0)[0] is not None
+    writer.write(frame(2, width=128, height=96))
+    got, _ = reader.read(1.0)
+    assert got is not None
+    assert got.depth_mm.shape == (96, 128)
+
+
+def test_a_reader_that_was_too_slow_for_the_memory_gets_it_later() -> None:
+    reader, writer = pair()
+    for k in range(2000):
+        writer.say("alive", number=k)
+    writer.write(frame(1))
+    assert reader.read(0.0)[0] is None
+    writer.write(frame(2))
+    got, _ = reader.read(1.0)
+    assert got is not None
+    assert got.sequence == 2
+
+
+def test_words_come_with_what_they_tell() -> None:
+    reader, writer = pair()
+    writer.say("opened", device="OAK-D", baseline_m=0.075)
+    assert reader.read(1.0) == (None, [Word("opened", {"device": "OAK-D", "baseline_m": 0.075})])
+
+
+def test_what_nobody_understands_is_refused() -> None:
+    reader, writer = pair()
+    writer._socket.send(b"\xff\xfe")
+    with pytest.raises(BadData, match="sent what nobody understands"):
+        reader.read(1.0)
+    writer.say("frame", number=1)
+    with pytest.raises(BadData, match="before it gave the memory"):
+        reader.read(1.0)
+
+
+def test_a_slot_holds_its_marks_and_pixels_in_whole_pages() -> None:
+    assert slot_bytes(64, 32) == 8192
+    assert slot_bytes(640, 480) % 4096 == 0
+    assert slot_bytes(640, 480) >= 640 * 480 * 2 + 16
+
+
+CHILD = textwrap.dedent("""
+    import sys, time, numpy as np
+    from core.types import DepthFrame
+    from drivers.frame_channel import FrameWriter
+    writer = FrameWriter(int(sys.argv[1]), "front")
+    writer.say("opened", pid=0)
+    for k in range(100000):
+        depth = np.full((480, 640), k % 60000 + 1, np.uint16)
+        now = time.monotonic_ns()
+        writer.write(DepthFrame(camera="front", sequence=k, t_exposure_ns=now, t_arrival_ns=now, depth_mm=depth))
+        time.sleep(0.002)
+""")
+
+
+def drain(reader: FrameReader) -> None:
+    """Reads until nothing can come any more."""
+    while reader.read(5.0) != (None, []):
+        pass
+
+
+def test_frames_of_another_process_and_its_death() -> None:
+    reader = FrameReader("front")
+    child = subprocess.Popen([sys.executable, "-c", CHILD, str(reader.child_fd)], pass_fds=[reader.child_fd])
+    reader.close_child()
+    try:
+        seen = []
+        while len(seen) < 50:
+            got, _ = reader.read(10.0)
+            if got is not None:
+                assert np.all(got.depth_mm == got.sequence % 60000 + 1)
+                seen.append(got.sequence)
+        assert seen == sorted(set(seen))
+        child.send_signal(signal.SIGKILL)
+        child.wait(5.0)
+        with pytest.raises(DeviceLost, match="its process has ended"):
+            drain(reader)
+    finally:
+        child.kill()
+        child.wait()
+        reader.close()
+
+
+def test_the_writer_notices_that_the_service_is_gone() -> None:
+    reader, writer = pair()
+    reader.close()
+    with pytest.raises(DeviceLost, match="the service is gone"):
+        writer.write(frame(1))
