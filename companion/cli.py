@@ -18,6 +18,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "recover": ("recover", "make a whole file of a damaged or unfinished one"),
     "check-config": ("check_config", "check a configuration file"),
     "warmup": ("warmup", "compile what is compiled at first use"),
+    "bench": ("bench", "how fast this machine turns depth images into obstacles"),
 }
 """Command -> its module in this package (add_parser, run) and what it does."""
 
