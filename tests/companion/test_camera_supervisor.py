@@ -1,0 +1,208 @@
+"""Supervision of real camera processes: what they do wrong is noticed, named and mended."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import textwrap
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.camera_process import info_from_json, info_to_json
+from companion.camera_supervisor import CameraCondition, CameraSupervisor, FrozenJudge, SupervisorParams
+from companion.config_camera import CameraConfig
+from companion.sources import make_source
+from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
+
+QUICK = SupervisorParams(silent_s=0.3, restart_s=1.0, first_backoff_s=0.0, longest_backoff_s=0.2)
+
+CAMERA = textwrap.dedent("""
+    import json, os, sys, time
+    import numpy as np
+    from companion.camera_process import info_to_json
+    from core.types import CameraInfo, DepthFrame, Intrinsics
+    from drivers.base import DeviceLost
+    from drivers.frame_channel import FrameWriter
+
+    writer = FrameWriter(int(sys.argv[2]), "front")
+    habit, times = sys.argv[1].split(":")
+    rng = np.random.default_rng(0)
+    writer.say("opened", info=info_to_json(CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))))
+    depth = np.full((48, 64), 3000, np.uint16)
+    for k in range(1 << 30):
+        after = k >= int(times)
+        if habit == "frozen" and not after or habit != "frozen":
+            depth = rng.integers(2000, 3000, (48, 64)).astype(np.uint16)
+        if after and habit == "ends":
+            writer.say("failed", cause="the cable is out")
+            sys.exit(1)
+        if after and habit == "hangs":
+            time.sleep(1000)
+        now = time.monotonic_ns()
+        if after and habit == "silent":
+            writer.say("alive")
+        else:
+            try:
+                stamp = 5 if after and habit == "stuck" else now
+                writer.write(DepthFrame(camera="front", sequence=k, t_exposure_ns=stamp, t_arrival_ns=now, depth_mm=depth))
+            except DeviceLost:
+                sys.exit(1)
+        time.sleep(0.01)
+""")
+
+
+class Watched:
+    """A supervisor with a camera of a given habit, and all that came of it."""
+
+    def __init__(self, folder: Path, habit: str) -> None:
+        script = folder / "camera.py"
+        script.write_text(CAMERA)
+        self.frames: list[DepthFrame] = []
+        self.infos: list[CameraInfo] = []
+        self.causes: list[str] = []
+        command = (sys.executable, str(script), habit)
+        section = CameraConfig(name="front", kind="simulated")
+        self.supervisor = CameraSupervisor(section, self.infos.append, self.frames.append, QUICK, command)
+
+    def __enter__(self) -> Watched:
+        self.supervisor.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.supervisor.close()
+
+    def until(self, condition: Callable[[], bool], seconds: float = 20.0) -> bool:
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            cause = self.supervisor.status.cause
+            if cause and (not self.causes or self.causes[-1] != cause):
+                self.causes.append(cause)
+            if condition():
+                return True
+            time.sleep(0.005)
+        return False
+
+    def is_(self, condition: CameraCondition) -> bool:
+        return self.supervisor.status.condition is condition
+
+
+@pytest.fixture(autouse=True)
+def _import_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+
+def test_frames_of_a_camera_flow(tmp_path: Path) -> None:
+    with Watched(tmp_path, "well:0") as w:
+        assert w.until(lambda: len(w.frames) > 20)
+        assert w.is_(CameraCondition.RUNNING)
+        assert w.infos[0].intrinsics.width == 64
+        assert w.supervisor.status.starts == 1
+
+
+def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
+    with Watched(tmp_path, "well:0") as w:
+        assert w.until(lambda: len(w.frames) > 5)
+        pid = w.supervisor.pid
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        assert w.until(lambda: w.supervisor.status.starts == 2 and w.is_(CameraCondition.RUNNING))
+        assert "process has ended" in w.supervisor.status.last_loss
+
+
+def test_the_cause_that_a_camera_gives_is_told(tmp_path: Path) -> None:
+    with Watched(tmp_path, "ends:5") as w:
+        assert w.until(lambda: w.is_(CameraCondition.LOST))
+        assert w.supervisor.status.cause == "the cable is out"
+        assert w.until(lambda: w.supervisor.status.starts >= 2)
+
+
+@pytest.mark.parametrize(
+    ("habit", "words"), [("silent:5", "no frame for"), ("hangs:5", "its process says nothing for")]
+)
+def test_silence_is_named_and_ends_in_a_new_start(tmp_path: Path, habit: str, words: str) -> None:
+    with Watched(tmp_path, habit) as w:
+        assert w.until(lambda: w.is_(CameraCondition.SILENT))
+        assert w.until(lambda: w.supervisor.status.starts >= 2)
+        assert any(words in c for c in w.causes)
+        assert "silent for" in w.supervisor.status.last_loss
+
+
+def test_a_frozen_image_is_named_and_not_passed_on(tmp_path: Path) -> None:
+    with Watched(tmp_path, "frozen:10") as w:
+        assert w.until(lambda: w.is_(CameraCondition.FROZEN))
+        passed = len(w.frames)
+        assert w.until(lambda: w.supervisor.status.starts >= 2)
+        assert any("the same image" in c for c in w.causes)
+        repeated = [f for f in w.frames[:passed] if f.sequence >= 10]
+        assert len(repeated) <= QUICK.frozen_frames
+
+
+def test_stamps_that_stand_still_are_named(tmp_path: Path) -> None:
+    with Watched(tmp_path, "stuck:10") as w:
+        assert w.until(lambda: w.is_(CameraCondition.FROZEN))
+        assert "its stamps have not moved" in w.supervisor.status.cause
+
+
+def test_a_camera_that_cannot_be_opened_says_why(tmp_path: Path) -> None:
+    section = CameraConfig(name="front", kind="simulated", flight="nowhere")
+    w = Watched(tmp_path, "well:0")
+    w.supervisor = CameraSupervisor(section, w.infos.append, w.frames.append, QUICK)
+    with w:
+        assert w.until(lambda: "no flight 'nowhere'" in w.supervisor.status.cause)
+        assert w.until(lambda: w.supervisor.status.starts >= 2)
+
+
+def test_the_simulated_camera_in_its_own_process(tmp_path: Path) -> None:
+    section = CameraConfig(name="front", kind="simulated", flight="street", width_px=160)
+    w = Watched(tmp_path, "well:0")
+    w.supervisor = CameraSupervisor(section, w.infos.append, w.frames.append)
+    with w:
+        assert w.until(lambda: len(w.frames) > 3, 60.0)
+        assert w.frames[0].depth_mm.shape == (120, 160)
+        assert w.infos[0].camera == "front"
+
+
+def test_the_process_ends_with_the_service(tmp_path: Path) -> None:
+    with Watched(tmp_path, "well:0") as w:
+        assert w.until(lambda: len(w.frames) > 2)
+        pid = w.supervisor.pid
+        assert pid is not None
+    assert w.is_(CameraCondition.STOPPED)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
+    rng = np.random.Generator(np.random.PCG64(0))
+    judge = FrozenJudge(4)
+    for k in range(20):
+        depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
+        assert judge.judge(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth)) == ""
+    same = np.full((48, 64), 3000, np.uint16)
+    said = [
+        judge.judge(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=same))
+        for k in range(20, 26)
+    ]
+    assert said == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]
+
+
+def test_a_description_survives_the_way_between_processes() -> None:
+    info = CameraInfo(
+        "a", Intrinsics(64, 48, 60.0, 61.0, 32.0, 24.0), CameraMount(0.1, 0.2, 0.3, 1, 2, 3), 0.2, 9.0, 0.004
+    )
+    assert info_from_json(info_to_json(info)) == info
+
+
+def test_a_recording_is_no_live_camera() -> None:
+    with pytest.raises(ValueError, match="is no live camera"):
+        make_source(CameraConfig(name="a", kind="mcap"))
+
+
+def test_parameters_out_of_range_are_named() -> None:
+    with pytest.raises(ValueError, match=r"supervision: silent_s = 0.0, expected 0.05..10.0 s"):
+        SupervisorParams(silent_s=0.0)
