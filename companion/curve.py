@@ -1,0 +1,125 @@
+"""Keys for streams that leave this machine: CURVE, with a list of the clients that may listen.
+
+A folder of keys holds server.secret (mode 0600), server.public (given to clients), and clients/NAME.public, one for
+each client that may listen. `companion keys` makes them."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import zmq
+import zmq.auth.thread
+
+from drivers.base import BadData, DeviceNotFound
+
+_KEY = re.compile(rb"^[\x21-\x7e]{40}$")
+SECRET, PUBLIC, CLIENTS = "server.secret", "server.public", "clients"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class ServerKeys:
+    """Ours, and the public keys of the clients that may listen. Its secret never shows in a message or a trace."""
+
+    secret: bytes
+    public: bytes
+    clients: tuple[bytes, ...]
+
+
+def beyond_loopback(address: str) -> bool:
+    """Whether other machines can reach a ZeroMQ address."""
+    if not address.startswith("tcp://"):
+        return False
+    host = address.removeprefix("tcp://").rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return False
+    try:
+        return not ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return True  # *, an interface's name, a host's name
+
+
+def make_keys(folder: Path, client: str) -> list[Path]:
+    """Makes the server's keys, where there are none, and those of a client; returns the files written, the client's
+    secret last: it goes to the client and nowhere else. Raises ValueError for a client there is already."""
+    if not re.fullmatch(r"[A-Za-z0-9._-]+", client):
+        raise ValueError(f"client name {client!r}: use letters, digits, dot, dash and underscore")
+    clients = folder / CLIENTS
+    clients.mkdir(parents=True, exist_ok=True, mode=0o700)
+    written = []
+    if not (folder / SECRET).exists():
+        public, secret = zmq.curve_keypair()
+        written += [_write(folder / SECRET, secret, 0o600), _write(folder / PUBLIC, public, 0o644)]
+    if (clients / f"{client}.public").exists():
+        raise ValueError(
+            f"{clients / f'{client}.public'}: there is such a client; delete its keys first, or choose another name"
+        )
+    public, secret = zmq.curve_keypair()
+    written += [_write(clients / f"{client}.public", public, 0o644), _write(folder / f"{client}.secret", secret, 0o600)]
+    return written
+
+
+def load_keys(folder: Path) -> ServerKeys:
+    """The keys of a folder. Raises DeviceNotFound and BadData, also for a secret that others can read."""
+    secret_file = folder / SECRET
+    try:
+        mode = secret_file.stat().st_mode
+        if mode & 0o077:
+            raise BadData(
+                f"{secret_file}: others can read it (mode {mode & 0o777:o}); chmod 600 it, better make new keys"
+            )
+        secret, public = _read(secret_file), _read(folder / PUBLIC)
+        clients = tuple(_read(f) for f in sorted((folder / CLIENTS).glob("*.public")))
+    except OSError as error:
+        raise DeviceNotFound(f"{error.filename}: {error.strerror}; `companion keys` makes keys") from error
+    if not clients:
+        raise BadData(f"{folder / CLIENTS}: no client may listen; add one with `companion keys --client NAME`")
+    return ServerKeys(secret, public, clients)
+
+
+def serve(socket: zmq.Socket[bytes], keys: ServerKeys) -> None:
+    """Makes a socket one that only the known clients can talk to; `allow` must hold on its context."""
+    socket.setsockopt(zmq.CURVE_SERVER, 1)
+    socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
+    socket.setsockopt(zmq.ZAP_DOMAIN, b"osape")
+
+
+class AllowList:
+    """Answers, for the sockets of a context, whether a client is known. Hold it as long as they live."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys) -> None:
+        self._auth = zmq.auth.thread.ThreadAuthenticator(context)
+        self._auth.start()
+        self._auth.configure_curve_callback("osape", _Known(keys.clients))
+
+    def close(self) -> None:
+        """May be called again."""
+        self._auth.stop()
+
+
+class _Known:
+    """The library's contract for a callback: an object with this method."""
+
+    def __init__(self, clients: tuple[bytes, ...]) -> None:
+        self._clients = frozenset(clients)
+
+    def callback(self, domain: str, key: bytes) -> bool:
+        """key: z85 of the client's public key."""
+        return key in self._clients
+
+
+def _write(path: Path, key: bytes, mode: int) -> Path:
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(fd, "wb") as stream:
+        stream.write(key + b"\n")
+    return path
+
+
+def _read(path: Path) -> bytes:
+    key = path.read_bytes().strip()
+    if not _KEY.match(key):
+        raise BadData(f"{path}: not a key of 40 characters; make new ones with `companion keys`")
+    return key
