@@ -90,17 +90,18 @@ def test_faults_one_by_one() -> None:
     clean = frames_of(case("street", 1e-5, "none"), 1)[0]
     seen = (clean.truth.depth_m > 0.3) & (clean.truth.depth_m < 19.9)
     assert (clean.depth_mm[seen] > 0).all()
-    lost, off = {}, {}
+    lost, off, other = {}, {}, {}
     for name in FAULTS:
         frame = frames_of(case("street", 1e-5, name), 1)[0]
         held = seen & (frame.depth_mm > 0)
+        other[name] = int((frame.depth_mm != clean.depth_mm).sum())
         lost[name] = 1.0 - held.sum() / seen.sum()
         off[name] = float(np.mean(np.abs(frame.depth_mm[held] / 1000.0 - frame.truth.depth_m[held]) > 0.05))
     assert lost["dropout"] == pytest.approx(0.05, abs=0.01)
     assert 0.0 < lost["holes"] < 0.1
     assert lost["none"] == 0.0
     assert lost["flying"] < 0.005  # between something and what lies beyond the range
-    assert off["mismatches"] == pytest.approx(0.002, abs=0.001)
+    assert 30 <= other["mismatches"] <= 40  # 0.2 % in blocks of four, which may overlap
     assert off["flying"] > 0.001
     assert off["none"] == off["dropout"] == off["holes"] == 0.0
     assert lost["all"] > lost["dropout"]
