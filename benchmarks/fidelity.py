@@ -1,7 +1,8 @@
 """The fidelity figures on scenes with known truth: one row a case, then the worst of each family.
 
 Run `python -m benchmarks.fidelity --quick`, or with --scenes, --tilts, --ke, --seeds, --heights, --faults, or a
-whole set of cases with --part. The seeds are those for tuning; figures to be published use --held-out.
+whole set of cases with --part. The seeds are those for tuning; figures to be published use --held-out. A single
+case comes with --seed; benchmarks.draw_case takes the same options and draws it.
 Progress goes to stderr, the table to stdout, all figures to --json FILE."""
 
 from __future__ import annotations
@@ -34,6 +35,10 @@ from core.params import Params
 
 def _floats(text: str) -> list[float]:
     return [float(part) for part in text.split(",")]
+
+
+def _ints(text: str) -> list[int]:
+    return [int(part) for part in text.split(",")]
 
 
 def _tilts(text: str) -> list[tuple[float, float]]:
@@ -90,6 +95,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--told", type=_floats, help="noise told to the method; default: the true one")
     parser.add_argument("--heights", type=_floats, default=[2.0], help="of the camera above the ground, m")
     parser.add_argument("--seeds", type=int, default=1, help="how many (1)")
+    parser.add_argument("--seed", type=_ints, help="just these seeds, e.g. 3,103")
     parser.add_argument("--held-out", action="store_true", help="the seeds that are for reporting only")
     parser.add_argument("--frames", type=int, default=2, help="frames in a row, the last of which is scored")
     parser.add_argument("--width", type=int, default=640, help="image width; the height is 3/4 of it")
@@ -116,7 +122,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 def asked(args: argparse.Namespace) -> list[Case]:
     """The cases that the command line asks for."""
-    seeds = (HELD_OUT_SEEDS if args.held_out else TUNING_SEEDS)[: args.seeds]
+    seeds = args.seed or list((HELD_OUT_SEEDS if args.held_out else TUNING_SEEDS)[: args.seeds])
     if args.part:
         return [case for name in args.part for case in PARTS[name].make(seeds)]
     told = args.told
