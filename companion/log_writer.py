@@ -6,6 +6,7 @@ A log is written as FILE.active and gets its name when it is whole; a killed run
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -58,6 +59,21 @@ class LogWriter:
         if kind is None:
             self.finish()
         else:
+            self.abandon()
+
+    @property
+    def bytes_written(self) -> int:
+        """On the way to the disk; the open chunk comes on top."""
+        return 0 if self._file.closed else self._file.tell()
+
+    def sync(self) -> None:
+        """Waits until what was written is on the disk itself. Raises OSError."""
+        self._file.flush()
+        os.fdatasync(self._file.fileno())
+
+    def abandon(self) -> None:
+        """Leaves what was written as FILE.active."""
+        with contextlib.suppress(OSError):  # a full disk refuses the rest of the buffer
             self._file.close()
 
     def begin(

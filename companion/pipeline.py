@@ -146,6 +146,11 @@ class Pipeline:
         """A snapshot that another pipeline can be started with."""
         return PipelineState(tuple(self._states.items()), self._sync.attitudes.samples, self._sync.poses.samples)
 
+    @property
+    def cameras(self) -> tuple[CameraInfo, ...]:
+        """Those announced, as they are used."""
+        return tuple(self._infos.values())
+
     def odd_samples(self) -> dict[str, int]:
         """How many attitudes and positions came twice, late or after a restart."""
         kinds = (("attitude", self._sync.attitudes.counts), ("pose", self._sync.poses.counts))

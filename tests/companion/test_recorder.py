@@ -1,0 +1,277 @@
+"""The recorder: whole files under any end, and no hole that a replay would not notice."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion import recorder as recorder_module
+from companion.config import Config
+from companion.log_folder import files_of, make_room, new_flight, part_path, repair
+from companion.pipeline import Pipeline
+from companion.recorder import Recorder, RecordParams
+from companion.replay import Options, make_pipeline, replay
+from companion.run_info import run_info
+from core.model import blind_model
+from core.params import Params
+from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, InvalidCause
+from drivers.base import Event
+from drivers.mcap_file import McapRecording
+from drivers.simulated_flight import Rates, SimulatedFlight
+
+SMALL = RecordParams(file_mb=1.0, file_s=5.0, budget_mb=100.0, least_free_mb=1.0)
+
+
+def until(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return condition()
+
+
+def flight(duration_s: float = 1.0) -> SimulatedFlight:
+    return SimulatedFlight("street", width=160, height=120, duration_s=duration_s, rates=Rates(depth_hz=20.0))
+
+
+def run_through(recorder: Recorder, pipeline: Pipeline, events: Iterator[Event], pause_s: float = 0.0) -> None:
+    """What the service does with each event."""
+    for event in events:
+        if recorder.wants_begin:
+            recorder.begin(event.t_arrival_ns, pipeline.cameras, pipeline.state())
+        recorder.event(event)
+        for output in pipeline.handle(event):
+            recorder.output(output)
+        if pause_s:
+            time.sleep(pause_s)
+
+
+def recorded(folder: Path, params: RecordParams, duration_s: float = 1.0, pause_s: float = 0.0) -> Recorder:
+    source = flight(duration_s)
+    recorder = Recorder(folder, run_info("live"), params)
+    recorder.open()
+    run_through(recorder, make_pipeline(Config(), source.cameras), source.events(), pause_s)
+    recorder.close()
+    return recorder
+
+
+def test_what_was_recorded_replays_to_the_same_prisms(tmp_path: Path) -> None:
+    recorder = recorded(tmp_path, SMALL)
+    (log,) = files_of(tmp_path)
+    assert not log.active
+    result = replay(log.path, Options(check=True))
+    assert result.comparison is not None
+    assert result.comparison.passed
+    assert result.comparison.compared > 15
+    assert recorder.status.dropped == 0
+
+
+def test_each_file_of_a_rotated_flight_replays_by_itself(tmp_path: Path) -> None:
+    recorded(tmp_path, SMALL, duration_s=3.0, pause_s=0.02)
+    logs = files_of(tmp_path)
+    assert len(logs) >= 2
+    assert [f.part for f in logs] == list(range(len(logs)))
+    frames = 0
+    for log in logs:
+        result = replay(log.path, Options(check=True))
+        assert result.comparison is not None
+        assert result.comparison.passed, log.path
+        frames += result.comparison.compared
+    assert frames >= 55
+
+
+def test_after_a_drop_everything_waits_for_a_new_file(tmp_path: Path) -> None:
+    """A queue that is full: no attitude that the next frames rest on may be missing in silence."""
+    params = RecordParams(file_mb=1.0, queue_items=100, queue_mb=4.0, least_free_mb=1.0)
+    recorder = Recorder(tmp_path, run_info("live"), params)
+    recorder._folder.mkdir(exist_ok=True)
+    recorder.flight = new_flight(tmp_path)  # its thread does not run yet: the disk is stuck
+    source = flight(2.0)
+    pipeline = make_pipeline(Config(), source.cameras)
+    events = list(source.events())
+    recorder.begin(events[0].t_arrival_ns, pipeline.cameras, pipeline.state())
+    half = len(events) // 2
+    for event in events[:half]:
+        recorder.event(event)
+        for output in pipeline.handle(event):
+            recorder.output(output)
+    assert recorder.status.dropped > 0
+    assert recorder.wants_begin
+    recorder._thread.start()
+    assert until(lambda: recorder.status.queued == 0)
+    run_through(recorder, pipeline, iter(events[half:]))
+    recorder.close()
+    logs = files_of(tmp_path)
+    assert len(logs) == 2
+    for log in logs:
+        result = replay(log.path, Options(check=True))
+        assert result.comparison is not None
+        assert result.comparison.passed
+
+
+def test_a_queue_of_images_is_bounded_by_its_bytes(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, run_info("live"), RecordParams(queue_mb=4.0))
+    source = flight()
+    recorder.begin(0, source.cameras, make_pipeline(Config(), source.cameras).state())
+    for k in range(100):
+        depth = np.zeros((480, 640), np.uint16)
+        recorder.event(DepthFrame(camera="front", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth))
+    assert recorder.status.queued <= 8
+    assert recorder.status.dropped > 90
+
+
+def test_a_full_disk_is_told_and_recording_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    free = [10**12]
+    monkeypatch.setattr(recorder_module, "free_bytes", lambda folder: free[0])
+    monkeypatch.setattr(recorder_module, "RETRY_NS", 50_000_000)
+    source = flight()
+    pipeline = make_pipeline(Config(), source.cameras)
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    free[0] = 0
+    recorder.begin(0, pipeline.cameras, pipeline.state())
+    assert until(lambda: "less than 1 MB free" in recorder.status.trouble)
+    assert not recorder.status.recording
+    free[0] = 10**12
+    assert until(lambda: recorder.wants_begin)
+    run_through(recorder, pipeline, source.events())
+    assert until(lambda: recorder.status.recording and recorder.status.trouble == "")
+    recorder.close()
+    assert len(files_of(tmp_path)) == 1
+
+
+def test_a_write_that_fails_leaves_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = flight()
+    pipeline = make_pipeline(Config(), source.cameras)
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    recorder.begin(0, pipeline.cameras, pipeline.state())
+    assert until(lambda: recorder.status.recording)
+
+    def no_space(log: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    recorder._take(no_space, 10)
+    assert until(lambda: recorder.status.trouble == "recording stopped: No space left on device")
+    recorder.close()
+    (left,) = files_of(tmp_path)
+    assert left.active
+
+
+def test_nothing_is_recorded_while_it_is_not_to_be(tmp_path: Path) -> None:
+    source = flight()
+    pipeline = make_pipeline(Config(), source.cameras)
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    recorder.begin(0, pipeline.cameras, pipeline.state())
+    recorder.event(AttitudeSample(1, 1, (1.0, 0.0, 0.0, 0.0)))
+    recorder.end()
+    for k in range(50):
+        recorder.event(AttitudeSample(k + 2, k + 2, (1.0, 0.0, 0.0, 0.0)))
+    recorder.close()
+    (log,) = files_of(tmp_path)
+    with McapRecording(log.path) as recording:
+        assert len(list(recording.events())) == 1
+    assert recorder.status.dropped == 0
+
+
+def fake_log(folder: Path, flight: str, part: int, size: int, age_s: int) -> Path:
+    path = part_path(folder, flight, part)
+    path.write_bytes(bytes(size))
+    stamp = 1_700_000_000 - age_s
+    os.utime(path, (stamp, stamp))
+    return path
+
+
+def test_the_oldest_flights_go_first_and_the_running_one_never(tmp_path: Path) -> None:
+    running = fake_log(tmp_path, "c", 0, 5000, 900)
+    old = fake_log(tmp_path, "a", 0, 3000, 500)
+    newer = fake_log(tmp_path, "b", 0, 3000, 100)
+    (tmp_path / "notes.txt").write_bytes(bytes(9000))
+    assert make_room(tmp_path, 9000, "c") == [old]
+    assert make_room(tmp_path, 1000, "c") == [newer]
+    assert running.exists()
+    assert (tmp_path / "notes.txt").exists()
+
+
+def test_a_flight_that_has_spent_the_budget_stops_being_recorded(tmp_path: Path) -> None:
+    recorder = recorded(tmp_path, RecordParams(file_mb=9.0, budget_mb=10.0, least_free_mb=1.0))
+    source = flight()
+    pipeline = make_pipeline(Config(), source.cameras)
+    again = Recorder(tmp_path, run_info("live"), RecordParams(file_mb=9.9, budget_mb=10.0, least_free_mb=1.0))
+    again.flight = recorder.flight  # the same flight goes on
+    fake_log(tmp_path, recorder.flight, 1, 5_000_000, 0)
+    again._thread.start()
+    again.begin(0, pipeline.cameras, pipeline.state())
+    assert until(lambda: bool(again.status.trouble))
+    again.close()
+
+
+def test_two_flights_in_one_second_have_two_names(tmp_path: Path) -> None:
+    first = new_flight(tmp_path)
+    fake_log(tmp_path, first, 0, 1, 0)
+    assert new_flight(tmp_path) != first
+
+
+class Says:
+    """An extractor that says nothing at once: nothing has to be compiled."""
+
+    def extract(self, depth: Any, info: CameraInfo, R: Any, state: Any = None, *, keep_strips: bool = False) -> Any:
+        return blind_model(info, InvalidCause.NO_MEASUREMENT, Params()), ExtractorState()
+
+
+SERVICE = textwrap.dedent("""
+    import sys
+    from pathlib import Path
+    from tests.companion.test_recorder import SMALL, Pipeline, Recorder, Says, flight, run_info, run_through
+    source = flight(30.0)
+    recorder = Recorder(Path(sys.argv[1]), run_info("live"), SMALL)
+    recorder.open()
+    run_through(recorder, Pipeline(source.cameras, lambda info: Says()), source.events(), 0.001)
+""")
+
+
+def test_a_killed_recording_is_made_whole_at_the_next_start(tmp_path: Path) -> None:
+    env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    service = subprocess.Popen([sys.executable, "-c", SERVICE, str(tmp_path)], env=env)
+    try:
+        assert until(lambda: any(f.bytes > 300_000 for f in files_of(tmp_path)), 60.0)
+    finally:
+        service.send_signal(signal.SIGKILL)
+        service.wait()
+    assert any(f.active for f in files_of(tmp_path))
+    said = repair(tmp_path, "another flight")
+    assert any("messages recovered" in s for s in said)
+    logs = files_of(tmp_path)
+    assert not any(f.active for f in logs)
+    with McapRecording(logs[0].path) as recording:
+        events = list(recording.events())
+    assert len(events) > 20
+    for event, sent in zip(events, flight(30.0).events(), strict=False):
+        assert (event.t_arrival_ns, type(event)) == (sent.t_arrival_ns, type(sent))
+
+
+def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
+    broken = tmp_path / "20260101-000000.000.mcap.active"
+    broken.write_bytes(b"no log at all")
+    (said,) = repair(tmp_path, "x")
+    assert "left as it is" in said
+    assert broken.read_bytes() == b"no log at all"
+
+
+def test_parameters_that_cannot_be_are_named() -> None:
+    with pytest.raises(ValueError, match="record: record = 'sometimes', expected one of always, armed, off"):
+        RecordParams(record="sometimes")
+    with pytest.raises(ValueError, match=r"record: file_mb = 0, expected 1.0..4096.0 MB"):
+        RecordParams(file_mb=0)
