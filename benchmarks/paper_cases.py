@@ -4,8 +4,10 @@ Everything is flat and plain, so that results can be kept as JSON and tables dra
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,6 +118,7 @@ def frames_of(
     ]
 
 
+@functools.lru_cache(maxsize=4)
 def named_frames(
     name: str,
     seed: int,
@@ -124,13 +127,14 @@ def named_frames(
     pitch_deg: float = 0.0,
     count: int = 2,
     info: CameraInfo | None = None,
-) -> list[Rendered]:
+) -> tuple[Rendered, ...]:
     """Frames of a named scene from where the seed puts the camera, 2 m above the ground."""
     position, yaw = scenes.camera_pose(name, seed, 2.0)
-    return frames_of(scenes.make_scene(name, seed), condition, seed, roll_deg, pitch_deg, position, yaw, count, info)
+    scene = scenes.make_scene(name, seed)
+    return tuple(frames_of(scene, condition, seed, roll_deg, pitch_deg, position, yaw, count, info))
 
 
-def model_of(frames: list[Rendered], extractor: Extractor, keep_strips: bool = False) -> FrameModel:
+def model_of(frames: Sequence[Rendered], extractor: Extractor, keep_strips: bool = False) -> FrameModel:
     """The model of the last frame; the state goes on from frame to frame, as in flight."""
     state = ExtractorState()
     for frame in frames[:-1]:
@@ -171,7 +175,7 @@ def rays_under(frame: Rendered, condition: Condition, params: Params) -> Rays:
 
 
 def measure(
-    frames: list[Rendered], condition: Condition, scene: str, seed: int, params: Params, method: str = ""
+    frames: Sequence[Rendered], condition: Condition, scene: str, seed: int, params: Params, method: str = ""
 ) -> Figures:
     """The figures of the extractor on the last frame."""
     model = model_of(frames, Extractor(params), keep_strips=True)

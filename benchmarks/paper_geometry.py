@@ -1,7 +1,4 @@
-"""Lemma 1, Algorithms 1 and 2, Eq. 9's members, Eq. 17 and the fit threshold: what they do, measured.
-
-Where a rule is the paper's, it is written out here as printed and given the strips of real frames; where only the
-whole shows it, both modes of the extractor are run."""
+"""Lemma 1, the roll threshold, Algorithms 1 and 2 and Eq. 17: each rule as printed, given what real frames hold."""
 
 from __future__ import annotations
 
@@ -9,12 +6,9 @@ import math
 
 import numpy as np
 
-from benchmarks import scenes
-from benchmarks.metrics import score
 from benchmarks.paper_cases import (
     CAMERA,
     EXACT,
-    MODES,
     NAN,
     Floats,
     frames_of,
@@ -23,14 +17,12 @@ from benchmarks.paper_cases import (
     model_of,
     named_frames,
     progress,
-    rays_under,
 )
 from benchmarks.paper_equations import Finding
-from benchmarks.paper_plots import words
 from core.extractor import Extractor
 from core.params import Params
 from core.types import StripTable
-from drivers.scenes import GroundTruth, SceneBuilder
+from drivers.scenes import SceneBuilder
 from drivers.simulated import Rendered
 
 WS_M, HS_M = 2.0, 1.0
@@ -66,7 +58,7 @@ def lemma() -> Finding:
         true = frame.truth.points_level_cam_m[..., 0]
         theta = math.radians(-pitch)  # nose down is positive
         errors = [
-            float(np.abs(distance - true)[seen].max())
+            float(np.abs(distance[seen] - true[seen]).max())
             for distance in (frame.truth.depth_m, lemma_distance(frame, -theta), lemma_distance(frame, theta))
         ]
         rows.append([f"{pitch:+.0f}°", *errors, drift(frame, 4), drift(frame, 320)])
@@ -94,7 +86,7 @@ def small_roll() -> Finding:
         v = (np.arange(k.height)[:, None] - k.cy) / k.fy
         seen = frame.truth.obstacle(0.0)
         taken = np.broadcast_to(v, seen.shape) * frame.truth.depth_m  # z as if the camera were level
-        rows.append([roll, float(np.abs(taken - frame.truth.points_level_cam_m[..., 2])[seen].max())])
+        rows.append([roll, float(np.abs(taken[seen] - frame.truth.points_level_cam_m[..., 2][seen]).max())])
     return Finding(
         name="small_roll",
         title="Rolls up to the threshold of 2°, left as they are: greatest error of height at 10 m",
@@ -233,31 +225,6 @@ def products() -> Finding:
     )
 
 
-def vanished() -> Finding:
-    """Strips' pixels that no plane of `mode = "paper"` stands for: groups of up to three strips have no other branch."""
-    rows: list[list[str | float]] = []
-    for kind in SAMPLE:
-        for condition in (EXACT, CAMERA):
-            found = []
-            for name in scenes.FAMILIES[kind]:
-                progress(f"vanished strips: {name}, {condition.name}")
-                frames = named_frames(name, held_out(1)[0], condition)
-                model = model_of(frames, Extractor(Params(mode="paper")), keep_strips=True)
-                if model.strips is not None and model.strips.support_px.sum():
-                    s = score(frames[-1], rays_under(frames[-1], condition, Params()), model.planes.astype(np.float64))
-                    found.append((1.0 - model.support_px.sum() / model.strips.support_px.sum(), s.missed))
-            lost, missed = ([float(v) for v in column] for column in zip(*found, strict=True))
-            rows.append([kind, condition.name, 100.0 * middle(lost), 100.0 * max(lost), 100.0 * middle(missed)])
-    return Finding(
-        name="vanished",
-        title="Algorithm 2: pixels of strips in groups of up to three that vanish",
-        head=["scenes", "depth", "vanish, %", "worst, %", "rays missed, %"],
-        digits=[0, 0, 1, 1, 2],
-        rows=rows,
-        words=2,
-    )
-
-
 def line_errors(turn_rad: float, ke_per_m: float, rng: np.random.Generator) -> tuple[float, float]:
     """Greatest distance of a fitted wall's ends from the truth, m: by regression of x on y, as eta's moments allow
     (no XX in the paper's Z direction), and by total least squares with all moments. The wall is 4 m long, 8 m away."""
@@ -293,55 +260,6 @@ def merging() -> Finding:
     )
 
 
-def beam() -> Finding:
-    """A beam at 4 m in front of a wall at 10 m, exact depth: Eq. 9 over all pixels between both ends, and the rest."""
-    s = SceneBuilder("beam", ground_truth=GroundTruth(30.0))
-    s.wall("wall", (10.0, -14.0), (10.0, 14.0), 14.0, base=-5.0)
-    s.cylinder("beam", (4.0, -8.0, -2.3), (4.0, 8.0, -2.3), 0.06)
-    frames = frames_of(s.build(), EXACT, 0, count=1)
-    rays = rays_under(frames[0], EXACT, Params())
-    rows: list[list[str | float]] = []
-    for mode in MODES:
-        model = model_of(frames, Extractor(Params(mode=mode)), keep_strips=True)
-        found = score(frames[0], rays, model.planes.astype(np.float64))
-        rows.append([words(mode), float(found.planes), found.mean_m, 100.0 * found.phantom, 100.0 * found.missed])
-    return Finding(
-        name="beam",
-        title="A beam 0.12 m thick at 4 m before a wall at 10 m, exact depth",
-        head=["model", "planes", "error, m", "phantom, %", "missed, %"],
-        digits=[0, 0, 3, 1, 1],
-        rows=rows,
-        words=1,
-    )
-
-
-def threshold() -> Finding:
-    """The fit threshold between 0.1 and 0.3 m in ours: planes and error."""
-    rows: list[list[str | float]] = []
-    for kind, names in SAMPLE.items():
-        for tolerance in (0.1, 0.12, 0.2, 0.3):
-            planes, errors, missed = [], [], []
-            for name in names:
-                progress(f"fit threshold: {name}, {tolerance:g} m")
-                frames = named_frames(name, held_out(1)[0], CAMERA)
-                params = Params(line_tolerance_m=tolerance)
-                model = model_of(frames, Extractor(params))
-                s = score(frames[-1], rays_under(frames[-1], CAMERA, params), model.planes.astype(np.float64))
-                planes.append(float(s.planes))
-                errors.append(s.mean_m)
-                missed.append(s.missed)
-            rows.append([kind, tolerance, middle(planes), middle(errors), 100.0 * max(missed)])
-    return Finding(
-        name="threshold",
-        title="The fit threshold, in ours: medians of three frames",
-        head=["scenes", "threshold, m", "planes", "error, m", "missed, % (worst)"],
-        digits=[0, 2, 0, 3, 2],
-        rows=rows,
-        words=1,
-    )
-
-
-def findings(quick: bool) -> list[Finding]:
-    """All experiments of this file; quick: without those that need many frames."""
-    short = [lemma(), small_roll(), beam(), merging(), products(), clustering()]
-    return short if quick else [*short, vanished(), threshold()]
+def findings() -> list[Finding]:
+    """All experiments of this file."""
+    return [lemma(), small_roll(), clustering(), products(), merging()]
