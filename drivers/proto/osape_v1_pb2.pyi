@@ -355,3 +355,187 @@ class RunInfo(_message.Message):
     processor: str
     source: str
     def __init__(self, schema_version: _Optional[int] = ..., software: _Optional[str] = ..., config_json: _Optional[str] = ..., packages: _Optional[_Iterable[str]] = ..., processor: _Optional[str] = ..., source: _Optional[str] = ...) -> None: ...
+
+class MavlinkFrame(_message.Message):
+    __slots__ = ("frame",)
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    frame: bytes
+    def __init__(self, frame: _Optional[bytes] = ...) -> None: ...
+
+class ClockEstimate(_message.Message):
+    __slots__ = ("source", "offset_ns", "drift", "at_boot_ns", "bound_ns", "rtt_ns", "exchanges", "restarts")
+    class Source(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        SOURCE_NONE: _ClassVar[ClockEstimate.Source]
+        SOURCE_ENVELOPE: _ClassVar[ClockEstimate.Source]
+        SOURCE_TIMESYNC: _ClassVar[ClockEstimate.Source]
+    SOURCE_NONE: ClockEstimate.Source
+    SOURCE_ENVELOPE: ClockEstimate.Source
+    SOURCE_TIMESYNC: ClockEstimate.Source
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_NS_FIELD_NUMBER: _ClassVar[int]
+    DRIFT_FIELD_NUMBER: _ClassVar[int]
+    AT_BOOT_NS_FIELD_NUMBER: _ClassVar[int]
+    BOUND_NS_FIELD_NUMBER: _ClassVar[int]
+    RTT_NS_FIELD_NUMBER: _ClassVar[int]
+    EXCHANGES_FIELD_NUMBER: _ClassVar[int]
+    RESTARTS_FIELD_NUMBER: _ClassVar[int]
+    source: ClockEstimate.Source
+    offset_ns: int
+    drift: float
+    at_boot_ns: int
+    bound_ns: int
+    rtt_ns: int
+    exchanges: int
+    restarts: int
+    def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
+
+class CameraHealth(_message.Message):
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz")
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    CONDITION_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
+    REQUIRED_FIELD_NUMBER: _ClassVar[int]
+    BLIND_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_FIELD_NUMBER: _ClassVar[int]
+    DROPPED_FIELD_NUMBER: _ClassVar[int]
+    STARTS_FIELD_NUMBER: _ClassVar[int]
+    LAST_LOSS_FIELD_NUMBER: _ClassVar[int]
+    AGE_NS_FIELD_NUMBER: _ClassVar[int]
+    HZ_FIELD_NUMBER: _ClassVar[int]
+    camera: str
+    condition: str
+    cause: str
+    required: bool
+    blind: bool
+    frames: int
+    dropped: int
+    starts: int
+    last_loss: str
+    age_ns: int
+    hz: float
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ...) -> None: ...
+
+class AutopilotHealth(_message.Message):
+    __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns")
+    class CountsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    ADDRESS_FIELD_NUMBER: _ClassVar[int]
+    LINE_OPEN_FIELD_NUMBER: _ClassVar[int]
+    LINE_ERROR_FIELD_NUMBER: _ClassVar[int]
+    LINE_WARNING_FIELD_NUMBER: _ClassVar[int]
+    AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
+    SYSTEM_ID_FIELD_NUMBER: _ClassVar[int]
+    ARMED_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_HZ_FIELD_NUMBER: _ClassVar[int]
+    POSITION_HZ_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_FIELD_NUMBER: _ClassVar[int]
+    COUNTS_FIELD_NUMBER: _ClassVar[int]
+    ATTITUDE_AGE_NS_FIELD_NUMBER: _ClassVar[int]
+    address: str
+    line_open: bool
+    line_error: str
+    line_warning: str
+    autopilot: str
+    system_id: int
+    armed: bool
+    attitude_hz: float
+    position_hz: float
+    clock: ClockEstimate
+    counts: _containers.ScalarMap[str, int]
+    attitude_age_ns: int
+    def __init__(self, address: _Optional[str] = ..., line_open: bool = ..., line_error: _Optional[str] = ..., line_warning: _Optional[str] = ..., autopilot: _Optional[str] = ..., system_id: _Optional[int] = ..., armed: bool = ..., attitude_hz: _Optional[float] = ..., position_hz: _Optional[float] = ..., clock: _Optional[_Union[ClockEstimate, _Mapping]] = ..., counts: _Optional[_Mapping[str, int]] = ..., attitude_age_ns: _Optional[int] = ...) -> None: ...
+
+class RecordingHealth(_message.Message):
+    __slots__ = ("recording", "file", "bytes", "dropped", "trouble")
+    RECORDING_FIELD_NUMBER: _ClassVar[int]
+    FILE_FIELD_NUMBER: _ClassVar[int]
+    BYTES_FIELD_NUMBER: _ClassVar[int]
+    DROPPED_FIELD_NUMBER: _ClassVar[int]
+    TROUBLE_FIELD_NUMBER: _ClassVar[int]
+    recording: bool
+    file: str
+    bytes: int
+    dropped: int
+    trouble: str
+    def __init__(self, recording: bool = ..., file: _Optional[str] = ..., bytes: _Optional[int] = ..., dropped: _Optional[int] = ..., trouble: _Optional[str] = ...) -> None: ...
+
+class Latency(_message.Message):
+    __slots__ = ("stage", "p50_ms", "p95_ms", "p99_ms")
+    STAGE_FIELD_NUMBER: _ClassVar[int]
+    P50_MS_FIELD_NUMBER: _ClassVar[int]
+    P95_MS_FIELD_NUMBER: _ClassVar[int]
+    P99_MS_FIELD_NUMBER: _ClassVar[int]
+    stage: str
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+    def __init__(self, stage: _Optional[str] = ..., p50_ms: _Optional[float] = ..., p95_ms: _Optional[float] = ..., p99_ms: _Optional[float] = ...) -> None: ...
+
+class Temperature(_message.Message):
+    __slots__ = ("sensor", "celsius")
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    CELSIUS_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    celsius: float
+    def __init__(self, sensor: _Optional[str] = ..., celsius: _Optional[float] = ...) -> None: ...
+
+class Health(_message.Message):
+    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns")
+    class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        STATE_UNKNOWN: _ClassVar[Health.State]
+        STATE_STARTING: _ClassVar[Health.State]
+        STATE_ACTIVE: _ClassVar[Health.State]
+        STATE_DEGRADED: _ClassVar[Health.State]
+        STATE_BLIND: _ClassVar[Health.State]
+    STATE_UNKNOWN: Health.State
+    STATE_STARTING: Health.State
+    STATE_ACTIVE: Health.State
+    STATE_DEGRADED: Health.State
+    STATE_BLIND: Health.State
+    class FramesDroppedEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    BOOT_ID_FIELD_NUMBER: _ClassVar[int]
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    TROUBLES_FIELD_NUMBER: _ClassVar[int]
+    CAMERAS_FIELD_NUMBER: _ClassVar[int]
+    AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
+    RECORDING_FIELD_NUMBER: _ClassVar[int]
+    LATENCIES_FIELD_NUMBER: _ClassVar[int]
+    TEMPERATURES_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_USED_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_DROPPED_FIELD_NUMBER: _ClassVar[int]
+    CPU_SHARE_FIELD_NUMBER: _ClassVar[int]
+    MEMORY_BYTES_FIELD_NUMBER: _ClassVar[int]
+    UPTIME_NS_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    boot_id: str
+    number: int
+    t_ns: int
+    state: Health.State
+    troubles: _containers.RepeatedScalarFieldContainer[str]
+    cameras: _containers.RepeatedCompositeFieldContainer[CameraHealth]
+    autopilot: AutopilotHealth
+    recording: RecordingHealth
+    latencies: _containers.RepeatedCompositeFieldContainer[Latency]
+    temperatures: _containers.RepeatedCompositeFieldContainer[Temperature]
+    frames_used: int
+    frames_dropped: _containers.ScalarMap[str, int]
+    cpu_share: float
+    memory_bytes: int
+    uptime_ns: int
+    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ...) -> None: ...
