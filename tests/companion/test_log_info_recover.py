@@ -32,6 +32,8 @@ def whole(tmp_path_factory) -> Path:
     pipeline = Pipeline((INFO,), EasyExtractor)
     with LogWriter(path) as log:
         log.begin(run_info("simulated"), (INFO,), pipeline.state(), START_NS)
+        for key in ("mavlink", "clock", "health"):  # of a live run only
+            log.write(key, TOPICS[key].message(), START_NS)
         for event in flight(400):
             log.event(event)
             for output in pipeline.handle(event):
