@@ -54,12 +54,13 @@ def draw_level(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor)
 
 def draw_classes(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """A part of the image and what became of each pixel."""
-    raw, out = calls.of("classify").after[4], calls.of("classify").after[5]
-    part = _most((raw > 0) & (out == 0), 90, 120)
-    rgb = np.full((*raw.shape, 3), PALE, np.uint8)
-    rgb[out > 0] = (150, 185, 215)
-    rgb[raw == 0] = (110, 110, 110)
-    rgb[(raw > 0) & (out == 0)] = (215, 40, 40)
+    depth_mm, least_mm, greatest_mm, _, _, marks = calls.of("classify").after
+    flying = (depth_mm >= least_mm) & (depth_mm <= greatest_mm) & (marks == UNKNOWN_MM)
+    part = _most(flying, 90, 120)
+    rgb = np.full((*marks.shape, 3), PALE, np.uint8)
+    rgb[(marks != UNKNOWN_MM) & (marks != FAR_MM)] = (150, 185, 215)
+    rgb[marks == UNKNOWN_MM] = (110, 110, 110)
+    rgb[flying] = (215, 40, 40)
     a, b = figure.subplots(1, 2)
     a.imshow(depth_rgb(frame.depth_mm, frame.info)[part])
     bare(a, "depth, a part of the image")
@@ -77,14 +78,14 @@ def _most(mask: NDArray[np.bool_], rows: int, cols: int) -> tuple[slice, slice]:
 
 def draw_noise(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """Noise of each tile, those that count in bold."""
-    inverse, focal = calls.of("estimate_ke").before[0], calls.of("estimate_ke").before[1]
-    tiles = noise_tiles(inverse, focal, extractor.params)
+    marks, focal = calls.of("estimate_ke").before[0], calls.of("estimate_ke").before[1]
+    tiles = noise_tiles(marks, focal, extractor.params)
     down, across = tiles.shape
     sigma = np.where(tiles >= 0, tiles, np.nan)
     limit = np.nanquantile(sigma, extractor.params.noise_quantile)
     ax = figure.subplots()
     ax.imshow(depth_rgb(frame.depth_mm, frame.info), alpha=0.45)
-    high, wide = inverse.shape[0] / down, inverse.shape[1] / across
+    high, wide = marks.shape[0] / down, marks.shape[1] / across
     for v in range(down):
         for u in range(across):
             text = "-" if np.isnan(sigma[v, u]) else f"{sigma[v, u]:.2f}"

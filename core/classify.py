@@ -1,4 +1,9 @@
-"""Pixels: measured, unknown or far; flying pixels; and how noisy this frame is."""
+"""Pixels: measured, unknown or far; flying pixels; and how noisy this frame is.
+
+What comes out is an image of marks like the one that went in: millimetres where something was measured, UNKNOWN_MM or
+FAR_MM elsewhere. Disparity is 1000/mm in float32 wherever it is needed: a division costs less than a table that has to be
+fetched.
+"""
 
 from __future__ import annotations
 
@@ -11,30 +16,43 @@ from numpy.typing import NDArray
 from .params import Params
 from .types import FAR_MM, SATURATED_MM, CameraInfo
 
-UNKNOWN, FAR = np.float32(0.0), np.float32(-1.0)
-"""Values of the inverse-depth image besides a measured 1/Z > 0."""
+_FAR, _SATURATED = np.uint16(FAR_MM), np.uint16(SATURATED_MM)
+_LEAST_M, _MOST_M = np.float32(0.0005), np.float32(65.533)
+"""What rounds to 1..65533 mm; the values above those are marks."""
 
 
-def depth_to_mm(depth: NDArray[np.uint16] | NDArray[np.float32], out: NDArray[np.uint16]) -> None:
-    """Writes depth as uint16 millimetres into `out` (H, W).
+@njit(cache=True, nogil=True)
+def metres_to_mm(metres, out):
+    """float32 metres (H, W) as uint16 millimetres; UNKNOWN_MM for what is no distance."""
+    for v in range(metres.shape[0]):
+        line, mm = metres[v], out[v]
+        for u in range(len(line)):
+            z = line[u]
+            good = (z > _LEAST_M) & (z < _MOST_M)
+            rounded = np.int32((z if good else np.float32(0.0)) * np.float32(1000.0) + np.float32(0.5))
+            mm[u] = np.uint16(rounded if good else 0)
 
-    uint16 is taken as it is. Of float32 metres, anything not finite, not positive or beyond 65.533 m becomes
-    UNKNOWN_MM: infinity too, since most stereo nodes write it where they found no match. Raises ValueError on any
-    other dtype or on a shape that is not that of `out`."""
+
+def depth_to_mm(depth: NDArray[np.uint16] | NDArray[np.float32], out: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """The depth image as read-only, contiguous uint16 millimetres: itself, or `out` (H, W) where it must be converted.
+
+    Of float32 metres, anything not finite, not positive or beyond 65.533 m becomes UNKNOWN_MM: infinity too, since most
+    stereo nodes write it where they found no match. Raises ValueError on any other dtype or on a shape that is not
+    that of `out`."""
     if depth.shape != out.shape:
         raise ValueError(
             f"depth image is {depth.shape[1::-1]}, the camera's intrinsics say {out.shape[1::-1]} (width, height): "
             "use the intrinsics of this resolution"
         )
-    if depth.dtype == np.uint16:
-        np.copyto(out, depth)
-    elif depth.dtype == np.float32:
-        # what rounds to 1..65533: the values above are marks
-        with np.errstate(invalid="ignore"):
-            good = (depth > 0.0005) & (depth < 65.533)
-        out[...] = np.where(good, np.where(good, depth, 0.0) * 1000.0 + 0.5, 0.0).astype(np.uint16)
-    else:
+    if depth.dtype == np.float32:
+        metres_to_mm(np.ascontiguousarray(depth), out)
+    elif depth.dtype != np.uint16:
         raise ValueError(f"depth of dtype {depth.dtype}: expected uint16 millimetres or float32 metres")
+    elif not depth.flags.c_contiguous:
+        np.copyto(out, depth)
+    view = depth.view(np.uint16) if depth.dtype == np.uint16 and depth.flags.c_contiguous else out.view()
+    view.flags.writeable = False
+    return view
 
 
 def clear_range_m(info: CameraInfo, ke_per_m: float, params: Params) -> float:
@@ -45,121 +63,152 @@ def clear_range_m(info: CameraInfo, ke_per_m: float, params: Params) -> float:
     return info.max_range_m / (1.0 + params.clear_sigmas * ke_per_m * info.max_range_m)
 
 
-def inverse_depth_table(info: CameraInfo, ke_per_m: float, params: Params) -> NDArray[np.float32]:
-    """(65536,) float32: uint16 millimetres -> 1/Z in 1/m, UNKNOWN or FAR.
+def measured_mm(info: CameraInfo, ke_per_m: float, params: Params) -> tuple[int, int]:
+    """(least, greatest) millimetres that count as measured: closer is unknown, farther is far."""
+    return math.ceil(max(1.0, 1000.0 * info.min_range_m)), math.floor(1000.0 * clear_range_m(info, ke_per_m, params))
 
-    Too near is UNKNOWN. Beyond `clear_range_m` is FAR."""
-    z_mm = np.arange(65536)
-    table = np.full(65536, UNKNOWN, np.float32)
-    cut_mm = 1000.0 * clear_range_m(info, ke_per_m, params)
-    measured = (z_mm >= max(1.0, 1000.0 * info.min_range_m)) & (z_mm <= cut_mm)
-    table[measured] = 1000.0 / z_mm[measured]
-    table[z_mm > cut_mm] = FAR
-    table[FAR_MM] = FAR
-    table[SATURATED_MM] = UNKNOWN
-    return table
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def inverse_of_row(mm, least, greatest, out):
+    """1/Z in 1/m of one row, float32: 0 where unknown, -1 where far."""
+    for u in range(len(mm)):
+        z = mm[u]
+        d = np.float32(1000.0) / np.float32(z)
+        if z > greatest:
+            d = np.float32(-1.0)
+        if (z < least) | (z == _SATURATED):
+            d = np.float32(0.0)
+        out[u] = d
 
 
 @njit(cache=True, nogil=True)
-def classify(depth_mm, table, relative, absolute, raw, out):
-    """Looks every pixel up and marks flying pixels unknown; returns counts (measured, far, flying).
+def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
+    """Marks every pixel, flying pixels as unknown; returns counts (measured, far, flying).
 
-    depth_mm: (H, W) uint16. table: (65536,) float32. relative: share of the disparity; absolute: 1/m. raw, out: (H, W)
-    float32 inverse depth, before and after. A flying pixel lies strictly between its left and right (or upper
-    and lower) neighbours in disparity and far from both; what stands in front of both is a thin thing, and is kept."""
+    depth_mm: (H, W) uint16. least_mm..greatest_mm are measured. relative: share of the disparity; absolute: 1/m. out:
+    (H, W) uint16 marks. A flying pixel lies strictly between its left and right (or upper and lower) neighbours in
+    disparity and far from both; what stands in front of both is a thin thing, and is kept. No branch in the inner loop,
+    three rows of disparity at a time."""
     rows, cols = depth_mm.shape
-    measured = 0
-    far = 0
-    flying = 0
+    least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
+    relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
+    inverse = np.zeros((3, cols + 2), np.float32)  # of the row before, this and the next; unknown beyond the border
+    inverse_of_row(depth_mm[0], least, greatest, inverse[0, 1 : cols + 1])
+    measured, far, flying = np.int64(0), np.int64(0), np.int64(0)
     for v in range(rows):
+        here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
+        if v + 1 < rows:
+            inverse_of_row(depth_mm[v + 1], least, greatest, after)
+        else:
+            after[:] = 0.0
+        left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
+        mm, marks = depth_mm[v], out[v]
+        row_measured, row_far, row_flying = np.int32(0), np.int32(0), np.int32(0)
         for u in range(cols):
-            d = table[depth_mm[v, u]]
-            raw[v, u] = d
-            out[v, u] = d
-    for v in range(rows):
-        for u in range(cols):
-            d = raw[v, u]
-            if d > 0.0:
-                measured += 1
-                t = absolute + relative * d
-                fly = False
-                if 0 < u < cols - 1:
-                    a, b = raw[v, u - 1], raw[v, u + 1]
-                    if a > 0.0 and b > 0.0:
-                        fly = (a - d > t and d - b > t) or (b - d > t and d - a > t)
-                if not fly and 0 < v < rows - 1:
-                    a, b = raw[v - 1, u], raw[v + 1, u]
-                    if a > 0.0 and b > 0.0:
-                        fly = (a - d > t and d - b > t) or (b - d > t and d - a > t)
-                if fly:
-                    out[v, u] = 0.0
-                    flying += 1
-            elif d < 0.0:
-                far += 1
+            d = middle[u]
+            step = absolute + relative * d
+            low, high = min(left[u], right[u]), max(left[u], right[u])
+            fly = (low > zero) & (d - low > step) & (high - d > step)
+            low, high = min(before[u], after[u]), max(before[u], after[u])
+            fly |= (low > zero) & (d - low > step) & (high - d > step)
+            mark = mm[u]
+            if d < zero:
+                mark = _FAR
+            if (d == zero) | fly:
+                mark = np.uint16(0)
+            marks[u] = mark
+            row_measured += np.int32(d > zero)
+            row_far += np.int32(d < zero)
+            row_flying += np.int32(fly)
+        measured += row_measured
+        far += row_far
+        flying += row_flying
     return measured, far, flying
 
 
-NOISE_BINS, NOISE_BIN_PX = 512, 0.05
+_NOISE_BINS, _NOISE_BIN_PX = 512, 0.05
 """Resolution of the histogram of second differences; its median is interpolated within a bin."""
 
 
-@njit(cache=True, nogil=True)
-def tile_roughness(inverse, focal_px, bin_px, max_inverse, step, row_step, min_samples, hist, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
     """Median |second difference| of disparity in each tile of the image, px; -1 where too few pixels are measured.
 
-    inverse: (H, W) float32. step: px of the difference; every row_step-th row is looked at. hist: (bins,) int32 scratch
-    of bin_px. out: (tiles down, tiles across) float32. On a flat surface disparity is linear in the image, so its second
-    difference along a row is noise alone: sigma * sqrt(6). What a matcher smears over neighbouring pixels hides from a
-    short step (a real D435 shows 0.4 px at 2 px, 1.1 px at 8 px)."""
-    rows, cols = inverse.shape
+    marks: (H, W) uint16 of `classify`. step: px of the difference, its middle farther than least_mm; every row_step-th
+    row is looked at. out: (tiles down, tiles across) float32. On a flat surface disparity is linear in the image, so
+    its second difference along a row is noise alone: sigma * sqrt(6). What a matcher smears over neighbouring pixels
+    hides from a short step (a real D435 shows 0.4 px at 2 px, 1.1 px at 8 px)."""
+    rows, cols = marks.shape
     down, across = out.shape
-    bins = len(hist)
+    out[:] = -1.0
+    n = cols - 2 * step
+    if n <= 0:
+        return
+    inverse, bin_of = np.empty(cols, np.float32), np.empty(n, np.uint16)
+    hist = np.empty((across, _NOISE_BINS + 1), np.int32)  # the last bin holds what does not count
+    zero, scale, last = np.float32(0.0), np.float32(focal_px / _NOISE_BIN_PX), np.float32(_NOISE_BINS - 1)
+    nearest = np.float32(1000.0 / least_mm) if least_mm > 0.0 else np.float32(np.inf)
     for tv in range(down):
+        hist[:] = 0
+        for v in range(tv * rows // down, (tv + 1) * rows // down, row_step):
+            inverse_of_row(marks[v], np.uint16(1), np.uint16(_FAR - 1), inverse)
+            a, b, c = inverse[:n], inverse[step : n + step], inverse[2 * step :]
+            for u in range(n):
+                bend = np.uint16(min(abs(a[u] - np.float32(2.0) * b[u] + c[u]) * scale, last))
+                good = (min(a[u], c[u]) > zero) & (b[u] > zero) & (b[u] < nearest)
+                bin_of[u] = bend if good else np.uint16(_NOISE_BINS)
+            for tu in range(across):
+                counts = hist[tu]
+                for u in range(tu * cols // across, (tu + 1) * cols // across - 2 * step):
+                    counts[bin_of[u]] += 1
         for tu in range(across):
-            hist[:] = 0
-            n = 0
-            for v in range(tv * rows // down, (tv + 1) * rows // down, row_step):
-                for u in range(tu * cols // across + step, (tu + 1) * cols // across - step):
-                    a, b, c = inverse[v, u - step], inverse[v, u], inverse[v, u + step]
-                    if a > 0.0 and b > 0.0 and c > 0.0 and b < max_inverse:
-                        n += 1
-                        hist[min(bins - 1, int(abs(a - 2.0 * b + c) * focal_px / bin_px))] += 1
-            out[tv, tu] = -1.0
-            if n >= min_samples:
+            total = hist[tu, :_NOISE_BINS].sum()
+            if total >= min_samples:
                 below = 0
-                for i in range(bins):
-                    if 2 * (below + hist[i]) >= n:
-                        out[tv, tu] = bin_px * (i + (0.5 * n - below) / hist[i])
+                for i in range(_NOISE_BINS):
+                    if 2 * (below + hist[tu, i]) >= total:
+                        out[tv, tu] = _NOISE_BIN_PX * (i + (0.5 * total - below) / hist[tu, i])
                         break
-                    below += hist[i]
+                    below += hist[tu, i]
 
 
-def noise_tiles(inverse: NDArray[np.float32], focal_px: float, params: Params) -> NDArray[np.float32]:
+@njit(cache=True, nogil=True)
+def quantile_of_tiles(tiles, share, least):
+    """The quantile of the tiles that are not negative, linear between two of them; -1 where they are fewer than least."""
+    known = np.sort(tiles.ravel()[tiles.ravel() >= 0.0])
+    if len(known) < max(least, 1):
+        return -1.0
+    at = share * (len(known) - 1)
+    below = int(at)
+    above = min(below + 1, len(known) - 1)
+    return known[below] + (at - below) * (known[above] - known[below])
+
+
+def noise_tiles(marks: NDArray[np.uint16], focal_px: float, params: Params) -> NDArray[np.float32]:
     """(noise_tiles_down, noise_tiles_across) float32 disparity noise of each tile, px; negative: not known."""
     p = params
     tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
-    max_inverse = 1.0 / p.noise_min_depth_m if p.noise_min_depth_m > 0.0 else math.inf
     tile_roughness(
-        inverse, focal_px, NOISE_BIN_PX, max_inverse, p.noise_step_px, p.noise_row_step, p.noise_min_samples,
-        np.zeros(NOISE_BINS, np.int32), tiles,
-    )  # fmt: skip
+        marks, focal_px, 1000.0 * p.noise_min_depth_m, p.noise_step_px, p.noise_row_step, p.noise_min_samples, tiles
+    )
     # the median magnitude of a normal deviate, and the second difference of three of them
-    return tiles / np.float32(0.6745 * math.sqrt(6.0))
+    tiles /= np.float32(0.6745 * math.sqrt(6.0))
+    return tiles
 
 
-def estimate_ke(inverse: NDArray[np.float32], focal_px: float, prior: float, last: float, params: Params) -> float:
+def estimate_ke(marks: NDArray[np.uint16], focal_px: float, prior: float, last: float, params: Params) -> float:
     """Noise constant ke (1/m, sigma_Z = ke Z^2) measured from one frame, blended with the last estimate.
 
-    The lower quartile of the tiles is taken: the smoothest parts of the picture, since leaves and edges only add. Stays
-    within prior/span..prior*span and moves in steps of `noise_grid`, so that tables need not be rebuilt each frame. Ours: the paper takes ke as known; a wrong one is costly."""
+    marks: (H, W) uint16 of `classify`. The lower quartile of the tiles is taken: the smoothest parts of the picture,
+    since leaves and edges only add. Stays within prior/span..prior*span and moves in steps of `noise_grid`, so that
+    tables need not be rebuilt each frame. Ours: the paper takes ke as known; a wrong one is costly."""
     if not params.estimate_noise or params.paper:
         return prior
-    tiles = noise_tiles(inverse, focal_px, params)
-    good = tiles[tiles >= 0.0]
     seed = last if math.isfinite(last) else prior
-    if good.size < params.noise_min_tiles:
+    sigma_px = quantile_of_tiles(noise_tiles(marks, focal_px, params), params.noise_quantile, params.noise_min_tiles)
+    if sigma_px < 0.0:
         return seed
-    measured = max(float(np.quantile(good, params.noise_quantile)), params.min_sigma_px) / focal_px
+    measured = max(sigma_px, params.min_sigma_px) / focal_px
     measured = min(max(measured, prior / params.noise_prior_span), prior * params.noise_prior_span)
     memory = params.noise_memory if math.isfinite(last) else 0.0
     blended = math.exp(memory * math.log(seed) + (1.0 - memory) * math.log(measured))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import clusters, fill, planes_paper, refine, strips, support, tracks
 from . import planes as pl
-from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table
+from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
 from .columns import extract_strips
 from .density import BinTable, bin_table
 from .frames import Rotation
@@ -50,7 +50,6 @@ class Extractor:
     def __init__(self, params: Params | None = None) -> None:
         self.params = params or Params()
         self._bins: tuple[tuple[float, float, float], BinTable] | None = None
-        self._inverse_table: tuple[tuple[CameraInfo, float], NDArray[np.float32]] | None = None
         self._buffers: dict[str, NDArray[Any]] = {}
 
     def extract(
@@ -71,21 +70,20 @@ class Extractor:
         state = state or ExtractorState()
         R = np.ascontiguousarray(R_level_optical, np.float64)
         k = info.intrinsics
-        depth_mm = self._buffer("depth", (k.height, k.width), np.uint16)
-        depth_to_mm(depth, depth_mm)
+        depth_mm = depth_to_mm(depth, self._buffer("depth", (k.height, k.width), np.uint16))
         cause = rotation_cause(R, self.params)
         if cause:
             return blind_model(info, cause, self.params), state
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
-        inverse, counts = self._classify(depth_mm, info, ke)
+        marks, counts = self._classify(depth_mm, info, ke)
         stats = pixel_stats(counts, depth_mm.size)
         if stats.measured_share + stats.far_share < self.params.min_measured_share or self._is_noise(counts):
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         clear_m = clear_range_m(info, ke, self.params)
-        ke = estimate_ke(inverse, k.fx, info.ke_per_m, state.ke_per_m, self.params)
+        ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        codes, view, seen = self._level(inverse, info, R)
-        ground = self._ground(inverse, info, R, ke, state)
+        codes, view, seen = self._level(marks, info, R)
+        ground = self._ground(marks, info, R, ke, state)
         ints, floats, found, ground_px = self._strips(codes, view, ground, info, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
@@ -99,15 +97,14 @@ class Extractor:
 
     def _classify(
         self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
-    ) -> tuple[NDArray[np.float32], tuple[int, int, int]]:
-        """Inverse depth with unknown and far marked, flying pixels taken out; counts (measured, far, flying)."""
-        if self._inverse_table is None or self._inverse_table[0] != (info, ke):
-            self._inverse_table = ((info, ke), inverse_depth_table(info, ke, self.params))
-        raw = self._buffer("raw", depth_mm.shape, np.float32)
-        inverse = self._buffer("inverse", depth_mm.shape, np.float32)
+    ) -> tuple[NDArray[np.uint16], tuple[int, int, int]]:
+        """The image with unknown and far marked, flying pixels taken out; counts (measured, far, flying)."""
+        marks = self._buffer("marks", depth_mm.shape, np.uint16)
         relative = 1e9 if self.params.paper else self.params.flying_relative
-        counts = classify(depth_mm, self._inverse_table[1], relative, self.params.flying_sigmas * ke, raw, inverse)
-        return inverse, counts
+        counts = classify(
+            depth_mm, *measured_mm(info, ke, self.params), relative, self.params.flying_sigmas * ke, marks
+        )
+        return marks, counts
 
     def _is_noise(self, counts: tuple[int, int, int]) -> bool:
         """Whether so many pixels fly that the rest is no measurement either: pure noise has 27 %, foliage 0.2 %.
@@ -117,7 +114,7 @@ class Extractor:
         return not self.params.paper and flying > self.params.max_flying_share * measured
 
     def _level(
-        self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation
+        self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation
     ) -> tuple[NDArray[np.uint16], ViewGeometry, tuple[NDArray[np.uint16], ViewGeometry]]:
         """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval.
 
@@ -125,12 +122,12 @@ class Extractor:
         view would hide what is unknown."""
         view = view_geometry(info, R, self.params)
         codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
-        level_safe(inverse, info, R, view, codes, self._buffer("picked", (inverse.size,), np.uint8))
+        level_safe(marks, info, R, view, codes, self._buffer("picked", (marks.size,), np.uint8))
         seen = codes, view
         if self.params.paper:
             view = view_geometry_paper(info, R, self.params)
             codes = self._buffer("paper_codes", (view.cols, view.rows), np.uint16)
-            level_paper(inverse, view.H, view.lateral, view.f_px * view.quantum, codes)
+            level_paper(marks, view.H, view.lateral, view.f_px * view.quantum, codes)
         step = self.params.column_step
         if step > 1:
             view = pooled_geometry(view, step)
@@ -140,13 +137,13 @@ class Extractor:
         return codes, view, seen
 
     def _ground(
-        self, inverse: NDArray[np.float32], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
+        self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
     ) -> Ground:
         """The ground, before any density; the paper looks for horizontal surfaces among the rest only."""
         if self.params.paper:
             return NO_GROUND
         points = self._buffer("points", (self.params.ground_max_samples, 5), np.float32)
-        return find_ground(inverse, info, R, ke, state.ground_height_m, self.params, points)
+        return find_ground(marks, info, R, ke, state.ground_height_m, self.params, points)
 
     # ---- strips and clusters ------------------------------------------------------------------------------------
 

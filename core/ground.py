@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from .frames import Rotation
 from .level import ViewGeometry
 from .params import Params
-from .types import CameraInfo, Ground
+from .types import FAR_MM, CameraInfo, Ground
 
 NO_GROUND = Ground(seen=False)
+_FAR = np.uint16(FAR_MM)
 (
     V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
 ) = range(11)  # fmt: skip
@@ -42,14 +43,14 @@ def height_bins(p: Params) -> int:
 
 
 @njit(cache=True, nogil=True)
-def vote(inverse, R, k, ke, column_step, row_step, tuning, votes, points):
+def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     """Votes for the height of horizontal surfaces; returns (points written, votes cast, pixels sampled).
 
-    inverse: (H, W) float32. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `vote_settings`. votes: (bins,)
+    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `vote_settings`. votes: (bins,)
     int32 over log height. points: (N, 5) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
     of height, and 1 where they voted. A pair of pixels in one source column votes when what lies between them climbs
     little of what a wall would show over the same rows."""
-    rows, cols = inverse.shape
+    rows, cols = marks.shape
     least, bin_step = tuning[V_LEAST], tuning[V_STEP]
     bins = len(votes)
     votes[:] = 0
@@ -59,9 +60,10 @@ def vote(inverse, R, k, ke, column_step, row_step, tuning, votes, points):
     for u in range(column_step // 2, cols, column_step):
         xu = (u - k[2]) / k[0]
         for v in range(row_step // 2, rows, row_step):
-            d = inverse[v, u]
-            if d <= 0.0:
+            mark = marks[v, u]
+            if mark == 0 or mark == _FAR:
                 continue
+            d = np.float32(1000.0) / np.float32(mark)
             sampled += 1
             yv = (v - k[3]) / k[1]
             z = (R[2, 0] * xu + R[2, 1] * yv + R[2, 2]) / d
@@ -80,9 +82,10 @@ def vote(inverse, R, k, ke, column_step, row_step, tuning, votes, points):
             v2 = v - int(max(tuning[V_ROWS_MIN], min(tuning[V_ROWS_MAX], climb * k[1] * d)))
             if v2 < 0:
                 continue
-            d2 = inverse[v2, u]
-            if d2 <= 0.0:
+            mark = marks[v2, u]
+            if mark == 0 or mark == _FAR:
                 continue
+            d2 = np.float32(1000.0) / np.float32(mark)
             yv2 = (v2 - k[3]) / k[1]
             z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
             noise = tuning[V_SIGMAS] * ke * (z / d + abs(z2) / d2) * 0.5
@@ -114,7 +117,7 @@ def ground_gate(
 
 
 def find_ground(
-    inverse: NDArray[np.float32], info: CameraInfo, R_level_optical: Rotation, ke: float, seed_height_m: float,
+    marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, ke: float, seed_height_m: float,
     params: Params, points: NDArray[np.float32],
 ) -> Ground:  # fmt: skip
     """The ground of one frame, or NO_GROUND.
@@ -128,7 +131,7 @@ def find_ground(
     # as coarse as it takes for the whole picture to find room: a part of it would say nothing of what lies below
     step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
     n, _, sampled = vote(
-        inverse, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, across * step, down * step,
+        marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, across * step, down * step,
         vote_settings(k.height, p), votes, points,
     )  # fmt: skip
     if sampled < p.ground_min_samples:

@@ -16,12 +16,18 @@ from numpy.typing import NDArray
 
 from .frames import Rotation
 from .params import Params
-from .types import CameraInfo, Intrinsics
+from .types import FAR_MM, CameraInfo
 
 Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
 """Codes of the levelled image: no measurement, free to the maximum, and the least measured value."""
 _MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
 """Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
+_TILE_COLS, _TILE_ROWS = 32, 64
+"""Cells that are worked on together: their part of the source fits the nearest cache. No result hangs on it."""
+_AS_IT_IS = np.eye(3)
+_BORDER_POINTS = 32
+"""Parts of each side of the image whose ends are looked at for the extent of the view."""
+_FAR = np.uint16(FAR_MM)
 
 
 def code_quantum(info: CameraInfo, f_px: float) -> float:
@@ -49,12 +55,28 @@ class ViewGeometry:
     H: NDArray[np.float64]
 
 
-def border_rays(k: Intrinsics) -> NDArray[np.float64]:
-    """(N, 3) optical rays of the outer edge of the image, half a pixel beyond the outermost centres."""
-    us = np.linspace(-0.5, k.width - 0.5, 33)
-    vs = np.linspace(-0.5, k.height - 0.5, 33)
-    edge = [(u, v) for u in us for v in (vs[0], vs[-1])] + [(u, v) for v in vs for u in (us[0], us[-1])]
-    return np.array([((u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0) for u, v in edge])
+@njit(cache=True, nogil=True)
+def window_of_border(R, k, width, height, limit):
+    """(least, greatest) y/x and (least, greatest) z/x in level_cam of the outer edge of the image, each within limit.
+
+    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. The edge lies half a pixel beyond the outermost centres; what looks
+    backwards counts as steep as may be."""
+    low_y, high_y, low_z, high_z = limit, -limit, limit, -limit
+    for i in range(_BORDER_POINTS + 1):
+        along_u = -0.5 + width * (i / _BORDER_POINTS)
+        along_v = -0.5 + height * (i / _BORDER_POINTS)
+        for side in range(4):
+            u = along_u if side < 2 else (-0.5 if side == 2 else width - 0.5)
+            v = along_v if side >= 2 else (-0.5 if side == 0 else height - 0.5)
+            a, b = (u - k[2]) / k[0], (v - k[3]) / k[1]
+            x = R[0, 0] * a + R[0, 1] * b + R[0, 2]
+            y = R[1, 0] * a + R[1, 1] * b + R[1, 2]
+            z = R[2, 0] * a + R[2, 1] * b + R[2, 2]
+            y = y / x if x > 1e-6 else math.copysign(limit, y)
+            z = z / x if x > 1e-6 else math.copysign(limit, z)
+            y, z = min(max(y, -limit), limit), min(max(z, -limit), limit)
+            low_y, high_y, low_z, high_z = min(low_y, y), max(high_y, y), min(low_z, z), max(high_z, z)
+    return low_y, high_y, low_z, high_z
 
 
 def tilt_rad(R_level_optical: Rotation) -> float:
@@ -68,15 +90,13 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel."""
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
-    rays = border_rays(k) @ R_level_optical.T
-    forward = np.maximum(rays[:, 0], 1e-9)
-    side = np.clip(np.where(rays[:, 0] > 1e-6, rays[:, 1] / forward, np.sign(rays[:, 1]) * limit), -limit, limit)
-    down = np.clip(np.where(rays[:, 0] > 1e-6, rays[:, 2] / forward, np.sign(rays[:, 2]) * limit), -limit, limit)
+    R = np.ascontiguousarray(R_level_optical)
+    left, right, up, down = window_of_border(R, np.array([k.fx, k.fy, k.cx, k.cy]), k.width, k.height, limit)
     f_px = float(min(k.fx, k.fy))
-    cells = (side.max() - side.min()) * (down.max() - down.min()) * f_px * f_px
+    cells = (right - left) * (down - up) * f_px * f_px
     f_px *= math.sqrt(min(1.0, params.max_view_ratio * k.width * k.height / cells))
-    cu, cols = _axis(f_px * side.min(), f_px * side.max(), k.cx)
-    cv, rows = _axis(f_px * down.min(), f_px * down.max(), k.cy)
+    cu, cols = _axis(f_px * left, f_px * right, k.cx)
+    cv, rows = _axis(f_px * up, f_px * down, k.cy)
     to_source = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]]) @ R_level_optical.T
     from_cell = np.array([[0.0, 0.0, f_px], [1.0, 0.0, -cu], [0.0, 1.0, -cv]]) / f_px
     edges = ((np.arange(rows + 1) - 0.5 - cv) / f_px).astype(np.float32)
@@ -136,83 +156,159 @@ def _rows_inside(a, b, first, last):
 
 
 @njit(cache=True, nogil=True)
-def level_nearest(inverse, H, gain, out, picked):
-    """Each cell of the levelled view takes its nearest source pixel. Depth is never interpolated.
+def seen_rows(H, u, src_cols, src_rows, rows):
+    """(first, end) of the rows of column u of the view whose nearest pixel lies in the source; first = end: none."""
+    a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
+    a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
+    a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
+    first, last = _rows_inside(a2 - 1e-3, b2, 0, rows - 1)
+    first, last = _rows_inside(a0 + 0.4999 * a2, b0 + 0.4999 * b2, first, last)
+    first, last = _rows_inside(a1 + 0.4999 * a2, b1 + 0.4999 * b2, first, last)
+    first, last = _rows_inside((src_cols - 0.5001) * a2 - a0, (src_cols - 0.5001) * b2 - b0, first, last)
+    first, last = _rows_inside((src_rows - 0.5001) * a2 - a1, (src_rows - 0.5001) * b2 - b1, first, last)
+    return first, max(first, last + 1)
 
-    inverse: (H, W) float32. gain: f_px * quantum. out: (cols, rows) uint16 codes, one line per column. picked: (H * W,)
-    uint8 out, which source pixels were taken. A cell outside the source is unknown."""
-    picked[:] = 0
-    src_rows, src_cols = inverse.shape
-    cols, rows = out.shape
-    flat = inverse.ravel()
-    for u in range(cols):
-        line = out[u]
-        line[:] = 0
-        a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
-        a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
-        a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
-        first, last = _rows_inside(a2 - 1e-3, b2, 0, rows - 1)
-        first, last = _rows_inside(a0 + 0.4999 * a2, b0 + 0.4999 * b2, first, last)
-        first, last = _rows_inside(a1 + 0.4999 * a2, b1 + 0.4999 * b2, first, last)
-        first, last = _rows_inside((src_cols - 0.5001) * a2 - a0, (src_cols - 0.5001) * b2 - b0, first, last)
-        first, last = _rows_inside((src_rows - 0.5001) * a2 - a1, (src_rows - 0.5001) * b2 - b1, first, last)
-        for v in range(first, last + 1):
-            w = np.float32(a2 + b2 * v)
-            r = np.float32(1.0) / w
-            x = min(max(np.int32(np.float32(a0 + b0 * v) * r + np.float32(0.5)), np.int32(0)), np.int32(src_cols - 1))
-            y = min(max(np.int32(np.float32(a1 + b1 * v) * r + np.float32(0.5)), np.int32(0)), np.int32(src_rows - 1))
-            at = np.uint32(y * np.int32(src_cols) + x)
-            picked[at] = 1
-            d = flat[at]
-            code = min(d * w * np.float32(gain) + np.float32(0.5), np.float32(65535.0))
-            if d > 0.0:
-                line[v] = max(np.uint16(code), np.uint16(2))
-            elif d < 0.0:
-                line[v] = 1
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def codes_of(marks, forward, gain, out):
+    """Codes of pixels: disparity of marks (N,) uint16 times forward (N,) float32, Z_optical / X, in quanta."""
+    for i in range(len(out)):
+        mark = marks[i]
+        d = np.float32(1000.0) / np.float32(mark)
+        code = np.int32(min(d * forward[i] * gain + np.float32(0.5), np.float32(65535.0)))
+        code = max(code, np.int32(Q_MIN))
+        if mark == _FAR:
+            code = np.int32(Q_FAR)
+        if mark == 0:
+            code = np.int32(Q_UNKNOWN)
+        out[i] = np.uint16(code)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
+    """The nearest source pixel of cells (u, first), (u, first + 1), ...: its index in the flat image and Z_optical / X.
+
+    forward: (N,) float32, at: (N,) uint32, outputs. Pixels are clamped to the image: for cells of `seen_rows` only."""
+    a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
+    a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
+    a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
+    right, bottom, stride = np.int32(src_cols - 1), np.int32(src_rows - 1), np.int32(src_cols)
+    half = np.float32(0.5)
+    for i in range(len(at)):
+        v = np.float64(np.int32(first) + np.int32(i))
+        w = np.float32(a2 + b2 * v)
+        r = np.float32(1.0) / w
+        x = min(max(np.int32(np.float32(a0 + b0 * v) * r + half), np.int32(0)), right)
+        y = min(max(np.int32(np.float32(a1 + b1 * v) * r + half), np.int32(0)), bottom)
+        at[i] = np.uint32(y * stride + x)
+        forward[i] = w
 
 
 @njit(cache=True, nogil=True)
-def level_pool(inverse, picked, R, k, window, out):
+def level_nearest(marks, H, gain, out, picked):
+    """Each cell of the levelled view takes its nearest source pixel. Depth is never interpolated.
+
+    marks: (H, W) uint16 of `classify`. gain: f_px * quantum. out: (cols, rows) uint16 codes, one line per column. picked:
+    (H * W,) uint8 out, which source pixels were taken. A cell outside the source is unknown. In tiles, whose part of the
+    source stays in the nearest cache; arithmetic apart from fetching, so that it is done for many cells at once."""
+    src_rows, src_cols = marks.shape
+    cols, rows = out.shape
+    flat = marks.ravel()
+    picked[:] = 0
+    gain = np.float32(gain)
+    seen = np.empty((_TILE_COLS, 2), np.int64)
+    at, forward, mark = (
+        np.empty(_TILE_ROWS, np.uint32),
+        np.empty(_TILE_ROWS, np.float32),
+        np.empty(_TILE_ROWS, np.uint16),
+    )
+    for u0 in range(0, cols, _TILE_COLS):
+        wide = min(_TILE_COLS, cols - u0)
+        for k in range(wide):
+            seen[k, 0], seen[k, 1] = seen_rows(H, u0 + k, src_cols, src_rows, rows)
+            out[u0 + k, : seen[k, 0]] = Q_UNKNOWN
+            out[u0 + k, seen[k, 1] :] = Q_UNKNOWN
+        for v0 in range(0, rows, _TILE_ROWS):
+            for k in range(wide):
+                first, end = max(seen[k, 0], v0), min(seen[k, 1], v0 + _TILE_ROWS)
+                n = end - first
+                if n <= 0:
+                    continue
+                source_of_rows(H, u0 + k, first, src_cols, src_rows, forward, at[:n])
+                for i in range(n):
+                    mark[i] = flat[at[i]]
+                    picked[at[i]] = 1
+                codes_of(mark, forward, gain, out[u0 + k, first:end])
+
+
+@njit(cache=True, nogil=True)
+def level_as_it_is(marks, gain, out):
+    """`level_nearest` for a camera that is level: cells are pixels, lines become columns."""
+    cols, rows = out.shape
+    tile, ones = np.empty((_TILE_COLS, _TILE_COLS), np.uint16), np.ones(_TILE_COLS, np.float32)
+    gain = np.float32(gain)
+    for v0 in range(0, rows, _TILE_COLS):
+        high = min(_TILE_COLS, rows - v0)
+        for u0 in range(0, cols, _TILE_COLS):
+            wide = min(_TILE_COLS, cols - u0)
+            for j in range(high):
+                codes_of(marks[v0 + j, u0 : u0 + wide], ones, gain, tile[j, :wide])
+            for i in range(wide):
+                line = out[u0 + i, v0 : v0 + high]
+                for j in range(high):
+                    line[j] = tile[j, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def level_pool(marks, picked, R, k, window, out):
     """Source pixels that no cell picked reach theirs all the same, the nearest thing winning: no pole is lost
     where the view minifies, and nothing grows where it does not.
 
-    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. window: (f_px, cu, cv, gain). Adds to `out` of level_nearest."""
-    src_rows, src_cols = inverse.shape
+    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. window: (f_px, cu, cv, gain). Adds to `out` of level_nearest.
+    Far never overrules a neighbour of which nothing is known: it would call the cell free."""
+    src_rows, src_cols = marks.shape
     cols, rows = out.shape
     f, cu, cv, gain = window[0], window[1], window[2], window[3]
+    left_over = np.empty(src_cols + 1, np.int32)
+    cell, code = np.empty(src_cols, np.int64), np.empty(src_cols, np.int32)
+    flat = out.ravel()
     for v in range(src_rows):
+        line, taken = marks[v], picked[v * src_cols : (v + 1) * src_cols]
+        n = 0
+        for u in range(src_cols):
+            left_over[n] = u
+            n += (taken[u] == 0) & (line[u] != 0) & (line[u] != _FAR)
         yv = (v - k[3]) / k[1]
         a0, a1, a2 = R[0, 1] * yv + R[0, 2], R[1, 1] * yv + R[1, 2], R[2, 1] * yv + R[2, 2]
-        for u in range(src_cols):
-            d = inverse[v, u]
-            # far never overrules a neighbour of which nothing is known: it would call the cell free
-            if d <= 0.0 or picked[v * src_cols + u] != 0:
-                continue
+        for i in range(n):
+            u = left_over[i]
+            d = np.float32(1000.0) / np.float32(line[u])
             xu = (u - k[2]) / k[0]
             forward = R[0, 0] * xu + a0
-            if forward < 1e-3:
-                continue
             r = f / forward
-            iu = int(math.floor((R[1, 0] * xu + a1) * r + cu + 0.5))
-            iv = int(math.floor((R[2, 0] * xu + a2) * r + cv + 0.5))
-            if 0 <= iu < cols and 0 <= iv < rows:
-                code = 1
-                if d > 0.0:
-                    code = max(2, min(65535, int(d / forward * gain + 0.5)))
-                if code > out[iu, iv]:
-                    out[iu, iv] = code
+            iu = math.floor((R[1, 0] * xu + a1) * r + cu + 0.5)
+            iv = math.floor((R[2, 0] * xu + a2) * r + cv + 0.5)
+            inside = (forward >= 1e-3) & (iu >= 0.0) & (iu < cols) & (iv >= 0.0) & (iv < rows)
+            cell[i] = np.int64(iu * rows + iv) if inside else np.int64(-1)
+            code[i] = np.int32(max(min(d / forward * gain + 0.5, 65535.0), 2.0))
+        for i in range(n):
+            if cell[i] >= 0:
+                flat[cell[i]] = max(np.int32(flat[cell[i]]), code[i])
 
 
 def level_safe(
-    inverse: NDArray[np.float32], info: CameraInfo, R_level_optical: Rotation, g: ViewGeometry, out: NDArray[np.uint16],
+    marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, g: ViewGeometry, out: NDArray[np.uint16],
     picked: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Fills `out` (cols, rows) uint16 with the codes of the levelled view g. picked: (H * W,) uint8 scratch."""
     k = info.intrinsics
     gain = g.f_px * g.quantum
-    level_nearest(inverse, g.H, gain, out, picked)
+    if (g.cols, g.rows) == (k.width, k.height) and np.abs(g.H - _AS_IT_IS).max() < 1e-9:
+        level_as_it_is(marks, gain, out)
+        return
+    level_nearest(marks, g.H, gain, out, picked)
     window = np.array([g.f_px, g.cu, g.cv, gain])
-    level_pool(inverse, picked, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), window, out)
+    level_pool(marks, picked, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), window, out)
 
 
 @njit(cache=True, nogil=True)
@@ -258,18 +354,16 @@ def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Par
 
 
 @njit(cache=True, nogil=True)
-def level_paper(inverse, H, lateral, gain, out):
+def level_paper(marks, H, lateral, gain, out):
     """Lemma 1: disparity of the rotated image divided by (cos(theta) - (v - v0)/f sin(theta)); columns stay as they are."""
-    src_rows, src_cols = inverse.shape
+    src_rows, src_cols = marks.shape
     cols, rows = out.shape
     for u in range(cols):
         for v in range(rows):
             x = int(math.floor(H[0, 0] * u + H[0, 1] * v + H[0, 2] + 0.5))
             y = int(math.floor(H[1, 0] * u + H[1, 1] * v + H[1, 2] + 0.5))
-            out[u, v] = 0
-            if 0 <= x < src_cols and 0 <= y < src_rows:
-                d = inverse[y, x]
-                if d > 0.0:
-                    out[u, v] = max(2, min(65535, int(d * lateral[v] * gain)))
-                elif d < 0.0:
-                    out[u, v] = 1
+            out[u, v] = Q_UNKNOWN
+            if 0 <= x < src_cols and 0 <= y < src_rows and marks[y, x] != 0:
+                d = np.float32(1000.0) / np.float32(marks[y, x])
+                far = marks[y, x] == _FAR
+                out[u, v] = Q_FAR if far else max(Q_MIN, min(65535, int(d * lateral[v] * gain)))

@@ -44,6 +44,17 @@ def is_flying(inverse: np.ndarray, v: int, u: int, step: float) -> bool:
     return False
 
 
+def bends(mm: np.ndarray, focal_px: float, least_m: float, step: int) -> list[float]:
+    """|Second differences| of disparity in px along the rows of a part of an image, their middle beyond least_m."""
+    out = []
+    for row in mm:
+        for u in range(step, len(row) - step):
+            a, b, c = (int(row[w]) for w in (u - step, u, u + step))
+            if min(a, b, c) > 0 and max(a, b, c) < 65534 and b > 1000 * least_m:
+                out.append(abs(1000 / a - 2000 / b + 1000 / c) * focal_px)
+    return out
+
+
 # ---- levelling --------------------------------------------------------------------------------------------------
 
 

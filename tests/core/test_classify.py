@@ -10,9 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.classify import classify, clear_range_m, depth_to_mm, estimate_ke, inverse_depth_table, noise_tiles
+from core.classify import (
+    classify,
+    clear_range_m,
+    depth_to_mm,
+    estimate_ke,
+    measured_mm,
+    noise_tiles,
+    quantile_of_tiles,
+    tile_roughness,
+)
 from core.params import Params
-from core.types import FAR_MM, SATURATED_MM
+from core.types import FAR_MM, SATURATED_MM, CameraInfo
 from drivers.simulated import camera_info
 
 from . import naive
@@ -22,8 +31,8 @@ P = Params()
 
 
 def run(depth: np.ndarray, ke: float, relative: float, absolute: float) -> tuple[np.ndarray, tuple[int, int, int]]:
-    raw, out = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.float32)
-    counts = classify(depth, inverse_depth_table(INFO, ke, P), relative, absolute, raw, out)
+    out = np.full(depth.shape, 7, np.uint16)
+    counts = classify(depth, *measured_mm(INFO, ke, P), relative, absolute, out)
     return out, counts
 
 
@@ -39,7 +48,7 @@ def test_classify_against_its_definition(seed: int, spread: int) -> None:
     flying = np.zeros(depth.shape, bool)
     for v, u in zip(*np.nonzero(raw > 0), strict=True):
         flying[v, u] = naive.is_flying(raw, v, u, absolute + relative * raw[v, u])
-    np.testing.assert_allclose(out, np.where(flying, 0.0, raw), rtol=1e-6)
+    np.testing.assert_array_equal(out, np.where(flying | (raw == 0), 0, np.where(raw < 0, FAR_MM, depth)))
     assert counts == (np.sum(raw > 0), np.sum(raw < 0), np.sum(flying))
 
 
@@ -51,39 +60,48 @@ def test_a_flying_pixel_goes_and_a_thin_thing_stays() -> None:
     depth[:, 30] = 4000  # a pole one pixel wide, in front of both its sides
     out, (_, _, flying) = run(depth, 0.0015, 0.08, 5 * 0.0015)
     assert flying == 1
-    assert out[10, 20] == 0.0
-    np.testing.assert_allclose(out[:, 30], 0.25)
+    assert out[10, 20] == 0
+    assert (out[:, 30] == 4000).all()
 
 
 @pytest.mark.nojit
 def test_millimetres_are_taken_as_they_are_and_metres_rounded() -> None:
-    out = np.empty((30, 40), np.uint16)
+    buffer = np.empty((30, 40), np.uint16)
     mm = np.random.default_rng(1).integers(1, 65533, (30, 40)).astype(np.uint16)
-    depth_to_mm(mm, out)
-    np.testing.assert_array_equal(out, mm)
-    depth_to_mm((mm / 1000.0).astype(np.float32), out)
-    np.testing.assert_array_equal(out, mm)
-    depth_to_mm(np.full((30, 40), 1.2345678, np.float32), out)
-    assert (out == 1235).all()
+    assert np.shares_memory(depth_to_mm(mm, buffer), mm)
+    assert depth_to_mm((mm / 1000.0).astype(np.float32), buffer).tolist() == mm.tolist()
+    assert (depth_to_mm(np.full((30, 40), 1.2345678, np.float32), buffer) == 1235).all()
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_one_kind_of_array_comes_out_of_any_that_goes_in(dtype: type) -> None:
+    """Parts, mirrored and read-only images: the kernels are compiled for one kind, and no image is written to."""
+    buffer = np.empty((30, 40), np.uint16)
+    large = np.random.default_rng(1).integers(1, 60, (64, 90)).astype(dtype)
+    fixed = large[:30, :40].copy()
+    fixed.flags.writeable = False
+    for image in (large[:30, :40], large[::-2, ::-2][:30, :40], np.asfortranarray(large[:30, :40]), fixed):
+        got = depth_to_mm(image, buffer)
+        assert (got.dtype, got.shape, got.flags.c_contiguous, got.flags.writeable) == (np.uint16, (30, 40), True, False)
+        np.testing.assert_array_equal(got, image * (1000 if dtype is np.float32 else 1))
 
 
 @pytest.mark.nojit
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1.0, 0.0, 0.0004, 70.0, 1e30])
 def test_metres_that_measure_nothing_are_unknown(value: float) -> None:
-    out = np.ones((30, 40), np.uint16)
-    depth_to_mm(np.full((30, 40), value, np.float32), out)
-    assert (out == 0).all()
+    assert (depth_to_mm(np.full((30, 40), value, np.float32), np.ones((30, 40), np.uint16)) == 0).all()
 
 
 @pytest.mark.nojit
 @given(st.integers(0, 65535), st.sampled_from([1e-5, 0.0015, 0.01, 0.05]), st.sampled_from([2.0, 20.0, 65.0]))
-def test_the_table_against_the_definition(mm: int, ke: float, max_m: float) -> None:
+def test_a_pixel_of_its_own_against_the_definition(mm: int, ke: float, max_m: float) -> None:
     info = replace(INFO, max_range_m=max_m)
-    value = inverse_depth_table(info, ke, P)[mm]
+    out = np.empty((1, 1), np.uint16)
+    counts = classify(np.full((1, 1), mm, np.uint16), *measured_mm(info, ke, P), 0.1, 0.1, out)
     kind = naive.pixel_kind(mm, info.min_range_m, max_m, ke)
-    assert {"measured": value > 0, "far": value == -1, "unknown": value == 0}[kind]
-    if kind == "measured":
-        assert value == pytest.approx(1000.0 / mm)
+    assert out[0, 0] == {"measured": mm, "far": FAR_MM, "unknown": 0}[kind]
+    assert counts == (kind == "measured", kind == "far", 0)
 
 
 @pytest.mark.nojit
@@ -98,26 +116,28 @@ def test_the_cut_is_three_sigma_of_its_own_range_short_of_the_maximum() -> None:
 def test_the_noise_of_a_plain_wall_is_recovered(ke: float, size: tuple[int, int]) -> None:
     info = camera_info(*size, ke_per_m=0.004)
     depth = noisy(flat_wall(info, 6.0, 0.2, 0.1), ke, 3)
-    got = estimate_ke(inverse(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, Params(min_sigma_px=0.01))
+    got = estimate_ke(marks(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, Params(min_sigma_px=0.01))
     assert got == pytest.approx(ke, rel=0.15)
 
 
-def inverse(depth: np.ndarray, info: object) -> np.ndarray:
-    return inverse_depth_table(info, 1e-5, P)[depth]
+def marks(depth: np.ndarray, info: CameraInfo) -> np.ndarray:
+    out = np.empty(depth.shape, np.uint16)
+    classify(depth, *measured_mm(info, 1e-5, P), 1e9, 0.0, out)
+    return out
 
 
 def test_the_noise_stays_within_the_span_of_its_prior() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01, noise_prior_span=2.0)
     loud, silent = noisy(flat_wall(info, 6.0), 0.02, 3), flat_wall(info, 6.0)
-    assert estimate_ke(inverse(loud, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.008, rel=0.025)
-    assert estimate_ke(inverse(silent, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.002, rel=0.025)
+    assert estimate_ke(marks(loud, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.008, rel=0.025)
+    assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.002, rel=0.025)
 
 
 def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01)
-    image = inverse(noisy(flat_wall(info, 6.0), 0.008, 3), info)
+    image = marks(noisy(flat_wall(info, 6.0), 0.008, 3), info)
     once = estimate_ke(image, 225.0, 0.004, 0.004, p)
     assert 0.004 < once < 0.006  # a memory of 0.7 takes a third of the way
     ke = 0.004
@@ -137,7 +157,7 @@ def test_each_tile_has_the_noise_of_its_own_pixels() -> None:
     info = camera_info(320, 240)
     depth = np.where(np.arange(320) < 160, noisy(flat_wall(info, 6.0), 0.002, 3), noisy(flat_wall(info, 6.0), 0.008, 4))
     depth[:60] = 0
-    tiles = noise_tiles(inverse(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2))
+    tiles = noise_tiles(marks(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2))
     assert tiles.shape == (4, 2)
     assert (tiles[0] < 0).all()
     np.testing.assert_allclose(tiles[1:], [[0.45, 1.8]] * 3, rtol=0.1)
@@ -148,9 +168,44 @@ def test_which_tiles_and_pixels_tell_the_noise_is_a_setting() -> None:
     near, half = noisy(flat_wall(info, 1.4), 0.004, 3), noisy(flat_wall(info, 6.0), 0.002, 3)
     half[:, 160:] = noisy(flat_wall(info, 6.0), 0.006, 4)[:, 160:]
     p = Params(min_sigma_px=0.01)
-    assert estimate_ke(inverse(near, info), 225.0, 0.003, math.nan, p) == 0.003
-    got = estimate_ke(inverse(near, info), 225.0, 0.003, math.nan, replace(p, noise_min_depth_m=0.0))
+    assert estimate_ke(marks(near, info), 225.0, 0.003, math.nan, p) == 0.003
+    got = estimate_ke(marks(near, info), 225.0, 0.003, math.nan, replace(p, noise_min_depth_m=0.0))
     assert got == pytest.approx(0.004, rel=0.15)
     for quantile, want in ((0.25, 0.002), (0.75, 0.006)):
-        got = estimate_ke(inverse(half, info), 225.0, 0.003, math.nan, replace(p, noise_quantile=quantile))
+        got = estimate_ke(marks(half, info), 225.0, 0.003, math.nan, replace(p, noise_quantile=quantile))
         assert got == pytest.approx(want, rel=0.15)
+
+
+@pytest.mark.nojit
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 3), st.sampled_from([0.0, 1.5]))
+def test_the_roughness_of_tiles_against_its_definition(seed: int, step: int, row_step: int, least_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    image = rng.integers(1200, 6000, (26, 45)).astype(np.uint16)
+    image[rng.random(image.shape) < 0.1] = rng.choice([0, FAR_MM])
+    out = np.empty((2, 3), np.float32)
+    tile_roughness(image, 30.0, 1000.0 * least_m, step, row_step, 20, out)
+    for v in range(2):
+        for u in range(3):
+            bends = naive.bends(image[v * 13 : (v + 1) * 13 : row_step, u * 15 : (u + 1) * 15], 30.0, least_m, step)
+            if len(bends) < 20:
+                assert out[v, u] == -1
+            else:
+                # in the bin of 0.05 px that holds the (lower) median; beyond the last bin a tile is only said to be rough
+                median = sorted(bends)[(len(bends) + 1) // 2 - 1]
+                assert out[v, u] == pytest.approx(min(median, 25.6), abs=0.0501)
+
+
+@pytest.mark.nojit
+def test_a_picture_too_narrow_for_the_step_tells_no_noise() -> None:
+    out = np.zeros((2, 2), np.float32)
+    tile_roughness(np.full((16, 16), 3000, np.uint16), 30.0, 0.0, 8, 1, 1, out)
+    assert (out == -1).all()
+
+
+@pytest.mark.nojit
+@given(st.lists(st.floats(-1, 9, width=32), min_size=1, max_size=12), st.floats(0, 1), st.integers(1, 4))
+def test_the_quantile_of_the_tiles_that_are_known(values: list[float], share: float, least: int) -> None:
+    tiles = np.array([values], np.float32)
+    known = tiles[tiles >= 0]
+    want = np.quantile(known.astype(float), share) if len(known) >= least else -1.0
+    assert quantile_of_tiles(tiles, share, least) == pytest.approx(want, abs=1e-6)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.classify import inverse_depth_table
+from core.classify import classify, measured_mm
 from core.ground import NO_GROUND, find_ground, ground_gate
 from core.level import view_geometry
 from core.params import Params
@@ -37,7 +37,9 @@ def find(
     depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
 ) -> Ground:
     points = np.zeros((p.ground_max_samples, 5), np.float32)
-    return find_ground(inverse_depth_table(info, ke, p)[depth], info, R, ke, seed, p, points)
+    marks = np.empty(depth.shape, np.uint16)
+    classify(depth, *measured_mm(info, ke, p), 1e9, 0.0, marks)
+    return find_ground(marks, info, R, ke, seed, p, points)
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (-0.5, 0.0), (0.2, 0.0), (-0.2, 0.5), (-0.17, -0.17)])

@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.level import (
+    ViewGeometry,
+    level_as_it_is,
     level_nearest,
     level_paper,
     level_safe,
@@ -21,7 +23,7 @@ from core.level import (
     view_geometry_paper,
 )
 from core.params import Params
-from core.types import CameraInfo, Intrinsics
+from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
 from drivers.simulated import camera_info
 
 from . import naive
@@ -31,18 +33,18 @@ ODD = CameraInfo("odd", Intrinsics(40, 30, 36.0, 28.0, 22.3, 11.8))
 P = Params()
 
 
-def random_inverse(rng: np.random.Generator) -> np.ndarray:
-    image = rng.uniform(0.06, 2.0, (30, 40)).astype(np.float32)
-    image[rng.random(image.shape) < 0.2] = 0.0
-    image[rng.random(image.shape) < 0.1] = -1.0
+def random_marks(rng: np.random.Generator) -> np.ndarray:
+    image = (1000.0 / rng.uniform(0.06, 2.0, (30, 40))).astype(np.uint16)
+    image[rng.random(image.shape) < 0.2] = UNKNOWN_MM
+    image[rng.random(image.shape) < 0.1] = FAR_MM
     return image
 
 
-def levelled(inverse: np.ndarray, info: CameraInfo, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
+def levelled(marks: np.ndarray, info: CameraInfo, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, ViewGeometry]:
     g = view_geometry(info, R, P)
-    out, picked = np.full((g.cols, g.rows), 7, np.uint16), np.ones(inverse.size, np.uint8)
-    level_safe(inverse, info, R, g, out, picked)
-    return out, picked.reshape(inverse.shape), g
+    out, picked = np.full((g.cols, g.rows), 7, np.uint16), np.ones(marks.size, np.uint8)
+    level_safe(marks, info, R, g, out, picked)
+    return out, picked.reshape(marks.shape), g
 
 
 @pytest.mark.nojit
@@ -51,8 +53,9 @@ def test_every_cell_and_every_pixel_against_direct_projection(
     seed: int, pitch: float, roll: float, info: CameraInfo
 ) -> None:
     """Nearest pixel of each cell; then each pixel that no cell took reaches its own cell, the nearest thing winning."""
-    inverse, R, k = random_inverse(np.random.default_rng(seed)), level(pitch, roll), info.intrinsics
-    out, picked, g = levelled(inverse, info, R)
+    marks, R, k = random_marks(np.random.default_rng(seed)), level(pitch, roll), info.intrinsics
+    out, picked, g = levelled(marks, info, R)
+    inverse = naive.inverse_image(marks, 0.0, 65.0, 0.0)
     gain = g.f_px * g.quantum
     want = np.zeros(out.shape, int)
     sure = np.ones(out.shape, bool)
@@ -88,23 +91,40 @@ def test_every_cell_and_every_pixel_against_direct_projection(
 
 @pytest.mark.nojit
 def test_a_level_camera_keeps_its_pixels() -> None:
-    inverse = random_inverse(np.random.default_rng(4))
-    out, picked, g = levelled(inverse, INFO, level())
+    marks = random_marks(np.random.default_rng(4))
+    out, _, g = levelled(marks, INFO, level())
     assert (g.cols, g.rows, g.f_px, g.cu, g.cv) == (40, 30, 30.0, 19.5, 14.5)
+    np.testing.assert_array_equal(out == 0, marks.T == UNKNOWN_MM)
+    np.testing.assert_array_equal(out == 1, marks.T == FAR_MM)
+    near = (out > 1).T
+    gain = 30.0 * g.quantum
+    np.testing.assert_allclose(out.T[near] / gain, 1000.0 / marks[near], atol=0.51 / gain)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("size", [(40, 30), (64, 33), (33, 64), (31, 31)])
+def test_a_level_camera_gets_by_the_short_way_what_the_long_way_gives(size: tuple[int, int]) -> None:
+    info = CameraInfo("any", Intrinsics(*size, 36.0, 36.0, 17.3, 14.8))
+    rng = np.random.default_rng(6)
+    marks = rng.integers(0, 65535, size[::-1]).astype(np.uint16)
+    marks[rng.random(marks.shape) < 0.2] = FAR_MM
+    g = view_geometry(info, level(), P)
+    short, long = np.full((g.cols, g.rows), 7, np.uint16), np.full((g.cols, g.rows), 8, np.uint16)
+    picked = np.zeros(marks.size, np.uint8)
+    gain = g.f_px * g.quantum
+    level_as_it_is(marks, gain, short)
+    level_nearest(marks, g.H, gain, long, picked)
+    assert (short > 1).sum() > 0.7 * marks.size
     assert picked.all()
-    measured = inverse.T > 0
-    np.testing.assert_array_equal(out == 0, inverse.T == 0)
-    np.testing.assert_array_equal(out == 1, inverse.T < 0)
-    np.testing.assert_allclose(out[measured] / (30.0 * g.quantum), inverse.T[measured], atol=0.51 / (30.0 * g.quantum))
+    np.testing.assert_array_equal(short, long)
 
 
 @pytest.mark.nojit
 @pytest.mark.parametrize("roll", [0.0, 1e-17, -1e-18, 1e-38])
 @pytest.mark.parametrize("pitch", [0.0, -1e-17, 1e-18, -1e-300])
 def test_a_tilt_of_rounding_errors_loses_no_pixel(roll: float, pitch: float) -> None:
-    out, picked, _ = levelled(np.full((30, 40), 0.2, np.float32), INFO, level(pitch, roll))
+    out, _, _ = levelled(np.full((30, 40), 5000, np.uint16), INFO, level(pitch, roll))
     assert (out[1:39, 1:29] > 1).all()
-    assert picked[1:29, 1:39].all()
 
 
 @pytest.mark.parametrize("pitch_deg", [-30, 0, 30])
@@ -130,13 +150,13 @@ def test_no_measured_pixel_is_lost(tilt: tuple[float, float]) -> None:
     info = camera_info(320, 240)
     R = level(*tilt)
     rng = np.random.default_rng(2)
-    inverse = np.zeros((240, 320), np.float32)
+    marks = np.zeros((240, 320), np.uint16)
     at = rng.integers(0, 240, 200), rng.integers(0, 320, 200)
-    inverse[at] = rng.uniform(0.06, 1.0, 200)
-    out, _, g = levelled(inverse, info, R)
+    marks[at] = 1000.0 / rng.uniform(0.06, 1.0, 200)
+    out, _, g = levelled(marks, info, R)
     for y, x in zip(*at, strict=True):
         u, v, forward = naive.own_cell(x, y, R, info.intrinsics, g.f_px, g.cu, g.cv)
-        code = naive.code_of(float(inverse[y, x]), 1.0 / forward, g.f_px * g.quantum)
+        code = naive.code_of(1000.0 / float(marks[y, x]), 1.0 / forward, g.f_px * g.quantum)
         around = out[max(round(u) - 1, 0) : round(u) + 2, max(round(v) - 1, 0) : round(v) + 2].astype(int)
         assert around.max() >= code * (1 - 0.02) - 2
 
@@ -145,8 +165,7 @@ def test_no_measured_pixel_is_lost(tilt: tuple[float, float]) -> None:
 def test_a_vertical_wall_is_one_distance_in_the_levelled_view(tilt: tuple[float, float]) -> None:
     info = camera_info(320, 240)
     R = level(*tilt)
-    inverse = np.where(flat_wall(info, 8.0, *tilt) > 0, 1000.0 / np.maximum(flat_wall(info, 8.0, *tilt), 1), 0.0)
-    out, _, g = levelled(inverse.astype(np.float32), info, R)
+    out, _, g = levelled(flat_wall(info, 8.0, *tilt), info, R)
     x = g.f_px * g.quantum / out[out > 1]
     assert out[out > 1].size > 30000
     # nearest neighbour: half a pixel of a wall tilted by 30 degrees and 34 degrees off the axis is within 2 cm at 8 m
@@ -202,7 +221,7 @@ def test_area_and_edge_of_cells(tilt: tuple[float, float]) -> None:
 def test_nearest_leaves_no_old_cells_and_no_old_marks() -> None:
     g = view_geometry(INFO, level(0.6, 0.5), P)
     out, picked = np.full((g.cols, g.rows), 9, np.uint16), np.full(1200, 9, np.uint8)
-    level_nearest(np.zeros((30, 40), np.float32), g.H, 100.0, out, picked)
+    level_nearest(np.zeros((30, 40), np.uint16), g.H, 100.0, out, picked)
     assert (out == 0).all()
     assert set(np.unique(picked)) <= {0, 1}
 
@@ -214,7 +233,7 @@ def test_lemma_1_levels_the_distances_of_a_wall(pitch: float) -> None:
     depth = flat_wall(INFO, 6.0, pitch)
     g = view_geometry_paper(INFO, level(pitch), P)
     out = np.empty((g.cols, g.rows), np.uint16)
-    level_paper((1000.0 / np.maximum(depth, 1)).astype(np.float32), g.H, g.lateral, g.f_px * g.quantum, out)
+    level_paper(depth, g.H, g.lateral, g.f_px * g.quantum, out)
     np.testing.assert_allclose(g.f_px * g.quantum / out, 6.0, atol=0.03)
     for v in (0, 14, 29):
         up = -pitch + math.atan((v - 14.5) / 30.0)  # angle below the horizon of the row's middle
