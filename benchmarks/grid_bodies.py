@@ -46,9 +46,9 @@ def _through_lids(depth, camera, R, planes, first, least, ground_z, layer_m, box
                 if not 0.0 < t < depth[v, u]:
                     continue
                 x, y = t * dx, t * dy
-                if boxes[k, 0] <= x <= boxes[k, 2] and boxes[k, 1] <= y <= boxes[k, 3]:
-                    if _inside(x, y, planes, first[k], first[k + 1]):
-                        depth[v, u] = t
+                near = boxes[k, 0] <= x <= boxes[k, 2] and boxes[k, 1] <= y <= boxes[k, 3]
+                if near and _inside(x, y, planes, first[k], first[k + 1]):
+                    depth[v, u] = t
 
 
 @njit(cache=True, nogil=True)

@@ -79,7 +79,7 @@ def counted(points_m: Floats, ground_z_m: float, cell_m: float) -> tuple[NDArray
     box = np.empty((2, 3))
     _bounds(points_m, box)
     heights = np.floor((ground_z_m - box[::-1, 2]) / LAYER_M).astype(np.int64)
-    low, high = np.floor(box[:, :2] / cell_m).astype(np.int64) + [[-1, -1], [1, 1]]
+    low, high = np.floor(box[:, :2] / cell_m).astype(np.int64) + np.array([[-1], [1]])
     first = np.array([heights[0], *low])
     counts = np.zeros((heights[1] - heights[0] + 1, *(high - low + 1)), np.int32)
     _count(points_m, ground_z_m, 1.0 / LAYER_M, 1.0 / cell_m, first.astype(np.float64), counts)

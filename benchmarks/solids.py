@@ -5,8 +5,6 @@ is from it. On what both can say they agree (tests/benchmarks/test_solids.py).""
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -164,4 +162,4 @@ def cube_faces(indices: NDArray[np.int64], side_m: float, origin_m: Floats) -> F
             start, end = bare.astype(np.float64), bare + 1.0
             start[:, axis] = end[:, axis] = bare[:, axis] + side
             faces.append(np.hstack([start, end]))
-    return cast("Floats", np.vstack(faces) * side_m + np.tile(origin_m, 2))
+    return np.vstack(faces) * side_m + np.tile(origin_m, 2)

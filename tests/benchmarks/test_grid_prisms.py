@@ -137,7 +137,7 @@ def test_rays_stop_at_sides_and_lids_and_not_at_all_beside() -> None:
     assert level[60, 80] == pytest.approx(4.0)
     assert np.isinf(level[60, 0])
     # the same box 4 m below the camera, which looks down on it by 0.6 rad: its lid and its front are seen
-    below = grid_prisms(box_cloud() + [0.0, 0.0, 6.0], 8.0, 0.2)
+    below = grid_prisms(box_cloud() + np.array([0.0, 0.0, 6.0]), 8.0, 0.2)
     down = np.array([[0.0, -np.sin(0.6), np.cos(0.6)], [1.0, 0.0, 0.0], [0.0, np.cos(0.6), np.sin(0.6)]])
     depth = prism_stops(below, k, down)
     u, v = np.meshgrid(np.arange(160), np.arange(120))

@@ -51,7 +51,12 @@ def test_a_leaning_patch_over_its_face_its_edge_and_its_corner() -> None:
     patch = np.array([[4.0, -1.0, 0.0, 0.0, 2.0, 0.0, lean, 0.0, -lean]])
     normal = np.sqrt(0.5) * np.array([1.0, 0.0, 1.0])
     middle = patch[0, :3] + 0.5 * (patch[0, 3:6] + patch[0, 6:9])
-    off = [middle + 0.7 * normal, middle - 0.7 * normal, middle + [0.0, 3.0, 0.0], [4.0 - 3.0, 1.0 + 4.0, 0.0]]
+    off = [
+        middle + 0.7 * normal,
+        middle - 0.7 * normal,
+        middle + np.array([0.0, 3.0, 0.0]),
+        [4.0 - 3.0, 1.0 + 4.0, 0.0],
+    ]
     np.testing.assert_allclose(patch_distances(np.array(off), patch), [0.7, 0.7, 2.0, 5.0])
     depth = patch_stops(patch, K, NORTH)
     v, u = np.nonzero(np.isfinite(depth))

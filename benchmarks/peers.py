@@ -1,0 +1,125 @@
+"""What takes part in the side-by-side run, and how all of it is seen alike: our method and the grid baseline are here.
+
+Each builds its own thing from one frame (that is what is timed) and then says what it is as a `Model`, by which all are
+judged alike. Ours start from the depth image; the others from the cloud that benchmarks.peer_cloud makes for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.cases import prism_bytes
+from benchmarks.grid_bodies import body_distances, prism_stops
+from benchmarks.grid_prisms import EPSILON_CELLS, GridPrisms, facing_camera, grid_of
+from benchmarks.metrics import distances, stops
+from benchmarks.peer_cloud import Cloud
+from core.extractor import Extractor
+from core.params import Params
+from core.types import ExtractorState, FrameModel, Intrinsics
+from drivers.simulated import Rendered
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Model:
+    """What stands for one frame. primitives: planes, cubes or patches; facing: those that the camera could see, where it
+    makes a difference; bytes: stored as compactly as the peer itself does.
+
+    stops(intrinsics, R_level_optical): depth Z (H, W) at which each ray first meets it, inf: never. surface(points (P, 3)),
+    body(points): distance to its surface, and to its body, 0 inside; the same where it has no body."""
+
+    primitives: int
+    facing: int
+    bytes: int
+    stops: Callable[[Intrinsics, Floats], Floats]
+    surface: Callable[[Floats], Floats]
+    body: Callable[[Floats], Floats]
+
+
+class Peer(Protocol):
+    """name: as it stands in the tables; unit: what its primitives are."""
+
+    name: str
+    unit: str
+
+    def forget(self) -> None:
+        """The next frame is of another flight."""
+
+    def build(self, frame: Rendered, cloud: Cloud) -> Any:
+        """The peer's own representation of one frame: the part that is timed."""
+
+    def model(self, built: Any) -> Model:
+        """The same as a Model."""
+
+
+class Ours:
+    """Our method in one of its modes; its noise estimate and ground go on from frame to frame, as in flight."""
+
+    unit = "planes"
+
+    def __init__(self, mode: str) -> None:
+        self.name = f"OSAPE, {mode}"
+        self._extractor = Extractor(Params(mode=mode))
+        self._state = ExtractorState()
+
+    def forget(self) -> None:
+        """Begins without a noise estimate and without a ground."""
+        self._state = ExtractorState()
+
+    def build(self, frame: Rendered, cloud: Cloud) -> FrameModel:
+        """The model of a frame, from its depth image."""
+        model, self._state = self._extractor.extract(
+            frame.depth_mm, frame.info, frame.R_level_optical, state=self._state
+        )
+        return model
+
+    def model(self, built: FrameModel) -> Model:
+        """Its planes; bytes are those of its prisms, counted as the grid's are."""
+        planes = built.planes.astype(np.float64)
+
+        def off(points: Floats) -> Floats:
+            return distances(points, planes)
+
+        return Model(
+            primitives=len(planes),
+            facing=len(planes),
+            bytes=prism_bytes(built),
+            stops=lambda k, R: stops(planes, k, R)[0],
+            surface=off,
+            body=off,
+        )
+
+
+class Grid:
+    """The grid baseline at one cell size."""
+
+    unit = "planes"
+
+    def __init__(self, cell_m: float, *, simplified: bool = True) -> None:
+        self.name = f"3DP grid {cell_m:g} m" + ("" if simplified else ", not simplified")
+        self._cell_m = cell_m
+        self._epsilon_cells = EPSILON_CELLS if simplified else 0.0
+
+    def forget(self) -> None:
+        """It knows one frame only."""
+
+    def build(self, frame: Rendered, cloud: Cloud) -> GridPrisms:
+        """The prisms around a cloud."""
+        return grid_of(cloud, self._cell_m, epsilon_cells=self._epsilon_cells)
+
+    def model(self, built: GridPrisms) -> Model:
+        """Sides as surface, prisms with tops and bottoms as bodies that stop rays."""
+        return Model(
+            primitives=len(built.planes),
+            facing=int(facing_camera(built.planes).sum()),
+            bytes=built.bytes,
+            stops=lambda k, R: prism_stops(built, k, R),
+            surface=lambda points: distances(points, built.planes),
+            body=lambda points: body_distances(built, points),
+        )
