@@ -13,7 +13,7 @@ import threading
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -23,6 +23,7 @@ from drivers.frame_channel import FrameReader, Word
 
 from .camera_process import info_from_json
 from .config_camera import CameraConfig
+from .config_live import SupervisorParams
 
 NS = 1_000_000_000
 _POLL_S = 0.05
@@ -39,30 +40,6 @@ class CameraCondition(StrEnum):
     FROZEN = "frozen"
     LOST = "lost"
     STOPPED = "stopped"
-
-
-def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SupervisorParams:
-    """When a camera is called ill and when it is started anew."""
-
-    silent_s: float = _number(0.5, 0.05, 10.0, "s", "without a frame for this long a camera is silent")
-    restart_s: float = _number(3.0, 0.5, 60.0, "s", "silent or frozen for this long, its process is started anew")
-    open_s: float = _number(30.0, 1.0, 300.0, "s", "a process that has not opened its camera by then is started anew")
-    frozen_frames: int = _number(4, 2, 1000, "", "the same image so many times in a row is a frozen camera")
-    first_backoff_s: float = _number(0.5, 0.0, 60.0, "s", "wait before the first new start; doubled each time")
-    longest_backoff_s: float = _number(10.0, 0.1, 600.0, "s", "longest wait before a new start")
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value, low, high = getattr(self, f.name), f.metadata["min"], f.metadata["max"]
-            if not low <= value <= high:
-                raise ValueError(
-                    f"supervision: {f.name} = {value}, expected {low}..{high} {f.metadata['unit']}".rstrip()
-                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +193,9 @@ class CameraSupervisor:
             mute = now_ns - heard_ns > p.silent_s * NS
             what = "its process says nothing" if mute else "no frame"
             self._say(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s", same_if=CameraCondition.SILENT)
-        if silent_s > p.restart_s:
+        # the first frame may take long: pipelines start, models load, kernels compile
+        delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns
+        if silent_s > (p.restart_s if delivered else p.open_s):
             return f"silent for {silent_s:.1f} s"
         if status.condition is CameraCondition.FROZEN and now_ns - status.since_ns > p.restart_s * NS:
             return status.cause

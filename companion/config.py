@@ -23,9 +23,20 @@ from pydantic import Field as Bounds
 from core.params import Params
 
 from .config_camera import CameraConfig, OutputConfig
+from .config_live import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .sync import SyncParams
 
-SECTIONS: dict[str, type] = {"extractor": Params, "sync": SyncParams, "camera": CameraConfig, "output": OutputConfig}
+SECTIONS: dict[str, type] = {
+    "extractor": Params,
+    "sync": SyncParams,
+    "camera": CameraConfig,
+    "output": OutputConfig,
+    "autopilot": AutopilotConfig,
+    "publish": PublishConfig,
+    "record": RecordParams,
+    "supervision": SupervisorParams,
+    "service": ServiceParams,
+}
 """TOML section -> the dataclass it fills; `camera` may stand several times."""
 
 
@@ -37,6 +48,11 @@ class Config:
     sync: SyncParams = field(default_factory=SyncParams)
     cameras: tuple[CameraConfig, ...] = ()
     output: OutputConfig = field(default_factory=OutputConfig)
+    autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)
+    publish: PublishConfig = field(default_factory=PublishConfig)
+    record: RecordParams = field(default_factory=RecordParams)
+    supervision: SupervisorParams = field(default_factory=SupervisorParams)
+    service: ServiceParams = field(default_factory=ServiceParams)
 
     def __post_init__(self) -> None:
         names = [c.name for c in self.cameras]
@@ -76,12 +92,8 @@ def load_config(path: Path) -> Config:
 
 def config_text(config: Config) -> str:
     """The effective configuration as JSON, every key written out; the same text for the same configuration."""
-    content = {
-        "extractor": asdict(config.extractor),
-        "sync": asdict(config.sync),
-        "camera": [{k: v for k, v in asdict(c).items() if v is not None} for c in config.cameras],
-        "output": asdict(config.output),
-    }
+    content: dict[str, Any] = {name: asdict(getattr(config, name)) for name in SECTIONS if name != "camera"}
+    content["camera"] = [{k: v for k, v in asdict(c).items() if v is not None} for c in config.cameras]
     return json.dumps(content, sort_keys=True, indent=1, allow_nan=False)
 
 
@@ -103,12 +115,8 @@ def config_of(content: Mapping[str, Any], source: str) -> Config:
     except ValidationError as error:
         raise ConfigError(source, [_words(e, content) for e in error.errors(include_url=False)]) from error
     try:
-        return Config(
-            extractor=Params(**valid["extractor"]),
-            sync=SyncParams(**valid["sync"]),
-            cameras=tuple(CameraConfig(**section) for section in valid["camera"]),
-            output=OutputConfig(**valid["output"]),
-        )
+        single = {name: kind(**valid[name]) for name, kind in SECTIONS.items() if name != "camera"}
+        return Config(cameras=tuple(CameraConfig(**section) for section in valid["camera"]), **single)
     except ValueError as error:  # what concerns several keys at once
         raise ConfigError(source, [str(error)]) from error
 

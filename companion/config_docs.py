@@ -15,6 +15,11 @@ TITLES = {
     "sync": "`[sync]`: which attitude belongs to a frame",
     "camera": "`[[camera]]`: one for each camera",
     "output": "`[output]`: what a replay writes",
+    "autopilot": "`[autopilot]`: the line to it",
+    "publish": "`[publish]`: the streams for planners",
+    "record": "`[record]`: the flight's log",
+    "supervision": "`[supervision]`: when a camera is ill",
+    "service": "`[service]`: blindness, hangs, metrics",
 }
 
 

@@ -11,9 +11,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from google.protobuf.message import Message
 
@@ -21,6 +21,7 @@ from core.types import CameraInfo, DepthFrame
 from drivers.base import Event
 from drivers.proto import osape_v1_pb2 as pb
 
+from .config_live import RecordParams
 from .log_folder import files_of, free_bytes, make_room, new_flight, part_path, repair
 from .log_writer import LogWriter
 from .pipeline import Output, PipelineState
@@ -31,45 +32,6 @@ RETRY_NS: Final = 5 * NS
 _SMALL: Final = 512
 """Bytes that a sample or a decision counts for in the queue."""
 _RESULT: Final = 20_000
-
-
-def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordParams:
-    """Where, when and how much is recorded."""
-
-    record: str = field(
-        default="always",
-        metadata={
-            "choices": ("always", "armed", "off"),
-            "unit": "",
-            "doc": "always, while the vehicle is armed, or off",
-        },
-    )
-    folder: str = field(
-        default="", metadata={"unit": "", "doc": "of the logs; empty: the service's state folder, or ./logs by hand"}
-    )
-    file_mb: float = _number(512.0, 1.0, 4096.0, "MB", "a file is closed and a new one begun at this size")
-    file_s: float = _number(600.0, 5.0, 7200.0, "s", "or at this age")
-    budget_mb: float = _number(8192.0, 10.0, 1e6, "MB", "all logs together; the oldest finished flights go first")
-    least_free_mb: float = _number(256.0, 1.0, 1e5, "MB", "with less free space on the disk nothing is recorded")
-    queue_mb: float = _number(64.0, 4.0, 1024.0, "MB", "waiting for the disk, at most")
-    queue_items: int = _number(5000, 100, 100_000, "", "and so many items")
-    depth: bool = field(
-        default=True, metadata={"unit": "", "doc": "the depth images too: without them nothing can be replayed"}
-    )
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if "choices" in f.metadata and value not in f.metadata["choices"]:
-                raise ValueError(f"record: {f.name} = {value!r}, expected one of {', '.join(f.metadata['choices'])}")
-            if "min" in f.metadata and not f.metadata["min"] <= value <= f.metadata["max"]:
-                low, high = f.metadata["min"], f.metadata["max"]
-                raise ValueError(f"record: {f.name} = {value}, expected {low}..{high} {f.metadata['unit']}".rstrip())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from core.types import AttitudeSample, PoseSample
+from drivers.checked import check, number
 
 from .rotation import Quaternion, Vector, body_rates, rotate_by_rates, slerp
 
@@ -48,29 +49,20 @@ class DropCause(StrEnum):
     BUSY = "a newer frame was waiting (live only)"
 
 
-def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyncParams:
     """Bounds of the synchronisation. Raises ValueError naming the field, its value and its range."""
 
-    max_gap_s: float = _number(0.15, 0.005, 1.0, "s", "widest gap between two attitudes that is interpolated across")
-    max_extrapolation_s: float = _number(0.05, 0.0, 0.5, "s", "farthest an attitude is carried by its body rates")
-    pose_max_gap_s: float = _number(0.5, 0.01, 5.0, "s", "widest gap between two positions that is interpolated across")
-    pose_max_extrapolation_s: float = _number(0.2, 0.0, 2.0, "s", "farthest a position is carried by its velocity")
-    restart_step_s: float = _number(1.0, 0.1, 60.0, "s", "stamps that step back this far mean a restart: begin anew")
-    held_samples: int = _number(256, 8, 4096, "", "attitudes, and positions, held for late frames")
+    max_gap_s: float = number(0.15, 0.005, 1.0, "s", "widest gap between two attitudes that is interpolated across")
+    max_extrapolation_s: float = number(0.05, 0.0, 0.5, "s", "farthest an attitude is carried by its body rates")
+    pose_max_gap_s: float = number(0.5, 0.01, 5.0, "s", "widest gap between two positions that is interpolated across")
+    pose_max_extrapolation_s: float = number(0.2, 0.0, 2.0, "s", "farthest a position is carried by its velocity")
+    restart_step_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back this far mean a restart: begin anew")
+    held_samples: int = number(256, 8, 4096, "", "attitudes, and positions, held for late frames")
     use_pose: bool = field(default=True, metadata={"unit": "", "doc": "publish in ned where the position is known"})
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            if "min" not in f.metadata:
-                continue
-            value, low, high = getattr(self, f.name), f.metadata["min"], f.metadata["max"]
-            if not low <= value <= high:
-                raise ValueError(f"sync: {f.name} = {value}, expected {low}..{high} {f.metadata['unit']}".rstrip())
+        check("sync", self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,10 @@ Nothing here looks at a clock or does input or output, so a replay finds the sam
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+
+from .checked import check, number
 
 NS = 1_000_000_000
 
@@ -26,28 +27,21 @@ class ClockSource(IntEnum):
     TIMESYNC = 2
 
 
-def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockParams:
     """Raises ValueError naming the field, its value and its range."""
 
-    max_drift: float = _number(150e-6, 1e-6, 1e-3, "", "crystals of both ends differ by at most this")
-    window_s: float = _number(60.0, 2.0, 600.0, "s", "exchanges older than this count no more")
-    drift_span_s: float = _number(5.0, 1.0, 300.0, "s", "over less than this a drift is not told from jitter")
-    min_exchanges: int = _number(3, 1, 50, "", "answers before the clock is called synchronised")
-    max_rtt_s: float = _number(0.5, 0.01, 5.0, "s", "slower answers say nothing")
-    reboot_step_s: float = _number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
-    reboot_messages: int = _number(5, 1, 50, "", "messages in a row that lie so far back; one alone is only late")
-    strange_exchanges: int = _number(3, 2, 20, "", "answers in a row that contradict the rest mean a step: begin anew")
+    max_drift: float = number(150e-6, 1e-6, 1e-3, "", "crystals of both ends differ by at most this")
+    window_s: float = number(60.0, 2.0, 600.0, "s", "exchanges older than this count no more")
+    drift_span_s: float = number(5.0, 1.0, 300.0, "s", "over less than this a drift is not told from jitter")
+    min_exchanges: int = number(3, 1, 50, "", "answers before the clock is called synchronised")
+    max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers say nothing")
+    reboot_step_s: float = number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
+    reboot_messages: int = number(5, 1, 50, "", "messages in a row that lie so far back; one alone is only late")
+    strange_exchanges: int = number(3, 2, 20, "", "answers in a row that contradict the rest mean a step: begin anew")
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value, low, high = getattr(self, f.name), f.metadata["min"], f.metadata["max"]
-            if not low <= value <= high:
-                raise ValueError(f"clock: {f.name} = {value}, expected {low}..{high} {f.metadata['unit']}".rstrip())
+        check("clock", self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
 
+from .checked import check, number
 from .clock import NS, ClockEstimate, ClockFilter, ClockParams
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .mavlink_frames import MessageSplitter
@@ -31,24 +32,17 @@ SILENT_NS = 3 * NS
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 
 
-def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MavlinkParams:
     """Who we are and what we ask for. Raises ValueError naming the field, its value and its range."""
 
-    system_id: int = _number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
-    component_id: int = _number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
-    attitude_hz: float = _number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
-    position_hz: float = _number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+    system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
+    component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
+    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
+    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value, low, high = getattr(self, f.name), f.metadata["min"], f.metadata["max"]
-            if not low <= value <= high:
-                raise ValueError(f"mavlink: {f.name} = {value}, expected {low}..{high} {f.metadata['unit']}".rstrip())
+        check("mavlink", self)
 
     def wishes(self) -> tuple[Wish, ...]:
         """The messages we ask for."""

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from companion.camera_process import info_from_json, info_to_json
-from companion.camera_supervisor import CameraCondition, CameraSupervisor, FrozenJudge, SupervisorParams
+from companion.camera_supervisor import CameraCondition, CameraSupervisor, FrozenJudge
 from companion.config_camera import CameraConfig
+from companion.config_live import SupervisorParams
 from companion.sources import make_source
 from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
 
@@ -116,8 +117,7 @@ def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
 
 def test_the_cause_that_a_camera_gives_is_told(tmp_path: Path) -> None:
     with Watched(tmp_path, "ends:5") as w:
-        assert w.until(lambda: w.is_(CameraCondition.LOST))
-        assert w.supervisor.status.cause == "the cable is out"
+        assert w.until(lambda: w.supervisor.status.last_loss == "the cable is out")
         assert w.until(lambda: w.supervisor.status.starts >= 2)
 
 
@@ -153,7 +153,7 @@ def test_a_camera_that_cannot_be_opened_says_why(tmp_path: Path) -> None:
     w = Watched(tmp_path, "well:0")
     w.supervisor = CameraSupervisor(section, w.infos.append, w.frames.append, QUICK)
     with w:
-        assert w.until(lambda: "no flight 'nowhere'" in w.supervisor.status.cause)
+        assert w.until(lambda: "no flight 'nowhere'" in w.supervisor.status.last_loss)
         assert w.until(lambda: w.supervisor.status.starts >= 2)
 
 

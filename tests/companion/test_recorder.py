@@ -19,7 +19,8 @@ from companion import recorder as recorder_module
 from companion.config import Config
 from companion.log_folder import files_of, make_room, new_flight, part_path, repair
 from companion.pipeline import Pipeline
-from companion.recorder import Recorder, RecordParams
+from companion.config_live import RecordParams
+from companion.recorder import Recorder
 from companion.replay import Options, make_pipeline, replay
 from companion.run_info import run_info
 from core.model import blind_model
