@@ -17,9 +17,9 @@ import pytest
 
 from companion import recorder as recorder_module
 from companion.config import Config
+from companion.config_live import RecordParams
 from companion.log_folder import files_of, make_room, new_flight, part_path, repair
 from companion.pipeline import Pipeline
-from companion.config_live import RecordParams
 from companion.recorder import Recorder
 from companion.replay import Options, make_pipeline, replay
 from companion.run_info import run_info
@@ -30,7 +30,7 @@ from drivers.base import Event
 from drivers.mcap_file import McapRecording
 from drivers.simulated_flight import Rates, SimulatedFlight
 
-SMALL = RecordParams(file_mb=1.0, file_s=5.0, budget_mb=100.0, least_free_mb=1.0)
+SMALL = RecordParams(file_mb=1.0, file_s=600.0, budget_mb=100.0, least_free_mb=1.0)
 
 
 def until(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
