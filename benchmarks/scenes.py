@@ -35,6 +35,8 @@ SCENES: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in 
 TUNING_SEEDS = range(100)
 HELD_OUT_SEEDS = range(100, 200)
 
+HALF = len(TUNING_SEEDS)
+
 HIGHEST_M = {"tunnel": 2.2, **CEILINGS_M}
 """Scenes with a ceiling: the camera stays below this height."""
 LIFT_M = {"no_ground": 2.0, "trees_no_ground": 2.0}
@@ -56,6 +58,11 @@ def make_scene(name: str, seed: int) -> Scene:
 def family_of(scene: str) -> str:
     """The family of a scene, by its name; "other" for one that is in none."""
     return next((family for family, names in FAMILIES.items() if scene in names), "other")
+
+
+def another_seed(seed: int, by: int) -> int:
+    """A seed further on in the same half of the seeds."""
+    return seed // HALF * HALF + (seed + by) % HALF
 
 
 def camera_pose(scene: str, seed: int, height_m: float) -> tuple[tuple[float, float, float], float]:

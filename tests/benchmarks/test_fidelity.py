@@ -34,7 +34,8 @@ def test_the_command_line_makes_its_cases() -> None:
 def test_tuning_seeds_unless_the_held_out_are_asked_for() -> None:
     assert {c.seed for c in asked(parse(["--quick", "--seeds", "3"]))} == {0, 1, 2}
     assert {c.seed for c in asked(parse(["--quick", "--seeds", "3", "--held-out"]))} == set(HELD_OUT_SEEDS[:3])
-    assert {c.seed for c in asked(parse(["--part", "told", "--held-out"]))} == {HELD_OUT_SEEDS[0]}
+    assert {c.seed for c in asked(parse(["--part", "told", "--held-out"]))} == set(HELD_OUT_SEEDS[:3])  # three tilts
+    assert {c.seed for c in asked(parse(["--quick", "--seed", "3,103"]))} == {3, 103}
 
 
 def test_a_parameter_is_set_by_name() -> None:
@@ -64,10 +65,11 @@ def test_wrong_use_ends_with_status_two(wrong: tuple[str, str, str], capsys: pyt
 
 
 def test_the_parts_of_the_matrix_vary_what_they_say() -> None:
-    made = {name: list(part.make([5])) for name, part in PARTS.items()}
-    assert {c.seed for cases in made.values() for c in cases} == {5}
+    made = {name: list(part.make([198, 199])) for name, part in PARTS.items()}
+    assert {c.seed for cases in made.values() for c in cases} <= set(HELD_OUT_SEEDS)
+    assert len({c.seed for c in made["base"] if c.scene == "trees"}) == 18
     assert {c.scene for c in made["base"]} == set(SCENES)
-    assert len(made["base"]) == len(SCENES) * 9 * 2
+    assert len(made["base"]) == len(SCENES) * 9 * 2 * 2
     assert {c.ke_per_m for c in made["base"]} == {0.0015, 0.005}
     assert {c.ke_per_m for c in made["noise"]} == {0.008, 0.01}
     assert {c.faults for c in made["faults"]} == set(FAULTS)

@@ -7,7 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.scenes import FAMILIES, HELD_OUT_SEEDS, SCENES, TUNING_SEEDS, camera_pose, family_of, make_scene
+from benchmarks.scenes import (
+    FAMILIES,
+    HELD_OUT_SEEDS,
+    SCENES,
+    TUNING_SEEDS,
+    another_seed,
+    camera_pose,
+    family_of,
+    make_scene,
+)
 from benchmarks.scenes_parts import Line, across
 from benchmarks.scenes_structured import CORRIDOR_M, SLIT_M, STRUCTURED, WINDOW_M
 from benchmarks.scenes_thin import GROUND, THIN
@@ -21,6 +30,8 @@ FIXED = ("open", "no_ground", "tunnel")
 def test_half_of_the_seeds_are_held_out() -> None:
     assert len(TUNING_SEEDS) == len(HELD_OUT_SEEDS)
     assert not set(TUNING_SEEDS) & set(HELD_OUT_SEEDS)
+    for half in (TUNING_SEEDS, HELD_OUT_SEEDS):
+        assert {another_seed(half[70], by) for by in range(100)} == set(half)
 
 
 def test_every_scene_is_in_one_family_and_each_large_family_has_at_least_twelve() -> None:
