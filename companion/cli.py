@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
+    "run": ("run", "the live service: cameras and autopilot in, prisms out"),
     "demo": ("demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
     "import": ("import_recording", "make a log of a folder of depth images, or of a ROS 2 recording"),
     "replay": ("replay", "run a recorded flight through the pipeline; compare with what was recorded"),

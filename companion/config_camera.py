@@ -26,6 +26,7 @@ class CameraConfig:
         metadata={"pattern": r"^[A-Za-z0-9._-]+$", "unit": "", "doc": "letters, digits, dot, dash, underscore"}
     )
     kind: str = _choice("mcap", ("mcap", "simulated"), "where its frames come from: a recording, or the simulator")
+    required: bool = field(default=True, metadata={"unit": "", "doc": "while it is blind the whole counts as blind"})
     roll_deg: float | None = _number(-180.0, 180.0, "deg", "mount: right side down is positive")
     pitch_deg: float | None = _number(-90.0, 90.0, "deg", "mount: looking up is positive")
     yaw_deg: float | None = _number(-180.0, 180.0, "deg", "mount: looking to the right is positive")

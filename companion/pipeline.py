@@ -126,6 +126,7 @@ class Pipeline:
         self._infos = {info.camera: info for info in cameras}
         if len(self._infos) != len(cameras):
             raise ValueError("pipeline: two cameras have the same name; give each its own")
+        self._make_extractor = make_extractor
         self._extractors = {info.camera: make_extractor(info) for info in cameras}
         self._sync = Synchroniser(sync or SyncParams())
         self._states = {info.camera: CameraState() for info in cameras}
@@ -150,6 +151,30 @@ class Pipeline:
     def cameras(self) -> tuple[CameraInfo, ...]:
         """Those announced, as they are used."""
         return tuple(self._infos.values())
+
+    def announce(self, info: CameraInfo) -> None:
+        """A camera that was opened. One that is described otherwise than before begins anew."""
+        if self._infos.get(info.camera) == info:
+            return
+        self._infos[info.camera] = info
+        self._extractors[info.camera] = self._make_extractor(info)
+        self._states[info.camera] = CameraState()
+
+    def overtaken(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
+        """The decision on a frame that a newer one replaced before it came here; it changes nothing."""
+        return FrameDecision(
+            camera=camera,
+            sequence=sequence,
+            t_exposure_ns=t_exposure_ns,
+            t_arrival_ns=t_arrival_ns,
+            cause=DropCause.BUSY,
+            attitude_cutoff_ns=self._sync.attitudes.newest_ns,
+        )
+
+    @property
+    def newest_attitude_ns(self) -> int | None:
+        """Stamp of the newest attitude held."""
+        return self._sync.attitudes.newest_ns
 
     def odd_samples(self) -> dict[str, int]:
         """How many attitudes and positions came twice, late or after a restart."""

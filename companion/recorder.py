@@ -95,9 +95,14 @@ class Recorder:
         )  # fmt: skip
 
     @property
+    def may_begin(self) -> bool:
+        """Whether a new file can be begun now; after a failure not again for some seconds."""
+        return time.monotonic_ns() >= self._not_before_ns
+
+    @property
     def wants_begin(self) -> bool:
-        """Whether a new file is to be begun now; after a failure not again for some seconds."""
-        return self._wanting and time.monotonic_ns() >= self._not_before_ns
+        """Whether a new file is to be begun now."""
+        return self._wanting and self.may_begin
 
     # ---- from the pipeline ------------------------------------------------------------------------------------------
 

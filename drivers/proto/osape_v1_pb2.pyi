@@ -22,6 +22,7 @@ class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CAUSE_LATE_FRAME: _ClassVar[Cause]
     CAUSE_WRONG_SIZE: _ClassVar[Cause]
     CAUSE_BUSY: _ClassVar[Cause]
+    CAUSE_CAMERA: _ClassVar[Cause]
 CAUSE_NONE: Cause
 CAUSE_NO_MEASUREMENT: Cause
 CAUSE_TOO_STEEP: Cause
@@ -35,6 +36,7 @@ CAUSE_DUPLICATE_FRAME: Cause
 CAUSE_LATE_FRAME: Cause
 CAUSE_WRONG_SIZE: Cause
 CAUSE_BUSY: Cause
+CAUSE_CAMERA: Cause
 
 class Vector3(_message.Message):
     __slots__ = ("x", "y", "z")

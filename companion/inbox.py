@@ -1,0 +1,77 @@
+"""What arrives for the pipeline from all threads, in one order: bounded, and of frames the newest only.
+
+A frame that is overtaken by a newer one of its camera before the pipeline takes it stays in its place as a word that it
+was dropped, so that the log tells of it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+
+
+@dataclass(frozen=True, slots=True)
+class Overtaken:
+    """A frame that a newer one replaced; its pixels are gone."""
+
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    t_arrival_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawFrame:
+    """A MAVLink message as it came."""
+
+    data: bytes
+    t_arrival_ns: int
+
+
+Item = AttitudeSample | PoseSample | DepthFrame | Overtaken | CameraInfo | RawFrame
+MOST = 4096
+"""Samples that wait; at 200 Hz those of 20 s. Older ones give way and are counted."""
+
+
+class Inbox:
+    """put_... from any thread, `take` from the pipeline's."""
+
+    def __init__(self, most: int = MOST) -> None:
+        self._items: deque[Item] = deque()
+        self._most = most
+        self._changed = threading.Condition()
+        self.lost = 0
+
+    def put(self, items: Sequence[Item]) -> None:
+        """Samples, raw frames or a camera's description."""
+        with self._changed:
+            self._items.extend(items)
+            while len(self._items) > self._most:
+                self._items.popleft()
+                self.lost += 1
+            self._changed.notify()
+
+    def put_frame(self, frame: DepthFrame) -> None:
+        """A depth frame; one of the same camera that still waits is overtaken."""
+        with self._changed:
+            for i, item in enumerate(self._items):
+                if isinstance(item, DepthFrame) and item.camera == frame.camera:
+                    self._items[i] = Overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+            self._items.append(frame)
+            self._changed.notify()
+
+    def take(self, timeout_s: float) -> list[Item]:
+        """All that waits, up to and with the first frame: what comes behind it may still be overtaken."""
+        with self._changed:
+            if not self._items:
+                self._changed.wait(timeout_s)
+            taken: list[Item] = []
+            while self._items:
+                item = self._items.popleft()
+                taken.append(item)
+                if isinstance(item, DepthFrame):
+                    break
+            return taken

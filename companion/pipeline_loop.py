@@ -1,0 +1,163 @@
+"""The thread that turns what arrives into prisms: the one pipeline, fed from the inbox, its results sent and recorded."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from core.types import CameraInfo, DepthFrame
+from drivers.clock import ClockEstimate, ClockSource
+from drivers.proto import osape_v1_pb2 as pb
+
+from .blindness import Blindness
+from .health import clock_message
+from .inbox import Inbox, Item, Overtaken, RawFrame
+from .latency import Latencies
+from .pipeline import FrameDecision, Output, Pipeline, PrismsResult
+from .recorder import Recorder
+
+TAKE_S = 0.1
+"""Longest wait for anything to arrive: so often, at least, the loop shows that it lives."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clockwork:
+    """What the loop asks others while it records: the autopilot's clock with its restarts, and whether it is armed."""
+
+    clock: Callable[[], tuple[ClockEstimate, int]]
+    armed: Callable[[], bool]
+
+
+class PipelineLoop:
+    """Runs until closed. publish: called with each result, from this thread. `lock` guards what others read."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        inbox: Inbox,
+        blindness: Blindness,
+        publish: Callable[[PrismsResult], None],
+        recorder: Recorder | None,
+        record: str,
+        clockwork: Clockwork,
+        warm_up: Callable[[], None],
+    ) -> None:
+        self._pipeline, self._inbox, self._blindness, self._publish = pipeline, inbox, blindness, publish
+        self._recorder, self._record, self._clockwork, self._warm_up = recorder, record, clockwork, warm_up
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
+        self._recording = False
+        self._clock = ClockEstimate(ClockSource.NONE)
+        self.lock = threading.Lock()
+        self.latencies = Latencies()
+        self.used: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self.newest_attitude_ns: int | None = None
+        self.alive_ns = time.monotonic_ns()
+        self.started = False
+
+    def open(self) -> None:
+        """Starts the thread; `started` when the kernels are warm and the loop runs."""
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """False once the thread has ended, told or not."""
+        return self._thread.is_alive()
+
+    def close(self) -> None:
+        """Ends the loop. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+
+    def _run(self) -> None:
+        self._warm_up()
+        self.started = True
+        while not self._stop.is_set():
+            for item in self._inbox.take(TAKE_S):
+                self._handle(item)
+            self.alive_ns = time.monotonic_ns()
+
+    def _handle(self, item: Item) -> None:
+        if isinstance(item, CameraInfo):
+            self._pipeline.announce(item)
+            self._recording = False  # a log describes its cameras at its beginning
+            return
+        self._open_log(item.t_arrival_ns)
+        if isinstance(item, RawFrame):
+            if self._recorder is not None:
+                self._recorder.message("mavlink", pb.MavlinkFrame(frame=item.data), item.t_arrival_ns)
+            return
+        if isinstance(item, Overtaken):
+            decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+            self._tell(decision)
+            return
+        if self._recorder is not None:
+            self._log_clock(item.t_arrival_ns)
+            self._recorder.event(item)
+        begun_ns = time.monotonic_ns()
+        outputs = self._pipeline.handle(item)
+        done_ns = time.monotonic_ns()
+        with self.lock:
+            self.newest_attitude_ns = self._pipeline.newest_attitude_ns
+        for output in outputs:
+            self._tell(output)
+        if isinstance(item, DepthFrame):
+            self._measure(item, begun_ns, done_ns)
+
+    def _tell(self, output: Output) -> None:
+        if isinstance(output, PrismsResult):
+            with self.lock:
+                self._blindness.result(output)
+            self._publish(output)
+        else:
+            self._count(output)
+        if self._recorder is not None:
+            self._recorder.output(output)
+
+    def _count(self, decision: FrameDecision) -> None:
+        with self.lock:
+            if decision.used:
+                self.used[decision.camera] += 1
+            else:
+                self.dropped[str(decision.cause)] += 1
+
+    def _measure(self, frame: DepthFrame, begun_ns: int, done_ns: int) -> None:
+        published_ns = time.monotonic_ns()
+        with self.lock:
+            add = self.latencies.add
+            add("exposure to arrival", frame.t_arrival_ns - frame.t_exposure_ns)
+            add("waiting", begun_ns - frame.t_arrival_ns)
+            add("extracting", done_ns - begun_ns)
+            add("publishing", published_ns - done_ns)
+            add("exposure to published", published_ns - frame.t_exposure_ns)
+
+    # ---- recording ----------------------------------------------------------------------------------------------------
+
+    def _open_log(self, t_ns: int) -> None:
+        """Begins a file where one is wanted: at the start, after a failure, for a new camera, when the vehicle is armed."""
+        if self._recorder is None:
+            return
+        wanted = self._record == "always" or (self._record == "armed" and self._clockwork.armed())
+        if not wanted:
+            if self._recording:
+                self._recorder.end()
+            self._recording = False
+            return
+        due = not self._recording or self._recorder.wants_begin
+        if due and self._pipeline.cameras and self._recorder.may_begin:
+            self._recorder.begin(t_ns, self._pipeline.cameras, self._pipeline.state())
+            self._clock = ClockEstimate(ClockSource.NONE)
+            self._recording = True
+
+    def _log_clock(self, t_ns: int) -> None:
+        """The autopilot's clock, where its estimate has changed."""
+        assert self._recorder is not None
+        clock, restarts = self._clockwork.clock()
+        if clock != self._clock:
+            self._clock = clock
+            self._recorder.message("clock", clock_message(clock, restarts), t_ns)

@@ -1,0 +1,119 @@
+"""`companion run`: the live service, until it is told to stop."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from .config import load_config
+from .console import say
+from .sd_notify import Notifier
+from .service import Folders, Service
+
+log = logging.getLogger("companion")
+
+PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
+"""syslog's, in front of each line: journald reads them."""
+
+
+class JournalFormatter(logging.Formatter):
+    """`<N>message` for the journal, time and message for people."""
+
+    def __init__(self, journal: bool) -> None:
+        super().__init__("%(message)s" if journal else "%(asctime)s %(levelname)s %(message)s")
+        self._journal = journal
+
+    def format(self, record: logging.LogRecord) -> str:
+        text = super().format(record)
+        return f"<{PRIORITIES.get(record.levelno, 5)}>{text}" if self._journal else text
+
+
+def folders() -> Folders:
+    """Those that systemd gives a unit, else the user's own. Raises OSError where they cannot be made."""
+    run = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
+    own = Path(run) if run else Path.home() / ".cache"
+    state = os.environ.get("STATE_DIRECTORY")
+    keep = Path(state) if state else Path.home() / ".local" / "state" / "osape-companion"
+    if not os.environ.get("RUNTIME_DIRECTORY"):
+        own = own / "osape-companion"
+    own.mkdir(parents=True, exist_ok=True, mode=0o750)
+    keep.mkdir(parents=True, exist_ok=True)
+    return Folders(own, keep)
+
+
+def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
+    """Runs until stopped or until a loop has ended; 0 or 1."""
+    said: list[str] = []
+    ready = False
+    next_alive_s = 0.0
+    while not stop.wait(tick_s):
+        service.tick()
+        if not service.loop.running:
+            log.critical("the pipeline has ended: its cause stands above")
+            return 1
+        if service.started and not ready:
+            ready = True
+            notifier.ready()
+            log.info("ready: the loops run")
+        hung = service.hung()
+        now_s = time.monotonic()
+        if now_s >= next_alive_s:
+            next_alive_s = now_s + min(0.5, (notifier.watchdog_s or 1.0) / 4.0)
+            if not service.started:
+                notifier.needs_longer(60.0)  # kernels are being compiled
+            if not hung:
+                notifier.alive()
+        _tell_changes(service.troubles, said)
+        notifier.status("; ".join(service.troubles) or "all well")
+        said = list(service.troubles)
+    return 0
+
+
+def _tell_changes(now: list[str], before: list[str]) -> None:
+    """Each trouble once, when it comes and when it goes; numbers in it may go on changing."""
+    old, new = {_kind(t): t for t in before}, {_kind(t): t for t in now}
+    for kind, trouble in new.items():
+        if kind not in old:
+            log.warning(trouble)
+    for kind, trouble in old.items():
+        if kind not in new:
+            log.info("no longer: %s", trouble)
+
+
+def _kind(trouble: str) -> str:
+    return "".join(c for c in trouble if not c.isdigit())
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion run`."""
+    parser = subparsers.add_parser("run", help="the live service: cameras and autopilot in, prisms out")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=True, help="such as configs/oak.toml")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: stopped as told; 1: it could not run, or a part of it ended."""
+    config = load_config(args.config)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    notifier = Notifier()
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    from .warmup import run_kernels
+
+    service = Service(config, folders(), run_kernels)
+    try:
+        service.open()
+        return serve(service, notifier, stop, 1.0 / config.service.blind_hz)
+    finally:
+        notifier.stopping()
+        service.close()
+        say("stopped")

@@ -1,0 +1,51 @@
+"""Words to systemd over its notification socket; nothing happens where there is none."""
+
+from __future__ import annotations
+
+import os
+import socket
+
+
+class Notifier:
+    """READY, STATUS and WATCHDOG of a unit of Type=notify. watchdog_s: how often systemd wants a sign of life."""
+
+    def __init__(self, environment: dict[str, str] | None = None) -> None:
+        env = os.environ if environment is None else environment
+        place = env.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + place[1:] if place.startswith("@") else place
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if self._address else None
+        usec = env.get("WATCHDOG_USEC", "")
+        mine = env.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
+        self.watchdog_s: float | None = int(usec) / 1e6 if usec.isdecimal() and mine else None
+        self._status = ""
+
+    def ready(self) -> None:
+        """The loops run."""
+        self._send("READY=1")
+
+    def status(self, text: str) -> None:
+        """One line for `systemctl status`; the same one twice is sent once."""
+        line = text.replace("\n", " ")
+        if line != self._status:
+            self._status = line
+            self._send(f"STATUS={line}")
+
+    def alive(self) -> None:
+        """Feeds the watchdog."""
+        self._send("WATCHDOG=1")
+
+    def needs_longer(self, seconds: float) -> None:
+        """Starting goes on for so long: kernels are compiled."""
+        self._send(f"EXTEND_TIMEOUT_USEC={round(seconds * 1e6)}")
+
+    def stopping(self) -> None:
+        """We end because we were told to."""
+        self._send("STOPPING=1")
+
+    def _send(self, text: str) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(text.encode(), self._address)
+        except OSError:
+            return  # systemd is busy or gone: it will judge by the watchdog

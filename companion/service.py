@@ -1,0 +1,292 @@
+"""The live service: cameras and autopilot in, prisms out, for hours, without anybody at a keyboard.
+
+Threads: one a camera (watching its process), one for the autopilot's line, one for the pipeline, one for the log; the
+main thread does the rest: what is said of blindness and health, and the sign of life for systemd."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import zmq
+
+from core.extractor import Extractor
+from core.types import CameraInfo
+from drivers.clock import ClockEstimate, ClockSource
+from drivers.mavlink import (
+    MAV_STATE_ACTIVE,
+    MAV_STATE_CRITICAL,
+    MAV_STATE_STANDBY,
+    MavlinkParams,
+    MavlinkSession,
+)
+from drivers.mavlink_link import MavlinkLink
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.transport import parse_address
+
+from .blindness import Blindness
+from .camera_supervisor import CameraSupervisor
+from .config import Config, config_text
+from .curve import AllowList, load_keys
+from .health import (
+    AutopilotView,
+    CameraView,
+    Machine,
+    autopilot_message,
+    camera_message,
+    new_report,
+    recording_message,
+    state_of,
+    troubles_of,
+)
+from .inbox import Inbox, RawFrame
+from .messages import SCHEMA_VERSION, prisms_message
+from .pipeline import Pipeline, PrismsResult
+from .pipeline_loop import Clockwork, PipelineLoop
+from .publisher import Publisher, Stream, boot_id
+from .recorder import Recorder
+from .run_info import run_info
+
+NS = 1_000_000_000
+HEALTH_NS = NS
+HEARTBEAT_STATES = {
+    pb.Health.STATE_STARTING: MAV_STATE_STANDBY,
+    pb.Health.STATE_ACTIVE: MAV_STATE_ACTIVE,
+    pb.Health.STATE_DEGRADED: MAV_STATE_ACTIVE,
+    pb.Health.STATE_BLIND: MAV_STATE_CRITICAL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Folders:
+    """run: of sockets, gone with the boot; state: of logs, kept."""
+
+    run: Path
+    state: Path
+
+
+class Service:
+    """`open`, then `tick` again and again, then `close`. Raises DriverError, ValueError and OSError from open where
+    something it needs cannot be had: a stream's address, a key, the folder of the logs."""
+
+    def __init__(self, config: Config, folders: Folders, warm_up: Callable[[], None]) -> None:
+        self.config, self._folders = config, folders
+        self._boot = boot_id()
+        self._machine = Machine()
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._allow: AllowList | None = None
+        self._publishers: dict[str, Publisher] = {}
+        self._sending = threading.Lock()
+        self.inbox = Inbox()
+        names = tuple(c.name for c in config.cameras)
+        self._blindness = Blindness(names, config.service.stale_s)
+        self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
+        self.session, self.link = self._autopilot()
+        self.recorder = self._recorder()
+        self._pipeline = Pipeline((), lambda info: Extractor(config.extractor), config.sync)
+        clockwork = Clockwork(clock=self._clock, armed=self._armed)
+        self.loop = PipelineLoop(
+            self._pipeline,
+            self.inbox,
+            self._blindness,
+            self._publish,
+            self.recorder,
+            config.record.record,
+            clockwork,
+            warm_up,
+        )
+        self._frames_before: dict[str, tuple[int, int]] = {}
+        self._next_health_ns = 0
+        self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
+        self.troubles: list[str] = []
+
+    # ---- parts --------------------------------------------------------------------------------------------------------
+
+    def _supervisor(self, name: str) -> CameraSupervisor:
+        def opened(info: CameraInfo) -> None:
+            self.inbox.put([info])
+
+        return CameraSupervisor(self.config.camera(name), opened, self.inbox.put_frame, self.config.supervision)
+
+    def _autopilot(self) -> tuple[MavlinkSession | None, MavlinkLink | None]:
+        a = self.config.autopilot
+        if not a.address:
+            return None, None
+        params = MavlinkParams(
+            system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz
+        )
+        log_raw = self.config.record.mavlink and self.config.record.record != "off"
+        keep = (lambda data, t_ns: self.inbox.put([RawFrame(data, t_ns)])) if log_raw else None
+        session = MavlinkSession(params, on_frame=keep)
+        return session, MavlinkLink(parse_address(a.address), session, self.inbox.put)
+
+    def _recorder(self) -> Recorder | None:
+        record = self.config.record
+        if record.record == "off":
+            return None
+        folder = Path(record.folder) if record.folder else self._folders.state / "logs"
+        return Recorder(folder, run_info("live", config_text(self.config)), record)
+
+    def _clock(self) -> tuple[ClockEstimate, int]:
+        if self.session is None:
+            return ClockEstimate(ClockSource.NONE), 0
+        return self.session.clock.estimate, self.session.clock.restarts
+
+    def _armed(self) -> bool:
+        vehicle = self.session.vehicle if self.session is not None else None
+        return vehicle is not None and vehicle.armed
+
+    # ---- life ---------------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Opens the streams and starts all threads; neither cameras nor autopilot have to be there."""
+        publish = self.config.publish
+        keys = load_keys(Path(publish.keys)) if publish.keys else None
+        if keys is not None:
+            self._allow = AllowList(self._context, keys)
+        for name in ("prisms", "health"):
+            address = getattr(publish, name).replace("{run}", str(self._folders.run))
+            if address:
+                self._publishers[name] = Publisher(Stream(name, address), self._context, keys)
+        if self.recorder is not None:
+            self.recorder.open()
+        self.loop.open()
+        if self.link is not None:
+            self.link.open()
+        for camera in self.cameras.values():
+            camera.open()
+
+    def close(self) -> None:
+        """Stops everything and finishes the log. May be called twice."""
+        for camera in self.cameras.values():
+            camera.close()
+        if self.link is not None:
+            self.link.close()
+        self.loop.close()
+        if self.recorder is not None:
+            self.recorder.close()
+        for publisher in self._publishers.values():
+            publisher.close()
+        if self._allow is not None:
+            self._allow.close()
+            self._allow = None
+        self._context.destroy(linger=0)
+
+    @property
+    def started(self) -> bool:
+        """Whether the loops run, kernels compiled."""
+        return self.loop.started
+
+    def hung(self) -> str:
+        """Which loop has not gone round for hang_s, in words; empty: all live. A slow disk hangs only the log, which is
+        told but is no reason to end the service in flight."""
+        now_ns = time.monotonic_ns()
+        limit_ns = self.config.service.hang_s * NS
+        if not self.loop.running:
+            return "the pipeline has ended and"
+        if self.loop.started and now_ns - self.loop.alive_ns > limit_ns:
+            return "the pipeline"
+        if self.link is not None and now_ns - self.link.line.alive_ns > limit_ns + 2 * NS:  # opening may take 2 s
+            return "the autopilot's line"
+        for name, camera in self.cameras.items():
+            if camera.status.alive_ns and now_ns - camera.status.alive_ns > limit_ns + 2 * NS:
+                return f"the supervision of camera {name}"
+        return ""
+
+    # ---- what is said ---------------------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Says of each blind camera that it is blind, and once a second, and at each change, how the service is."""
+        now_ns = time.monotonic_ns()
+        views = self._views(now_ns)
+        for view in views:
+            if view.blind:
+                self._publish_blind(view, now_ns)
+        autopilot = self._autopilot_view(now_ns)
+        recording = self.recorder.status if self.recorder is not None else None
+        self.troubles = troubles_of(views, autopilot, recording, self.hung())
+        if not self.started:
+            self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
+        state = state_of(views, self.troubles, self.started)
+        if state != self.state or now_ns >= self._next_health_ns:
+            self.state, self._next_health_ns = state, now_ns + HEALTH_NS
+            if self.link is not None:
+                self.link.set_system_status(HEARTBEAT_STATES[state])
+            self._publish_health(views, autopilot)
+
+    def _views(self, now_ns: int) -> list[CameraView]:
+        views = []
+        for name, camera in self.cameras.items():
+            status = camera.status
+            with self.loop.lock:
+                blind = self._blindness.cause(name, now_ns, status)
+                age_ns = self._blindness.age_ns(name, now_ns)
+            views.append(
+                CameraView(
+                    status=status, required=camera.section.required, blind=blind, age_ns=age_ns,
+                    hz=self._hz(name, status.frames, now_ns),
+                )
+            )  # fmt: skip
+        return views
+
+    def _hz(self, name: str, frames: int, now_ns: int) -> float:
+        """Frames a second since the report before the last."""
+        before, then_ns = self._frames_before.get(name, (frames, now_ns))
+        if now_ns - then_ns > 2 * NS or name not in self._frames_before:
+            self._frames_before[name] = (frames, now_ns)
+        return (frames - before) * NS / max(1, now_ns - then_ns)
+
+    def _autopilot_view(self, now_ns: int) -> AutopilotView | None:
+        if self.link is None:
+            return None
+        newest_ns = self.loop.newest_attitude_ns
+        age_ns = None if newest_ns is None else now_ns - newest_ns
+        return AutopilotView(
+            address=self.config.autopilot.address, line=self.link.line, link=self.link.status(), attitude_age_ns=age_ns
+        )
+
+    def _publish(self, result: PrismsResult) -> None:
+        self._send_prisms(prisms_message(result), result.t_exposure_ns)
+
+    def _publish_blind(self, view: CameraView, now_ns: int) -> None:
+        """A camera that says nothing is said to be blind, in its place."""
+        camera = view.status.camera
+        t_ns = now_ns - (view.age_ns or 0)
+        message = pb.PrismsFrame(
+            schema_version=SCHEMA_VERSION, camera=camera, sequence=self._blindness.sequence(camera), t_exposure_ns=t_ns,
+            frame="level", valid=False, cause=pb.CAUSE_CAMERA, cause_text=view.blind,
+        )  # fmt: skip
+        self._send_prisms(message, t_ns)
+
+    def _send_prisms(self, message: pb.PrismsFrame, t_exposure_ns: int) -> None:
+        publisher = self._publishers.get("prisms")
+        if publisher is None:
+            return
+        with self._sending:  # two threads publish; a socket is for one at a time
+            message.publication.boot_id = self._boot
+            message.publication.number = publisher.published
+            message.publication.age_ns = time.monotonic_ns() - t_exposure_ns
+            publisher.publish(message)
+
+    def _publish_health(self, views: list[CameraView], autopilot: AutopilotView | None) -> None:
+        publisher = self._publishers.get("health")
+        report = new_report(self._boot, publisher.published if publisher is not None else 0)
+        report.state = self.state
+        report.troubles.extend(self.troubles)
+        report.cameras.extend(camera_message(v) for v in views)
+        if autopilot is not None:
+            report.autopilot.CopyFrom(autopilot_message(autopilot))
+        if self.recorder is not None:
+            report.recording.CopyFrom(recording_message(self.recorder.status))
+        with self.loop.lock:
+            for stage, p50, p95, p99 in self.loop.latencies.percentiles():
+                report.latencies.append(pb.Latency(stage=stage, p50_ms=p50, p95_ms=p95, p99_ms=p99))
+            report.frames_used = sum(self.loop.used.values())
+            for cause, count in self.loop.dropped.items():
+                report.frames_dropped[cause] = count
+        self._machine.fill(report)
+        if publisher is not None:
+            publisher.publish(report)
