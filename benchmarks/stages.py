@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from companion.bench_frames import Measured, filmed, measure
+from benchmarks.speed_tables import stage_table
+from companion.bench_frames import filmed, measure
 from companion.bench_machine import machine, versions
-from companion.bench_taps import in_order
 from companion.bench_timing import one_core
 from core.extractor import Extractor
 from core.params import Params
@@ -23,24 +23,6 @@ FRAMES = (
     ("trees, tilted", "trees", 10.0, -10.0),
 )
 """(what the column is called, scene, roll and pitch in degrees)."""
-
-
-def stage_table(columns: list[Measured]) -> str:
-    """A Markdown table, milliseconds of the processor; the wall's time of the whole call beside it."""
-    lines = ["| ms | " + " | ".join(m.name for m in columns) + " |", "|---|" + "---:|" * len(columns)]
-
-    def row(name: str, values: list[str]) -> None:
-        lines.append(f"| {name} | " + " | ".join(values) + " |")
-
-    for stage in in_order(stage for m in columns for stage in m.stages_ms):
-        row(stage, [f"{m.stages_ms.get(stage, 0.0):.2f}" for m in columns])
-    row("between the stages", [f"{m.rest_ms():.2f}" for m in columns])
-    row("**whole call, median**", [f"**{m.times.cpu():.2f}**" for m in columns])
-    row("whole call, 99th percentile", [f"{m.times.cpu(99):.2f}" for m in columns])
-    row("whole call, median, by the wall", [f"{m.times.wall():.2f}" for m in columns])
-    row("planes", [str(m.planes) for m in columns])
-    row("strips", [str(m.strips) for m in columns])
-    return "\n".join(lines) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
@@ -23,6 +24,8 @@ from .bench_timing import Clock, Times
 
 HEIGHT_M = 2.0
 """Of the camera above the ground."""
+
+LEAST_RUNS = 1
 
 Depth = NDArray[np.uint16]
 Progress = Callable[[float], None]
@@ -51,6 +54,8 @@ def filmed(
     *,
     roll_deg: float = 0.0,
     pitch_deg: float = 0.0,
+    yaw_rad: float = 0.0,
+    position_ned_m: tuple[float, float, float] = (0.0, 0.0, -HEIGHT_M),
     ke_per_m: float = 0.0015,
     images: int = 4,
     seed: int = 1,
@@ -59,9 +64,9 @@ def filmed(
     info = camera_info(*size, ke_per_m=ke_per_m)
     sensor = replace(TYPICAL, ke_per_m=ke_per_m).scaled_to(size[0])
     made = make_scene(scene, seed) if isinstance(scene, str) else scene
-    roll, pitch, at = math.radians(roll_deg), math.radians(pitch_deg), (0.0, 0.0, -HEIGHT_M)
+    pose = {"roll_rad": math.radians(roll_deg), "pitch_rad": math.radians(pitch_deg), "yaw_rad": yaw_rad}
     frames = [
-        render(made, info, roll_rad=roll, pitch_rad=pitch, position_ned_m=at, sensor=sensor, seed=seed, frame=i)
+        render(made, info, **pose, position_ned_m=position_ned_m, sensor=sensor, seed=seed, frame=i)
         for i in range(images)
     ]
     return Footage(
@@ -109,17 +114,26 @@ def measure(
     runs: int,
     *,
     watched: int = 0,
+    budget_s: float = math.inf,
     beside: Sequence[Callable[[], object]] = (),
     progress: Progress = lambda share: None,
 ) -> Measured:
-    """Times `runs` calls after warm-up, then `watched` more by stage.
+    """Times `runs` calls after warm-up, then `watched` more by stage; fewer, but one at least, once `budget_s` is over.
 
     beside: calls made between the runs, outside of their time (a reference workload with a clock of its own)."""
     flight, clock = Flight(extractor, footage), Clock()
-    for _ in range(2 + len(footage.depth_mm)):
-        flight.frame()
-    models = []
+    end_s = time.monotonic() + budget_s
+
+    def late(done: int) -> bool:
+        return done >= LEAST_RUNS and time.monotonic() > end_s
+
+    for i in range(2 + len(footage.depth_mm)):
+        if not late(i):
+            flight.frame()
+    models: list[tuple[bool, int, int]] = []
     for i in range(runs):
+        if late(i):
+            break
         model = clock.run(flight.frame)
         models.append((model.valid, len(model.planes), model.stats.strips))
         for other in beside:
@@ -127,6 +141,8 @@ def measure(
         progress((i + 1) / (runs + watched))
     spent: list[dict[str, float]] = []
     for i in range(watched):
+        if late(i):
+            break
         watch = Stopwatch()
         with tapped(watch):
             flight.frame()
