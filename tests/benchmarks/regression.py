@@ -105,7 +105,7 @@ def worse(golden: Mapping[str, Figures], now: Mapping[str, Figures]) -> Iterator
     """Each figure that is worse than it may be, in words."""
     if golden.keys() != now.keys():
         yield f"other cases than the golden ones: {', '.join(sorted(golden.keys() ^ now.keys()))}"
-    for case in golden.keys() & now.keys():
+    for case in (c for c in golden if c in now):
         before, after = golden[case], now[case]
         if abs((after[RAYS] or 0.0) - (before[RAYS] or 0.0)) > 0.002 * (before[RAYS] or 0.0):
             yield f"{case}: another scene, {before[RAYS]} -> {after[RAYS]} obstacle rays"
