@@ -13,7 +13,8 @@ ROUGH = CELLS_M[-1]
 
 def contestants() -> tuple[list[Peer], list[tuple[str, str]]]:
     """All that can run here, ours first, and (name, why not) of those that cannot."""
-    found: list[Peer] = [Ours("safe"), Ours("paper"), *(Grid(cell) for cell in CELLS_M), Grid(ROUGH, simplified=False)]
+    grids = [*(Grid(cell) for cell in CELLS_M), Grid(ROUGH, simplified=False), Grid(ROUGH, sorted_pixels=False)]
+    found: list[Peer] = [Ours("safe"), Ours("paper"), *grids]
     absent: list[tuple[str, str]] = []
     for name, peers in ((peer_octomap.NAME, peer_octomap.peers()), (peer_open3d.NAME, peer_open3d.peers())):
         if isinstance(peers, str):

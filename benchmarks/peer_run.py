@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from benchmarks.cases import frames_of, true_rays
 from benchmarks.metrics import NAN, Rays, missed_rays, open_stopped_rays, phantom_rays
 from benchmarks.peer_cloud import Cloud, cloud_of
-from benchmarks.peer_list import contestants
 from benchmarks.peers import Model, Peer
 from benchmarks.rows import Case
 from benchmarks.scenes import family_of
@@ -102,11 +101,6 @@ def run_case(case: Case, peers: Iterable[Peer]) -> list[Figures]:
     return found
 
 
-def run_case_alone(case: Case) -> list[Figures]:
-    """The same in a process of its own."""
-    return run_case(case, contestants()[0])
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
     """A peer's times on the frames of one kind."""
@@ -132,7 +126,7 @@ def _clouding(ke_per_m: float) -> Build:
 
 def time_peers(peers: Sequence[Peer], kinds: dict[str, list[Case]], rounds: int, budget_s: float) -> list[Timing]:
     """Times of all peers on frames of several kinds, in turn on every frame, so that what happens to the machine happens
-    to all of them. Each kind's first frame warms up. A peer stops after budget_s and three frames of a kind.
+    to all of them. Once over all frames warms up. A peer stops after budget_s and three frames of a kind.
 
     The processor's time is that of the whole process: libraries with threads of their own do not get theirs for nothing."""
     out = []
@@ -143,18 +137,21 @@ def time_peers(peers: Sequence[Peer], kinds: dict[str, list[Case]], rounds: int,
         builds: dict[str, Build] = {peer.name: peer.build for peer in peers}
         builds[CLOUD] = _clouding(ke)
         spent: dict[str, list[tuple[int, int]]] = {name: [] for name in builds}
-        for i in range(rounds + 1):
+        for i in range(len(frames) + rounds):
             frame, cloud = frames[i % len(frames)], clouds[i % len(frames)]
+            warm = i < len(frames)
             for name, build in builds.items():
                 done = spent[name]
-                if len(done) > 3 and 1e-9 * sum(cpu for _, cpu in done) > budget_s:
+                if len(done) >= 3 and 1e-9 * sum(cpu for _, cpu in done) > budget_s:
                     continue
                 wall, cpu = time.perf_counter_ns(), time.process_time_ns()
                 build(frame, cloud)
-                done.append((time.perf_counter_ns() - wall, time.process_time_ns() - cpu))
-            print(f"\rpeers: time of {kind}, round {i}/{rounds}   ", end="", file=sys.stderr, flush=True)
+                if not warm:
+                    done.append((time.perf_counter_ns() - wall, time.process_time_ns() - cpu))
+            word = f"warming up, frame {i + 1}" if warm else f"round {i + 1 - len(frames)}/{rounds}"
+            print(f"\rpeers: time of {kind}, {word}   ", end="", file=sys.stderr, flush=True)
         print(file=sys.stderr)
         for name, done in spent.items():
-            ms = 1e-6 * np.array(done[1:], np.float64)
+            ms = 1e-6 * np.array(done, np.float64)
             out.append(Timing(peer=name, kind=kind, times=Times(ms[:, 0], ms[:, 1])))
     return out

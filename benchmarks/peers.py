@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 
 from benchmarks.cases import prism_bytes
 from benchmarks.grid_bodies import body_distances, prism_stops
-from benchmarks.grid_prisms import EPSILON_CELLS, GridPrisms, facing_camera, grid_of
+from benchmarks.grid_prisms import EPSILON_CELLS, GridPrisms, facing_camera, grid_of, grid_prisms
 from benchmarks.metrics import distances, stops
-from benchmarks.peer_cloud import Cloud
+from benchmarks.peer_cloud import Cloud, cloud_of
 from core.extractor import Extractor
 from core.params import Params
 from core.types import ExtractorState, FrameModel, Intrinsics
 from drivers.simulated import Rendered
 
 Floats = NDArray[np.float64]
+NOT_SIMPLIFIED, UNSORTED = ", not simplified", ", of all pixels"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -97,12 +98,16 @@ class Ours:
 
 
 class Grid:
-    """The grid baseline at one cell size."""
+    """The grid baseline at one cell size. simplified: its outlines; sorted_pixels: from the cloud that all others are
+    given too, else from every pixel above the ground with 3 points a cell, mismatches and all."""
 
     unit = "planes"
 
-    def __init__(self, cell_m: float, *, simplified: bool = True) -> None:
-        self.name = f"3DP grid {cell_m:g} m" + ("" if simplified else ", not simplified")
+    def __init__(self, cell_m: float, *, simplified: bool = True, sorted_pixels: bool = True) -> None:
+        self.name = (
+            f"3DP grid {cell_m:g} m" + ("" if simplified else NOT_SIMPLIFIED) + ("" if sorted_pixels else UNSORTED)
+        )
+        self._sorted_pixels = sorted_pixels
         self._cell_m = cell_m
         self._epsilon_cells = EPSILON_CELLS if simplified else 0.0
 
@@ -111,7 +116,10 @@ class Grid:
 
     def build(self, frame: Rendered, cloud: Cloud) -> GridPrisms:
         """The prisms around a cloud."""
-        return grid_of(cloud, self._cell_m, epsilon_cells=self._epsilon_cells)
+        if self._sorted_pixels:
+            return grid_of(cloud, self._cell_m, epsilon_cells=self._epsilon_cells)
+        every = cloud_of(frame, frame.info.ke_per_m, all_pixels=True)
+        return grid_prisms(every.points_m, every.ground_z_m, self._cell_m, epsilon_cells=self._epsilon_cells)
 
     def model(self, built: GridPrisms) -> Model:
         """Sides as surface, prisms with tops and bottoms as bodies that stop rays."""
