@@ -119,7 +119,8 @@ class Grid:
         if self._sorted_pixels:
             return grid_of(cloud, self._cell_m, epsilon_cells=self._epsilon_cells)
         every = cloud_of(frame, frame.info.ke_per_m, all_pixels=True)
-        return grid_prisms(every.points_m, every.ground_z_m, self._cell_m, epsilon_cells=self._epsilon_cells)
+        options = {"focal_px": 0.0, "epsilon_cells": self._epsilon_cells}
+        return grid_prisms(every.points_m, every.ground_z_m, self._cell_m, **options)
 
     def model(self, built: GridPrisms) -> Model:
         """Sides as surface, prisms with tops and bottoms as bodies that stop rays."""
