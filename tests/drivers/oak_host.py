@@ -1,0 +1,81 @@
+"""A depthai pipeline that runs on the host alone: real messages, real queues, no device."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Any
+
+os.environ.setdefault("DEPTHAI_LEVEL", "error")
+os.environ.setdefault("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0")
+
+import depthai as dai
+import numpy as np
+
+from drivers.oak import OakSettings
+
+WIDTH, HEIGHT = 64, 40
+MATRIX = [[45.0, 0.0, 31.5], [0.0, 45.0, 19.5], [0.0, 0.0, 1.0]]
+
+
+def depth_message(number: int, **changes: Any) -> dai.ImgFrame:
+    """A RAW16 frame as StereoDepth sends it. changes: pixels, age_s, matrix, kind."""
+    message = dai.ImgFrame()
+    pixels = changes.get("pixels", np.full((HEIGHT, WIDTH), 1000 + number, np.uint16))
+    message.setCvFrame(pixels, changes.get("kind", dai.ImgFrame.Type.RAW16))
+    age_us = round(changes.get("age_s", 0.02) * 1e6)
+    message.setTimestamp(timedelta(microseconds=time.monotonic_ns() // 1000 - age_us))
+    message.setSequenceNum(number)
+    transformation = dai.ImgTransformation(WIDTH, HEIGHT)
+    transformation.setIntrinsicMatrix(changes.get("matrix", MATRIX))
+    message.setTransformation(transformation)
+    return message
+
+
+class HostCamera(dai.node.ThreadedHostNode):
+    """Sends what `make` gives for 0, 1, 2, ...; ends with the first None."""
+
+    def __init__(self, make: Callable[[int], dai.ImgFrame | None], period_s: float) -> None:
+        super().__init__()
+        self._make, self._period_s = make, period_s
+        self.out = self.createOutput()
+
+    def run(self) -> None:
+        number = 0
+        while self.isRunning():
+            message = self._make(number)
+            if message is None:
+                return
+            self.out.send(message)
+            number += 1
+            time.sleep(self._period_s)
+
+
+class HostLink:
+    """What drivers.oak.connect_device gives, on the host."""
+
+    baseline_m: float | None = 0.075
+
+    def __init__(self, make: Callable[[int], dai.ImgFrame | None], period_s: float = 0.01) -> None:
+        self._pipeline = dai.Pipeline(createImplicitDevice=False)
+        node = self._pipeline.create(HostCamera, make, period_s)
+        self.queue = node.out.createOutputQueue(2, False)
+        self._pipeline.start()
+        self._stopped = False
+
+    def __call__(self, settings: OakSettings) -> HostLink:
+        return self
+
+    def running(self) -> bool:
+        return not self._stopped and bool(self._pipeline.isRunning())
+
+    def stop(self) -> None:
+        """As if it were unplugged."""
+        self._stopped = True
+        self._pipeline.stop()
+
+    def close(self) -> None:
+        self._pipeline.stop()
+        self._pipeline.wait()

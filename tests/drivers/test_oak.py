@@ -1,0 +1,132 @@
+"""The OAK driver with real depthai messages and a real pipeline, without a device."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import depthai as dai
+import numpy as np
+import pytest
+
+from drivers.base import BadData, DeviceLost, DeviceNotFound
+from drivers.oak import OakSettings, OakSource
+
+from .oak_host import HEIGHT, MATRIX, WIDTH, HostLink, depth_message
+
+SETTINGS = OakSettings(camera="front", first_frame_s=3.0, find_s=0.1)
+
+
+def test_frames_come_with_intrinsics_stamps_and_millimetres() -> None:
+    rng = np.random.Generator(np.random.PCG64(3))
+    images = [rng.integers(0, 65536, (HEIGHT, WIDTH)).astype(np.uint16) for _ in range(4)]
+    source = OakSource(SETTINGS, HostLink(lambda k: depth_message(k, pixels=images[k % 4], age_s=0.03)))
+    source.open()
+    try:
+        k = source.info.intrinsics
+        assert (k.width, k.height, k.fx, k.cy) == (WIDTH, HEIGHT, MATRIX[0][0], MATRIX[1][2])
+        assert source.info.ke_per_m == 0.05  # 0.25 px on so short a focal length is more than the bound
+        for _ in range(3):
+            frame = source.read(2.0)
+            assert frame is not None
+            assert np.array_equal(frame.depth_mm, images[frame.sequence % 4])
+            assert 0.03 <= (frame.t_arrival_ns - frame.t_exposure_ns) / 1e9 < 1.0
+    finally:
+        source.close()
+        source.close()
+
+
+def test_a_slow_reader_gets_the_newest_frame() -> None:
+    source = OakSource(SETTINGS, HostLink(depth_message, period_s=0.002))
+    source.open()
+    try:
+        source.read(1.0)
+        time.sleep(0.3)
+        frame = source.read(1.0)
+        assert frame is not None
+        assert frame.sequence > 20
+    finally:
+        source.close()
+
+
+def test_a_pause_is_no_loss_and_a_stop_is() -> None:
+    def hesitating(number: int) -> dai.ImgFrame:
+        if number >= 3:
+            time.sleep(0.5)
+        return depth_message(number)
+
+    link = HostLink(hesitating, period_s=0.0)
+    source = OakSource(SETTINGS, link)
+    source.open()
+    while source.read(0.05) is not None:
+        pass
+    link.stop()
+    with pytest.raises(DeviceLost, match="camera front: the device"):
+        read_all(source)
+    source.close()
+
+
+def read_all(source: OakSource) -> None:
+    """Reads until something is wrong."""
+    for _ in range(1000):
+        source.read(0.05)
+
+
+def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
+    source = OakSource(OakSettings(camera="front", first_frame_s=0.2), HostLink(lambda k: None))
+    with pytest.raises(DeviceLost, match=r"no depth frame within 0.2 s; is the cable USB 3|the device stopped"):
+        source.open()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pixels": np.zeros((HEIGHT, WIDTH), np.uint8), "kind": dai.ImgFrame.Type.GRAY8}, "expected RAW16"),
+        ({"age_s": -5.0}, r"stamped \+[45]\.\d+ s from its arrival"),
+        ({"matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "is the device calibrated"),
+    ],
+)
+def test_frames_that_cannot_be_used_say_why(changes: dict[str, object], words: str) -> None:
+    message = depth_message(0, **changes)  # an exception inside of a node would end this process
+    source = OakSource(SETTINGS, HostLink(lambda k: message))
+    with pytest.raises(BadData, match=words):
+        source.open()
+
+
+def test_without_a_device_the_cause_and_the_remedy_are_told_soon() -> None:
+    begun = time.monotonic()
+    with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(there: none\); check the cable"):
+        OakSource(OakSettings(camera="front", device="19443010", find_s=0.1)).open()
+    assert time.monotonic() - begun < 30.0  # the library alone would wait, and then raise something else
+
+
+def test_reading_before_opening_is_told() -> None:
+    with pytest.raises(DeviceNotFound, match="call open"):
+        OakSource(SETTINGS).read(0.1)
+
+
+ABORTS = textwrap.dedent("""
+    from drivers.oak import OakSettings, OakSource
+    from tests.drivers.oak_host import HostLink, depth_message
+
+    def make(k):
+        if k == 3:
+            raise ValueError("a defect in a host node")
+        return depth_message(k)
+
+    source = OakSource(OakSettings(camera="front"), HostLink(make))
+    source.open()
+    while True:
+        source.read(0.1)
+""")
+
+
+def test_a_library_that_aborts_takes_its_own_process_only() -> None:
+    root = Path(__file__).parents[2]
+    child = subprocess.run(
+        [sys.executable, "-c", ABORTS], cwd=root, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert child.returncode != 0
