@@ -155,5 +155,5 @@ def test_rays_stop_at_sides_and_lids_and_not_at_all_beside() -> None:
 
 
 def test_a_camera_inside_a_prism_sees_nothing() -> None:
-    model = grid_prisms(box_cloud() - [5.0, 0.0, 0.0], 2.0, 0.2)
+    model = grid_prisms(box_cloud() - [5.0, 0.0, 0.0], 2.0, 0.2, focal_px=0.0)
     assert (prism_stops(model, camera_info(160, 120).intrinsics, LOOK_NORTH) == 0.0).all()
