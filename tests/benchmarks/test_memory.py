@@ -1,0 +1,123 @@
+"""Nothing grows while frames of all kinds go through one extractor; and the harness would see it if something did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import benchmarks.memory as memory
+import benchmarks.section_memory as page
+from benchmarks.memory import (
+    LARGE,
+    SIZES,
+    Sample,
+    every_frame,
+    growth_per_10k,
+    growth_words,
+    held_bytes,
+    mixed_frames,
+    shots_of,
+    watch,
+)
+from benchmarks.speed_cases import KINDS
+from core.extractor import Extractor
+from core.types import ExtractorState
+
+QUICK_FRAMES, SOAK_FRAMES = 300, 20_000
+HELD_SHARE = 0.02
+"""Buffers are as long as a frame has strips: a frame handed another state may need a little more than any before."""
+QUICK_RESIDENT, SOAK_RESIDENT = 4e6, 8e6
+"""Bytes that the allocator may take more: fragments, not frames (one frame's arrays at 160x120 are 0.5 MB)."""
+BLOCKS = 250
+"""Objects of Python that may be more: one a frame kept would be as many as the frames."""
+
+
+def test_a_few_hundred_frames_leave_nothing_behind() -> None:
+    shots = shots_of([SIZES[0]], images=1)
+    samples = watch(every_frame(shots), mixed_frames(shots, []), QUICK_FRAMES, QUICK_FRAMES // 4)
+    first, last = samples[0], samples[-1]
+    assert [s.frames for s in samples] == [0, 75, 150, 225, 300]
+    assert 0 < last.held <= (1.0 + HELD_SHARE) * first.held
+    assert last.resident - first.resident < QUICK_RESIDENT
+    assert last.blocks - first.blocks < BLOCKS
+
+
+@pytest.mark.soak
+def test_many_frames_leave_nothing_behind() -> None:
+    small, large = shots_of(SIZES), shots_of([LARGE])
+    samples = watch(every_frame([*large, *small]), mixed_frames(small, large), SOAK_FRAMES, SOAK_FRAMES // 20)
+    words = growth_words(samples)
+    assert samples[-1].held <= (1.0 + HELD_SHARE) * samples[0].held, words
+    assert max(s.resident for s in samples) - samples[0].resident < SOAK_RESIDENT, words
+    assert samples[-1].blocks - samples[0].blocks < BLOCKS, words
+
+
+class Hoarder(Extractor):
+    """Keeps every image, as a careless change might."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kept: list[Any] = []
+
+    def extract(self, depth: Any, info: Any, R: Any, state: Any = None, **kwargs: Any) -> Any:
+        self.kept.append([np.array(depth), object()])
+        return super().extract(depth, info, R, state, **kwargs)
+
+
+def test_an_extractor_that_keeps_images_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "Extractor", Hoarder)
+    shots = shots_of([SIZES[0]], KINDS[-1:])
+    samples = watch(every_frame(shots), mixed_frames(shots, []), 300, 100)
+    assert samples[-1].held > (1.0 + HELD_SHARE) * samples[0].held
+    assert samples[-1].blocks - samples[0].blocks > BLOCKS
+    image = shots[0].depth_mm[0].nbytes
+    assert growth_per_10k(samples, lambda s: s.held) == pytest.approx(
+        1e4 * 1.1 * image, rel=0.05
+    )  # one in ten in floats
+
+
+def test_held_bytes_counts_each_array_once_wherever_it_hangs() -> None:
+    base = np.zeros(100, np.uint8)
+
+    class Owner:
+        def __init__(self) -> None:
+            self.views = [base[:10], {"b": base[20:]}, (base,)]
+            self.other = np.zeros(7, np.int64)
+
+    Owner.__module__ = "core.something"
+    assert held_bytes(Owner()) == 100 + 56
+    extractor = Extractor()
+    assert held_bytes(extractor) == 0
+    shot = shots_of([SIZES[0]], KINDS[:1])[0]
+    extractor.extract(shot.depth_mm[0], shot.info, shot.R_level_optical, ExtractorState())
+    assert held_bytes(extractor) > 3 * shot.depth_mm[0].nbytes
+
+
+def test_growth_is_a_slope() -> None:
+    samples = [Sample(n, 1_000_000 + 3 * n, 500, 10) for n in (0, 1000, 2000, 5000)]
+    assert growth_per_10k(samples, lambda s: s.resident) == pytest.approx(30_000)
+    assert growth_per_10k(samples, lambda s: s.held) == 0.0
+    assert "grew by +30.0 kB per 10 000 frames, from 1.0 to 1.0 MB" in growth_words(samples)
+    with pytest.raises(ValueError, match="two at least"):
+        growth_per_10k(samples[:1], lambda s: s.resident)
+
+
+def test_the_mix_is_the_same_each_time() -> None:
+    shots = shots_of([SIZES[0]], KINDS[:2])
+    one, again = mixed_frames(shots, []), mixed_frames(shots, [])
+    for _ in range(20):
+        (depth, _, R), (depth_again, _, R_again) = next(one), next(again)
+        np.testing.assert_array_equal(depth, depth_again)
+        np.testing.assert_array_equal(R, R_again)
+
+
+def test_the_section_makes_its_page_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = [Sample(n, 200_000_000, 20_000_000, 480_000) for n in range(0, 1100, 100)]
+    monkeypatch.setattr(page, "measured", lambda frames, every: samples)
+    text = page.section(tmp_path, quick=True)
+    assert text.startswith("1000 frames in one process")
+    assert "| 1000 | 200.0 | 20.00 | 480000 |" in text
+    assert (tmp_path / "memory.png").stat().st_size > 5000
