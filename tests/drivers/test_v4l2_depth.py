@@ -1,0 +1,165 @@
+"""The V4L2 driver behind a fake stream: a pipe for readiness, buffers as the kernel fills them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.types import Intrinsics
+from drivers.base import BadData, DeviceLost, DeviceNotFound
+from drivers.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_of
+
+SIZE = Intrinsics(32, 16, 30.0, 30.0, 15.5, 7.5)
+SETTINGS = V4l2Settings(camera="front", device="/dev/video9", intrinsics=SIZE, exposure_latency_s=0.012)
+
+
+class FakeStream:
+    """Readable while buffers wait."""
+
+    def __init__(self) -> None:
+        self._out, self._in = os.pipe()
+        self.buffers: list[RawBuffer | OSError] = []
+        self.closed = 0
+
+    def __call__(self, settings: V4l2Settings) -> FakeStream:
+        return self
+
+    def fill(self, item: RawBuffer | OSError) -> None:
+        self.buffers.append(item)
+        os.write(self._in, b".")
+
+    def fileno(self) -> int:
+        return self._out
+
+    def read(self) -> RawBuffer:
+        os.read(self._out, 1)
+        item = self.buffers.pop(0)
+        if isinstance(item, OSError):
+            raise item
+        return item
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def pixels(value: int = 1234) -> np.ndarray:
+    return (np.arange(16 * 32, dtype=np.uint16) + value).reshape(16, 32)
+
+
+def buffer(sequence: int = 0, **changes: Any) -> RawBuffer:
+    content: dict[str, Any] = {
+        "data": pixels(1000 + sequence).tobytes(),
+        "bytes_per_line": 64,
+        "stamp_ns": time.monotonic_ns() - 5_000_000,
+    }
+    content |= changes
+    return RawBuffer(sequence=sequence, **content)
+
+
+def opened(settings: V4l2Settings = SETTINGS) -> tuple[V4l2Source, FakeStream]:
+    stream = FakeStream()
+    source = V4l2Source(settings, stream)
+    source.open()
+    return source, stream
+
+
+def test_a_frame_is_exposed_before_the_kernels_stamp() -> None:
+    source, stream = opened()
+    b = buffer(7)
+    stream.fill(b)
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.t_exposure_ns == b.stamp_ns - 12_000_000
+    assert frame.t_arrival_ns >= b.stamp_ns
+    assert frame.sequence == 7
+    assert np.array_equal(frame.depth_mm, pixels(1007))
+    assert source.info.intrinsics == SIZE
+
+
+def test_the_newest_of_several_buffers_is_delivered() -> None:
+    source, stream = opened()
+    for k in range(3):
+        stream.fill(buffer(k))
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.sequence == 2
+    assert source.read(0.0) is None
+
+
+def test_silence_ends_with_the_time_out() -> None:
+    source, _ = opened()
+    begun = time.monotonic()
+    assert source.read(0.05) is None
+    assert time.monotonic() - begun >= 0.05
+
+
+def test_a_buffer_that_the_driver_calls_faulty_is_left_out() -> None:
+    source, stream = opened()
+    stream.fill(buffer(0))
+    stream.fill(buffer(1, faulty=True))
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.sequence == 0
+    assert source.faulty == 1
+
+
+def test_an_unplugged_device_is_lost() -> None:
+    source, stream = opened()
+    stream.fill(OSError(errno.ENODEV, "No such device"))
+    with pytest.raises(DeviceLost, match=r"/dev/video9 is gone \(No such device\); was it unplugged"):
+        source.read(1.0)
+    source.close()
+    source.close()
+    assert stream.closed == 1
+
+
+@pytest.mark.parametrize("off_s", [-10.0, 3.0])
+def test_stamps_of_another_clock_are_refused(off_s: float) -> None:
+    source, stream = opened()
+    stream.fill(buffer(0, stamp_ns=time.monotonic_ns() + round(off_s * 1e9)))
+    with pytest.raises(BadData, match="does not stamp on the monotonic clock"):
+        source.read(1.0)
+
+
+def test_padded_lines_are_cut() -> None:
+    rows = np.zeros((16, 40), np.uint16)
+    rows[:, :32] = pixels()
+    assert np.array_equal(depth_of(buffer(data=rows.tobytes(), bytes_per_line=80), SETTINGS), pixels())
+
+
+def test_units_become_millimetres_and_what_does_not_fit_is_unknown() -> None:
+    settings = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=0.25)
+    units = np.full((16, 32), 8002, np.uint16)
+    units[0, 0] = 0
+    mm = depth_of(buffer(data=units.tobytes()), settings)
+    assert mm[0, 0] == 0
+    assert mm[1, 1] == 2001
+    coarse = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=10.0)
+    assert depth_of(buffer(data=units.tobytes()), coarse)[1, 1] == 0
+
+
+@pytest.mark.parametrize(("size", "line"), [(100, 64), (1024, 32)])
+def test_a_buffer_of_another_size_says_what_to_set(size: int, line: int) -> None:
+    with pytest.raises(BadData, match="set width_px and height_px"):
+        depth_of(buffer(data=bytes(size), bytes_per_line=line), SETTINGS)
+
+
+def test_a_device_that_is_not_there(tmp_path: Path) -> None:
+    settings = V4l2Settings(camera="front", device=str(tmp_path / "video7"), intrinsics=SIZE)
+    with pytest.raises(DeviceNotFound, match="is it plugged in"):
+        V4l2Source(settings).open()
+    with pytest.raises(DeviceNotFound, match="call open"):
+        V4l2Source(settings).read(0.1)
+
+
+def test_a_file_that_is_no_camera(tmp_path: Path) -> None:
+    (tmp_path / "video7").write_bytes(b"")
+    settings = V4l2Settings(camera="front", device=str(tmp_path / "video7"), intrinsics=SIZE)
+    with pytest.raises(DeviceNotFound, match="cannot be opened"):
+        V4l2Source(settings).open()
