@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.grid_prisms import EPSILON_CELLS, HOLE_M, LAYER_M, MIN_POINTS, MIN_SHARE
-from benchmarks.matrix import FEW_TILTS_DEG, GOAL_KE, cases
+from benchmarks.matrix import FEW_TILTS_DEG, GOAL_KE, cases, spread
 from benchmarks.peer_list import contestants
 from benchmarks.peer_open3d import THIN_M
 from benchmarks.peer_plots import draw_scatter, draw_times
@@ -58,7 +58,7 @@ def section(out: Path, quick: bool) -> str:
     stopped, missed = ("open_stopped", "open rays stopped, %"), ("missed", "obstacle rays missed, %")
     draw_scatter(out / RAYS_PNG, rows, stopped, missed, (0.01, 0.001))
     tables = [
-        f"### {family}, ke {ke:g}: {len(next(iter(found.values())))} frames\n\n{figures_table(found, absent)}"
+        f"### {family}, ke {ke:g} ({len(next(iter(found.values())))} frames)\n\n{figures_table(found, absent)}"
         for (family, ke), found in groups(rows).items()
     ]
     said = "\n".join(f"- {line}" for line in sentences(rows, timings))
@@ -104,7 +104,7 @@ def timed_cases(effort: Effort) -> dict[str, list[Case]]:
 def judged_cases(effort: Effort) -> list[Case]:
     """The cases of the figures, in an order in which those of one view come together."""
     scenes = [name for family in JUDGED for name in _spread(FAMILIES[family], effort.scenes)]
-    return list(cases(scenes, HELD_OUT_SEEDS[:1], effort.tilts, effort.kes))
+    return list(spread(scenes, HELD_OUT_SEEDS[:1], effort.tilts, kes=effort.kes))
 
 
 def _spread(names: tuple[str, ...], count: int) -> list[str]:
@@ -141,7 +141,7 @@ HEAD = f"""Every frame goes to all; all are judged by the same rays and the same
 - **Open3D planar patches** come of the cloud thinned to {THIN_M:g} m, normals of 30 neighbours; **Open3D VoxelGrid** holds the cubes with a point in them.
 
 All but ours are given for nothing what ours has to find: the true ground (its points are taken out), the true noise, and pixels that are sorted by the rules of ours: the range cut before the clip shows through the noise, flying pixels out, specks of fewer than 7 pixels out."""
-_SCENES = """Frames: {frames} of 640x480, 2 m above the ground (lower under ceilings), with noise sigma_Z = ke Z², 5 % dropout, blob holes, 0.2 % of 2x2 mismatches and flying pixels, at roll and pitch of {tilts} degrees. {scenes}. Seed {seed}, one of those by which nothing was chosen."""
+_SCENES = """Frames: {frames} of 640x480, 2 m above the ground (lower under ceilings), with noise sigma_Z = ke Z², 5 % dropout, blob holes, 0.2 % of 2x2 mismatches and flying pixels, at roll and pitch of {tilts} degrees. {scenes}. Seeds {seed}, of those by which nothing was chosen."""
 _LEGEND = """Medians over the frames (worst frame) for sizes and distances, shares over all rays together (worst frame). *Distance*: of a visible true obstacle point to the surface of the model; *to the body*: 0 where it is inside of one. *Missed*: obstacle rays let pass more than max(0.5 m, 2 sigma) beyond the truth. *Phantom*: rays stopped more than max(1 m, 3 sigma) before the truth, farther than that from everything true; *over the open*: the same of rays to ground and sky. *Open rays stopped*: at all, near an obstacle or not. Prisms of the grid count as bodies with lids, cubes as cubes. *Bytes*: 8 a vertex and 8 a prism (ours and the grid's), the binary stream of a tree of what is occupied (OctoMap), 6 a voxel, 36 a patch. Ours holds free space, margins and flags besides, OctoMap's tree free space; neither is counted."""
 _STORAGE = """Ours (safe) over the grid's, case by case: median (worst; in how many a goal is missed). The goals: planes and bytes at most 0.5 of the simplified 0.8 m grid, error at most 0.2 (structured) or 1 (unstructured) of the 0.1 m grid. *Front sides*: only those of the grid's sides that face the camera, since ours is made of nothing else. *Not simplified*: sides on one line merged, nothing else. *Of all pixels*: the grid as it comes without any sorting of pixels: every cell with 3 measured points above the ground, mismatches and the near tail of what lies beyond the range included; ours sorts its pixels, so this one is no fair comparison, only an old one."""
 _TIME = """One thread on one core, after warm-up, all in turn on each frame; processor time of the whole process, median (99th percentile); how many times that of ours, without and with *{cloud}*, from which they start; the wall's median; how many frames. Ours: depth image to planes, prisms and free space. Below 1 is faster than ours."""
