@@ -1,0 +1,310 @@
+"""The ZED driver: calibration files, a drawn pair of known depth, a real pair, a video file as the device."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.base import BadData, DeviceLost, DeviceNotFound
+from drivers.stereo import MatchParams, StereoDepth, depth_mm, vertical_disparity_px
+from drivers.zed_calibration import (
+    EyeCalibration,
+    StereoCalibration,
+    load_zed_calibration,
+    parse_zed_calibration,
+    rotation_of,
+)
+from drivers.zed_uvc import ZedSettings, ZedSource, halves
+
+OLD = "\r\n".join(
+    [
+        "", "[LEFT_CAM_VGA] ", "fx=350.179 ", "fy=350.179 ", "cx=349.218 ", "cy=190.017 ", "k1=-0.173243 ", "k2=0.0253571 ",
+        "p1=0 ", "p2=0 ", "", "[RIGHT_CAM_VGA] ", "fx=349.791 ", "fy=349.791 ", "cx=348.013 ", "cy=193.637 ",
+        "k1=-0.17398 ", "k2=0.0272116 ", "p1=0 ", "p2=0 ", "", "[STEREO] ", "Baseline=120 ", "CV_VGA=0.0228216 ",
+        "RX_VGA=-0.00325192 ", "RZ_VGA=-0.00116869",
+    ]
+)  # fmt: skip
+NEW = OLD.replace("p2=0 ", "p2=0.0001\r\nk3=-0.002").replace("Baseline=120 ", "Baseline=119.9\r\nTY=0.05\r\nTZ=-0.3")
+
+
+def texture(points: np.ndarray) -> np.ndarray:
+    """(...,) 0..255 gray of points (..., 2) on a plane, metres: structure at many scales, the same from everywhere."""
+    rng = np.random.Generator(np.random.PCG64(5))
+    value = np.zeros(points.shape[:-1])
+    for scale_m in (0.6, 0.25, 0.11, 0.05):
+        for _ in range(6):
+            angle, phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+            along = points[..., 0] * np.cos(angle) + points[..., 1] * np.sin(angle)
+            value += np.sin(2.0 * np.pi * along / scale_m + phase)
+    return np.asarray(np.clip(128.0 + 18.0 * value, 0, 255))
+
+
+def eye_image(
+    eye: EyeCalibration, size: tuple[int, int], R: np.ndarray, T: np.ndarray, z_m: float, seed: int
+) -> np.ndarray:
+    """What a real, distorted eye sees of a wall at depth z_m of the left eye; p_eye = R p_left + T."""
+    width, height = size
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None, :]
+    rays = cv2.undistortPoints(pixels, eye.matrix, eye.distortion)[:, 0, :]
+    in_left = np.hstack([rays, np.ones((len(rays), 1))]) @ R  # R^T, row by row
+    centre = -R.T @ T
+    scale = (z_m - centre[2]) / in_left[:, 2]
+    hit = centre[None, :2] + scale[:, None] * in_left[:, :2]
+    noise = np.random.Generator(np.random.PCG64(seed)).normal(0.0, 2.0, len(hit))
+    return np.clip(texture(hit) + noise, 0, 255).astype(np.uint8).reshape(height, width)
+
+
+def pair(c: StereoCalibration, z_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """A raw pair of a wall at z_m."""
+    size = (c.width, c.height)
+    left = eye_image(c.left, size, np.eye(3), np.zeros(3), z_m, 1)
+    return left, eye_image(c.right, size, c.R, c.T, z_m, 2)
+
+
+# ---- calibration ------------------------------------------------------------------------------------------------------
+
+
+def test_an_old_file_without_k3_and_with_trailing_blanks() -> None:
+    c = parse_zed_calibration(OLD, "SN1.conf", 672, 376)
+    assert c.left.matrix[0, 0] == 350.179
+    assert c.right.distortion.tolist() == [-0.17398, 0.0272116, 0.0, 0.0, 0.0]
+    assert c.T.tolist() == [-0.12, 0.0, 0.0]
+    assert c.baseline_m == 0.12
+
+
+def test_a_newer_file_with_k3_and_offsets() -> None:
+    c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+    assert c.left.distortion[4] == -0.002
+    assert c.T.tolist() == [-0.1199, 0.00005, -0.0003]
+
+
+def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
+    vector = np.array([-0.00325192, 0.0228216, -0.00116869])
+    assert np.allclose(rotation_of(vector), cv2.Rodrigues(vector)[0], atol=1e-12)
+    assert np.array_equal(rotation_of(np.zeros(3)), np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("text", "size", "words"),
+    [
+        (OLD, (640, 480), "a ZED delivers 2208x1242, 1920x1080, 1280x720, 672x376"),
+        (OLD.replace("[STEREO]", "[STERO]"), (672, 376), "not a ZED calibration"),
+        (OLD.replace("Baseline=120", "Baseline=0.12"), (672, 376), "a baseline of 0.12 mm"),
+        (OLD.replace("fx=350.179", "fx=nan"), (672, 376), "no camera's"),
+        ("<html>", (672, 376), "not a ZED calibration"),
+    ],
+)
+def test_files_that_cannot_be_used_say_why(text: str, size: tuple[int, int], words: str) -> None:
+    with pytest.raises(BadData, match=words):
+        parse_zed_calibration(text, "SN.conf", *size)
+
+
+def test_a_missing_file_tells_where_to_get_it(tmp_path: Path) -> None:
+    with pytest.raises(DeviceNotFound, match="maker's site"):
+        load_zed_calibration(tmp_path / "SN1.conf", 672, 376)
+
+
+def test_a_real_factory_file(shared_data: Path) -> None:
+    c = load_zed_calibration(shared_data / "zed" / "SN1267.conf", 1280, 720)
+    assert c.left.matrix[0, 0] == 700.357
+    assert c.R[0, 2] == pytest.approx(0.0228216, abs=1e-4)  # about y: z turns into x
+
+
+# ---- matching ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("z_m", [1.5, 3.0, 6.0])
+def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -> None:
+    """Median error below 0.1 px of disparity, nine tenths below half a pixel; most pixels measured."""
+    c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+    stereo = StereoDepth(c)
+    disparity = stereo.disparity(*stereo.rectified(*pair(c, z_m)))
+    k = stereo.intrinsics
+    u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
+    rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1)
+    true_px = k.fx * stereo.baseline_m * (rays @ stereo.R_rectified_raw)[..., 2] / z_m
+    inner = np.zeros(u.shape, bool)
+    inner[40:-40, 120:-40] = True
+    measured = inner & (disparity > 0)
+    assert measured.sum() > 0.85 * inner.sum()
+    off = np.abs(disparity - true_px)[measured]
+    assert np.median(off) < 0.1
+    assert np.percentile(off, 90) < 0.5
+
+
+def test_both_eyes_agree_in_height_and_a_wrong_calibration_is_found() -> None:
+    c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+    raw = pair(c, 3.0)
+    offset, corners = vertical_disparity_px(*StereoDepth(c).rectified(*raw))
+    assert corners > 50
+    assert abs(offset) < 0.5
+    wrong = parse_zed_calibration(NEW.replace("cy=193.637", "cy=203.637"), "SN3.conf", 672, 376)
+    offset, corners = vertical_disparity_px(*StereoDepth(wrong).rectified(*raw))
+    assert abs(offset) > 5.0
+
+
+def test_what_only_one_eye_sees_has_no_depth() -> None:
+    """A near board in front of a far wall: the band that it hides from the right eye is unknown, not smeared."""
+    width, height, near_px, far_px = 480, 120, 40, 10
+    u, v = np.meshgrid(np.arange(width + far_px), np.arange(height))
+    wall = texture(np.stack([u, v], axis=-1) / 60.0).astype(np.uint8)
+    board = texture(np.stack([u + 5000, v], axis=-1) / 60.0).astype(np.uint8)[:, 200:300]
+    left, right = wall[:, :width].copy(), wall[:, far_px : far_px + width].copy()
+    left[:, 220:320] = board
+    right[:, 220 - near_px : 320 - near_px] = board
+    params = MatchParams(disparities=64, edge_px=0)
+    identity = StereoCalibration(
+        width=width,
+        height=height,
+        left=eye(width, height),
+        right=eye(width, height),
+        R=np.eye(3),
+        T=np.array([-0.1, 0, 0]),
+    )
+    disparity = StereoDepth(identity, params).disparity(left, right)
+    assert np.median(disparity[20:-20, 240:300]) == pytest.approx(near_px, abs=0.5)
+    assert np.median(disparity[20:-20, 360:440]) == pytest.approx(far_px, abs=0.5)
+    hidden = disparity[20:-20, 192:216]  # left of the board by the difference of both disparities
+    assert np.mean(hidden < 0) > 0.8
+
+
+def eye(width: int, height: int) -> EyeCalibration:
+    matrix = np.array([[300.0, 0.0, width / 2], [0.0, 300.0, height / 2], [0.0, 0.0, 1.0]])
+    return EyeCalibration(matrix=matrix, distortion=np.zeros(5))
+
+
+def test_no_match_and_what_is_beyond_the_range_of_millimetres_is_unknown() -> None:
+    disparity = np.array([[-1.0, 0.0, 0.0001, 30.0]], np.float32)
+    assert depth_mm(disparity, 300.0, 0.1).tolist() == [[0, 0, 0, 1000]]
+
+
+def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
+    """Rectified already by its maker: no calibration is applied to it."""
+    image = cv2.imread(str(shared_data / "zed" / "zed2i_side_by_side_3840x1080.jpg"))
+    small = cv2.resize(image, (1920, 540), interpolation=cv2.INTER_AREA)
+    left, right = halves(small)
+    c = StereoCalibration(
+        width=960, height=540, left=eye(960, 540), right=eye(960, 540), R=np.eye(3), T=np.array([-0.12, 0.0, 0.0])
+    )
+    stereo = StereoDepth(c, MatchParams(disparities=128))
+    offset, corners = vertical_disparity_px(left, right)
+    assert corners > 100
+    assert abs(offset) < 0.6
+    depth = depth_mm(stereo.disparity(left, right), 534.04, 0.11998737) / 1000.0
+    seen = depth[depth > 0]
+    assert len(seen) > 0.4 * depth.size
+    assert 0.5 < np.percentile(seen, 5) < np.percentile(seen, 95) < 12.0
+
+
+# ---- the device -------------------------------------------------------------------------------------------------------
+
+
+class Video:
+    """cv2.VideoCapture's side of things."""
+
+    def __init__(self, images: list[Any], open_: bool = True, stamp_ms: float | None = None) -> None:
+        self.images, self._open, self._stamp_ms = images, open_, stamp_ms
+        self.released = 0
+
+    def __call__(self, settings: ZedSettings) -> Video:
+        return self
+
+    def isOpened(self) -> bool:
+        return self._open
+
+    def read(self) -> tuple[bool, Any]:
+        return (True, self.images.pop(0)) if self.images else (False, None)
+
+    def get(self, prop: int) -> float:
+        return (time.monotonic_ns() / 1e6 - 8.0) if self._stamp_ms is None else self._stamp_ms
+
+    def set(self, prop: int, value: float) -> bool:
+        return True
+
+    def release(self) -> None:
+        self.released += 1
+
+
+CALIBRATION = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
+SETTINGS = ZedSettings(camera="front", device="/dev/video5", calibration=Path("SN2.conf"), exposure_latency_s=0.01)
+
+
+def side_by_side(z_m: float = 3.0) -> np.ndarray:
+    return cv2.cvtColor(np.hstack(pair(CALIBRATION, z_m)), cv2.COLOR_GRAY2BGR)
+
+
+def test_frames_of_a_device() -> None:
+    video = Video([side_by_side(), side_by_side()])
+    source = ZedSource(SETTINGS, video, CALIBRATION)
+    source.open()
+    assert abs(source.vertical_px) < 0.5
+    first = source.read(1.0)
+    second = source.read(1.0)
+    assert first is not None
+    assert second is not None
+    assert (first.sequence, second.sequence) == (1, 2)
+    assert second.t_arrival_ns - second.t_exposure_ns > 18_000_000  # kernel's stamp and latency
+    assert second.depth_mm.shape == (376, 672)
+    with pytest.raises(DeviceLost, match="/dev/video5 delivers no image any more"):
+        source.read(1.0)
+    source.close()
+    source.close()
+    assert video.released == 1
+
+
+@pytest.mark.parametrize(
+    ("video", "error", "words"),
+    [
+        (Video([], open_=False), DeviceNotFound, "cannot be opened; is it plugged in"),
+        (Video([]), DeviceLost, "was it unplugged"),
+        (Video([np.zeros((720, 2560, 3), np.uint8)]), BadData, r"images of 2560x720, expected 1344x376"),
+    ],
+)
+def test_devices_that_cannot_be_used_say_why(video: Video, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        ZedSource(SETTINGS, video, CALIBRATION).open()
+    assert video.released == 1
+
+
+def test_the_calibration_of_another_camera_is_refused() -> None:
+    wrong = parse_zed_calibration(NEW.replace("cy=193.637", "cy=203.637"), "SN3.conf", 672, 376)
+    with pytest.raises(BadData, match="is another camera's, or this one was bent"):
+        ZedSource(SETTINGS, Video([side_by_side()]), wrong).open()
+
+
+def test_a_view_without_corners_is_told_and_goes_on() -> None:
+    source = ZedSource(SETTINGS, Video([np.full((376, 1344, 3), 90, np.uint8)]), CALIBRATION)
+    source.open()
+    assert "too few corners" in source.warning
+
+
+def test_a_video_file_as_the_device(tmp_path: Path) -> None:
+    path = tmp_path / "pair.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (1344, 376))
+    for _ in range(4):
+        writer.write(side_by_side())
+    writer.release()
+    settings = ZedSettings(camera="front", device=str(path), calibration=Path("SN2.conf"))
+    source = ZedSource(settings, calibration=CALIBRATION)
+    source.open()
+    frame = source.read(1.0)
+    assert frame is not None
+    middle = frame.depth_mm[150:220, 300:380]
+    assert np.median(middle[middle > 0]) == pytest.approx(3000, rel=0.05)
+    assert frame.t_exposure_ns <= frame.t_arrival_ns
+    source.close()
+    with pytest.raises(DeviceNotFound, match="cannot be opened"):
+        ZedSource(
+            ZedSettings(camera="a", device=str(tmp_path / "no.avi"), calibration=path), calibration=CALIBRATION
+        ).open()
+
+
+def test_parameters_out_of_range_are_named() -> None:
+    with pytest.raises(ValueError, match=r"stereo: disparities = 0, expected 16..512 px"):
+        MatchParams(disparities=0)
