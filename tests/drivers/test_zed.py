@@ -121,7 +121,7 @@ def test_a_real_factory_file(shared_data: Path) -> None:
 
 @pytest.mark.parametrize("z_m", [1.5, 3.0, 6.0])
 def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -> None:
-    """Median error below 0.1 px of disparity, nine tenths below half a pixel; most pixels measured."""
+    """Median error below 0.12 px of disparity, nine tenths below a quarter; most pixels measured."""
     c = parse_zed_calibration(NEW, "SN2.conf", 672, 376)
     stereo = StereoDepth(c)
     disparity = stereo.disparity(*stereo.rectified(*pair(c, z_m)))
@@ -134,8 +134,8 @@ def test_the_depth_of_a_drawn_wall_through_distortion_and_rotation(z_m: float) -
     measured = inner & (disparity > 0)
     assert measured.sum() > 0.85 * inner.sum()
     off = np.abs(disparity - true_px)[measured]
-    assert np.median(off) < 0.1
-    assert np.percentile(off, 90) < 0.5
+    assert np.median(off) < 0.12
+    assert np.percentile(off, 90) < 0.25
 
 
 def test_both_eyes_agree_in_height_and_a_wrong_calibration_is_found() -> None:
