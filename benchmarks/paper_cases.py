@@ -17,6 +17,7 @@ from benchmarks import scenes
 from benchmarks.grid_prisms import grid_prisms
 from benchmarks.metrics import Rays, distances, rays_of, score
 from benchmarks.peer_cloud import cloud_of
+from core.classify import clear_range_m
 from core.extractor import Extractor
 from core.params import Params
 from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
@@ -143,9 +144,13 @@ def model_of(frames: Sequence[Rendered], extractor: Extractor, keep_strips: bool
     return extractor.extract(last.depth_mm, last.info, last.R_level_optical, state=state, keep_strips=keep_strips)[0]
 
 
+LEAST_RAYS = 300
+"""A thousandth of the image. With fewer obstacle rays a frame says nothing about obstacles."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """The figures of one model of one frame (benchmarks.metrics.Score; nan: it has no such rays). method: safe, paper
+    """The figures of one model of one frame (benchmarks.metrics.Score; nan: it has fewer than LEAST_RAYS of them). method: safe, paper
     or the cell of the grid. bytes: 8 a vertex and 8 a prism or polygon. lost: share of the strips' pixels that no plane
     stands for (grids: nan)."""
 
@@ -169,9 +174,12 @@ def prism_bytes(model: FrameModel) -> int:
 
 
 def rays_under(frame: Rendered, condition: Condition, params: Params) -> Rays:
-    """The true rays of a frame taken under a condition."""
+    """The true rays of a frame taken under a condition. Obstacles closer to the end of the range than three sigma of the
+    noise that the method is told do not count, whatever the true noise: it gives that stretch up."""
     blind = round(condition.blind_left_px * frame.info.intrinsics.width / 640)
-    return rays_of(frame, condition.ke_per_m, params.min_obstacle_height_m, blind)
+    rays = rays_of(frame, condition.ke_per_m, params.min_obstacle_height_m, blind)
+    within = frame.truth.depth_m < clear_range_m(frame.info, max(condition.told_per_m, condition.ke_per_m), params)
+    return replace(rays, obstacle=np.asarray(rays.obstacle & within))
 
 
 def measure(
@@ -182,6 +190,7 @@ def measure(
     rays = rays_under(frames[-1], condition, params)
     s = score(frames[-1], rays, model.planes.astype(np.float64))
     strips = 0 if model.strips is None else int(model.strips.support_px.sum())
+    enough = s.obstacle_rays >= LEAST_RAYS
     return Figures(
         scene=scene,
         family=scenes.family_of(scene),
@@ -190,9 +199,9 @@ def measure(
         method=method or params.mode,
         planes=s.planes,
         bytes=prism_bytes(model),
-        mean_m=s.mean_m,
-        missed=s.missed,
-        phantom=s.phantom,
+        mean_m=s.mean_m if enough else NAN,
+        missed=s.missed if enough else NAN,
+        phantom=s.phantom if enough else NAN,
         open_stopped=s.open_stopped,
         lost=1.0 - int(model.support_px.sum()) / strips if strips and params.paper else NAN,
     )
@@ -214,7 +223,7 @@ def measure_grid(
         method=grid_name(cell_m),
         planes=len(made.planes),
         bytes=made.bytes,
-        mean_m=float(distances(points, made.planes).mean()) if len(points) else NAN,
+        mean_m=float(distances(points, made.planes).mean()) if len(points) >= LEAST_RAYS else NAN,
     )
 
 
@@ -242,7 +251,7 @@ def worst(values: list[float]) -> float:
 
 def number(value: float, digits: int = 2) -> str:
     """A figure of a table; a dash where there is none."""
-    return "-" if math.isnan(value) else "never" if math.isinf(value) else f"{value:.{digits}f}"
+    return "-" if math.isnan(value) else "∞" if math.isinf(value) else f"{value:.{digits}f}"
 
 
 def percent(value: float, digits: int = 1) -> str:

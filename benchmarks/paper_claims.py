@@ -79,7 +79,9 @@ def storage_claims(rows: list[Figures]) -> list[Claim]:
             return "-"
         typical, best = 1.0 - middle(found), 1.0 - min(found)
         said = PRINTED["fewer_planes_than_0.8"]
-        return f"{percent(typical, 0)} % in the median, up to {percent(best, 0)} %: {verdict(best >= said, best >= said)}"
+        return (
+            f"{percent(typical, 0)} % in the median, up to {percent(best, 0)} %: {verdict(best >= said, best >= said)}"
+        )
 
     return [
         Claim(

@@ -121,7 +121,7 @@ def ground() -> Finding:
     head = ["ke, 1/m", *(f"{a:g} m: {what}" for a in (1.0, 2.0, 3.0, 5.0, 10.0) for what in ("formula", "counted"))]
     return Finding(
         name="ground",
-        title="Eq. 6 over flat ground: distance in m from which it passes for an obstacle, by altitude",
+        title="Eq. 6 over flat ground: distance in m from which it passes for an obstacle, by altitude (∞: not within 60 m)",
         head=head,
         digits=[4, *[1] * 10],
         rows=rows,

@@ -42,6 +42,8 @@ QUICK_NOISES = (0.0, 0.005)
 SCENES = {"structured": ("corner", "street", "window"), "unstructured": ("trees", "stones", "mixture")}
 QUICK_SCENES = {"structured": ("street",), "unstructured": ("trees",)}
 THIN = "poles"
+SKIPPED_KE = 0.005
+"""The noise under which skipping is measured beside pooling."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +71,10 @@ def run(quick: bool) -> list[IntervalRow]:
         if mode == "safe" or step in QUICK_STEPS
     ]
     todo += [(THIN, NOISE, step, columns, "safe") for step in steps for columns in ("pooled", "skipped")]
+    skipped_at = noise_condition(SKIPPED_KE)
+    todo += [
+        (name, skipped_at, step, "skipped", "safe") for names in kinds.values() for name in names for step in steps
+    ]
     found = []
     for i, (name, condition, step, columns, mode) in enumerate(todo):
         progress(f"sampling interval {i + 1}/{len(todo)}: {name}, ke {condition.ke_per_m:g}, every {step}, {mode}")
@@ -118,13 +124,14 @@ def kept(frames: Sequence[Rendered], condition: Condition, params: Params) -> fl
     return sum(r.kept * r.rays for r in found) / sum(r.rays for r in found) if found else NAN
 
 
-def of(rows: list[IntervalRow], method: str, step: int, ke: float, kind: str = "") -> list[Figures]:
-    """The figures of a method at one interval and noise, pooled, of one kind of scene or of both."""
+def of(
+    rows: list[IntervalRow], method: str, step: int, ke: float, kind: str = "", columns: str = "pooled"
+) -> list[Figures]:
+    """The figures of a method at one interval and noise, of one kind of scene or of both."""
     return [
         r.figures
         for r in rows
-        if r.columns == "pooled"
-        and (r.figures.method, r.step, r.ke_per_m) == (method, step, ke)
+        if (r.figures.method, r.step, r.ke_per_m, r.columns) == (method, step, ke, columns)
         and (r.figures.family == kind if kind else r.figures.scene != THIN)
     ]
 
@@ -148,15 +155,16 @@ def noises(rows: list[IntervalRow]) -> list[float]:
 def tables(rows: list[IntervalRow]) -> str:
     """A line an interval; then a line a noise."""
     kes = noises(rows)
-    head = ["every n-th column", *(f"error, m, ke {ke:g}" for ke in kes), "planes", "missed, %"]
-    head += ["poles kept, % (pooled)", "(skipped)"]
+    head = ["every n-th column", *(f"error, m, ke {ke:g}" for ke in kes), f"ke {SKIPPED_KE:g}, skipped"]
+    head += ["planes", "missed, %", "poles kept, % (pooled)", "(skipped)"]
     lines = []
     for step in steps(rows):
         mine = of(rows, "safe", step, kes[-1])
         errors = [number(middle([f.mean_m for f in of(rows, "safe", step, ke)]), 3) for ke in kes]
+        skipped = number(middle([f.mean_m for f in of(rows, "safe", step, SKIPPED_KE, columns="skipped")]), 3)
         planes, missed = middle([float(f.planes) for f in mine]), middle([f.missed for f in mine])
         thin = [percent(thin_kept(rows, step, columns), 0) for columns in ("pooled", "skipped")]
-        lines.append([str(step), *errors, number(planes, 0), percent(missed, 2), *thin])
+        lines.append([str(step), *errors, skipped, number(planes, 0), percent(missed, 2), *thin])
     by_noise = []
     for ke in kes:
         errors = [
@@ -180,6 +188,8 @@ def draw(rows: list[IntervalRow], path: Path) -> None:
         for color, ke in zip(SERIES, noises(rows), strict=False):
             errors = [middle([f.mean_m for f in of(rows, "safe", step, ke)]) for step in steps(rows)]
             a.plot(steps(rows), errors, "o-", markersize=3, color=color, label=f"ours, ke {ke:g}")
+        skipped = [middle([f.mean_m for f in of(rows, "safe", s, SKIPPED_KE, columns="skipped")]) for s in steps(rows)]
+        a.plot(steps(rows), skipped, "o--", markersize=3, color=COLORS["skip"], label=f"skipped, ke {SKIPPED_KE:g}")
         a.set_ylim(bottom=0.0)
         label(a, "error over the sampling interval", "every n-th column", "mean error, m")
         for kind, line in zip(SCENES, ("-", "--"), strict=True):
@@ -188,6 +198,7 @@ def draw(rows: list[IntervalRow], path: Path) -> None:
                 name = f"{words(method)}, {kind}"
                 b.plot(noises(rows), errors, f"o{line}", markersize=3, color=COLORS[method], label=name)
         b.set_yscale("log")
+        b.set_ylim(top=20.0 * b.get_ylim()[1])  # room for the names
         label(b, "error over noise, every column", "ke, 1/m (noise of depth = ke Z²)", "mean error, m")
         for columns, color in (("pooled", COLORS["safe"]), ("skipped", COLORS["skip"])):
             values = [100.0 * thin_kept(rows, step, columns) for step in steps(rows)]

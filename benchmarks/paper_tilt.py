@@ -149,6 +149,6 @@ def draw(rows: list[TiltRow], path: Path) -> None:
                     ax.plot(angles(rows), values, "o-", markersize=3, color=COLORS[method], label=words(method))
                 shown = PAPERS_DEG[axis]
                 ax.axvline(shown, color="black", linewidth=0.9, linestyle=":", label="tilt that the paper shows")
-                ax.set_ylim(bottom=0.0)
+                ax.set_ylim(0.0, 1.15 * max(ax.get_ylim()[1], 1e-3))
                 title = f"{axis}, median of {scenes_run} scenes" if row == 0 else ""
-                label(ax, title, f"{axis} of the camera, degrees", y)
+                label(ax, title, f"{axis} of the camera, degrees", y, legend=row == column == 0)

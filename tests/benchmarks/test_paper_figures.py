@@ -30,7 +30,7 @@ def test_figures_of_tables() -> None:
     assert (middle([1.0, math.nan, 3.0]), worst([1.0, math.nan, 3.0])) == (2.0, 3.0)
     assert math.isnan(middle([]))
     assert math.isnan(worst([math.nan]))
-    assert (number(1.256), number(math.nan), number(math.inf), percent(0.1234)) == ("1.26", "-", "never", "12.3")
+    assert (number(1.256), number(math.nan), number(math.inf), percent(0.1234)) == ("1.26", "-", "∞", "12.3")
     assert table(["a", "b"], [["x", "1"]]) == "| a | b |\n| --- | ---: |\n| x | 1 |"
     assert table(["a"], []) == "| a |\n| --- |"
 
