@@ -25,7 +25,11 @@ class CameraConfig:
     name: str = field(
         metadata={"pattern": r"^[A-Za-z0-9._-]+$", "unit": "", "doc": "letters, digits, dot, dash, underscore"}
     )
-    kind: str = _choice("mcap", ("mcap", "simulated"), "where its frames come from: a recording, or the simulator")
+    kind: str = _choice(
+        "mcap",
+        ("mcap", "simulated", "oak", "zed", "v4l2"),
+        "where its frames come from: a recording, the simulator, or a camera",
+    )
     required: bool = field(default=True, metadata={"unit": "", "doc": "while it is blind the whole counts as blind"})
     roll_deg: float | None = _number(-180.0, 180.0, "deg", "mount: right side down is positive")
     pitch_deg: float | None = _number(-90.0, 90.0, "deg", "mount: looking up is positive")
@@ -39,7 +43,28 @@ class CameraConfig:
         1e-5, 0.05, "1/m", "noise: sigma_Z = ke * Z^2; a prior where the noise is measured"
     )
     flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
-    width_px: int = _number(16, 4096, "px", "simulated only: width of the image, 4:3", 640)
+    device: str = field(
+        default="",
+        metadata={
+            "unit": "",
+            "doc": "oak: its id (empty: the only one there); zed, v4l2: a path, best in /dev/v4l/by-id",
+        },
+    )
+    width_px: int = _number(16, 4096, "px", "width of the depth image; of a zed, of one eye", 640)
+    height_px: int = _number(16, 4096, "px", "its height; simulated: always three quarters of the width", 480)
+    fps: float = _number(1.0, 120.0, "Hz", "frames a second asked of the camera", 30.0)
+    exposure_latency_s: float = _number(
+        0.0, 0.2, "s", "zed, v4l2: from the middle of the exposure to the kernel's stamp", 0.0
+    )
+    calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})
+    disparities: int = _number(16, 512, "px", "zed only: disparities searched; more see nearer and cost more", 96)
+    confidence: int = _number(0, 255, "", "oak only: lower keeps fewer and surer pixels", 200)
+    emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
+    depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)
+    fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not tell it")
+    fy_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: the same, vertical")
+    cx_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
+    cy_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
     seed: int = _number(0, 1_000_000, "", "simulated only: scene and noise", 0)
 
     def __post_init__(self) -> None:
@@ -48,6 +73,10 @@ class CameraConfig:
                 f'[[camera]] "{self.name}": min_range_m = {self.min_range_m:g} must be less than '
                 f"max_range_m = {self.max_range_m:g}"
             )
+        needs = {"zed": ("device", "calibration"), "v4l2": ("device", "fx_px", "fy_px", "cx_px", "cy_px")}
+        missing = [key for key in needs.get(self.kind, ()) if getattr(self, key) in ("", None)]
+        if missing:
+            raise ValueError(f'[[camera]] "{self.name}" of kind "{self.kind}" needs {", ".join(missing)}')
 
     def applied_to(self, info: CameraInfo) -> CameraInfo:
         """The camera's description with what the configuration says of it. Raises ValueError where that does not
