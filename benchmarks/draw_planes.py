@@ -12,7 +12,7 @@ from benchmarks.draw_pixels import PALE, bare, painted, view_mm
 from benchmarks.taps import Calls
 from companion.view_colors import depth_rgb
 from core.lines import fit_line
-from core.openings import F_DOWN, F_FIRST_M, F_LOG_RATIO, level_of
+from core.openings import F_DOWN, layer_of
 from core.planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, Z0, Z1, A, B
 from core.strips import CLUSTER, FILL, NEAR, SUPPORT, TRACK, D, U
 from core.types import FrameModel, FreeEnd
@@ -60,7 +60,7 @@ def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 
 def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """What was filled: low gaps, then slits."""
-    before, after = calls.of("fill_low_gaps").before, calls.of("fill_slits").after
+    before, after = calls.of("fill_gaps").before, calls.of("fill_gaps").after
     n = before[3]
     blue = np.tile(np.array((120, 150, 185), np.uint8), (n, 1))
     seen = painted(calls, before[0][:n], blue, ground=False)
@@ -78,12 +78,17 @@ def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
 def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Strips as points (t, s), a vertical plane being a straight line."""
     call = calls.of("grow_tracks")
-    ints, floats, n, f, cu = call.after[0], call.after[1], call.after[3], call.before[6], call.before[7]
-    moments, rows, count = call.after[14], call.after[15], int(call.result)
+    ints, floats, n, view, moments, count = (
+        *call.after[:2],
+        call.after[3],
+        call.before[5],
+        call.after[7],
+        call.result[0],
+    )
     on = np.flatnonzero((ints[:n, SUPPORT] > 0) & (ints[:n, TRACK] >= 0))
-    size = rows[:count, 2]
+    size = np.bincount(ints[on, TRACK], minlength=count)
     rank = {int(k): i for i, k in enumerate(np.argsort(-size, kind="stable"))}
-    t, s = (ints[on, U] - cu) / f, floats[on, D] / f
+    t, s = (ints[on, U] - view.cu) / view.f_px, floats[on, D] / view.f_px
     color = COLORS[[rank[int(k)] % len(COLORS) for k in ints[on, TRACK]]] / 255.0
     small = np.array([size[k] < 4 for k in ints[on, TRACK]])
     color[small] = 0.75
@@ -135,7 +140,7 @@ def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
     axes = figure.subplots(1, 2)
     for ax, x in zip(axes, (6.5, 11.0), strict=True):
         cell = round(view.f_px / where[F_DOWN])
-        mask = np.kron(masks[level_of(x, where[F_FIRST_M], where[F_LOG_RATIO])].T, np.ones((cell, cell)))
+        mask = np.kron(masks[layer_of(x, where)].T, np.ones((cell, cell)))
         mask = mask[: view.rows, : view.cols] > 0
         shown = 0.4 * rgb + 0.6 * PALE
         shown[mask] = 0.5 * shown[mask] + 0.5 * np.array((60, 180, 75))
@@ -146,7 +151,8 @@ def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """A tree from above: strips, near edges, planes before and after the shift."""
     call, shift = calls.of("grow_tracks"), calls.of("shift_to_near_side")
-    ints, floats, n, f, cu = call.after[0], call.after[1], call.after[3], call.before[6], call.before[7]
+    ints, floats, n, view = *call.after[:2], call.after[3], call.before[5]
+    f, cu = view.f_px, view.cu
     on = np.flatnonzero(ints[:n, SUPPORT] > 0)
     t = (ints[on, U] - cu) / f
     x, near = f / floats[on, D], f / floats[on, NEAR]

@@ -1,19 +1,32 @@
 """Section 4.4: which strips belong together because the vehicle cannot pass between them.
 
-Algorithm 1 with its distance made whole: horizontal gap below Ws and vertical gap below Hs. Only the frontier, the
-last strips of each cluster that can still be reached, is looked at; clusters that meet later join.
+Algorithm 1 with its distance made whole: horizontal gap below Ws and vertical gap below Hs, to any strip of a cluster
+instead of its last one; clusters that meet later join.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, TOP, D, U
 
 # columns of the place table
 X, Y, Z_TOP, Z_BOTTOM = range(4)
+# columns of the table of groups: its cell, the next group of the bucket, its first and last strip
+G_IX, G_IY, G_NEXT, G_FIRST, G_LAST = range(5)
+
+CELL_PER_WS = 0.7
+"""Side of a cell over Ws: below 1/sqrt(2), so that two strips of one cell are always closer than Ws. No tuning: it
+changes the work, never the clusters."""
+CELL_REACH = 2
+"""Cells to either side that hold strips closer than Ws: the next integer above 1/CELL_PER_WS."""
+BUCKETS = 4096
+"""Chains into which cells are spread, a power of two: it changes the work, never the clusters."""
 
 
 @njit(cache=True, nogil=True)
@@ -39,64 +52,173 @@ def root_of(parent, i):
     return i
 
 
-@njit(cache=True, nogil=True)
 def cluster_strips(
-    ints, place, n, ws, hs, column_m_per_x, tan_limit, near_share, cover_share, cover_m, parent, frontier
-):  # fmt: skip
+    ints: NDArray[np.int32], place: NDArray[np.float32], n: int, ws: float, hs: float, scratch: Scratch
+) -> int:
     """Writes CLUSTER (numbered from 0 in order of first appearance); returns the number of clusters.
 
-    place: see place_strips. column_m_per_x: width of one column at 1 m. tan_limit: the largest tangent of azimuth of the
-    view. near_share (of Ws), cover_share, cover_m: what a later strip may stand for, see `covers`.
-    parent, frontier: (N,) int32 scratch."""
-    size = 0
-    near = (near_share * ws) ** 2
-    beyond = ws * math.sqrt(1.0 + tan_limit * tan_limit)
-    for i in range(n):
-        parent[i] = i
-        root = i
-        u = ints[i, U]
-        kept = 0
-        for k in range(size):
-            j = frontier[k]
-            # a ray passes x * (t - t_j) / sqrt(1 + t^2) beside it: no later column comes within Ws of it any more
-            if (u - ints[j, U] - 1) * column_m_per_x * place[j, X] > beyond:
-                continue
-            vertical = max(place[i, Z_TOP] - place[j, Z_BOTTOM], place[j, Z_TOP] - place[i, Z_BOTTOM])
-            apart = (place[i, X] - place[j, X]) ** 2 + (place[i, Y] - place[j, Y]) ** 2
-            if vertical < hs and apart < ws * ws:
-                other = root_of(parent, j)
-                if other != root:
-                    parent[max(root, other)] = min(root, other)
-                    root = min(root, other)
-                # what a later strip close by reaches past on both ends need not be kept: that one stands for it
-                if apart < near and ints[j, U] < u and covers(place, i, j, cover_share, cover_m):
-                    continue
-            frontier[kept] = j
-            kept += 1
-        frontier[kept] = i
-        size = kept + 1
-    return number_clusters(ints, parent, n)
+    place: see place_strips. ws, hs: horizontal and vertical gap, m, from which on the vehicle passes."""
+    size = len(ints)
+    following, group_of = scratch("cluster_following", (size,), np.int32), scratch("group_of", (size,), np.int32)
+    parent, groups = scratch("group_parent", (size,), np.int32), scratch("groups", (size, 5), np.int32)
+    boxes, buckets = scratch("group_boxes", (size, 6), np.float32), scratch("buckets", (BUCKETS,), np.int32)
+    return int(join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets))
 
 
 @njit(cache=True, nogil=True)
-def covers(place, i, j, share, least_m):
-    """Whether strip i reaches at least as high and as low as strip j, give or take a share of its height and least_m."""
-    slack = share * (place[j, Z_BOTTOM] - place[j, Z_TOP]) + least_m
-    return place[i, Z_TOP] <= place[j, Z_TOP] + slack and place[i, Z_BOTTOM] >= place[j, Z_BOTTOM] - slack
+def join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets):
+    """See cluster_strips.
+
+    The components of the graph of all pairs of strips closer than Ws across and Hs in height, without looking at all
+    pairs: strips of one cell are closer than Ws anyhow, so that heights alone make groups of them; groups of cells in
+    reach of each other are joined where a pair of their strips is close enough.
+    Scratch: following, group_of, parent (N,) int32, groups (N, 5) int32, boxes (N, 6) float32,
+    buckets (BUCKETS,) int32."""
+    count = _group_cells(place, n, CELL_PER_WS * ws, hs, following, group_of, parent, groups, boxes, buckets)
+    for g in range(count):
+        if groups[g, G_FIRST] >= 0:
+            _join_neighbours(place, g, ws, hs, following, parent, groups, boxes, buckets)
+    return _number_clusters(ints, n, count, group_of, parent, groups)
 
 
 @njit(cache=True, nogil=True)
-def number_clusters(ints, parent, n):
-    """Numbers the roots 0, 1, ... in order of their first strip; returns how many there are."""
+def _bucket(ix, iy):
+    """Where the chain of groups of a cell begins."""
+    return (ix + 61 * iy) & (BUCKETS - 1)
+
+
+@njit(cache=True, nogil=True)
+def _group_cells(place, n, cell_m, hs, following, group_of, parent, groups, boxes, buckets):
+    """Groups the strips of each cell by their heights: no step of Hs or more inside a group; returns how many it made.
+
+    A group that a later strip joins to another one of its cell has no strips left (G_FIRST = -1) and a parent."""
+    buckets[:] = -1
     count = 0
     for i in range(n):
-        r = root_of(parent, i)
-        if r == i:
-            ints[i, CLUSTER] = count
+        ix, iy = int(math.floor(place[i, X] / cell_m)), int(math.floor(place[i, Y] / cell_m))
+        bucket = _bucket(ix, iy)
+        following[i] = -1
+        mine, before, g = -1, -1, buckets[bucket]
+        for _ in range(count):
+            if g < 0:
+                break
+            after = groups[g, G_NEXT]
+            near = max(place[i, Z_TOP] - boxes[g, 5], boxes[g, 4] - place[i, Z_BOTTOM]) < hs
+            if not near or groups[g, G_IX] != ix or groups[g, G_IY] != iy:
+                before = g
+            elif mine < 0:
+                mine = before = g
+                following[groups[g, G_LAST]] = i
+                groups[g, G_LAST] = i
+                _widen(
+                    boxes[g], place[i, X], place[i, X], place[i, Y], place[i, Y], place[i, Z_TOP], place[i, Z_BOTTOM]
+                )
+            else:  # the strip lies between two groups of its cell
+                groups[before, G_NEXT] = after
+                _absorb(mine, g, following, parent, groups, boxes)
+            g = after
+        if mine < 0:
+            mine = count
             count += 1
-        else:
-            ints[i, CLUSTER] = ints[r, CLUSTER]
+            parent[mine] = mine
+            groups[mine, G_IX], groups[mine, G_IY], groups[mine, G_NEXT] = ix, iy, buckets[bucket]
+            groups[mine, G_FIRST], groups[mine, G_LAST] = i, i
+            buckets[bucket] = mine
+            boxes[mine, 0], boxes[mine, 1] = place[i, X], place[i, X]
+            boxes[mine, 2], boxes[mine, 3] = place[i, Y], place[i, Y]
+            boxes[mine, 4], boxes[mine, 5] = place[i, Z_TOP], place[i, Z_BOTTOM]
+        group_of[i] = mine
     return count
+
+
+@njit(cache=True, nogil=True)
+def _widen(box, x0, x1, y0, y1, z0, z1):
+    """Takes a box into another."""
+    box[0], box[1] = min(box[0], x0), max(box[1], x1)
+    box[2], box[3] = min(box[2], y0), max(box[3], y1)
+    box[4], box[5] = min(box[4], z0), max(box[5], z1)
+
+
+@njit(cache=True, nogil=True)
+def _absorb(g, h, following, parent, groups, boxes):
+    """Takes the strips of group h into group g of the same cell."""
+    _unite(parent, g, h)
+    following[groups[g, G_LAST]] = groups[h, G_FIRST]
+    groups[g, G_LAST] = groups[h, G_LAST]
+    groups[h, G_FIRST] = -1
+    b = boxes[h]
+    _widen(boxes[g], b[0], b[1], b[2], b[3], b[4], b[5])
+
+
+@njit(cache=True, nogil=True)
+def _unite(parent, g, h):
+    a, b = root_of(parent, g), root_of(parent, h)
+    parent[max(a, b)] = min(a, b)
+
+
+@njit(cache=True, nogil=True)
+def _join_neighbours(place, g, ws, hs, following, parent, groups, boxes, buckets):
+    """Joins group g with those of the half of the cells around it that come after it, where strips are close enough."""
+    for dx in range(CELL_REACH + 1):
+        for dy in range(-CELL_REACH if dx > 0 else 1, CELL_REACH + 1):
+            ix, iy = groups[g, G_IX] + dx, groups[g, G_IY] + dy
+            h = buckets[_bucket(ix, iy)]
+            for _ in range(groups.shape[0]):
+                if h < 0:
+                    break
+                apart = groups[h, G_IX] == ix and groups[h, G_IY] == iy and root_of(parent, g) != root_of(parent, h)
+                if apart and _touch(place, g, h, ws, hs, following, groups, boxes):
+                    _unite(parent, g, h)
+                h = groups[h, G_NEXT]
+
+
+@njit(cache=True, nogil=True)
+def _apart(a, b):
+    """Squared distance across of two boxes (x, x, y, y, top, bottom)."""
+    dx = max(a[0] - b[1], b[0] - a[1], np.float32(0.0))
+    dy = max(a[2] - b[3], b[2] - a[3], np.float32(0.0))
+    return dx * dx + dy * dy
+
+
+@njit(cache=True, nogil=True)
+def _touch(place, g, h, ws, hs, following, groups, boxes):
+    """Whether a strip of group g and one of group h are closer than Ws across and Hs in height."""
+    b = boxes[h]
+    if max(boxes[g, 4] - b[5], b[4] - boxes[g, 5]) >= hs or _apart(boxes[g], b) >= ws * ws:
+        return False
+    i = groups[g, G_FIRST]
+    for _i in range(following.shape[0]):
+        if i < 0:
+            break
+        x, y, top, bottom = place[i, X], place[i, Y], place[i, Z_TOP], place[i, Z_BOTTOM]
+        dx = max(x - b[1], b[0] - x, np.float32(0.0))
+        dy = max(y - b[3], b[2] - y, np.float32(0.0))
+        if max(top - b[5], b[4] - bottom) < hs and dx * dx + dy * dy < ws * ws:
+            j = groups[h, G_FIRST]
+            for _j in range(following.shape[0]):
+                if j < 0:
+                    break
+                dx, dy = x - place[j, X], y - place[j, Y]
+                if dx * dx + dy * dy < ws * ws and max(top - place[j, Z_BOTTOM], place[j, Z_TOP] - bottom) < hs:
+                    return True
+                j = following[j]
+        i = following[i]
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _number_clusters(ints, n, count, group_of, parent, groups):
+    """Numbers the clusters 0, 1, ... in order of their first strip; returns how many there are."""
+    for g in range(count):
+        groups[g, G_NEXT] = -1  # from here on the number of the cluster
+    clusters = 0
+    for i in range(n):
+        root = root_of(parent, group_of[i])
+        if groups[root, G_NEXT] < 0:
+            groups[root, G_NEXT] = clusters
+            clusters += 1
+        ints[i, CLUSTER] = groups[root, G_NEXT]
+    return clusters
 
 
 @njit(cache=True, nogil=True)

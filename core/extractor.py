@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_r
 from .openings import opening_masks
 from .params import Params
 from .prisms import layered_prisms
+from .scratch import Scratch
 from .settings import float_settings, int_settings
 from .types import (
     CameraInfo,
@@ -50,7 +50,7 @@ class Extractor:
     def __init__(self, params: Params | None = None) -> None:
         self.params = params or Params()
         self._bins: tuple[tuple[float, float, float], BinTable] | None = None
-        self._buffers: dict[str, NDArray[Any]] = {}
+        self._buffer = Scratch()
 
     def extract(
         self,
@@ -182,7 +182,6 @@ class Extractor:
         """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
         p, k = self.params, info.intrinsics
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
-        parent, other = self._buffer("parent", (len(ints),), np.int32), self._buffer("other", (len(ints),), np.int32)
         place = self._buffer("place", (len(ints), 4), np.float32)
         fs, si = float_settings(view, ke, max(ke * view.f_px, p.min_sigma_px), p), int_settings(p)
         if not p.paper:
@@ -193,23 +192,13 @@ class Extractor:
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
         hs, ws = p.passable_height_m, p.passable_width_m
         if p.paper:
-            count = clusters.cluster_paper(ints, place, n, ws, parent)
+            count = clusters.cluster_paper(ints, place, n, ws, self._buffer("last", (len(ints),), np.int32))
             spans = np.empty((max(count, 1), 2), np.float32)
             fill.fill_paper(ints, place, n, hs, count, spans)
             return ints, floats, place, n
         support.mark_cuts(ints, n, view.H, k.width, k.height, si)
-        column_t = float(view.lateral[0]) / view.f_px
-        tan_limit = column_t * max(view.cu, view.cols - 1 - view.cu)
-        clusters.cluster_strips(
-            ints, place, n, ws, hs, column_t, tan_limit, p.cluster_near_share, p.cluster_cover_share, p.cluster_cover_m,
-            parent, other,
-        )  # fmt: skip
-        fill.fill_low_gaps(ints, floats, place, n, view.cols, columns, view.f_px, hs, p.band_step_m, p.line_sigmas)
-        runs, spans = np.empty((fill.MAX_RUNS, 3), np.int32), np.empty((fill.MAX_RUNS, 3), np.float32)
-        fill.fill_slits(
-            ints, floats, place, n, view.cols, columns, view.f_px, column_t, hs, ws, p.band_step_m, p.line_sigmas,
-            p.link_gap_px, runs, spans, other,
-        )  # fmt: skip
+        count = clusters.cluster_strips(ints, place, n, ws, hs, self._buffer)
+        fill.fill_gaps(ints, floats, place, n, columns, view, count, p, self._buffer)
         raw = self._buffer("raw_near", (len(ints),), np.float32)
         support.smooth_near(ints, floats, n, view.cols, fs, columns, raw)
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
@@ -238,16 +227,10 @@ class Extractor:
             count = planes_paper.planes_paper(ints, floats, place, n, view, p, planes, plane_ints, moments)
             return count, planes, plane_ints, moments
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
-        track_ints = self._buffer("track_ints", (size, 3), np.int32)
-        track_floats = self._buffer("track_floats", (size, 6), np.float64)
         plane_of, parent = self._buffer("plane_of", (size,), np.int32), self._buffer("parent", (size,), np.int32)
-        count = tracks.grow_tracks(
-            ints, floats, place, n, view.cols, columns, view.f_px, view.cu, view.lateral, p.height_step_m,
-            p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, p.roughness_m,
-            p.track_jump, p.track_jump_sigmas, moments, track_ints, track_floats,
-        )  # fmt: skip
+        count, track_floats = tracks.grow_tracks(ints, floats, place, n, columns, view, p, moments, self._buffer)
         grown = count
-        masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p)
+        masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p, self._buffer)
         parent[:count] = np.arange(count)
         ends_t = (0.5 + p.footprint_px) * column_t
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
@@ -295,15 +278,6 @@ class Extractor:
             stats=replace(counted, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
             strips=strip_table(ints, place, n) if keep_strips else None,
         )  # fmt: skip
-
-    def _buffer(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
-        """Scratch memory that is kept from frame to frame and grows to the largest frame seen."""
-        need = math.prod(shape)
-        held = self._buffers.get(name)
-        if held is None or held.size < need or held.dtype != dtype:
-            held = np.zeros(need, dtype)
-            self._buffers[name] = held
-        return held[:need].reshape(shape)
 
 
 def rotation_cause(R: Rotation, params: Params) -> InvalidCause:

@@ -9,32 +9,20 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from .clusters import Z_BOTTOM, Z_TOP, X
+from .level import ViewGeometry
+from .params import Params
+from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, FILL, NEAR, SIGMA, SUPPORT, TOP, D
 
 MAX_RUNS = 32
 """Room for the runs of gaps that are open at one time: what does not fit stays open, which is never wrong."""
 # columns of the table of open runs of gaps
 R_FIRST, R_LAST, R_CLUSTER = range(3)
-
-
-@njit(cache=True, nogil=True)
-def next_below(ints, i, first, last):
-    """The strip of this column (first..last-1) that follows strip i downwards in its cluster, or -1.
-
-    -1 also where another strip of the cluster goes on past the end of strip i: then no gap begins there."""
-    found = -1
-    for j in range(first, last):
-        if j == i or ints[j, CLUSTER] != ints[i, CLUSTER] or ints[j, SUPPORT] == 0:
-            continue
-        if ints[j, TOP] > ints[i, BOTTOM]:
-            if found < 0 or ints[j, TOP] < ints[found, TOP]:
-                found = j
-        elif ints[j, BOTTOM] > ints[i, BOTTOM] or (ints[j, BOTTOM] == ints[i, BOTTOM] and j > i):
-            return -1
-    return found
 
 
 @njit(cache=True, nogil=True)
@@ -68,22 +56,86 @@ def gap_height(place, i, j):
     return place[j, Z_TOP] - place[i, Z_BOTTOM]
 
 
+def fill_gaps(
+    ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
+    first_of_column: NDArray[np.int32], view: ViewGeometry, clusters: int, params: Params, scratch: Scratch,
+) -> int:  # fmt: skip
+    """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns how many slits.
+
+    Strips in order of columns and, within one, from top to bottom; what is filled changes in `ints` and `floats`, and
+    in `place` where two strips become one (the lower one's SUPPORT is 0 then). clusters: how many there are."""
+    p = params
+    open_of, lower = scratch("open_of", (clusters,), np.int32), scratch("lower", (len(ints),), np.int32)
+    runs, spans = scratch("runs", (MAX_RUNS, 3), np.int32), scratch("spans", (MAX_RUNS, 3), np.float32)
+    return int(
+        fill_columns(
+            ints, floats, place, view.cols, first_of_column, view.f_px, float(view.lateral[0]) / view.f_px,
+            p.passable_height_m, p.passable_width_m, p.band_step_m, p.line_sigmas, p.link_gap_px, open_of, lower, runs, spans,
+        )
+    )  # fmt: skip
+
+
 @njit(cache=True, nogil=True)
-def fill_low_gaps(ints, floats, place, n, cols, first_of_column, f, hs, step_m, sigmas):
-    """Fills every gap lower than Hs between vertical neighbours of one cluster, from the top down."""
+def fill_columns(
+    ints, floats, place, cols, first_of_column, f, column_m_per_x, hs, ws, step_m, sigmas, link, open_of, lower,
+    runs, spans,
+):  # fmt: skip
+    """See fill_gaps.
+
+    A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below it. A run is
+    a row of neighbouring columns whose gaps share at least Hs of height. Scratch: open_of (clusters,), lower (N,),
+    runs (MAX_RUNS, 3) int32, spans (MAX_RUNS, 3) float32 (top, bottom, x)."""
+    open_of[:] = -1
+    open_runs, filled = 0, 0
     for u in range(cols):
-        last = first_of_column[u + 1]
-        for i in range(first_of_column[u], last):
-            if ints[i, SUPPORT] == 0:
+        first, last = first_of_column[u], first_of_column[u + 1]
+        for j in range(first, last):
+            lower[j] = -1
+            if ints[j, SUPPORT] == 0:
                 continue
-            for _ in range(last - i):
-                j = next_below(ints, i, first_of_column[u], last)
-                if j < 0 or gap_height(place, i, j) >= hs:
-                    break
-                place_bottom = place[j, Z_BOTTOM]
-                if not fill_gap(ints, floats, i, j, f, step_m, sigmas):
-                    break
-                place[i, Z_BOTTOM] = place_bottom
+            i = open_of[ints[j, CLUSTER]]
+            if i >= first and ints[j, TOP] <= ints[i, BOTTOM]:
+                if ints[j, BOTTOM] >= ints[i, BOTTOM]:
+                    open_of[ints[j, CLUSTER]] = j
+                continue
+            if i >= first and gap_height(place, i, j) < hs:
+                bottom = place[j, Z_BOTTOM]
+                if fill_gap(ints, floats, i, j, f, step_m, sigmas):
+                    place[i, Z_BOTTOM] = bottom
+                    continue
+            elif i >= first:
+                lower[i] = j
+                open_runs = _join_run(ints, place, i, j, u, hs, runs, spans, open_runs)
+            open_of[ints[j, CLUSTER]] = j
+        if open_runs > 0:
+            open_runs, closed = _close_runs(
+                ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, u, lower, runs,
+                spans, open_runs,
+            )  # fmt: skip
+            filled += closed
+    _, closed = _close_runs(
+        ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, cols + link, lower, runs,
+        spans, open_runs,
+    )  # fmt: skip
+    return filled + closed
+
+
+@njit(cache=True, nogil=True)
+def _close_runs(
+    ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, u, lower, runs, spans, open_runs
+):  # fmt: skip
+    """Takes out the runs that column u no longer goes on with, slits being filled; returns (runs left, gaps filled)."""
+    kept, filled = 0, 0
+    for r in range(open_runs):
+        if u - runs[r, R_LAST] <= link:
+            if kept != r:
+                runs[kept], spans[kept] = runs[r], spans[r]
+            kept += 1
+            continue
+        width = (runs[r, R_LAST] - runs[r, R_FIRST] + 1) * column_m_per_x * spans[r, 2]
+        if width < ws and _bounded(ints, place, first_of_column, cols, link, ws, runs[r], spans[r]):
+            filled += _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, runs[r], spans[r], lower)
+    return kept, filled
 
 
 @njit(cache=True, nogil=True)
@@ -98,42 +150,6 @@ def closed_at(ints, place, first, last, cluster, z, x, ws):
         ):
             return True
     return False
-
-
-@njit(cache=True, nogil=True)
-def fill_slits(
-    ints, floats, place, n, cols, first_of_column, f, column_m_per_x, hs, ws, step_m, sigmas, link, runs, spans, lower
-):
-    """Fills gaps of Hs or more that are open over less than Ws and closed on both sides; returns how many it filled.
-
-    runs: (32, 3) int32, spans: (32, 3) float32 (top, bottom, x), lower: (N,) int32: scratch. A run is a row of
-    neighbouring columns whose gaps share at least Hs of height."""
-    open_runs = 0
-    filled = 0
-    for i in range(n):
-        lower[i] = -1
-    for u in range(cols + 1):
-        if u < cols:
-            last = first_of_column[u + 1]
-            for i in range(first_of_column[u], last):
-                if ints[i, SUPPORT] == 0:
-                    continue
-                j = next_below(ints, i, first_of_column[u], last)
-                if j < 0 or gap_height(place, i, j) < hs:
-                    continue
-                lower[i] = j
-                open_runs = _join_run(ints, place, i, j, u, hs, runs, spans, open_runs)
-        kept = 0
-        for r in range(open_runs):
-            if u < cols and u - runs[r, R_LAST] <= link:
-                runs[kept], spans[kept] = runs[r], spans[r]
-                kept += 1
-                continue
-            width = (runs[r, R_LAST] - runs[r, R_FIRST] + 1) * column_m_per_x * spans[r, 2]
-            if width < ws and _bounded(ints, place, first_of_column, cols, link, ws, runs[r], spans[r]):
-                filled += _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, runs[r], spans[r], lower)
-        open_runs = kept
-    return filled
 
 
 @njit(cache=True, nogil=True)

@@ -14,117 +14,178 @@ from numpy.typing import NDArray
 
 from .level import ViewGeometry
 from .params import Params
+from .scratch import Scratch
 from .strips import BOTTOM, SUPPORT, TOP, D, U
 
-_BLOCKED = 20000
-"""A blocked cell in sums that else count unknown cells: more than any box may hold of those."""
-
-# what is_open needs to know of the masks: cells per tangent across and down, the cell of the axis, the distances
-F_ACROSS, F_DOWN, F_CU, F_CV, F_FIRST_M, F_LOG_RATIO = range(6)
-
-
-@njit(cache=True, nogil=True)
-def level_of(x, first_m, log_ratio):
-    """Index of the layer of masks for distance x: the distances grow geometrically from first_m."""
-    return max(0, int(math.log(max(x, 1e-3) / first_m) / log_ratio + 0.5))
+F_ACROSS, F_DOWN, F_CU, F_CV, F_STEPS = range(5)
+"""What `is_open` needs to know of the masks: cells per tangent across and down, the cell of the axis, and from F_STEPS
+on the distances at which the next layer begins."""
 
 
 @njit(cache=True, nogil=True)
 def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
     """The nearest thing in each cell as a code; 0 where half of it or more is unknown.
 
-    codes: (cols, rows) uint16. nearest: (C, R) int32 out: the second nearest of the cell's four corners, which a
+    codes: (cols, rows) uint16. nearest: (C, R) uint16 out: the second nearest of the cell's four corners, which a
     mismatch of two by two pixels cannot be, or the nearest strip that crosses the cell: thin things are strips."""
     cols, rows = codes.shape
     for i in range(nearest.shape[0]):
-        u0, u1 = i * cell, min(cols, (i + 1) * cell) - 1
+        left, right = codes[i * cell], codes[min(cols, (i + 1) * cell) - 1]
         for j in range(nearest.shape[1]):
             v0, v1 = j * cell, min(rows, (j + 1) * cell) - 1
-            a, b, dark = np.int32(1), np.int32(1), 0
-            for u in (u0, u1):
-                for v in (v0, v1):
-                    code = np.int32(codes[u, v])
-                    dark += 1 if code == 0 else 0
-                    if code > a:
-                        a, b = code, a
-                    elif code > b:
-                        b = code
-            nearest[i, j] = 0 if dark >= 2 else b
+            a, b, c, d = left[v0], left[v1], right[v0], right[v1]
+            second = max(min(max(a, b), max(c, d)), max(min(a, b), min(c, d)))
+            unknown = int(a == 0) + int(b == 0) + int(c == 0) + int(d == 0)
+            nearest[i, j] = 0 if unknown >= 2 else max(second, 1)
     for k in range(n):
         if ints[k, SUPPORT] > 0:
-            code = min(np.int32(65535), np.int32(floats[k, D] * quantum))
-            i = ints[k, U] // cell
+            code = np.uint16(min(np.float32(65535.0), floats[k, D] * quantum))
+            line = nearest[ints[k, U] // cell]
             for j in range(ints[k, TOP] // cell, ints[k, BOTTOM] // cell + 1):
-                nearest[i, j] = max(nearest[i, j], code)
+                line[j] = max(line[j], code)
 
 
 @njit(cache=True, nogil=True)
-def open_mask(nearest, limit, wide, high, unknown_share, total, mask):
+def count_unknown(nearest, total):
+    """total[i, j]: unknown cells among the first i columns and j rows. total: (C + 1, R + 1) int32 out."""
+    total[0] = 0
+    for i in range(nearest.shape[0]):
+        line, before, after = nearest[i], total[i], total[i + 1]
+        run = 0
+        after[0] = 0
+        for j in range(line.shape[0]):
+            run += line[j] == 0
+            after[j + 1] = before[j + 1] + run
+
+
+@njit(cache=True, nogil=True)
+def any_ahead(cells, other, length, stride):
+    """Whether any of `length` cells from each one on is set, steps of stride apart; returns (result, the spare array).
+
+    cells, other: flat uint8, both overwritten. By windows of twice the width at a time. Where a window reaches past the
+    end of its column or of the array, the result means nothing."""
+    width = 1
+    for _ in range(32):
+        if width >= length:
+            break
+        more = min(width, length - width)
+        ahead = cells[more * stride :]
+        for k in range(ahead.shape[0]):
+            other[k] = cells[k] | ahead[k]
+        other[ahead.shape[0] :] = cells[ahead.shape[0] :]
+        cells, other = other, cells
+        width += more
+    return cells, other
+
+
+@njit(cache=True, nogil=True)
+def any_behind(cells, other, length, stride):
+    """Whether any of the `length` cells up to each one is set; otherwise as `any_ahead`."""
+    width = 1
+    for _ in range(32):
+        if width >= length:
+            break
+        more = min(width, length - width)
+        step = more * stride
+        other[:step] = cells[:step]
+        behind, here, out = cells, cells[step:], other[step:]
+        for k in range(here.shape[0]):
+            out[k] = here[k] | behind[k]
+        cells, other = other, cells
+        width += more
+    return cells, other
+
+
+@njit(cache=True, nogil=True)
+def open_mask(nearest, limit, wide, high, unknown_share, total, spare, mask):
     """mask[i, j] = 1 where a free box of wide x high cells covers the cell.
 
     A box is free when no cell's code reaches limit and at most unknown_share of its cells is unknown (dropped pixels).
-    total: (C + 1, R + 1) int64 scratch. Summed areas find the free boxes, summed areas of those their union."""
+    nearest: (C, R) uint16; total: see count_unknown; spare: (C * R,) uint8 scratch; mask: (C, R) uint8 out."""
     cols, rows = nearest.shape
-    mask[:] = 0
     if wide > cols or high > rows:
+        mask[:] = 0
         return
-    total[:] = 0
+    cells, codes = mask.reshape(-1), nearest.reshape(-1)
+    for k in range(cells.shape[0]):
+        cells[k] = codes[k] >= limit
+    blocked, other = any_ahead(cells, spare, high, 1)
+    blocked, other = any_ahead(blocked, other, wide, rows)
     allowed = int(unknown_share * (wide * high))
-    for i in range(cols):
-        run = 0
-        for j in range(rows):
-            run += _BLOCKED if nearest[i, j] >= limit else (1 if nearest[i, j] == 0 else 0)
-            total[i + 1, j + 1] = total[i, j + 1] + run
-    for i in range(cols):
-        for j in range(rows):
-            if i + wide <= cols and j + high <= rows:
-                inside = total[i + wide, j + high] - total[i, j + high] - total[i + wide, j] + total[i, j]
-                mask[i, j] = 1 if inside <= allowed else 0
-    # each free box marks its cells: spread right, then down
-    for j in range(rows):
-        left = 0
-        for i in range(cols):
-            left = wide if mask[i, j] else left - 1
-            total[i + 1, j + 1] = 1 if left > 0 else 0
-    for i in range(cols):
-        left = 0
-        for j in range(rows):
-            left = high if total[i + 1, j + 1] else left - 1
-            mask[i, j] = 1 if left > 0 else 0
+    found = 0
+    other[:] = 0
+    for i in range(cols - wide + 1):
+        free, near = other[i * rows : (i + 1) * rows], blocked[i * rows : (i + 1) * rows]
+        a, b, c, d = total[i], total[i, high:], total[i + wide], total[i + wide, high:]
+        for j in range(rows - high + 1):
+            passes = (near[j] == 0) & (d[j] - b[j] - c[j] + a[j] <= allowed)
+            free[j] = passes
+            found += passes
+    if found == 0:
+        mask[:] = 0
+        return
+    boxes, other = any_behind(other, blocked, high, 1)
+    boxes, other = any_behind(boxes, other, wide, rows)
+    flat = mask.reshape(-1)
+    for k in range(flat.shape[0]):
+        flat[k] = boxes[k]
 
 
 @njit(cache=True, nogil=True)
 def is_open(masks, t, m, x, frame):
-    """Whether the ray of tangents (t, m) is open at distance x. frame: (6,) float64 by the F_ indices."""
+    """Whether the ray of tangents (t, m) is open at distance x. frame: (F_STEPS + L - 1,) float64, see opening_masks."""
     i = int(math.floor(t * frame[F_ACROSS] + frame[F_CU]))
     j = int(math.floor(m * frame[F_DOWN] + frame[F_CV]))
     if i < 0 or j < 0 or i >= masks.shape[1] or j >= masks.shape[2]:
         return False
-    level = min(masks.shape[0] - 1, level_of(x, frame[F_FIRST_M], frame[F_LOG_RATIO]))
-    return masks[level, i, j] == 1
+    return masks[layer_of(x, frame), i, j] == 1
+
+
+@njit(cache=True, nogil=True)
+def layer_of(x, frame):
+    """Index of the layer of masks for distance x."""
+    layer = 0
+    for k in range(F_STEPS, frame.shape[0]):
+        if x < frame[k]:
+            break
+        layer += 1
+    return layer
+
+
+@njit(cache=True, nogil=True)
+def _open_masks(nearest, sizes, unknown_share, total, spare, masks):
+    """open_mask at every distance. sizes: (L, 3) int64 limit, wide, high."""
+    count_unknown(nearest, total)
+    for k in range(masks.shape[0]):
+        open_mask(nearest, sizes[k, 0], sizes[k, 1], sizes[k, 2], unknown_share, total, spare, masks[k])
 
 
 def opening_masks(
     codes: NDArray[np.uint16], ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, g: ViewGeometry,
-    max_range_m: float, params: Params,
+    max_range_m: float, params: Params, scratch: Scratch,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:  # fmt: skip
-    """(masks, frame): masks (L, C, R) uint8 per distance step, up to the maximum range, frame (6,) for is_open.
+    """(masks, frame): masks (L, C, R) uint8 in `scratch`, one per distance step, up to the maximum range; frame for is_open.
 
     A cell passes at x when nothing in it is nearer than x + Ws; so a niche shallower than the vehicle is wide is no
     opening."""
     p = params
     step, cell = float(g.lateral[0]), p.opening_cell_px
-    nearest = np.empty((-(-g.cols // cell), -(-g.rows // cell)), np.int32)
+    shape = -(-g.cols // cell), -(-g.rows // cell)
+    nearest = scratch("opening_nearest", shape, np.uint16)
     nearest_codes(codes, cell, ints, floats, n, g.quantum, nearest)
-    log_ratio = math.log(p.opening_ratio)
-    levels = 1 + level_of(max_range_m, p.opening_first_m, log_ratio)
-    masks = np.zeros((levels, *nearest.shape), np.uint8)
-    total = np.empty((nearest.shape[0] + 1, nearest.shape[1] + 1), np.int64)
-    for level in range(levels):
-        x = p.opening_first_m * p.opening_ratio**level
+    layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
+    sizes = np.empty((layers, 3), np.int64)
+    for k in range(layers):
+        x = p.opening_first_m * p.opening_ratio**k
+        beyond = min(x + p.passable_width_m, max(max_range_m, x + p.opening_behind_m))
         wide = max(1, math.ceil(p.passable_width_m * g.f_px / (x * step * cell) - 1e-9))
         high = max(1, math.ceil(p.passable_height_m * g.f_px / (x * cell) - 1e-9))
-        limit = int(g.f_px * g.quantum / min(x + p.passable_width_m, max(max_range_m, x + p.opening_behind_m)))
-        open_mask(nearest, max(limit, 2), wide, high, p.opening_unknown_share, total, masks[level])
+        sizes[k] = max(int(g.f_px * g.quantum / beyond), 2), wide, high
+    masks = scratch("opening_masks", (layers, *shape), np.uint8)
+    total = scratch("opening_total", (shape[0] + 1, shape[1] + 1), np.int32)
+    _open_masks(
+        nearest, sizes, p.opening_unknown_share, total, scratch("opening_spare", (masks[0].size,), np.uint8), masks
+    )
     across, down, cu, cv = g.f_px / step / cell, g.f_px / cell, (g.cu + 0.5) / cell, (g.cv + 0.5) / cell
-    return masks, np.array([across, down, cu, cv, p.opening_first_m, log_ratio])
+    begins = [p.opening_first_m * p.opening_ratio ** (k - 0.5) for k in range(1, layers)]
+    return masks, np.array([across, down, cu, cv, *begins])

@@ -190,13 +190,6 @@ class Params:
     horizontal_centre_px: float = _number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
     horizontal_min_px: int = _number(6, 3, 100, "px", "fewer pixels tell of no surface")
 
-    # Clusters
-    cluster_near_share: float = _number(
-        0.25, 0.0, 0.5, "Ws", "a strip this close to a later one is forgotten where that one reaches as far"
-    )
-    cluster_cover_share: float = _number(0.1, 0.0, 0.5, "", "and that but for this share of its height")
-    cluster_cover_m: float = _number(0.02, 0.0, 0.5, "m", "plus this")
-
     # Straight pieces and planes
     height_step_m: float = _number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
     line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece [eps_l]")

@@ -9,16 +9,44 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from .clusters import Z_BOTTOM, Z_TOP
-from .lines import W, add_point, fit_line
+from .level import ViewGeometry
+from .lines import SS, TS, TT, S, T, W
+from .params import Params
+from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, CUT, SIGMA, SUPPORT, TOP, TRACK, D, U
 
-# columns of the integer table of tracks
-T_LAST_U, T_LAST, T_COUNT = range(3)
-# columns of the float table: first and last t; highest top of all and lowest real one; highest real bottom, lowest of all
-T_T0, T_T1, T_TOP_MIN, T_TOP_MAX, T_BOTTOM_MIN, T_BOTTOM_MAX = range(6)
+# columns of the table of tracks: first and last t; highest top of all and lowest real one; highest real bottom, lowest
+# of all; the line s = a + b*t so far, its mean t, scatter of t with the prior, and variance of its mean
+T_T0, T_T1, T_TOP_MIN, T_TOP_MAX, T_BOTTOM_MIN, T_BOTTOM_MAX, T_A, T_B, T_MEAN, T_SCATTER, T_VARIANCE = range(11)
+# rows of the front, a column for each track that may go on: the track and its last strip; that one's top and bottom row
+# and cluster
+F_TRACK, F_STRIP, F_TOP, F_BOTTOM, F_CLUSTER = range(5)
+
+BEYOND = 2**30
+"""Below the last row of any image: so no strip touches it."""
+
+
+def grow_tracks(
+    ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
+    first_of_column: NDArray[np.int32], view: ViewGeometry, params: Params, moments: NDArray[np.float64], scratch: Scratch,
+) -> tuple[int, NDArray[np.float64]]:  # fmt: skip
+    """(tracks, table): writes TRACK of every strip; table: (n, 11) float64 by the T_ indices, a row a track, in `scratch`.
+
+    Strips in order of their columns; place: see place_strips. moments: (N, 6) float64 out, see lines.py, N >= n."""
+    p = params
+    table, front = scratch("tracks", (n + 1, 11), np.float64), scratch("front", (5, n + 1), np.int32)
+    touches, near = scratch("front_touches", (n + 1,), np.uint8), scratch("front_near", (n + 1,), np.int32)
+    count = grow(
+        ints, floats, place, view.cols, first_of_column, view.f_px, view.cu, view.lateral, p.height_step_m,
+        p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, p.roughness_m, p.track_jump, p.track_jump_sigmas,
+        moments, table, front, touches, near,
+    )  # fmt: skip
+    return int(count), table
 
 
 @njit(cache=True, nogil=True)
@@ -28,115 +56,135 @@ def tangent(ints, i, cu, f, lateral):
 
 
 @njit(cache=True, nogil=True)
-def strip_sigma_s(floats, i, f, rough_m):
-    """Noise of 1/x of a strip, with some roughness of the surface, so that near strips do not rule alone."""
-    s = floats[i, D] / f
-    return math.hypot(floats[i, SIGMA] / f, rough_m * s * s)
+def strip_variance(disparity, sigma, f, rough_m):
+    """Variance of s = 1/x of a strip, with some roughness of the surface, so that near strips do not rule alone."""
+    s = disparity / f
+    noise, rough = sigma / f, rough_m * s * s
+    return noise * noise + rough * rough
 
 
 @njit(cache=True, nogil=True)
-def heights_go_on(ints, place, track, i, hs):
-    """Whether strip i continues a track's heights: tops within Hs of each other, and bottoms.
+def is_jump(d, last_d, sigma, last_sigma, jump, jump_sigmas):
+    """Whether two disparities are too far apart for one surface: by more than a share of the first plus noise."""
+    step, share = abs(d - last_d), jump * d
+    if step <= share:  # most are: saves the root
+        return False
+    return step > share + jump_sigmas * math.hypot(sigma, last_sigma)
+
+
+@njit(cache=True, nogil=True)
+def heights_go_on(cut, top, bottom, top_min, top_max, bottom_min, bottom_max, hs):
+    """Whether a strip from top to bottom (m) continues a track's heights: tops within hs of each other, and bottoms.
 
     An end cut by the image border is a bound, not a corner: the thing goes on at least so far, so that a cut end only
-    contradicts a real end that lies more than Hs short of it."""
-    cut, top, bottom = ints[i, CUT], place[i, Z_TOP], place[i, Z_BOTTOM]
-    lowest_top = track[T_TOP_MAX] if cut & 1 else max(track[T_TOP_MAX], top)
-    highest_bottom = track[T_BOTTOM_MIN] if cut & 2 else min(track[T_BOTTOM_MIN], bottom)
-    return lowest_top - min(track[T_TOP_MIN], top) <= hs and max(track[T_BOTTOM_MAX], bottom) - highest_bottom <= hs
+    contradicts a real end that lies more than hs short of it."""
+    lowest_top = top_max if cut & 1 else max(top_max, top)
+    highest_bottom = bottom_min if cut & 2 else min(bottom_min, bottom)
+    return lowest_top - min(top_min, top) <= hs and max(bottom_max, bottom) - highest_bottom <= hs
 
 
 @njit(cache=True, nogil=True)
-def widen_heights(ints, place, track, i):
-    """Takes the heights of strip i into a track's spans: all of its ends outwards, only real ones inwards."""
-    cut, top, bottom = ints[i, CUT], place[i, Z_TOP], place[i, Z_BOTTOM]
-    track[T_TOP_MIN] = min(track[T_TOP_MIN], top)
-    track[T_BOTTOM_MAX] = max(track[T_BOTTOM_MAX], bottom)
-    if not cut & 1:
-        track[T_TOP_MAX] = max(track[T_TOP_MAX], top)
-    if not cut & 2:
-        track[T_BOTTOM_MIN] = min(track[T_BOTTOM_MIN], bottom)
+def misfit_share(t, s, variance, a, b, mean, scatter, mean_variance, line_m, sigmas):
+    """Misfit of the point (t, s) to a line, seen along the ray, over what the tolerance and the noise of both allow."""
+    spread = mean_variance + (t - mean) ** 2 / scatter
+    return abs(s - a - b * t) / (line_m * s * s + sigmas * math.sqrt(variance + spread))
 
 
 @njit(cache=True, nogil=True)
-def match_cost(
-    ints, floats, place, moments, track_i, track_f, i, t, f, hs, line_m, sigmas, slope, rough_m, jump, jump_sigmas
+def grow(
+    ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link, rough_m, jump,
+    jump_sigmas, moments, table, front, touches, near,
 ):  # fmt: skip
-    """Misfit over tolerance of strip i to a track (below 1: joins), or 2 where it cannot be its continuation."""
-    last = track_i[T_LAST]
-    if ints[i, TOP] > ints[last, BOTTOM] or ints[last, TOP] > ints[i, BOTTOM]:
-        return 2.0
-    if ints[i, CLUSTER] != ints[last, CLUSTER] or not heights_go_on(ints, place, track_f, i, hs):
-        return 2.0
+    """See grow_tracks; returns the number of tracks.
+
+    A strip goes on with the track of least misfit (of equals, the oldest) of its cluster that touches its rows and has
+    no strip in its column yet. hs: step of heights that ends a piece. line_m, sigmas: tolerance of its line, in metres
+    and in noise. slope: px of disparity from one column to the next, the prior of the line. link: columns that it may
+    miss. rough_m: roughness added to the noise. jump, jump_sigmas: step of disparity that ends it, as a share and in
+    noise. Scratch: front (5, N) int32, see F_; touches (N,) uint8; near (N,) int32. All in one loop on purpose: to hand
+    arrays to a function costs more than what it would do here."""
+    tracks, size = 0, 0
+    front_track, front_strip, front_top = front[F_TRACK], front[F_STRIP], front[F_TOP]
+    front_bottom, front_cluster = front[F_BOTTOM], front[F_CLUSTER]
     prior = 1.0 / (slope * slope)
-    a, b, mean, scatter = fit_line(moments, prior)
-    s = floats[i, D] / f
-    sigma = strip_sigma_s(floats, i, f, rough_m)
-    spread = 1.0 / moments[W] + (t - mean) ** 2 / (scatter + prior)
-    tolerance = line_m * s * s + sigmas * math.sqrt(sigma * sigma + spread)
-    # a depth jump is another surface, however little a short track knows of its slope
-    step = abs(floats[i, D] - floats[last, D])
-    if step > jump * floats[i, D] + jump_sigmas * math.hypot(floats[i, SIGMA], floats[last, SIGMA]):
-        return 2.0
-    return abs(s - a - b * t) / tolerance
-
-
-@njit(cache=True, nogil=True)
-def grow_tracks(
-    ints, floats, place, n, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link, rough_m, jump,
-    jump_sigmas, moments, track_ints, track_floats,
-):  # fmt: skip
-    """Writes TRACK of every strip and the tables of tracks; returns their number.
-
-    hs: step of heights that ends a piece. line_m, sigmas: misfit of its line, in metres and in noise. slope: px of
-    disparity from one column to the next, the prior of the line. link: columns it may miss. jump, jump_sigmas: step of
-    disparity that ends it, as a share and in noise. moments: (N, 6) float64, track_ints: (N, 3) int32, track_floats: (N, 6) float64, outputs with a row a track."""
-    tracks = 0
-    active = [0 for _ in range(0)]
     for u in range(cols):
-        kept = [0 for _ in range(0)]
-        for k in active:
-            if u - track_ints[k, T_LAST_U] <= link:
-                kept.append(k)
-        active = kept
+        size = _go_on(u, link, ints, front, size)
         for i in range(first_of_column[u], first_of_column[u + 1]):
             if ints[i, SUPPORT] == 0:
                 continue
-            t = tangent(ints, i, cu, f, lateral)
+            top, bottom, cluster, cut = ints[i, TOP], ints[i, BOTTOM], ints[i, CLUSTER], ints[i, CUT]
+            d, sigma, z0, z1 = floats[i, D], floats[i, SIGMA], place[i, Z_TOP], place[i, Z_BOTTOM]
+            t, s, variance = (u - cu) / f * lateral[(top + bottom) // 2], d / f, strip_variance(d, sigma, f, rough_m)
+            # two steps without a branch that nobody could predict
+            for m in range(size):
+                touches[m] = (top <= front_bottom[m]) & (front_top[m] <= bottom) & (front_cluster[m] == cluster)
+            found = 0
+            for m in range(size):
+                near[found] = m
+                found += touches[m]
             best, cost = -1, 1.0
-            for k in active:
-                if track_ints[k, T_LAST_U] == u:
+            for q in range(found):
+                m = near[q]
+                k, last = front_track[m], front_strip[m]
+                # a depth jump is another surface, however little a short track knows of its slope
+                if is_jump(d, floats[last, D], sigma, floats[last, SIGMA], jump, jump_sigmas) or not heights_go_on(
+                    cut, z0, z1, table[k, T_TOP_MIN], table[k, T_TOP_MAX], table[k, T_BOTTOM_MIN], table[k, T_BOTTOM_MAX], hs
+                ):  # fmt: skip
                     continue
-                c = match_cost(
-                    ints, floats, place, moments[k], track_ints[k], track_floats[k], i, t, f, hs, line_m, sigmas, slope,
-                    rough_m, jump, jump_sigmas,
+                c = misfit_share(
+                    t, s, variance, table[k, T_A], table[k, T_B], table[k, T_MEAN], table[k, T_SCATTER],
+                    table[k, T_VARIANCE], line_m, sigmas,
                 )  # fmt: skip
                 if c < cost:
-                    best, cost = k, c
+                    best, cost = m, c
             if best < 0:
-                best = tracks
+                best = size
+                size += 1
+                k = front_track[best] = tracks
                 tracks += 1
-                _begin(track_ints[best], track_floats[best], moments[best], t)
-                active.append(best)
-            _join(ints, floats, place, moments[best], track_ints[best], track_floats[best], i, u, t, f, rough_m)
-            ints[i, TRACK] = best
+                moments[k] = 0.0
+                table[k, T_T0] = t
+                table[k, T_TOP_MIN], table[k, T_TOP_MAX] = 1e9, -1e9
+                table[k, T_BOTTOM_MIN], table[k, T_BOTTOM_MAX] = 1e9, -1e9
+            k = front_track[best]
+            front_strip[best], front_top[best] = i, BEYOND
+            ints[i, TRACK] = k
+            table[k, T_T1] = t
+            table[k, T_TOP_MIN], table[k, T_BOTTOM_MAX] = min(table[k, T_TOP_MIN], z0), max(table[k, T_BOTTOM_MAX], z1)
+            if not cut & 1:
+                table[k, T_TOP_MAX] = max(table[k, T_TOP_MAX], z0)
+            if not cut & 2:
+                table[k, T_BOTTOM_MIN] = min(table[k, T_BOTTOM_MIN], z1)
+            _add_to_line(moments, table, k, t, s, 1.0 / variance, prior)
     return tracks
 
 
 @njit(cache=True, nogil=True)
-def _begin(track_i, track_f, moments, t):
-    moments[:] = 0.0
-    track_i[T_COUNT] = 0
-    track_f[T_T0] = t
-    track_f[T_TOP_MIN], track_f[T_TOP_MAX] = 1e9, -1e9
-    track_f[T_BOTTOM_MIN], track_f[T_BOTTOM_MAX] = 1e9, -1e9
+def _go_on(u, link, ints, front, size):
+    """Keeps what may go on in column u of the front, with the rows of the last strips; returns its size."""
+    kept = 0
+    for m in range(size):
+        last = front[F_STRIP, m]
+        if u - ints[last, U] <= link:
+            front[F_TRACK, kept], front[F_STRIP, kept] = front[F_TRACK, m], last
+            front[F_TOP, kept], front[F_BOTTOM, kept] = ints[last, TOP], ints[last, BOTTOM]
+            front[F_CLUSTER, kept] = ints[last, CLUSTER]
+            kept += 1
+    return kept
 
 
 @njit(cache=True, nogil=True)
-def _join(ints, floats, place, moments, track_i, track_f, i, u, t, f, rough_m):
-    sigma = strip_sigma_s(floats, i, f, rough_m)
-    add_point(moments, t, floats[i, D] / f, 1.0 / (sigma * sigma))
-    track_i[T_LAST_U], track_i[T_LAST] = u, i
-    track_i[T_COUNT] += 1
-    track_f[T_T1] = t
-    widen_heights(ints, place, track_f, i)
+def _add_to_line(moments, table, k, t, s, weight, prior):
+    """Adds the point (t, s) to the moments of track k and fits its line anew, as lines.py does."""
+    moments[k, W] += weight
+    moments[k, T] += weight * t
+    moments[k, S] += weight * s
+    moments[k, TT] += weight * t * t
+    moments[k, TS] += weight * t * s
+    moments[k, SS] += weight * s * s
+    w = moments[k, W]
+    t_mean, s_mean = moments[k, T] / w, moments[k, S] / w
+    scatter = max(0.0, moments[k, TT] - w * t_mean * t_mean) + prior
+    b = (moments[k, TS] - w * t_mean * s_mean) / scatter
+    table[k, T_A], table[k, T_B], table[k, T_MEAN] = s_mean - b * t_mean, b, t_mean
+    table[k, T_SCATTER], table[k, T_VARIANCE] = scatter, 1.0 / w

@@ -7,8 +7,13 @@ import numpy as np
 from core import clusters, support, tracks
 from core import planes as pl
 from core import strips as s
+from core.params import Params
+from core.scratch import Scratch
 
 from .columns import F, view
+
+SCRATCH = Scratch()
+"""Kept from table to table, as from frame to frame: what one leaves in it must not matter to the next."""
 
 
 class Strips:
@@ -35,7 +40,6 @@ class Strips:
         support.sort_columns(self.ints, self.floats, self.cols, self.columns)
         self.place = np.zeros((n, 4), np.float32)
         self.put()
-        self.parent, self.other = np.zeros(n, np.int32), np.zeros(n, np.int32)
         return self
 
     def put(self) -> None:
@@ -45,25 +49,16 @@ class Strips:
 
     def cluster(self, ws: float = 2.0, hs: float = 1.0) -> int:
         """cluster_strips; returns the number of clusters."""
-        tan_limit = self.cols / F
-        return int(
-            clusters.cluster_strips(
-                self.ints, self.place, self.n, ws, hs, 1.0 / F, tan_limit, 0.25, 0.1, 0.02, self.parent, self.other
-            )
-        )
+        return clusters.cluster_strips(self.ints, self.place, self.n, ws, hs, SCRATCH)
 
     def track(self, hs: float = 1.0, line_m: float = 0.12, link: int = 4) -> int:
-        """grow_tracks; returns the number of tracks, tables in `moments`, `track_ints`, `track_floats`."""
-        g = self.view
-        size = 2 * self.n + 16
-        self.moments = np.zeros((size, 6))
-        self.track_ints, self.track_floats = np.zeros((size, 3), np.int32), np.zeros((size, 6))
-        return int(
-            tracks.grow_tracks(
-                self.ints, self.floats, self.place, self.n, self.cols, self.columns, g.f_px, g.cu, g.lateral, hs, line_m,
-                3.0, 1.2, link, 0.02, 0.1, 3.0, self.moments, self.track_ints, self.track_floats,
-            )
-        )  # fmt: skip
+        """grow_tracks; returns the number of tracks, tables in `moments` and `tracks`."""
+        params = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link)
+        self.moments = np.zeros((2 * self.n + 16, 6))
+        count, self.tracks = tracks.grow_tracks(
+            self.ints, self.floats, self.place, self.n, self.columns, self.view, params, self.moments, Scratch()
+        )
+        return count
 
     @property
     def cluster_of(self) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from core import fill
 from core import strips as s
 from core.params import Params
 
-from .tables import Strips
+from .tables import SCRATCH, Strips
 
 pytestmark = pytest.mark.nojit
 P = Params()
@@ -17,19 +19,11 @@ X = 5.0
 """At 5 m a row or column is 5 cm: Hs = 20 rows, Ws = 40 columns."""
 
 
-def low_gaps(t: Strips, hs: float = 1.0) -> Strips:
-    fill.fill_low_gaps(t.ints, t.floats, t.place, t.n, t.cols, t.columns, t.view.f_px, hs, P.band_step_m, P.line_sigmas)
-    return t
-
-
-def slits(t: Strips, hs: float = 1.0, ws: float = 2.0) -> int:
-    runs, spans = np.empty((fill.MAX_RUNS, 3), np.int32), np.empty((fill.MAX_RUNS, 3), np.float32)
-    return int(
-        fill.fill_slits(
-            t.ints, t.floats, t.place, t.n, t.cols, t.columns, t.view.f_px, 0.01, hs, ws, P.band_step_m, P.line_sigmas,
-            P.link_gap_px, runs, spans, t.other,
-        )
-    )  # fmt: skip
+def filled(t: Strips, hs: float = 1.0, ws: float = 2.0) -> int:
+    """fill_gaps; returns how many slits were filled."""
+    params = replace(P, passable_height_m=hs, passable_width_m=ws)
+    count = int(t.cluster_of.max()) + 1
+    return fill.fill_gaps(t.ints, t.floats, t.place, t.n, t.columns, t.view, count, params, SCRATCH)
 
 
 def alive(t: Strips) -> list[tuple[int, int, int]]:
@@ -48,20 +42,23 @@ def pair(gap: int, lower_x: float = X, columns: int = 1) -> Strips:
     return t
 
 
-@pytest.mark.parametrize(("gap", "filled"), [(0, True), (5, True), (19, True), (20, False), (25, False)])
-def test_a_gap_is_filled_when_it_is_lower_than_a_passable_height(gap: int, filled: bool) -> None:
-    t = low_gaps(pair(gap))
-    assert alive(t) == ([(0, 10, 49 + gap)] if filled else [(0, 10, 29), (0, 30 + gap, 49 + gap)])
-    assert t.ints[0, s.FILL] == (gap if filled else 0)
-    if filled:
+@pytest.mark.parametrize(("gap", "joined"), [(0, True), (5, True), (19, True), (20, False), (25, False)])
+def test_a_gap_is_filled_when_it_is_lower_than_a_passable_height(gap: int, joined: bool) -> None:
+    t = pair(gap)
+    filled(t)
+    assert alive(t) == ([(0, 10, 49 + gap)] if joined else [(0, 10, 29), (0, 30 + gap, 49 + gap)])
+    assert t.ints[0, s.FILL] == (gap if joined else 0)
+    if joined:
         assert t.ints[0, s.SUPPORT] == 40 * s.PX
 
 
 def test_between_surfaces_apart_in_depth_the_farther_one_grows() -> None:
-    t = low_gaps(pair(5, lower_x=6.0))
+    t = pair(5, lower_x=6.0)
+    filled(t)
     assert alive(t) == [(0, 10, 29), (0, 30, 54)]
     assert t.ints[1, s.FILL] == 5
-    t = low_gaps(pair(5, lower_x=4.5))
+    t = pair(5, lower_x=4.5)
+    filled(t)
     assert alive(t) == [(0, 10, 34), (0, 35, 54)]
     np.testing.assert_allclose(t.view.f_px / t.floats[:, s.D], [5.0, 4.5], rtol=1e-5)
 
@@ -69,7 +66,8 @@ def test_between_surfaces_apart_in_depth_the_farther_one_grows() -> None:
 def test_gaps_between_clusters_stay() -> None:
     t = pair(5)
     t.ints[1, s.CLUSTER] = 1
-    assert len(alive(low_gaps(t))) == 2
+    filled(t)
+    assert len(alive(t)) == 2
 
 
 def test_several_gaps_of_one_column_fill_one_after_the_other() -> None:
@@ -77,7 +75,8 @@ def test_several_gaps_of_one_column_fill_one_after_the_other() -> None:
     for top in (0, 15, 30, 45):
         t.add(0, top, top + 9, X)
     t.build().cluster()
-    assert alive(low_gaps(t)) == [(0, 0, 54)]
+    filled(t)
+    assert alive(t) == [(0, 0, 54)]
     assert t.ints[0, s.FILL] == 15
 
 
@@ -88,8 +87,8 @@ def test_the_space_under_a_bridge_stays_open() -> None:
         if u in (*range(8), *range(52, 60)):
             t.add(u, 21, 90, X)  # its piers
     t.build().cluster()
-    assert len(alive(low_gaps(t))) < t.n  # piers join the deck above them
-    slits(t)
+    filled(t)
+    assert len(alive(t)) < t.n  # piers join the deck above them
     assert all(bottom == 20 for u, _, bottom in alive(t) if 8 <= u < 52)
 
 
@@ -108,19 +107,18 @@ def opening(width: int, closed: bool = True, sill: bool = True) -> Strips:
     return t
 
 
-@pytest.mark.parametrize(("width", "filled"), [(4, True), (20, True), (38, True), (41, False), (55, False)])
-def test_an_opening_narrower_than_the_vehicle_is_filled(width: int, filled: bool) -> None:
-    t = low_gaps(opening(width))
-    assert slits(t) == (width if filled else 0)
+@pytest.mark.parametrize(("width", "slit"), [(4, True), (20, True), (38, True), (41, False), (55, False)])
+def test_an_opening_narrower_than_the_vehicle_is_filled(width: int, slit: bool) -> None:
+    t = opening(width)
+    assert filled(t) == (width if slit else 0)
     inside = [(top, bottom) for u, top, bottom in alive(t) if 40 <= u < 40 + width]
-    assert inside == ([(5, 90)] * width if filled else [(5, 39), (65, 90)] * width)
-    if filled:
+    assert inside == ([(5, 90)] * width if slit else [(5, 39), (65, 90)] * width)
+    if slit:
         assert (t.ints[(t.ints[:, s.FILL] > 0), s.FILL] == 25).all()
 
 
 def test_an_opening_that_goes_on_to_the_side_stays() -> None:
-    t = low_gaps(opening(20, closed=False))
-    assert slits(t) == 0
+    assert filled(opening(20, closed=False)) == 0
 
 
 def test_a_narrow_opening_at_the_edge_of_what_is_seen_stays() -> None:
@@ -133,11 +131,11 @@ def test_a_narrow_opening_at_the_edge_of_what_is_seen_stays() -> None:
             t.add(u, 5, 39, X)
             t.add(u, 65, 90, X)
     t.build().cluster()
-    assert slits(low_gaps(t)) == 0
+    assert filled(t) == 0
 
 
 def test_a_notch_without_a_sill_is_no_slit() -> None:
-    assert slits(low_gaps(opening(20, sill=False))) == 0
+    assert filled(opening(20, sill=False)) == 0
 
 
 def test_more_openings_than_there_is_room_for_stay_open_and_within_bounds() -> None:
@@ -147,7 +145,7 @@ def test_more_openings_than_there_is_room_for_stay_open_and_within_bounds() -> N
             t.add(u, 2 * k, 2 * k, 100.0)  # 1 m a row: fifty gaps of 1 m in a column
     t.build()
     t.ints[:, s.CLUSTER] = 0
-    slits(t, hs=0.9)
+    filled(t, hs=0.9)
     assert len(alive(t)) >= 200 - 4 * fill.MAX_RUNS
 
 

@@ -15,12 +15,15 @@ from core import strips as s
 from core.params import Params
 
 from .columns import F, code, view
-from .tables import Strips, ends, line_through, plane_table
+from .tables import SCRATCH, Strips, ends, line_through, plane_table
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 P = Params()
-CLOSED = np.zeros((12, 40, 40), np.uint8), np.array([F / 4, F / 4, 20.0, 20.0, 0.5, np.log(1.42)])
+CLOSED = (
+    np.zeros((12, 40, 40), np.uint8),
+    np.array([F / 4, F / 4, 20.0, 20.0, *(0.5 * 1.42 ** (np.arange(1, 12) - 0.5))]),
+)
 """No opening anywhere."""
 
 
@@ -34,7 +37,7 @@ def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[
     size = 2 * t.n + 16
     planes, ints, plane_of = np.zeros((size, 8)), np.zeros((size, 9), np.int32), np.zeros(size, np.int32)
     g = t.view
-    pl.planes_from_tracks(count, t.moments, t.track_floats, 1.2, 0.5 / F, planes, ints, plane_of)
+    pl.planes_from_tracks(count, t.moments, t.tracks, 1.2, 0.5 / F, planes, ints, plane_of)
     pl.measure_planes(
         t.ints,
         t.floats,
@@ -305,9 +308,11 @@ def test_equal_planes_do_not_drop_each_other() -> None:
 @given(SEED, st.integers(1, 5), st.integers(1, 5))
 def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) -> None:
     rng = np.random.default_rng(seed)
-    nearest = rng.choice([0, 50, 500], (9, 7), p=[0.05, 0.75, 0.2]).astype(np.int32)
+    nearest = rng.choice([0, 50, 500], (9, 7), p=[0.05, 0.75, 0.2]).astype(np.uint16)
     mask = np.full(nearest.shape, 9, np.uint8)
-    openings.open_mask(nearest, 100, wide, high, 0.2, np.zeros((10, 8), np.int64), mask)
+    total = np.full((10, 8), 77, np.int32)
+    openings.count_unknown(nearest, total)
+    openings.open_mask(nearest, 100, wide, high, 0.2, total, np.full(63, 9, np.uint8), mask)
     want = np.zeros(nearest.shape, np.uint8)
     for i in range(9 - wide + 1):
         for j in range(7 - high + 1):
@@ -320,7 +325,7 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
 def masks_of(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
     g = view(rows=codes.shape[1], cols=codes.shape[0])
     none = np.zeros((1, 9), np.int32), np.zeros((1, 3), np.float32)
-    return (*openings.opening_masks(codes, *none, 0, g, 20.0, P), g)
+    return (*openings.opening_masks(codes, *none, 0, g, 20.0, P, SCRATCH), g)
 
 
 def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None:
@@ -340,7 +345,7 @@ def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None
     small = np.full((160, 120), code(5.0)[0], np.uint16)
     small[60:90, 40:80] = code(18.0)[0]  # 1.5 m wide
     masks, frame, _ = masks_of(small)
-    assert not masks[openings.level_of(5.0, P.opening_first_m, np.log(P.opening_ratio))].any()
+    assert not masks[openings.layer_of(5.0, frame)].any()
 
 
 def test_unknown_is_not_open() -> None:

@@ -96,12 +96,11 @@ def test_what_holds_for_every_track(seed: int, n: int, hs: float, link: int) -> 
         m = moments_of(
             (us - t.view.cu) / F,
             t.floats[own, s.D] / F,
-            [1.0 / tr.strip_sigma_s(t.floats, i, F, 0.02) ** 2 for i in own],
+            [1.0 / tr.strip_variance(*t.floats[i, [s.D, s.SIGMA]].astype(float), F, 0.02) for i in own],
         )
         np.testing.assert_allclose(t.moments[k], m, rtol=1e-6, atol=1e-7 * m[0])
-        assert t.track_floats[k, tr.T_T0] == pytest.approx((us[0] - t.view.cu) / F)
-        assert t.track_floats[k, tr.T_T1] == pytest.approx((us[-1] - t.view.cu) / F)
-        assert t.track_ints[k, tr.T_COUNT] == len(own)
+        assert t.tracks[k, tr.T_T0] == pytest.approx((us[0] - t.view.cu) / F)
+        assert t.tracks[k, tr.T_T1] == pytest.approx((us[-1] - t.view.cu) / F)
 
 
 def faces(*pieces: tuple[range, float, float], noise: float = 0.0) -> Strips:
