@@ -27,11 +27,11 @@ def pole_ranges(rng: np.random.Generator) -> Scene:
 
 
 def pole_sizes(rng: np.random.Generator) -> Scene:
-    """Poles of 0.04 to 0.3 m about 8 m away."""
+    """Poles of 0.04 to 0.2 m between 9 and 10 m away, so far apart that the vehicle passes between them."""
     s = begin("pole_sizes", structured=True)
-    for i, size in enumerate(rng.permutation([0.04, 0.06, 0.08, 0.12, 0.2, 0.3]).tolist()):
-        x = rng.uniform(7.5, 8.5)
-        s.pole(f"post of {100 * size:.0f} cm", x, x * math.tan(-0.48 + 0.19 * i), size, 4.0)
+    for i, size in enumerate(rng.permutation([0.04, 0.06, 0.08, 0.12, 0.2]).tolist()):
+        x = rng.uniform(9.3, 9.9)
+        s.pole(f"post of {100 * size:.0f} cm", x, x * math.tan(-0.48 + 0.24 * i), size, 4.0)
     return s.build()
 
 
