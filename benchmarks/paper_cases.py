@@ -150,9 +150,11 @@ LEAST_RAYS = 300
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """The figures of one model of one frame (benchmarks.metrics.Score; nan: it has fewer than LEAST_RAYS of them). method: safe, paper
-    or the cell of the grid. bytes: 8 a vertex and 8 a prism or polygon. lost: share of the strips' pixels that no plane
-    stands for (grids: nan)."""
+    """The figures of one model of one frame (benchmarks.metrics.Score; nan: it has fewer than LEAST_RAYS of them).
+
+    method: safe, paper or the cell of the grid. silent: the frame came back as invalid, "I know nothing"; it has no other
+    figures. bytes: 8 a vertex and 8 a prism or polygon. lost: share of the strips' pixels that no plane stands for (of the
+    printed form only)."""
 
     scene: str
     family: str
@@ -165,6 +167,7 @@ class Figures:
     missed: float = NAN
     phantom: float = NAN
     open_stopped: float = NAN
+    silent: bool = False
     lost: float = NAN
 
 
@@ -190,7 +193,7 @@ def measure(
     rays = rays_under(frames[-1], condition, params)
     s = score(frames[-1], rays, model.planes.astype(np.float64))
     strips = 0 if model.strips is None else int(model.strips.support_px.sum())
-    enough = s.obstacle_rays >= LEAST_RAYS
+    enough = model.valid and s.obstacle_rays >= LEAST_RAYS
     return Figures(
         scene=scene,
         family=scenes.family_of(scene),
@@ -202,7 +205,8 @@ def measure(
         mean_m=s.mean_m if enough else NAN,
         missed=s.missed if enough else NAN,
         phantom=s.phantom if enough else NAN,
-        open_stopped=s.open_stopped,
+        open_stopped=s.open_stopped if model.valid else NAN,
+        silent=not model.valid,
         lost=1.0 - int(model.support_px.sum()) / strips if strips and params.paper else NAN,
     )
 

@@ -112,6 +112,8 @@ def tables(rows: list[TiltRow]) -> str:
         "worst",
         "phantom, %",
         "open stopped, %",
+        "frames",
+        "silent",
     ]
     return table(head, lines, words=3)
 
@@ -125,6 +127,8 @@ def _line(mine: list[Figures]) -> list[str]:
         percent(worst([f.missed for f in mine]), 2),
         percent(middle([f.phantom for f in mine]), 2),
         percent(middle([f.open_stopped for f in mine])),
+        str(len(mine)),
+        str(sum(f.silent for f in mine)),
     ]
 
 

@@ -12,12 +12,25 @@ import numpy as np
 import pytest
 
 from benchmarks import paper_interval, paper_openings, paper_shapes, paper_storage, paper_tilt, paper_time
-from benchmarks.paper_cases import CAMERA, EXACT, Figures, frames_of, middle, number, percent, table, worst, zed_info
+from benchmarks.paper_cases import (
+    CAMERA,
+    EXACT,
+    Figures,
+    frames_of,
+    measure,
+    middle,
+    number,
+    percent,
+    table,
+    worst,
+    zed_info,
+)
 from benchmarks.paper_interval import IntervalRow, skip_columns, thin_kept
 from benchmarks.paper_openings import OpeningRow, opening_scene, sizes
 from benchmarks.paper_shapes import in_ned, points_in_ned, shape_scene, views
 from benchmarks.paper_tilt import TiltRow
 from benchmarks.paper_time import TimeRow, interleaved
+from core.params import Params
 from drivers.simulated import Rendered
 
 FRAME = Figures(
@@ -93,6 +106,17 @@ def test_skipped_columns_hold_nothing() -> None:
     assert (thinned[:, ~kept] == 0).all()
     assert (thinned[:, kept] == frame.depth_mm[:, kept]).all()
     assert (skip_columns(frame, 1).depth_mm == frame.depth_mm).all()
+
+
+def test_a_frame_that_says_nothing_is_silent_not_blind() -> None:
+    frame = frames_of(shape_scene("sphere", 1), EXACT, 1, count=1)[0]
+    nothing = replace(frame, depth_mm=np.zeros_like(frame.depth_mm))
+    found = measure([nothing], EXACT, "sphere", 1, Params())
+    assert found.silent
+    assert all(math.isnan(v) for v in (found.mean_m, found.missed, found.phantom, found.open_stopped))
+    seen = measure([frame], EXACT, "sphere", 1, Params())
+    assert not seen.silent
+    assert seen.missed < 0.01
 
 
 def interval(step: int, ke: float, error: float, columns: str = "pooled", **change: Any) -> IntervalRow:
