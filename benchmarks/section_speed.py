@@ -22,7 +22,7 @@ from benchmarks.speed_tables import (
     scenes_table,
     stage_table,
 )
-from companion.bench_frames import Footage, Measured, filmed, measure
+from companion.bench_frames import Flight, Footage, Measured, filmed, measure
 from companion.bench_timing import one_core
 from core.extractor import Extractor
 
@@ -61,6 +61,9 @@ class Lap:
     def __init__(self, effort: Effort) -> None:
         self.effort, self.reference = effort, Reference()
         self._extractor = Extractor()
+        print("speed: compiling what is not compiled yet", file=sys.stderr, flush=True)
+        for kind in KINDS[:2]:  # level and tilted
+            Flight(self._extractor, footage(kind, (160, 120), KE_PER_M[0], 1)).frame()
 
     def time(self, what: str, make: Callable[[], Footage], runs: int, watched: int = 0) -> Measured:
         """Times some footage."""

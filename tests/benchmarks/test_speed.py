@@ -62,7 +62,8 @@ def test_goals_are_judged_by_the_slowest_kind() -> None:
     assert rows["structured, level"] == ["4", "1.2", "0.8", "0.70", "stretch"]
     assert rows["structured, tilted 20 degrees"] == ["4", "1.6", "1.2", "3.00", "must"]
     assert rows["foliage, level and tilted"] == ["8", "3", "", "9.00", "**missed**"]
-    assert rows["p99 / median, worst kind"][-2:] == ["2.22", "**missed**"]
+    assert rows["p99 / median, worst kind that says something"][-2:] == ["2.22", "**missed**"]
+    assert "p99 / median, worst kind that is blind" not in rows
     assert rows["noise: no slower than foliage"][-2:] == ["9.50", "**missed**"]
     assert rows["blocks: no slower than foliage"][-2:] == ["over 1000", "**missed**"]
 
@@ -70,6 +71,18 @@ def test_goals_are_judged_by_the_slowest_kind() -> None:
 @pytest.mark.parametrize(("ms", "reached"), [(0.8, "stretch"), (0.81, "aim"), (1.3, "must"), (4.1, "**missed**")])
 def test_a_goal_tells_the_best_that_is_reached(ms: float, reached: str) -> None:
     assert GOALS[0].verdict(ms) == reached
+
+
+def test_the_tail_of_blind_frames_is_told_apart() -> None:
+    kinds = [
+        timed(LEVEL, [1.0]),
+        timed(TILTED, [1.0]),
+        timed(TREES, [1.0]),
+        timed(BROKEN, [0.1, 0.1, 0.4], valid=False),
+    ]
+    rows = rows_of(goals_table(kinds, [t.kind for t in kinds], 1000.0))
+    assert rows["p99 / median, worst kind that says something"][-2:] == ["1.00", "must"]
+    assert rows["p99 / median, worst kind that is blind"][-2:] == ["4.00", "**missed**"]
 
 
 def test_every_kind_is_a_row_with_both_clocks_and_its_ratio() -> None:
