@@ -10,14 +10,20 @@ from numpy.typing import NDArray
 from benchmarks.taps import Calls
 from companion.view_colors import depth_rgb
 from core.classify import noise_tiles
-from core.density import find_peaks, soft_counts
+from core.density import MAX_PEAKS, find_peaks
 from core.extractor import Extractor
-from core.strips import BOTTOM, GROUND_PX, HORIZONTAL, IRREGULAR, KIND, NONE_PX, ROUGH, SMOOTH, TOP, D, U
+from core.strips import BOTTOM, HORIZONTAL, IRREGULAR, KIND, MERGED, ROUGH, SMOOTH, TOP, D, U
 from core.types import FAR_MM, UNKNOWN_MM
 from drivers.simulated import Rendered
 
-KIND_RGB = {SMOOTH: (38, 110, 190), ROUGH: (230, 140, 30), IRREGULAR: (200, 60, 110), HORIZONTAL: (90, 160, 60)}
-KIND_NAME = {SMOOTH: "smooth", ROUGH: "rough", IRREGULAR: "irregular rest", HORIZONTAL: "horizontal"}
+KIND_RGB = {
+    SMOOTH: (38, 110, 190),
+    ROUGH: (230, 140, 30),
+    IRREGULAR: (200, 60, 110),
+    HORIZONTAL: (90, 160, 60),
+    MERGED: (90, 90, 90),
+}
+KIND_NAME = {SMOOTH: "smooth", ROUGH: "rough", IRREGULAR: "irregular rest", HORIZONTAL: "horizontal", MERGED: "merged"}
 PALE = 235
 
 
@@ -39,6 +45,13 @@ def levelled(calls: Calls) -> NDArray[np.uint16]:
     """(cols, rows) codes that the strips are made of."""
     codes: NDArray[np.uint16] = calls.of("extract_strips").before[0]
     return codes
+
+
+def is_ground(calls: Calls) -> NDArray[np.bool_]:
+    """(cols, rows), where a measurement is ground or below it."""
+    codes, gate, shift, tan_mid = calls.of("extract_strips").before[:4]
+    ground: NDArray[np.bool_] = (codes > 1) & (tan_mid[None, :] - shift[:, None] > gate[codes])
+    return ground
 
 
 def draw_level(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
@@ -98,10 +111,10 @@ def draw_noise(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor)
 def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """The ground in the levelled view, and from the side with its tolerance."""
     view, found = calls.of("view_geometry").result, calls.of("find_ground")
-    ground, states = found.result, calls.of("extract_strips").after[14]
+    ground = found.result
     rgb = depth_rgb(view_mm(levelled(calls), view.f_px, view.quantum), frame.info)
-    rgb[(states == GROUND_PX).T] = (196, 164, 110)
-    rgb[(states == NONE_PX).T] = (150, 150, 150)
+    rgb[is_ground(calls).T] = (196, 164, 110)
+    rgb[(levelled(calls) == 0).T] = (150, 150, 150)
     a, b = figure.subplots(1, 2)
     a.imshow(rgb)
     bare(a, "brown: ground, taken out before any counting")
@@ -135,7 +148,7 @@ def column_with_most(calls: Calls, kind: int) -> int:
 def strips_of(calls: Calls) -> tuple[NDArray[np.uint16], NDArray[np.int32], NDArray[np.float32], int]:
     """(codes, ints, floats, number) as the strips were found."""
     call = calls.of("extract_strips")
-    return call.before[0], call.after[12], call.after[13], int(call.result)
+    return call.before[0], call.after[13], call.after[14], int(call.result[0])
 
 
 def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
@@ -144,16 +157,16 @@ def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extracto
     codes, ints, floats, n = strips_of(calls)
     u = column_with_most(calls, SMOOTH)
     bin_of_code, bin_px, _, threshold, weights = call.before[5:10]
-    state = call.after[14][u]
-    hist, counts = np.zeros(len(bin_px), np.int32), np.zeros(len(bin_px), np.int32)
-    open_ = (codes[u] > 1) & (state != GROUND_PX)
-    np.add.at(hist, bin_of_code[codes[u][open_]], 1)
-    soft_counts(hist, weights, counts)
-    low, high, top = np.zeros(24, np.int32), np.zeros(24, np.int32), np.zeros(24, np.int32)
-    peaks = find_peaks(counts, threshold, p.peak_valley, p.peak_alpha, low, high, top)
+    ground = is_ground(calls)[u]
+    open_ = (codes[u] > 1) & ~ground
+    counts = np.convolve(np.bincount(bin_of_code[codes[u][open_]], minlength=len(bin_px)), weights, "same").astype(
+        np.int32
+    )
+    low, high, top = (np.zeros(MAX_PEAKS, np.int32) for _ in range(3))
+    peaks = find_peaks(counts, threshold, 0, len(counts) - 1, p.peak_valley, p.peak_alpha, 0, low, high, top)
     a, b = figure.subplots(1, 2, sharex=True)
     rows, d = np.arange(codes.shape[1]), codes[u] / view.quantum
-    for on, color, label in ((state == GROUND_PX, "#c4a46e", "ground"), (open_, "#4a6f96", "pixel")):
+    for on, color, label in ((ground, "#c4a46e", "ground"), (open_, "#4a6f96", "pixel")):
         a.plot(d[on & (codes[u] > 1)], rows[on & (codes[u] > 1)], ".", ms=2, color=color, label=label)
     for i in np.flatnonzero(ints[:n, U] == u):
         a.plot([floats[i, D]] * 2, [ints[i, TOP], ints[i, BOTTOM]], lw=2, color=_hex(KIND_RGB[ints[i, KIND]]))
@@ -181,11 +194,11 @@ def _hex(rgb: tuple[int, int, int]) -> str:
 
 def painted(calls: Calls, ints: NDArray[np.int32], colors: NDArray[np.uint8], ground: bool = True) -> NDArray[np.uint8]:
     """(rows, cols, 3): the levelled view, pale, with strips ints (N, 9) painted in colors (N, 3)."""
-    codes, states = levelled(calls), calls.of("extract_strips").after[14]
+    codes = levelled(calls)
     rgb = np.full((*codes.T.shape, 3), PALE, np.uint8)
     rgb[(codes == 0).T] = (190, 190, 190)
     if ground:
-        rgb[(states == GROUND_PX).T] = (222, 208, 180)
+        rgb[is_ground(calls).T] = (222, 208, 180)
     for row, color in zip(ints, colors, strict=True):
         rgb[row[TOP] : row[BOTTOM] + 1, row[U]] = color
     return rgb
@@ -211,8 +224,8 @@ def draw_irregular(figure: Any, frame: Rendered, calls: Calls, extractor: Extrac
     """A column through foliage from the side: pixels, strips and their near edges."""
     view = calls.of("view_geometry").result
     codes, ints, floats, n = strips_of(calls)
-    u, states = column_with_most(calls, IRREGULAR), calls.of("extract_strips").after[14]
-    on = (codes[u] > 1) & (states[u] != GROUND_PX)
+    u = column_with_most(calls, IRREGULAR)
+    on = (codes[u] > 1) & ~is_ground(calls)[u]
     rows = np.arange(codes.shape[1])
     ax = figure.subplots()
     x = view.f_px * view.quantum / np.maximum(codes[u], 1)

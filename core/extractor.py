@@ -84,13 +84,13 @@ class Extractor:
 
         codes, view, seen = self._level(marks, info, R)
         ground = self._ground(marks, info, R, ke, state)
-        ints, floats, found, ground_px = self._strips(codes, view, ground, info, ke)
+        ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, info, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
 
         return self._model(
             seen, view, ground, info, ke, clear_m, ints, place, n, count, planes, plane_ints, moments,
-            replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n), keep_strips,
+            replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n, overflow=overflow), keep_strips,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
     # ---- pixels -------------------------------------------------------------------------------------------------
@@ -149,26 +149,24 @@ class Extractor:
 
     def _strips(
         self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32], int, int]:
-        """Sections 4.1-4.3: tables of strips, their number, and the ground pixels taken out."""
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32], int, int, int]:
+        """Sections 4.1-4.3: tables of strips, their number, the ground pixels taken out, and strips merged for room."""
         sigma_d = max(ke * view.f_px, self.params.min_sigma_px)
         key = (view.f_px, view.quantum, sigma_d)
         if self._bins is None or self._bins[0] != key:
             self._bins = (key, bin_table(*key, self.params))
         bins = self._bins[1]
         gate, shift = ground_gate(ground, view, ke, self.params)
-        cells = view.cols * (view.rows + 32)  # no column can have more strips; what is not used is never touched
-        ints = self._buffer("ints", (cells, 9), np.int32)
-        floats = self._buffer("floats", (cells, 3), np.float32)
-        states = self._buffer("states", codes.shape, np.uint8)
-        ground_px = self._buffer("ground_px", (view.cols,), np.int32)
+        room = view.cols * self.params.max_column_strips
+        ints = self._buffer("ints", (room, 9), np.int32)
+        floats = self._buffer("floats", (room, 3), np.float32)
         tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
-        found = extract_strips(
+        found, ground_px, overflow = extract_strips(
             codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
-            bins.weights, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints, floats, states,
-            ground_px,
+            bins.weights, bins.first_code, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints,
+            floats,
         )  # fmt: skip
-        return ints, floats, found, int(ground_px.sum())
+        return ints, floats, found, ground_px, overflow
 
     def _supported_clusters(
         self,
@@ -184,11 +182,12 @@ class Extractor:
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
         place = self._buffer("place", (len(ints), 4), np.float32)
         fs, si = float_settings(view, ke, max(ke * view.f_px, p.min_sigma_px), p), int_settings(p)
-        if not p.paper:
-            keep = self._buffer("keep", (len(ints),), np.uint8)
-            n = support.drop_unsupported(ints, floats, n, view.cols, fs, si, columns, keep)
         support.index_columns(ints, n, view.cols, columns)
         support.sort_columns(ints, floats, view.cols, columns)
+        lowest = self._buffer("lowest", (len(ints),), np.int32)
+        if not p.paper:
+            keep = self._buffer("keep", (len(ints),), np.uint8)
+            n = support.drop_unsupported(ints, floats, n, view.cols, fs, si, columns, lowest, keep)
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
         hs, ws = p.passable_height_m, p.passable_width_m
         if p.paper:
@@ -200,7 +199,7 @@ class Extractor:
         count = clusters.cluster_strips(ints, place, n, ws, hs, self._buffer)
         fill.fill_gaps(ints, floats, place, n, columns, view, count, p, self._buffer)
         raw = self._buffer("raw_near", (len(ints),), np.float32)
-        support.smooth_near(ints, floats, n, view.cols, fs, columns, raw)
+        support.smooth_near(ints, floats, n, view.cols, fs, columns, lowest, raw)
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
         return ints, floats, place, n
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-from .density import NO_PEAK
+from .pixels import CODE, ROW
 from .strips import (
-    FREE_PX,
     HORIZONTAL,
     I_GAP,
     I_HORIZONTAL,
@@ -24,78 +24,77 @@ from .strips import (
     S_QUANTUM,
     S_REST_SIGMAS,
     S_SIGMA_D,
+    emit,
     emit_paper,
-    emit_pixels,
 )
 
 
 @njit(cache=True, nogil=True)
-def is_horizontal(line, member, label, top, bottom, fs, si):
-    """Eq. 12-14: do disparity and row of these pixels correlate, and does their line meet the horizon?
+def is_horizontal(px, first, last, fs):
+    """Eq. 12-14: do disparity and row of the pixels first..last - 1 correlate, and does their line meet the horizon?
 
     In the levelled view the vanishing row is the horizon whatever the pitch."""
-    n, sd, sv, sdd, svv, sdv = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for v in range(top, bottom + 1):
-        if member[v] == label:
-            d = line[v] / fs[S_QUANTUM]
-            n, sd, sv, sdd, svv, sdv = n + 1, sd + d, sv + v, sdd + d * d, svv + 1.0 * v * v, sdv + d * v
-    if n < si[I_HORIZONTAL]:
+    n = last - first
+    sd, sv, sdd, svv, sdv = np.int64(0), np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    for i in range(np.uint64(first), np.uint64(last)):
+        d, v = np.int64(px[CODE, i]), np.int64(px[ROW, i])
+        sd, sv, sdd, svv, sdv = sd + d, sv + v, sdd + d * d, svv + v * v, sdv + d * v
+    var_d, var_v, cov = n * sdd - sd * sd, n * svv - sv * sv, n * sdv - sd * sv
+    if var_d <= 0 or var_v <= 0:
         return False
-    var_d, var_v, cov = sdd - sd * sd / n, svv - sv * sv / n, sdv - sd * sv / n
-    if var_d <= 1e-9 or var_v <= 1e-9:
-        return False
-    r = cov / math.sqrt(var_d * var_v)
-    centre = (sv / n * sdd - sd / n * sdv) / (sdd - sd * sd / n)
+    r = cov / (math.sqrt(var_d) * math.sqrt(var_v))
+    centre = (1.0 * sv * sdd - 1.0 * sd * sdv) / var_d
     return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
 
 
 @njit(cache=True, nogil=True)
-def irregular_rest(line, state, member, u, H, fs, si, scratch, ints, floats, n):
-    """Section 4.3: what no window took, in segments; returns the new count.
+def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally):
+    """Section 4.3: the first n pixels of px, which no window took, in segments.
+
+    line, mark: the column row by row, for the paper's form only.
 
     A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
-    than irregular_depth_m. `member` is overwritten with the segment's mark."""
-    rows = line.shape[0]
+    than irregular_depth_m."""
+    if n == 0:
+        return
     paper = si[I_PAPER] == 1
-    mark = 0
-    top, last = -1, -1
-    least, most = 0.0, 0.0
-    for v in range(rows):
-        member[v] = NO_PEAK
-    for v in range(rows + 1):
-        open_ = top >= 0
-        taken = v < rows and state[v] == FREE_PX
-        d = line[v] / fs[S_QUANTUM] if taken else 0.0
-        close = open_ and (v == rows or v - last > si[I_GAP])
-        if open_ and taken and not close:
-            lo, hi = min(least, d), max(most, d)
-            if paper:
-                close = v - top + 1 > fs[S_HD] * most
-            else:
-                noise = fs[S_REST_SIGMAS] * fs[S_SIGMA_D]
-                jump = abs(d - line[last] / fs[S_QUANTUM]) > max(noise, fs[S_JUMP] * d)
-                depth = fs[S_F] / lo - fs[S_F] / hi
-                deep = depth > fs[S_DEPTH] + noise * fs[S_F] / (lo * lo)
-                close = jump or deep or v - top + 1 > fs[S_HD] * hi
+    gap, hd = si[I_GAP], fs[S_HD]
+    q, f, depth = fs[S_QUANTUM], fs[S_F], fs[S_DEPTH]
+    noise = fs[S_REST_SIGMAS] * fs[S_SIGMA_D]
+    first, total = 0, np.int64(px[CODE, 0])
+    before = px[CODE, 0] / q
+    least, most = before, before
+    for i in range(1, n):
+        d = px[CODE, i] / q
+        lo, hi = min(least, d), max(most, d)
+        close = px[ROW, i] - px[ROW, i - 1] > gap
+        tall = px[ROW, i] - px[ROW, first] + 1
+        if paper:
+            close |= tall > hd * most
+        else:
+            close |= (abs(d - before) > max(noise, fs[S_JUMP] * d)) | (tall > hd * hi)
+            # f / lo - f / hi > depth + noise * f / lo^2, without its divisions
+            close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
         if close:
-            n = close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n)
-            mark = (mark + 1) % NO_PEAK
-            top = -1
-        if taken:
-            if top < 0:
-                top, least, most = v, d, d
-            member[v] = mark
-            last, least, most = v, min(least, d), max(most, d)
-    return n
+            close_irregular(line, mark, px, first, i, total, u, H, area, fs, si, best, ints, floats, tally)
+            first, total = i, np.int64(0)
+            lo, hi = d, d
+        total += px[CODE, i]
+        before, least, most = d, lo, hi
+    close_irregular(line, mark, px, first, n, total, u, H, area, fs, si, best, ints, floats, tally)
 
 
-@njit(cache=True, nogil=True)
-def close_irregular(line, state, member, mark, top, last, u, H, fs, si, scratch, ints, floats, n):
+@njit(cache=True, nogil=True, forceinline=True)
+def close_irregular(line, mark, px, first, last, total, u, H, area, fs, si, best, ints, floats, tally):
     """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
-    horizontal = is_horizontal(line, member, mark, top, last, fs, si)
+    count = last - first
+    horizontal = count >= si[I_HORIZONTAL] and is_horizontal(px, first, last, fs)
     if si[I_PAPER] == 1:
-        if horizontal:
-            return n
-        return emit_paper(line, state, top, last, True, u, fs, ints, floats, n)
+        if not horizontal:
+            emit_paper(line, mark, px[ROW, first], px[ROW, last - 1], True, u, fs, si, ints, floats, tally)
+        return
     kind = HORIZONTAL if horizontal else IRREGULAR
-    return emit_pixels(line, state, member, mark, top, last, True, kind, u, H, fs, si, scratch, ints, floats, n)
+    emit(
+        px[CODE], first, last, count, total, px[ROW, first], px[ROW, last - 1], 0, True, kind, u, H, area, fs, si,
+        best[0], ints, floats, tally,
+    )  # fmt: skip

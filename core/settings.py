@@ -30,13 +30,14 @@ def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
 
 
 def int_settings(p: Params) -> NDArray[np.int64]:
-    """(12,) int64."""
-    out = np.zeros(12, np.int64)
+    """(13,) int64."""
+    out = np.zeros(13, np.int64)
     for index, value in (
         (s.I_WINDOW_MIN, p.window_min_px), (s.I_RANK, p.near_rank), (s.I_BAND_ROWS, p.band_rows),
         (s.I_GAP, p.irregular_gap_px), (s.I_PAPER, int(p.paper)), (s.I_SUPPORT, p.min_support_px),
         (s.I_SUPPORT_COLUMNS, p.support_columns), (s.I_SUPPORT_ROWS, p.support_rows), (s.I_LARGE, p.support_large),
         (s.I_MEMBERS, p.window_members), (s.I_CUT, p.cut_rows), (s.I_HORIZONTAL, p.horizontal_min_px),
+        (s.I_ROOM, p.max_column_strips),
     ):  # fmt: skip
         out[index] = value
     return out

@@ -13,10 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .level import source_px_per_cell
-
-FREE_PX, GROUND_PX, NONE_PX, FAR_PX, TAKEN_PX = range(5)
-"""What a row of the column is: a measurement nobody has yet, ground, unknown, far, or a strip's."""
+from .pixels import NO_PEAK, TAKEN, ends_of
 
 PX = 16
 """Support is counted in sixteenths of a source pixel: where the view magnifies, a cell is less than one."""
@@ -26,7 +23,7 @@ U, TOP, BOTTOM, SUPPORT, KIND, CLUSTER, TRACK, FILL, CUT = range(9)
 # columns of the float table
 D, NEAR, SIGMA = range(3)
 
-SMOOTH, ROUGH, IRREGULAR, HORIZONTAL = range(4)
+SMOOTH, ROUGH, IRREGULAR, HORIZONTAL, MERGED = range(5)
 
 # indices of the float settings handed to the kernels
 (
@@ -37,32 +34,11 @@ SMOOTH, ROUGH, IRREGULAR, HORIZONTAL = range(4)
 # indices of the integer settings
 (
     I_WINDOW_MIN, I_MEMBERS, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS, I_SUPPORT_ROWS, I_LARGE,
-    I_CUT, I_HORIZONTAL,
-) = range(12)  # fmt: skip
+    I_CUT, I_HORIZONTAL, I_ROOM,
+) = range(13)  # fmt: skip
 
-
-@njit(cache=True, nogil=True)
-def histogram(line, gate, shift, tan_mid, bin_of_code, bins, state, hist):
-    """Sorts one column into bins and takes the ground out; returns the number of ground pixels.
-
-    line: (V,) uint16 codes. gate: (65536,) float32, the tangent of elevation below which a code is ground;
-    shift: the sideways slope of the ground in this column. bins: (V,) uint16 out. state: (V,) uint8 out."""
-    hist[:] = 0
-    ground = 0
-    for v in range(line.shape[0]):
-        code = line[v]
-        bins[v] = 0
-        if code < 2:
-            state[v] = NONE_PX if code == 0 else FAR_PX
-        elif tan_mid[v] - shift > gate[code]:
-            state[v] = GROUND_PX
-            ground += 1
-        else:
-            state[v] = FREE_PX
-            b = bin_of_code[code]
-            bins[v] = b
-            hist[b] += 1
-    return ground
+N, FIRST, OVERFLOW = range(3)
+"""What `tally` (3,) int64 counts: strips, strips before this column, and strips merged for want of room."""
 
 
 @njit(cache=True, nogil=True)
@@ -98,125 +74,181 @@ def kth_largest(values, n, k):
     return values[want]
 
 
-@njit(cache=True, nogil=True)
-def add_strip(ints, floats, n, u, top, bottom, support, kind, d, near, sigma, filled):
-    """Appends a strip. There is always room: strips of one column share no pixel, so a view has no more than cells."""
-    ints[n, U], ints[n, TOP], ints[n, BOTTOM] = u, top, bottom
-    ints[n, SUPPORT], ints[n, KIND], ints[n, CLUSTER], ints[n, TRACK] = support, kind, -1, -1
-    ints[n, FILL], ints[n, CUT] = filled, 0
-    floats[n, D], floats[n, NEAR], floats[n, SIGMA] = d, near, sigma
-    return n + 1
+@njit(cache=True, nogil=True, forceinline=True)
+def add_strip(ints, floats, tally, room, u, top, bottom, support, kind, d, near, sigma, filled):
+    """Appends a strip. A column that has `room` strips grows its last one instead: from end to end, at the nearer of
+    both distances. Nothing is dropped, and tally[OVERFLOW] says how often that was."""
+    n = tally[N]
+    if n - tally[FIRST] < room:
+        ints[n, U], ints[n, TOP], ints[n, BOTTOM] = u, top, bottom
+        ints[n, SUPPORT], ints[n, KIND], ints[n, CLUSTER], ints[n, TRACK] = support, kind, -1, -1
+        ints[n, FILL], ints[n, CUT] = filled, 0
+        floats[n, D], floats[n, NEAR], floats[n, SIGMA] = d, near, sigma
+        tally[N] = n + 1
+        return
+    n -= 1
+    between = max(0, max(top - ints[n, BOTTOM], ints[n, TOP] - bottom) - 1)
+    ints[n, TOP], ints[n, BOTTOM] = min(ints[n, TOP], top), max(ints[n, BOTTOM], bottom)
+    ints[n, SUPPORT] += support
+    ints[n, KIND] = MERGED
+    ints[n, FILL] += filled + between
+    floats[n, D], floats[n, NEAR] = max(floats[n, D], d), max(floats[n, NEAR], near)
+    floats[n, SIGMA] = max(floats[n, SIGMA], sigma)
+    tally[OVERFLOW] += 1
 
 
 @njit(cache=True, nogil=True)
-def near_side(values, n, mean, fs, si):
-    """(disparity, near edge) of rough or irregular pixels; reorders values.
-
-    The near edge is the k-th closest less near_sigmas of noise, never behind the mean; k is no more than half of
-    them. The strip stands at most safe_distance behind it (Eq. 9 with a k-th largest for its one-pixel maximum)."""
-    k = max(si[I_RANK], int(fs[S_QUANTILE] * n))
-    k = min(k, (n + 1) // 2)
-    closest = kth_largest(values, n, k)
-    near = max(closest - np.float32(fs[S_NEAR_SIGMAS] * fs[S_SIGMA_D]), mean)
-    behind = fs[S_F] / (fs[S_F] / near + fs[S_SAFE])
-    return max(mean, np.float32(behind)), near
+def homography_area(H):
+    """|det(H)|: over w^3 it is the area of a cell of the levelled view in source pixels (its Jacobian)."""
+    a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
+    b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
+    c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
+    return abs(a - b + c)
 
 
-@njit(cache=True, nogil=True)
-def emit_pixels(line, state, member, label, top, bottom, rough, kind, u, H, fs, si, scratch, ints, floats, n):
-    """One strip from the rows top..bottom with member[v] == label; returns the new count.
+@njit(cache=True, nogil=True, forceinline=True)
+def support_of(H, area, u, top, bottom, count):
+    """Distinct source pixels, in 1/16, that `count` cells of column u stand for: where cells repeat pixels, fewer.
 
-    Runs of more than irregular_gap_px rows between members were never seen at this distance: they count as filled."""
-    count = 0
-    filled = 0
-    total = np.float64(0.0)
-    first_row = -1
-    last_row = -1
-    for v in range(top, bottom + 1):
-        if member[v] == label and state[v] == FREE_PX:
-            d = np.float32(line[v] / fs[S_QUANTUM])
-            scratch[count] = d
-            total += d
-            count += 1
-            if first_row < 0:
-                first_row = v
-            elif v - last_row - 1 > si[I_GAP]:
-                filled += v - last_row - 1
-            last_row = v
-    if count == 0:
-        return n
-    mean = np.float32(total / count)
+    area: homography_area(H)."""
+    w = H[2, 0] * u + H[2, 1] * (0.5 * (top + bottom)) + H[2, 2]
+    share = 0.0
+    if w > 1e-6:
+        share = min(1.0, area / (w * w * w))
+    return max(1, int(PX * count * share + 0.5))
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def kth_closest(codes, first, last, k, best):
+    """The k-th largest of codes[first..last - 1], k counted from 1. best: scratch, as long as there are codes."""
+    if k <= 3:
+        a, b, c = np.int32(-1), np.int32(-1), np.int32(-1)
+        for i in range(np.uint64(first), np.uint64(last)):
+            x = codes[i]
+            a, b, c = max(a, x), max(b, min(a, x)), max(c, min(b, x))
+        return a if k == 1 else b if k == 2 else c
+    for i in range(last - first):
+        best[i] = codes[first + i]
+    return kth_largest(best, last - first, k)
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def emit(
+    codes, first, last, count, total, top, bottom, filled, rough, kind, u, H, area, fs, si, best, ints, floats, tally
+):  # fmt: skip
+    """One strip from `count` pixels in rows top..bottom: codes[first..last - 1], whose sum is `total`; zeros among them
+    are not counted.
+
+    A smooth one stands at their mean. The near edge of a rough one is the k-th closest less near_sigmas of noise, never
+    behind the mean; k is no more than half of them. It stands at most safe_distance behind that edge (Eq. 9 with a
+    k-th largest for its one-pixel maximum)."""
+    sigma_d = fs[S_SIGMA_D]
+    mean = np.float32(total / (fs[S_QUANTUM] * count))
     d, near = mean, mean
     if rough:
-        d, near = near_side(scratch, count, mean, fs, si)
-    sigma = fs[S_SIGMA_D] / math.sqrt(count)
+        k = min(max(si[I_RANK], int(fs[S_QUANTILE] * count)), (count + 1) // 2)
+        closest = np.float32(kth_closest(codes, first, last, k, best) / fs[S_QUANTUM])
+        near = max(closest - np.float32(fs[S_NEAR_SIGMAS] * sigma_d), mean)
+        d = max(mean, np.float32(fs[S_F] * near / (fs[S_F] + fs[S_SAFE] * near)))
+    sigma = sigma_d / math.sqrt(count)
     # a lower confidence bound: a few stray pixels in front of a wall move no plane
     near = np.float32(max(fs[S_NEAR_SHARE] * d, near - fs[S_BAND_SIGMAS] * sigma))
-    share = min(1.0, source_px_per_cell(H, u, 0.5 * (first_row + last_row)))
-    support = max(1, int(PX * count * share + 0.5))
-    return add_strip(ints, floats, n, u, first_row, last_row, support, kind, d, near, np.float32(sigma), filled)
+    support = support_of(H, area, u, top, bottom, count)
+    add_strip(ints, floats, tally, si[I_ROOM], u, top, bottom, support, kind, d, near, np.float32(sigma), filled)
 
 
 @njit(cache=True, nogil=True)
-def split_bands(line, state, member, label, top, bottom, fs, si, cuts):
-    """Where a run of members steps in depth: cuts[:k] are the first rows of its parts (cuts[0] = top); returns k.
+def rows_missed(mark, label, top, bottom, count, gap):
+    """Rows top..bottom that lie in gaps of more than `gap` rows without one of the `count` pixels that have this mark:
+    they were never seen at this distance."""
+    if bottom - top + 1 - count <= gap:
+        return 0
+    missed = 0
+    at = top
+    for _ in range(bottom - top):
+        at += gap + 1  # no gap is passed over
+        if at >= bottom:
+            break
+        if mark[at] != label:
+            first = at
+            for _a in range(gap):
+                if mark[first - 1] == label:
+                    break
+                first -= 1
+            for _a in range(bottom - at):
+                if mark[at] == label:
+                    break
+                at += 1
+            if at - first > gap:
+                missed += at - first
+    return missed
+
+
+@njit(cache=True, nogil=True)
+def running_sums(line, mark, label, first, last, seen, own):
+    """Sums over the rows of first..last before a row, (V + 1,) int64: of what is open in `seen`, of what has this mark in
+    `own`. Each holds the number of pixels, times 2^32, and the sum of their codes: the difference of two is that of the
+    rows between."""
+    open_sum, own_sum = np.int64(0), np.int64(0)
+    for v in range(np.uint64(first), np.uint64(last + 1)):
+        seen[v], own[v] = open_sum, own_sum
+        one = (np.int64(1) << 32) + np.int64(line[v])
+        open_sum += one if mark[v] <= NO_PEAK else np.int64(0)
+        own_sum += one if mark[v] == label else np.int64(0)
+    seen[last + 1], own[last + 1] = open_sum, own_sum
+
+
+@njit(cache=True, nogil=True)
+def split_bands(own, top, bottom, least, fs, si, parts):
+    """Where a run of pixels steps in depth: returns the number of its parts. own: see `running_sums`. parts: (3, > rows
+    / band_rows) int64 out: first row, number of pixels, sum of their codes.
 
     Means of short bands are compared with the mean of the part so far; two bands in a row must be off, by the
-    greater of band_step_m and the noise of both means, for a new part to begin."""
-    cuts[0] = top
-    parts = 1
-    part_sum, part_n = 0.0, 0
-    pending = -1
-    held_sum, held_n = 0.0, 0
-    rows = si[I_BAND_ROWS]
-    for band in range((bottom - top) // rows + 1):
-        v0 = top + band * rows
-        s, c = 0.0, 0
-        for v in range(v0, min(bottom, v0 + rows - 1) + 1):
-            if member[v] == label and state[v] == FREE_PX:
-                s += line[v] / fs[S_QUANTUM]
-                c += 1
+    greater of band_step_m and the noise of both means, for a new part to begin. least: no pixel has a lesser code."""
+    high = si[I_BAND_ROWS]
+    q = fs[S_QUANTUM]
+    # what is below this bound needs no closer look: the step at the farthest pixel, the noise of a full band
+    far = least / q
+    alike = max(fs[S_BAND_STEP] * far * far / fs[S_F], fs[S_BAND_SIGMAS] * fs[S_SIGMA_D] / math.sqrt(1.0 * high))
+    alike *= (1.0 - 1e-9) * q
+    k = 0
+    parts[0, 0] = top
+    part_sum, part_n = np.int64(0), np.int64(0)
+    none = np.int64(-1)
+    pending = none
+    held_sum, held_n = np.int64(0), np.int64(0)
+    before = own[top]
+    for v0 in range(top, bottom + 1, high):
+        behind = own[min(bottom + 1, v0 + high)]
+        c, s = (behind - before) >> 32, (behind - before) & 0xFFFFFFFF
+        before = behind
         if c == 0:
             continue
-        if part_n == 0:
-            part_sum, part_n = s, c
-            continue
-        mean = part_sum / part_n
-        step = fs[S_BAND_STEP] * mean * mean / fs[S_F]
-        noise = fs[S_BAND_SIGMAS] * fs[S_SIGMA_D] * math.sqrt(1.0 / c + 1.0 / part_n)
-        if abs(s / c - mean) <= max(step, noise):
+        off = abs(s * part_n - part_sum * c)
+        if part_n == 0 or off <= alike * (c * part_n) or off <= band_tolerance(part_sum, part_n, c, fs):
             part_sum, part_n = part_sum + s + held_sum, part_n + c + held_n
-            pending, held_sum, held_n = -1, 0.0, 0
+            pending, held_sum, held_n = none, np.int64(0), np.int64(0)
         elif pending < 0:
-            pending, held_sum, held_n = v0, s, c
+            pending, held_sum, held_n = np.int64(v0), s, c
         else:
-            if parts < cuts.shape[0]:
-                cuts[parts] = pending
-                parts += 1
+            parts[1, k], parts[2, k] = part_n, part_sum
+            k += 1
+            parts[0, k] = pending
             part_sum, part_n = held_sum + s, held_n + c
-            pending, held_sum, held_n = -1, 0.0, 0
-    return parts
+            pending, held_sum, held_n = none, np.int64(0), np.int64(0)
+    parts[1, k], parts[2, k] = part_n + held_n, part_sum + held_sum
+    return k + 1
 
 
 @njit(cache=True, nogil=True)
-def window_blocks(line, state, member, label, first, last, block, counts):
-    """Members, valid pixels and sum of codes in blocks of half a window; returns the number of blocks.
-
-    counts: (3, >= blocks) int64. Windows half a window apart are then two neighbouring blocks."""
-    blocks = (last - first) // block + 1
-    for j in range(blocks):
-        m, valid, s = 0, 0, np.int64(0)
-        for v in range(first + j * block, min(last, first + (j + 1) * block - 1) + 1):
-            if state[v] == FREE_PX:
-                valid += 1
-                s += np.int64(line[v])
-                if member[v] == label:
-                    m += 1
-        counts[0, j], counts[1, j], counts[2, j] = m, valid, s
-    return blocks
+def band_tolerance(part_sum, part_n, c, fs):
+    """How far the mean of a band of c pixels may be off that of the part so far, as |s part_n - part_sum c| in codes."""
+    mean = part_sum / (fs[S_QUANTUM] * part_n)
+    noise = fs[S_BAND_SIGMAS] * fs[S_SIGMA_D] * math.sqrt(1.0 / c + 1.0 / part_n)
+    return max(fs[S_BAND_STEP] * mean * mean / fs[S_F], noise) * fs[S_QUANTUM] * (c * part_n)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def window_half_rows(d, fs, si, rows):
     """Half the window's length (Eq. 7, 8): Hs * g(x) px with Z_near = max(Z/2, Z - ke Z^2), in [least, V].
 
@@ -229,92 +261,93 @@ def window_half_rows(d, fs, si, rows):
 
 @njit(cache=True, nogil=True)
 def slide_windows(
-    line, state, member, label, d, low_code, high_code, rough, u, H, fs, si, scratch, counts, cuts,
-    ints, floats, n,
+    line, mark, first, last, label, d, low_code, high_code, rough, u, H, area, fs, si, seen, own, best, parts, ints,
+    floats, tally,
 ):  # fmt: skip
-    """Section 4.2 for one peak: accepted windows become segments, segments strips; returns the new count.
+    """Section 4.2 for one peak, among the rows first..last: accepted windows become segments, segments strips.
 
-    A window is accepted when most of its valid pixels belong to the peak and their mean lies in its interval. A
-    segment ends at its first and last members. The scan goes on after an end, so a peak can give several
-    segments (the lintel over a window). What a segment covers and is not nearer than the peak is taken with it."""
-    rows = line.shape[0]
-    first, last = -1, -1
-    for v in range(rows):
-        if member[v] == label and state[v] == FREE_PX:
-            if first < 0:
-                first = v
-            last = v
-    if first < 0:
-        return n
-    block = window_half_rows(d, fs, si, rows)
-    blocks = window_blocks(line, state, member, label, first, last, block, counts)
+    line: (V,) uint16 codes, mark: see `mark_rows`, of one column. A window is accepted when most of its valid pixels
+    belong to the peak and their mean lies in its interval. A segment ends at its first and last members. The scan goes
+    on after an end, so a peak can give several segments (the lintel over a window). What a segment covers and is not
+    nearer than the peak is taken with it. Windows are half a window apart."""
+    first, last = ends_of(mark, label, first, last)
+    if first > last:
+        return
+    running_sums(line, mark, label, first, last, seen, own)
+    half = window_half_rows(d, fs, si, line.shape[0])
+    need = min(si[I_WINDOW_MIN], si[I_MEMBERS])
+    count = (last - first) // half + 1
     run = -1
-    for j in range(blocks):
-        k = min(j + 1, blocks - 1)
-        m, valid, s = counts[0, j], counts[1, j], counts[2, j]
-        if k > j:
-            m, valid, s = m + counts[0, k], valid + counts[1, k], s + counts[2, k]
+    for j in range(count):
+        begin, end = first + j * half, min(last + 1, first + (j + 2) * half)
+        m, valid = (own[end] - own[begin]) >> 32, seen[end] - seen[begin]
+        valid, s = valid >> 32, valid & 0xFFFFFFFF
         size = valid
         if si[I_PAPER] == 1:
-            size = (k - j + 1) * block
-        need = min(si[I_WINDOW_MIN], si[I_MEMBERS])
+            size = (min(j + 2, count) - j) * half
         good = m >= need and m > fs[S_MAJORITY] * size and low_code * valid <= s <= high_code * valid
         if good and run < 0:
             run = j
-        if run >= 0 and (not good or j == blocks - 1):
-            a = first + run * block
-            b = min(last, first + (j + 1) * block - 1)
-            n = finish_segment(
-                line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts,
-                ints, floats, n,
+        if run >= 0 and (not good or j == count - 1):
+            finish_segment(
+                line, mark, first + run * half, min(last, begin + half - 1), label, low_code, high_code, rough, u, H, area,
+                fs, si, own, best, parts, ints, floats, tally,
             )  # fmt: skip
             run = -1
             if si[I_PAPER] == 1:
                 break
-    return n
 
 
 @njit(cache=True, nogil=True)
-def finish_segment(line, state, member, label, a, b, high_code, rough, u, H, fs, si, scratch, cuts, ints, floats, n):
-    """Strips of one accepted run of rows a..b, split where it steps; its pixels are taken."""
-    for v in range(a, b + 1):
-        if member[v] == label and state[v] == FREE_PX:
-            break
-        a += 1
-    for _v in range(b - a + 1):
-        if member[b] == label and state[b] == FREE_PX:
-            break
-        b -= 1
+def finish_segment(
+    line, mark, top, bottom, label, low_code, high_code, rough, u, H, area, fs, si, own, best, parts, ints, floats, tally
+):  # fmt: skip
+    """Strips of one accepted run of rows top..bottom, split where it steps; its pixels are taken.
+
+    own: see `running_sums`. best: (2, V) int32 scratch."""
+    top, bottom = ends_of(mark, label, top, bottom)
+    if top > bottom:
+        return
+    u_top, u_end = np.uint64(top), np.uint64(bottom + 1)
     if si[I_PAPER] == 1:
-        n = emit_paper(line, state, a, b, rough, u, fs, ints, floats, n)
-    else:
-        parts = split_bands(line, state, member, label, a, b, fs, si, cuts)
-        for i in range(parts):
-            end = b if i == parts - 1 else cuts[i + 1] - 1
-            n = emit_pixels(
-                line, state, member, label, cuts[i], end, rough, ROUGH if rough else SMOOTH, u, H, fs, si, scratch,
-                ints, floats, n,
-            )  # fmt: skip
-    tail = high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM]
-    for v in range(a, b + 1):
-        if state[v] == FREE_PX and (line[v] <= tail or si[I_PAPER] == 1):
-            state[v] = TAKEN_PX
-    return n
+        emit_paper(line, mark, top, bottom, rough, u, fs, si, ints, floats, tally)
+        for v in range(u_top, u_end):
+            mark[v] = TAKEN if mark[v] <= NO_PEAK else mark[v]
+        return
+    if rough:
+        for v in range(u_top, u_end):
+            best[1, v] = line[v] * (mark[v] == label)
+    kind = ROUGH if rough else SMOOTH
+    count = split_bands(own, top, bottom, low_code, fs, si, parts)
+    for k in range(count):
+        a, b = parts[0, k], bottom if k == count - 1 else parts[0, k + 1] - 1
+        a, b = ends_of(mark, label, a, b)
+        pixels = parts[1, k]
+        filled = rows_missed(mark, label, a, b, pixels, si[I_GAP])
+        emit(
+            best[1], a, b + 1, pixels, parts[2, k], a, b, filled, rough, kind, u, H, area, fs, si, best[0], ints, floats,
+            tally,
+        )  # fmt: skip
+    tail = int(min(high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM], 65535.0))
+    for v in range(u_top, u_end):
+        mark[v] = TAKEN if (mark[v] <= NO_PEAK) & (line[v] <= tail) else mark[v]
 
 
 @njit(cache=True, nogil=True)
-def emit_paper(line, state, a, b, rough, u, fs, ints, floats, n):
+def emit_paper(line, mark, top, bottom, rough, u, fs, si, ints, floats, tally):
     """Eq. 9 as printed: the mean or the one-pixel maximum over all measured pixels between both ends."""
-    count, total, most = 0, 0.0, 0.0
-    for v in range(a, b + 1):
-        if state[v] == FREE_PX or state[v] == TAKEN_PX:
-            d = line[v] / fs[S_QUANTUM]
-            total += d
-            most = max(most, d)
+    count, total, most = 0, np.int64(0), np.int64(0)
+    for v in range(top, bottom + 1):
+        if mark[v] <= NO_PEAK or mark[v] == TAKEN:
+            total += line[v]
+            most = max(most, np.int64(line[v]))
             count += 1
     if count == 0:
-        return n
-    d = most if rough else total / count
+        return
+    d = (most if rough else total / count) / fs[S_QUANTUM]
     sigma = fs[S_SIGMA_D] / math.sqrt(count)
     kind = ROUGH if rough else SMOOTH
-    return add_strip(ints, floats, n, u, a, b, PX * count, kind, np.float32(d), np.float32(d), np.float32(sigma), 0)
+    add_strip(
+        ints, floats, tally, si[I_ROOM], u, top, bottom, PX * count, kind, np.float32(d), np.float32(d),
+        np.float32(sigma), 0,
+    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from .level import outside_source
@@ -13,6 +14,8 @@ from .strips import (
     I_SUPPORT,
     I_SUPPORT_COLUMNS,
     I_SUPPORT_ROWS,
+    KIND,
+    MERGED,
     NEAR,
     PX,
     S_SIGMA_D,
@@ -31,42 +34,83 @@ from .strips import (
 
 
 @njit(cache=True, nogil=True)
-def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, keep):
+def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, lowest, keep):
     """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
 
     A strip needs min_support_px source pixels, near ones min_support_m's worth. With fewer it is kept when other small
     strips, within support_columns, support_rows and support_sigmas (or support_relative) of disparity, bring it to
     that: a pole has it in its own column, a wire along its row; a mismatch of two by two pixels has it nowhere. What
-    lies within support_tail_sigmas of a large strip beside it is that strip's noise, and counts there.
-    fs, si: settings by the S_ and I_ indices. first_of_column: (cols + 1,) int32, keep: (N,) uint8, both scratch."""
+    lies within support_tail_sigmas of a large strip beside it is that strip's noise, and counts there. Strips merged for
+    want of room carry all that they touch.
+    Strips in order of `sort_columns`. fs, si: settings by the S_ and I_ indices. first_of_column: (cols + 1,) int32, see
+    `index_columns`, in and out. lowest: (N,) int32, keep: (N,) uint8, both scratch."""
+    lowest_rows(ints, cols, first_of_column, lowest)
+    reach = si[I_SUPPORT_COLUMNS]
+    cursor = np.zeros(2 * reach + 1, np.int64)
+    least, per_px = PX * si[I_SUPPORT], fs[S_SUPPORT_PER_PX]
+    for u in range(cols):
+        for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
+            cursor[w - u + reach] = first_of_column[w]
+        for i in range(first_of_column[u], first_of_column[u + 1]):
+            need = max(least, int(per_px * floats[i, D]))
+            keep[i] = 1
+            if ints[i, SUPPORT] < need:
+                keep[i] = _carried(ints, floats, i, cols, need, fs, si, first_of_column, lowest, cursor)
+    n = compact(ints, floats, n, keep)
     index_columns(ints, n, cols, first_of_column)
-    for i in range(n):
-        keep[i] = 1
-        need = max(PX * si[I_SUPPORT], int(fs[S_SUPPORT_PER_PX] * floats[i, D]))
-        if ints[i, SUPPORT] < need:
-            keep[i] = _carried(ints, floats, i, cols, need, fs, si, first_of_column)
-    return compact(ints, floats, n, keep)
+    return n
 
 
 @njit(cache=True, nogil=True)
-def _carried(ints, floats, i, cols, least, fs, si, first_of_column):
+def lowest_rows(ints, cols, first_of_column, lowest):
+    """lowest[i]: the greatest BOTTOM of the strips up to i in its column. Strips that end above a row can so be passed
+    over, as those that begin below one can."""
+    for u in range(cols):
+        least = np.int32(-1)
+        for i in range(first_of_column[u], first_of_column[u + 1]):
+            least = max(least, ints[i, BOTTOM])
+            lowest[i] = least
+
+
+@njit(cache=True, nogil=True)
+def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, cursor):
     """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0.
 
-    A large one lies beside it when it touches its rows in its own column or the next."""
+    A large one lies beside it when it touches its rows in its own column or the next; so these columns come first.
+    cursor: for each column in reach the first strip that may touch this one or a lower one; moved on."""
     total = ints[i, SUPPORT]
-    u, reach, rows = ints[i, U], si[I_SUPPORT_COLUMNS], si[I_SUPPORT_ROWS]
-    near = max(fs[S_SUPPORT_SIGMAS] * fs[S_SIGMA_D], fs[S_SUPPORT_RELATIVE] * floats[i, D])
+    u, top, bottom, d = ints[i, U], ints[i, TOP], ints[i, BOTTOM], floats[i, D]
+    reach, rows = si[I_SUPPORT_COLUMNS], si[I_SUPPORT_ROWS]
+    near = max(fs[S_SUPPORT_SIGMAS] * fs[S_SIGMA_D], fs[S_SUPPORT_RELATIVE] * d)
     tail, large = fs[S_TAIL] * fs[S_SIGMA_D], si[I_LARGE] * least
-    for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
-        for j in range(first_of_column[w], first_of_column[w + 1]):
-            apart = max(ints[j, TOP] - ints[i, BOTTOM], ints[i, TOP] - ints[j, BOTTOM])
-            off = abs(floats[j, D] - floats[i, D])
-            if j == i or apart > rows + abs(w - u) or off > near:
+    for k in range(2 * reach + 1):
+        off = (k + 1) // 2  # 0, 1, -1, 2, -2, ..
+        w = u + off if k % 2 == 1 else u - off
+        if off > 1 and total >= least:
+            return 1
+        if w < 0 or w >= cols:
+            continue
+        first, last = cursor[w - u + reach], first_of_column[w + 1]
+        for _ in range(last - first):
+            if lowest[first] >= top - rows - off:
+                break
+            first += 1
+        cursor[w - u + reach] = first
+        for j in range(first, last):
+            if ints[j, TOP] > bottom + rows + off:
+                break
+            apart = abs(floats[j, D] - d)
+            if top - ints[j, BOTTOM] > rows + off:
                 continue
-            inside = ints[i, TOP] >= ints[j, TOP] - 1 and ints[i, BOTTOM] <= ints[j, BOTTOM] + 1
-            if inside and abs(w - u) <= 1 and off <= tail and ints[j, SUPPORT] >= large:
-                return 0
-            if not inside or ints[j, SUPPORT] < large:
+            if ints[j, KIND] == MERGED:  # whatever carried this one may be in it
+                return 1
+            if j == i or apart > near:
+                continue
+            inside = top >= ints[j, TOP] - 1 and bottom <= ints[j, BOTTOM] + 1
+            if inside and ints[j, SUPPORT] >= large:
+                if off <= 1 and apart <= tail:
+                    return 0
+            else:
                 total += ints[j, SUPPORT]
     return 1 if total >= least else 0
 
@@ -97,27 +141,24 @@ def compact(ints, floats, n, keep):
 
 
 @njit(cache=True, nogil=True)
-def sort_column(ints, floats, first, last):
-    """Orders the strips first..last-1 of one column by top row, then from near to far (insertion sort: few, nearly sorted)."""
-    for i in range(first + 1, last):
-        row = ints[i].copy()
-        value = floats[i].copy()
-        at = i
-        for j in range(i - 1, first - 1, -1):
-            if ints[j, TOP] < row[TOP] or (ints[j, TOP] == row[TOP] and floats[j, D] >= value[D]):
-                break
-            ints[j + 1] = ints[j]
-            floats[j + 1] = floats[j]
-            at = j
-        ints[at] = row
-        floats[at] = value
-
-
-@njit(cache=True, nogil=True)
 def sort_columns(ints, floats, cols, first_of_column):
-    """Orders the strips of every column from top to bottom."""
+    """Orders the strips of every column by top row, then from near to far (by insertion: they are few and nearly so)."""
+    row, value = np.zeros(ints.shape[1], ints.dtype), np.zeros(floats.shape[1], floats.dtype)
     for u in range(cols):
-        sort_column(ints, floats, first_of_column[u], first_of_column[u + 1])
+        first = first_of_column[u]
+        for i in range(first + 1, first_of_column[u + 1]):
+            top, d = ints[i, TOP], floats[i, D]
+            at = i
+            for _ in range(i - first):
+                if ints[at - 1, TOP] < top or (ints[at - 1, TOP] == top and floats[at - 1, D] >= d):
+                    break
+                at -= 1
+            if at == i:
+                continue
+            row[:], value[:] = ints[i], floats[i]
+            for j in range(i - at):
+                ints[i - j], floats[i - j] = ints[i - j - 1], floats[i - j - 1]
+            ints[at], floats[at] = row, value
 
 
 @njit(cache=True, nogil=True)
@@ -134,33 +175,41 @@ def mark_cuts(ints, n, H, cols, rows, si):
 
 
 @njit(cache=True, nogil=True)
-def smooth_near(ints, floats, n, cols, fs, first_of_column, raw):
+def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
     """Near edge as the median over three columns of touching strips, so that one column alone moves no plane.
 
-    raw: (N,) float32 scratch. A strip without both neighbours keeps its own. Thin things keep theirs: a neighbour
-    farther off than smooth_relative of the disparity and smooth_sigmas of SIGMA is another thing."""
+    Strips in order of `sort_columns`. lowest: (N,) int32, raw: (N,) float32, both scratch. A strip without both
+    neighbours keeps its own. Thin things keep theirs: a neighbour farther off than smooth_relative of the disparity and
+    smooth_sigmas of SIGMA is another thing."""
     index_columns(ints, n, cols, first_of_column)
+    lowest_rows(ints, cols, first_of_column, lowest)
     for i in range(n):
         raw[i] = floats[i, NEAR]
-    for i in range(n):
-        u = ints[i, U]
-        if u == 0 or u == cols - 1:
-            continue
-        left = _touching(ints, floats, i, fs, first_of_column[u - 1], first_of_column[u])
-        right = _touching(ints, floats, i, fs, first_of_column[u + 1], first_of_column[u + 2])
-        if left >= 0 and right >= 0:
-            a, b, c = raw[left], raw[i], raw[right]
-            middle = max(min(a, b), min(max(a, b), c))
-            floats[i, NEAR] = middle
+    for u in range(1, cols - 1):
+        a, b = first_of_column[u - 1], first_of_column[u + 1]
+        for i in range(first_of_column[u], first_of_column[u + 1]):
+            left, a = _touching(ints, floats, i, fs, a, first_of_column[u], lowest)
+            right, b = _touching(ints, floats, i, fs, b, first_of_column[u + 2], lowest)
+            if left >= 0 and right >= 0:
+                x, y, z = raw[left], raw[i], raw[right]
+                floats[i, NEAR] = max(min(x, y), min(max(x, y), z))
 
 
 @njit(cache=True, nogil=True)
-def _touching(ints, floats, i, fs, first, last):
-    """The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1."""
+def _touching(ints, floats, i, fs, first, last, lowest):
+    """(The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1; the
+    first that may overlap this one or a lower one)."""
     best, found = fs[S_SMOOTH_RELATIVE] * floats[i, D] + fs[S_SMOOTH_SIGMAS] * floats[i, SIGMA], -1
+    top, bottom, d = ints[i, TOP], ints[i, BOTTOM], floats[i, D]
+    for _ in range(last - first):
+        if lowest[first] >= top:
+            break
+        first += 1
     for j in range(first, last):
-        if ints[j, TOP] <= ints[i, BOTTOM] and ints[i, TOP] <= ints[j, BOTTOM]:
-            off = abs(floats[j, D] - floats[i, D])
+        if ints[j, TOP] > bottom:
+            break
+        if top <= ints[j, BOTTOM]:
+            off = abs(floats[j, D] - d)
             if off < best:
                 best, found = off, j
-    return found
+    return found, first

@@ -10,6 +10,7 @@ from core import strips as s
 from core.irregular import irregular_rest
 from core.level import ViewGeometry
 from core.params import Params
+from core.pixels import CLOSED, NO_PEAK, free_rows, gather_rows
 from core.settings import float_settings, int_settings
 
 F, QUANTUM = 100.0, 64.0
@@ -44,19 +45,34 @@ class Column:
     def __post_init__(self) -> None:
         rows = len(self.x_m)
         self.line = np.where(np.isnan(self.x_m), 0, code(np.where(np.isnan(self.x_m), 1.0, self.x_m))).astype(np.uint16)
-        self.state = np.full(rows, s.FREE_PX, np.uint8)
-        self.state[self.line == 0] = s.NONE_PX
-        self.state[self.line == 1] = s.FAR_PX
-        self.member = np.zeros(rows, np.uint8)
-        self.scratch = np.zeros(rows, np.float32)
-        self.blocks = np.zeros((3, rows + 2), np.int64)
-        self.cuts = np.zeros(64, np.int32)
+        self.mark = np.full((rows + 7) // 8 * 8, CLOSED, np.uint8)
+        self.mark[:rows][self.line > 1] = 0
+        self.px = np.zeros((2, rows + 8), np.int32)
+        self.seen, self.own = np.full(rows + 1, -7, np.int64), np.full(rows + 1, -7, np.int64)
+        self.best = np.full((2, rows), -7, np.int32)
+        self.parts = np.full((3, rows // self.params.band_rows + 2), -7, np.int64)
+        self.tally = np.zeros(3, np.int64)
         self.ints = np.full((256, 9), -77, np.int32)
         self.floats = np.full((256, 3), np.nan, np.float32)
         g = view(rows)
         self.H = g.H
         self.fs = float_settings(g, self.sigma_d_px / F, self.sigma_d_px, self.params)
         self.si = int_settings(self.params)
+        self.area = s.homography_area(self.H)
+
+    @property
+    def open(self) -> np.ndarray:
+        """(V,) bool: rows with a measurement that no strip has."""
+        return self.mark[: len(self.line)] <= NO_PEAK
+
+    def members(self, which: np.ndarray) -> None:
+        """Gives the open rows that are True to peak 0, the others to none."""
+        self.mark[: len(self.line)] = np.where(self.open, np.where(which, 0, NO_PEAK), self.mark[: len(self.line)])
+
+    @property
+    def is_member(self) -> np.ndarray:
+        """(V,) bool: rows of peak 0."""
+        return self.mark[: len(self.line)] == 0
 
     @property
     def disparity(self) -> np.ndarray:
@@ -68,18 +84,24 @@ class Column:
 
     def windows(self, low_code: float, high_code: float, d: float, rough: bool = False) -> int:
         """slide_windows for label 0; returns the number of strips."""
-        return int(
-            s.slide_windows(
-                self.line, self.state, self.member, 0, d, low_code, high_code, rough, 0, self.H, self.fs, self.si,
-                self.scratch, self.blocks, self.cuts, self.ints, self.floats, 0,
-            )
+        self.tally[:] = 0
+        s.slide_windows(
+            self.line, self.mark, 0, len(self.line) - 1, 0, d, float(low_code), float(high_code), rough, 0, self.H, self.area,
+            self.fs, self.si, self.seen, self.own, self.best, self.parts, self.ints, self.floats, self.tally,
         )  # fmt: skip
+        return int(self.tally[s.N])
+
+    def gather(self) -> int:
+        """Lists the open rows in px; returns their number."""
+        mask = np.zeros_like(self.mark)
+        free_rows(self.mark, 0, len(self.line) - 1, mask)
+        return int(gather_rows(self.line, mask, self.px))
 
     def rest(self) -> int:
         """irregular_rest; returns the number of strips."""
-        return int(
-            irregular_rest(
-                self.line, self.state, self.member, 0, self.H, self.fs, self.si, self.scratch, self.ints, self.floats,
-                0,
-            )
+        self.tally[:] = 0
+        irregular_rest(
+            self.line, self.mark, self.px, self.gather(), 0, self.H, self.area, self.fs, self.si, self.best, self.ints,
+            self.floats, self.tally,
         )  # fmt: skip
+        return int(self.tally[s.N])

@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 UNKNOWN, FAR = 0, 1
-FREE, GROUND, NONE, FAR_ROW, TAKEN = range(5)
 
 
 # ---- pixels -----------------------------------------------------------------------------------------------------
@@ -113,16 +112,52 @@ def peaks(counts, threshold, share):
 # ---- strips -----------------------------------------------------------------------------------------------------
 
 
-def accepted_segments(code, state, is_member, low, high, half, majority, need):
+def open_rows(line, gate, shift, tan_mid):
+    """Rows with a measurement that is neither ground nor below it."""
+    return [v for v in range(len(line)) if line[v] > FAR and not tan_mid[v] - shift > gate[line[v]]]
+
+
+def bands(code, members, high, tolerance):
+    """(first row, number of pixels, sum of codes) of each part of a run: a part ends before two bands in a row whose mean
+    is off that of the part by more than tolerance(mean code of the part, pixels of the band, of the part)."""
+    top, parts, held = min(members), [], []
+    for start in range(top, max(members) + 1, high):
+        band = [v for v in range(start, start + high) if v in members]
+        if not band:
+            continue
+        if not parts:
+            parts = [[start, band]]
+            continue
+        own = parts[-1][1]
+        mean = np.mean([float(code[v]) for v in own])
+        if abs(np.mean([float(code[v]) for v in band]) - mean) <= tolerance(mean, len(band), len(own)):
+            own += held + band
+            held = []
+        elif not held:
+            held, held_start = band, start
+        else:
+            parts.append([held_start, held + band])
+            held = []
+    parts[-1][1].extend(held)
+    return [(start, len(rows), sum(int(code[v]) for v in rows)) for start, rows in parts]
+
+
+def missed(members, gap):
+    """Rows in gaps of more than `gap` rows between members."""
+    rows = sorted(members)
+    return sum(b - a - 1 for a, b in itertools.pairwise(rows) if b - a - 1 > gap)
+
+
+def accepted_segments(code, is_open, is_member, low, high, half, majority, need):
     """(top, bottom) rows of the runs of accepted windows of 2 x half rows, half a window apart."""
-    rows = [v for v in range(len(code)) if is_member[v] and state[v] == FREE]
+    rows = [v for v in range(len(code)) if is_member[v]]
     if not rows:
         return []
     first, last = rows[0], rows[-1]
     starts = list(range(first, last + 1, half))
     good = []
     for start in starts:
-        inside = [v for v in range(start, min(last, start + 2 * half - 1) + 1) if state[v] == FREE]
+        inside = [v for v in range(start, min(last, start + 2 * half - 1) + 1) if is_open[v]]
         members = sum(bool(is_member[v]) for v in inside)
         mean = np.mean([float(code[v]) for v in inside]) if inside else -1.0
         good.append(members >= need and members > majority * len(inside) and low <= mean <= high)
@@ -135,17 +170,17 @@ def accepted_segments(code, state, is_member, low, high, half, majority, need):
         while end + 1 < len(starts) and good[end + 1]:
             end += 1
         a, b = starts[v], min(last, starts[end] + 2 * half - 1)
-        inside = [w for w in range(a, b + 1) if is_member[w] and state[w] == FREE]
+        inside = [w for w in range(a, b + 1) if is_member[w]]
         segments.append((inside[0], inside[-1]))
         v = end + 1
     return segments
 
 
-def irregular_segments(disparity, state, f, gap, tall_m, deep_m, noise_px):
+def irregular_segments(disparity, is_open, f, gap, tall_m, deep_m, noise_px):
     """(top, bottom) rows of the irregular rest of one column."""
     out, rows = [], []
     for v in range(len(disparity)):
-        if state[v] != FREE:
+        if not is_open[v]:
             continue
         if rows:
             new = [disparity[w] for w in [*rows, v]]

@@ -10,8 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.density import MAX_PEAKS, ONE_PX, BinTable, bin_table, find_peaks, soft_counts
+from core.density import (
+    LANES,
+    MAX_PEAKS,
+    ONE_PX,
+    BinTable,
+    bin_table,
+    count_bins,
+    find_peaks,
+    peaks_of_column,
+    soft_counts,
+)
 from core.params import Params
+from core.pixels import CODE
 
 from . import naive
 
@@ -72,20 +83,48 @@ def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it(half: int
 @given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([1, 3, 7]))
 def test_soft_counts_are_a_convolution(seed: int, n: int, half: int) -> None:
     rng = np.random.default_rng(seed)
-    hist = (rng.integers(0, 9, n) * (rng.random(n) < 0.4)).astype(np.int32)
+    bin_of_code = np.minimum(1 + np.arange(65536) // 7, n - 2 if n > 3 else 1).astype(np.uint16)
+    px = np.zeros((2, 100), np.int32)
+    pixels = int(rng.integers(1, 90))
+    px[CODE, :pixels] = rng.integers(2, 7 * n, pixels)
+    lanes = np.zeros((LANES, n), np.int32)
     weights = bin_table(450.0, 20.0, 0.5, Params(kernel_half_bins=half)).weights
-    out = np.full(n, -1, np.int32)
-    soft_counts(hist, weights, out)
-    np.testing.assert_array_equal(out, np.convolve(hist, weights)[half : half + n])
+    hist, out = np.zeros(n + 2 * half, np.int32), np.full(n, -1, np.int32)
+    first, last = count_bins(px, pixels, bin_of_code, lanes)
+    own = bin_of_code[px[CODE, :pixels]]
+    assert (first, last) == (own.min(), own.max())
+    begin, end = soft_counts(lanes, first, last, weights, hist, out)
+    want = np.convolve(np.bincount(own, minlength=n), weights)[half : half + n]
+    np.testing.assert_array_equal(out[begin : end + 1], want[begin : end + 1])
+    assert not want[:begin].any()
+    assert not want[end + 1 :].any()
+    assert begin == 0 or want[begin] == 0  # a bin without counts before them
+    assert not lanes.any()
+    assert not hist.any()
     assert len(weights) == 2 * half + 1
     assert weights[half] == ONE_PX
     np.testing.assert_array_equal(weights, weights[::-1])
 
 
+def test_first_codes_begin_their_bins() -> None:
+    for sigma in (0.01, 0.675):
+        t = bin_table(450.0, 20.0, sigma, Params())
+        for b in range(1, len(t.first_code) - 2):
+            own = np.flatnonzero(t.bin_of_code == b)
+            assert own.tolist() == list(range(t.first_code[b], t.first_code[b + 1]))
+        assert t.first_code[-1] == 65536
+
+
 def run_peaks(counts: np.ndarray, threshold: np.ndarray, share: float, alpha: float) -> list[tuple[int, int, int]]:
+    """Peaks of all bins at once; the same must come out where the parts between empty bins are looked at alone."""
+    counts, threshold = counts.astype(np.int32), threshold.astype(np.int32)
     low, high, top = (np.full(MAX_PEAKS, -9, np.int32) for _ in range(3))
-    n = find_peaks(counts.astype(np.int32), threshold.astype(np.int32), share, alpha, low, high, top)
-    return [(int(top[i]), int(low[i]), int(high[i])) for i in range(n)]
+    n = find_peaks(counts, threshold, 0, len(counts) - 1, share, alpha, 0, low, high, top)
+    found = [(int(top[i]), int(low[i]), int(high[i])) for i in range(n)]
+    low, high, top = (np.full(MAX_PEAKS, -9, np.int32) for _ in range(3))
+    n = peaks_of_column(counts, 0, len(counts) - 1, threshold, share, alpha, low, high, top)
+    assert [(int(top[i]), int(low[i]), int(high[i])) for i in range(n)] == found
+    return found
 
 
 @given(

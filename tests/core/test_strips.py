@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from core import irregular
 from core import strips as s
-from core.density import NO_PEAK
 from core.params import Params
+from core.pixels import CODE, NO_PEAK, ROW
 
 from . import naive
 from .columns import QUANTUM, Column, F, code, view
@@ -30,24 +30,12 @@ def test_the_kth_largest_is_the_one_sorting_gives(seed: int, n: int) -> None:
         assert s.kth_largest(values.copy(), n, k) == np.sort(values)[n - k]
 
 
-@given(SEED)
-def test_histogram_sorts_every_row_once(seed: int) -> None:
+@given(SEED, st.integers(1, 60), st.integers(1, 12))
+def test_the_kth_closest_is_the_one_sorting_gives(seed: int, n: int, k: int) -> None:
     rng = np.random.default_rng(seed)
-    line = rng.integers(0, 60, 50).astype(np.uint16)
-    gate = rng.uniform(-0.3, 0.3, 65536).astype(np.float32)
-    tan_mid = np.linspace(-0.5, 0.5, 50).astype(np.float32)
-    bin_of_code = np.maximum(np.arange(65536) // 7, 1).astype(np.uint16)
-    bins, state, hist = np.full(50, 9, np.uint16), np.full(50, 9, np.uint8), np.full(10, 9, np.int32)
-    ground = s.histogram(line, gate, np.float32(0.05), tan_mid, bin_of_code, bins, state, hist)
-    want = np.zeros(10, int)
-    for v in range(50):
-        below = line[v] > 1 and tan_mid[v] - np.float32(0.05) > gate[line[v]]
-        kind = naive.NONE if line[v] == 0 else naive.FAR_ROW if line[v] == 1 else naive.GROUND if below else naive.FREE
-        assert state[v] == kind
-        assert bins[v] == (bin_of_code[line[v]] if kind == naive.FREE else 0)
-        want[bins[v]] += kind == naive.FREE
-    np.testing.assert_array_equal(hist, want)
-    assert ground == np.sum(state == naive.GROUND)
+    codes = np.concatenate([[60000], rng.integers(2, 30, n), [60000]]).astype(np.int32)
+    if k <= n:
+        assert s.kth_closest(codes, 1, n + 1, k, np.zeros(n, np.int32)) == np.sort(codes[1 : n + 1])[n - k]
 
 
 @given(SEED, st.integers(2, 12), st.floats(0.1, 0.9))
@@ -57,14 +45,15 @@ def test_windows_against_their_definition(seed: int, half: int, share: float) ->
     x = np.repeat(rng.choice([5.0, 9.0, math.nan, math.inf, 3.0], 20, p=[0.5, 0.2, 0.1, 0.1, 0.1]), 5)
     x[rng.random(100) < 0.2 * share] = 9.0
     c = Column(x, params=Params(passable_height_m=max(0.2, 2 * half * 5.0 / F), window_min_px=4))
-    c.member[:] = np.where(c.line == code(5.0), 0, NO_PEAK)
+    c.members(c.line == code(5.0))
+    member = c.is_member.copy()
     got_half = s.window_half_rows(F / 5.0, c.fs, c.si, 100)
     low, high = 0.8 * code(5.0)[0], 1.2 * code(5.0)[0]
-    want = naive.accepted_segments(c.line, c.state, c.member == 0, low, high, got_half, 0.5, 3)
+    want = naive.accepted_segments(c.line, c.open, member, low, high, got_half, 0.5, 3)
     n = c.windows(low, high, F / 5.0)
     assert c.ends(n) == want
     for (top, bottom), row in zip(want, c.ints, strict=False):
-        assert row[s.SUPPORT] == s.PX * np.sum(c.member[top : bottom + 1] == 0)
+        assert row[s.SUPPORT] == s.PX * np.sum(member[top : bottom + 1])
 
 
 @pytest.mark.parametrize("z", [1.0, 5.0, 20.0, 500.0])
@@ -81,7 +70,7 @@ def test_a_lintel_over_a_window_is_found_beside_the_sill() -> None:
     x[10:40] = 4.0
     x[65:95] = 4.0
     c = Column(x)
-    c.member[:] = np.where(c.line == code(4.0), 0, NO_PEAK)
+    c.members(c.line == code(4.0))
     n = c.windows(0.9 * code(4.0)[0], 1.1 * code(4.0)[0], F / 4.0)
     found = c.ends(n)
     np.testing.assert_allclose(F / c.floats[:n, s.D], 4.0, rtol=1e-3)
@@ -101,11 +90,11 @@ def test_a_pole_in_front_does_not_pull_the_wall_behind_it_forward() -> None:
     x = np.full(100, 10.0)
     x[40:44] = 3.0
     c = Column(x)
-    c.member[:] = np.where(c.line == code(10.0), 0, NO_PEAK)
+    c.members(c.line == code(10.0))
     n = c.windows(0.9 * code(10.0)[0], 1.5 * code(10.0)[0], F / 10.0, rough=True)
     assert c.ends(n) == [(0, 39), (45, 99)]
     np.testing.assert_allclose(F / c.floats[:n, s.D], 10.0, atol=0.1)
-    assert (c.state[40:44] == s.FREE_PX).all()  # nearer than the peak: left for a strip of its own
+    assert c.open[40:44].all()  # nearer than the peak: left for a strip of its own
 
 
 def test_rows_between_members_that_were_never_seen_count_as_filled() -> None:
@@ -118,9 +107,43 @@ def test_rows_between_members_that_were_never_seen_count_as_filled() -> None:
     assert c.ints[0, s.FILL] == 10
 
 
+def split(c: Column) -> list[tuple[int, int, int]]:
+    """split_bands over all rows: (first row, pixels, sum of codes) of each part."""
+    rows = np.flatnonzero(c.is_member)
+    top, bottom = int(rows[0]), int(rows[-1])
+    s.running_sums(c.line, c.mark, 0, top, bottom, c.seen, c.own)
+    k = s.split_bands(c.own, top, bottom, float(c.line[rows].min()), c.fs, c.si, c.parts)
+    return [tuple(int(v) for v in part) for part in c.parts[:, :k].T]
+
+
 def cut_rows(c: Column) -> list[int]:
-    k = s.split_bands(c.line, c.state, c.member, 0, 0, len(c.line) - 1, c.fs, c.si, c.cuts)
-    return [int(v) for v in c.cuts[:k]]
+    return [part[0] for part in split(c)]
+
+
+@given(SEED, st.sampled_from([2, 5, 7]), st.sampled_from([0.05, 0.3, 2.0]))
+def test_bands_against_their_definition(seed: int, high: int, sigma: float) -> None:
+    rng = np.random.default_rng(seed)
+    x = np.repeat(rng.choice([5.0, 5.15, 5.4, 7.0], 10), 10) + sigma * 0.2 * rng.normal(size=100)
+    x[rng.random(100) < 0.3] = math.nan
+    x[0] = 5.0
+    c = Column(np.clip(x, 1.0, None), sigma_d_px=sigma, params=Params(band_rows=high))
+    p = c.params
+
+    def tolerance(mean: float, band: int, part: int) -> float:
+        noise = p.band_sigmas * sigma * math.sqrt(1 / band + 1 / part)
+        return QUANTUM * max(p.band_step_m * (mean / QUANTUM) ** 2 / F, noise)
+
+    assert split(c) == naive.bands(c.line, set(np.flatnonzero(c.is_member).tolist()), high, tolerance)
+
+
+@given(SEED, st.integers(1, 6))
+def test_rows_missed_are_those_of_the_longer_gaps(seed: int, gap: int) -> None:
+    rng = np.random.default_rng(seed)
+    c = Column(np.where(rng.random(60) < rng.uniform(0.2, 1.0), 5.0, math.nan))
+    c.mark[[3, 50]] = 0
+    rows = np.flatnonzero(c.is_member)
+    got = s.rows_missed(c.mark, 0, int(rows[0]), int(rows[-1]), len(rows), gap)
+    assert got == naive.missed(rows.tolist(), gap)
 
 
 def test_bands_cut_a_run_where_it_steps_and_only_there() -> None:
@@ -140,26 +163,35 @@ def test_bands_cut_a_run_where_it_steps_and_only_there() -> None:
     assert cut_rows(Column(x, params=Params(band_step_m=0.05), sigma_d_px=3.0)) == [0]  # within the noise
 
 
-def test_a_run_with_more_steps_than_there_is_room_for_stays_within_it() -> None:
+def test_a_run_may_step_as_often_as_it_has_room_for_steps() -> None:
     x = np.tile(np.repeat([3.0, 6.0], 10), 100)
-    c = Column(x)
-    k = s.split_bands(c.line, c.state, c.member, 0, 0, len(x) - 1, c.fs, c.si, c.cuts)
-    assert k == len(c.cuts)
-    assert (np.diff(c.cuts) > 0).all()
+    assert cut_rows(Column(x)) == list(range(0, 2000, 10))
+    assert len(cut_rows(Column(x[:1000], params=Params(band_rows=2)))) == 100
+
+
+def emit(c: Column, rough: bool = True) -> tuple[float, float]:
+    """(D, NEAR) of one strip of all pixels of a column."""
+    n = c.gather()
+    codes = c.px[CODE]
+    s.emit(
+        codes, 0, n, n, int(codes[:n].sum()), 0, len(c.line) - 1, 0, rough, s.ROUGH, 0, c.H, c.area, c.fs, c.si, c.best[0],
+        c.ints, c.floats, c.tally,
+    )  # fmt: skip
+    return float(c.floats[0, s.D]), float(c.floats[0, s.NEAR])
 
 
 @given(SEED, st.integers(3, 200))
 def test_the_near_side_of_rough_pixels_leaves_no_more_than_told_behind(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
-    p = Params()
-    c = Column(np.full(10, 5.0), sigma_d_px=0.05)
-    d = (F / rng.uniform(3.0, 8.0, n)).astype(np.float32)
-    mean = np.float32(d.mean())
-    strip, near = s.near_side(d.copy(), n, mean, c.fs, c.si)
+    c = Column(rng.uniform(3.0, 8.0, n), sigma_d_px=0.05, params=Params(near_rank=int(rng.integers(1, 9))))
+    p = c.params
+    d = np.sort(c.disparity)
     k = min(max(p.near_rank, int(p.near_quantile * n)), (n + 1) // 2)
-    assert near == pytest.approx(max(np.sort(d)[n - k] - 0.1, mean), rel=1e-5)
-    assert strip >= mean
-    assert F / strip - F / near <= p.safe_distance_m + 1e-4
+    near = max(d[n - k] - p.near_sigmas * 0.05, d.mean())
+    strip, edge = emit(c)
+    assert strip == pytest.approx(max(d.mean(), F / (F / near + p.safe_distance_m)), rel=1e-5)
+    assert edge == pytest.approx(max(p.near_edge_share * strip, near - p.band_sigmas * 0.05 / math.sqrt(n)), rel=1e-5)
+    assert emit(Column(c.x_m), rough=False)[0] == pytest.approx(d.mean(), rel=1e-5)
 
 
 @given(SEED, st.sampled_from([0.05, 0.3, 1.5]), st.sampled_from([4.0, 2.0]))
@@ -172,9 +204,9 @@ def test_the_irregular_rest_against_its_definition(seed: int, sigma: float, sigm
     c = Column(x, sigma_d_px=sigma, params=Params(irregular_sigmas=sigmas))
     p = c.params
     want = naive.irregular_segments(
-        c.disparity, c.state, F, p.irregular_gap_px, p.segment_height_m, p.irregular_depth_m, sigmas * sigma
+        c.disparity, c.open, F, p.irregular_gap_px, p.segment_height_m, p.irregular_depth_m, sigmas * sigma
     )
-    free = c.state == s.FREE_PX
+    free = c.open
     n = c.rest()
     assert c.ends(n) == want
     # every measured pixel belongs to exactly one strip, which is no farther than the mean of its pixels
@@ -192,10 +224,18 @@ def test_horizontal_surfaces_correlate_and_vanish_at_the_horizon(tilt: float, ex
     c = Column(np.full(100, 5.0), params=Params(horizontal_centre_px=10.0))
     rows = v[60:100]
     c.line[60:] = np.rint(QUANTUM * (F * tilt + rows - 49.5) / 2.0).astype(np.uint16)
-    assert irregular.is_horizontal(c.line, c.member, 0, 60, 99, c.fs, c.si) == expected
-    assert irregular.is_horizontal(c.line, c.member, 0, 60, 65, c.fs, c.si) == expected
-    assert not irregular.is_horizontal(c.line, c.member, 0, 0, 50, c.fs, c.si)  # a wall: no correlation
-    assert not irregular.is_horizontal(c.line, c.member, 0, 60, 64, c.fs, c.si)  # too few
+    c.gather()
+    assert irregular.is_horizontal(c.px, 60, 100, c.fs) == expected
+    assert not irregular.is_horizontal(c.px, 0, 51, c.fs)  # a wall: no correlation
+    for last, least, kind in ((65, 6, s.HORIZONTAL if expected else s.IRREGULAR), (64, 6, s.IRREGULAR)):
+        assert least == c.params.horizontal_min_px
+        c.tally[:] = 0
+        irregular.close_irregular(
+            c.line, c.mark, c.px, 60, last + 1, int(c.px[CODE, 60 : last + 1].sum()), 0, c.H, c.area, c.fs, c.si, c.best,
+            c.ints, c.floats, c.tally,
+        )  # fmt: skip
+        assert c.ints[0, s.KIND] == kind
+        assert (c.ints[0, s.TOP], c.ints[0, s.BOTTOM]) == (c.px[ROW, 60], c.px[ROW, last])
 
 
 def test_strips_of_a_wall_stand_at_its_distance_in_every_column() -> None:
@@ -235,19 +275,36 @@ def test_what_is_a_little_nearer_than_the_peak_is_taken_with_its_segment(sigmas:
     c = Column(np.full(100, 5.0), sigma_d_px=0.5, params=Params(window_take_sigmas=sigmas))
     high = code(5.0)[0] + 20
     c.line[[20, 50, 80]] = high + 0.5 * QUANTUM * np.array([0.9, 2.5, 4.0])
-    c.member[[20, 50, 80]] = NO_PEAK
+    c.mark[[20, 50, 80]] = NO_PEAK
     assert c.windows(0.9 * code(5.0)[0], high, F / 5.0) == 1
-    assert np.sum(c.state == s.FREE_PX) == left
+    assert np.sum(c.open) == left
 
 
 @pytest.mark.parametrize(("sigmas", "share"), [(2.0, 0.5), (0.0, 0.5), (2.0, 1.0), (2.0, 0.98)])
 def test_a_near_edge_is_the_kth_closest_less_noise_and_never_far_behind_its_strip(sigmas: float, share: float) -> None:
     rng = np.random.default_rng(3)
     c = Column(rng.uniform(4.0, 6.0, 100), params=Params(near_sigmas=sigmas, near_edge_share=share, band_sigmas=8.0))
-    n = s.emit_pixels(
-        c.line, c.state, c.member, 0, 0, 99, True, s.ROUGH, 0, c.H, c.fs, c.si, c.scratch, c.ints, c.floats, 0
-    )
-    assert n == 1
+    _, near = emit(c)
     closest = max(np.sort(c.disparity)[100 - 3] - sigmas * 0.1, c.disparity.mean())
     want = max(share * c.floats[0, s.D], closest - 8.0 * 0.1 / 10.0)
-    assert c.floats[0, s.NEAR] == pytest.approx(want, rel=1e-6)
+    assert near == pytest.approx(want, rel=1e-6)
+
+
+def test_a_column_with_too_many_strips_merges_them_at_the_nearest_and_says_so() -> None:
+    """Twenty single pixels, each a strip of its own, in room for eight."""
+    x = np.full(200, math.nan)
+    x[5:200:10] = np.linspace(9.0, 3.0, 20)
+    c = Column(x, params=Params(max_column_strips=8))
+    n = c.rest()
+    assert n == 8
+    assert c.tally[s.OVERFLOW] == 12
+    assert c.ends(n) == [*((v, v) for v in range(5, 75, 10)), (75, 195)]
+    assert c.ints[7, s.SUPPORT] == 13 * s.PX
+    assert c.ints[7, s.FILL] == 121 - 13
+    alone = Column(np.full(1, 3.0))
+    alone.rest()
+    assert c.floats[7, s.D] == alone.floats[0, s.D]
+    assert c.floats[7, s.NEAR] == alone.floats[0, s.NEAR]
+    c = Column(x)
+    assert c.rest() == 20
+    assert c.tally[s.OVERFLOW] == 0

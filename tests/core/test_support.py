@@ -70,15 +70,18 @@ def test_small_strips_stay_only_with_company(seed: int, n: int, least: int, reac
     need = [max(least * s.PX, int(s.PX * p.min_support_m * row[4])) for row in rows]
     want = [i for i in range(n) if naive.carried(rows, i, 0.3, need[i], p)]
     before = t.ints.copy()
-    kept = support.drop_unsupported(t.ints, t.floats, n, t.cols, *settings(t, 0.3, p), t.columns, np.zeros(n, np.uint8))
+    kept = support.drop_unsupported(
+        t.ints, t.floats, n, t.cols, *settings(t, 0.3, p), t.columns, np.zeros(n, np.int32), np.zeros(n, np.uint8)
+    )
     assert kept == len(want)
     np.testing.assert_array_equal(t.ints[:kept], before[want])
+    np.testing.assert_array_equal(t.columns, np.searchsorted(t.ints[:kept, s.U], np.arange(t.cols + 1)))
 
 
 def keep(t: Strips, least: int = 7) -> list[int]:
     p = Params(min_support_px=least, min_support_m=0.0)
     n = support.drop_unsupported(
-        t.ints, t.floats, t.n, t.cols, *settings(t, 0.2, p), t.columns, np.zeros(t.n, np.uint8)
+        t.ints, t.floats, t.n, t.cols, *settings(t, 0.2, p), t.columns, np.zeros(t.n, np.int32), np.zeros(t.n, np.uint8)
     )
     return t.ints[:n, s.U].tolist()
 
@@ -134,7 +137,9 @@ def test_cuts_are_marked_where_the_picture_ends(roll: float, pitch: float) -> No
 
 def smooth(t: Strips, p: Params | None = None) -> None:
     fs, _ = settings(t, 0.2, p or Params())
-    support.smooth_near(t.ints, t.floats, t.n, t.cols, fs, t.columns, np.zeros(t.n, np.float32))
+    support.smooth_near(
+        t.ints, t.floats, t.n, t.cols, fs, t.columns, np.zeros(t.n, np.int32), np.zeros(t.n, np.float32)
+    )
 
 
 def test_the_near_edge_is_the_median_of_three_touching_columns() -> None:
