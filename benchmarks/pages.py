@@ -54,7 +54,7 @@ How to read the times: one thread on one core, after everything is compiled, med
 
 
 def page(section: Section, text: str, stamp: Stamp) -> str:
-    """A whole page. text: Markdown with headings from level 2; what stands before the first is its summary."""
+    """A whole page. text: Markdown with headings from level 2; the first paragraph before them is its summary."""
     return f"# {section.title}\n\n{stamp.markdown()}\n{text.strip()}\n"
 
 
@@ -80,7 +80,7 @@ def measured(text: str) -> str:
 
 
 def summary_of(text: str) -> str:
-    """What stands between the stamp of a page and its first heading of level 2."""
+    """The first paragraph after the stamp of a page, when one stands before its first heading of level 2."""
     head = text.split("\n## ", 1)[0]
     _, _, after = head.partition("\n- versions: ")
-    return after.partition("\n")[2].strip()
+    return after.partition("\n")[2].strip().split("\n\n", 1)[0]

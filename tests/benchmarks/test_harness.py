@@ -14,7 +14,7 @@ from benchmarks.install_peers import install, peers
 from benchmarks.machine import CHECKOUT, Stamp, commit
 from benchmarks.pages import SECTIONS, Section, index, measured, page, summary_of
 
-MADE = "No figure here is real.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
+MADE = "No figure here is real.\n\nWhat words mean.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
 TOLD = Stamp(
     date="2026-11-21", commit="abc1234", command="python -m benchmarks", machine="a processor, 2 cores",
     versions="python 3.11, numpy 2", minutes=12.2, quick=False,
