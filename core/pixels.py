@@ -141,7 +141,8 @@ def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
     for v in range(begin, end):
         mark[v] = CLOSED - mask[v]
     for p in range(peaks):
-        least, most = first_code[low[p]], first_code[high[p] + 1] - 1
+        # as narrow as the codes: more rows are then done at a time
+        least, most = np.uint16(min(first_code[low[p]], 65535)), np.uint16(max(first_code[high[p] + 1] - 1, 0))
         for v in range(begin, end):
             inside = mask[v] & (line[v] >= least) & (line[v] <= most)
             mark[v] = np.uint8(p) if inside else mark[v]

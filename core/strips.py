@@ -189,6 +189,7 @@ def running_sums(line, mark, label, first, last, seen, own):
     """Sums over the rows of first..last before a row, (V + 1,) int64: of what is open in `seen`, of what has this mark in
     `own`. Each holds the number of pixels, times 2^32, and the sum of their codes: the difference of two is that of the
     rows between."""
+    label = np.uint8(label)
     open_sum, own_sum = np.int64(0), np.int64(0)
     for v in range(np.uint64(first), np.uint64(last + 1)):
         seen[v], own[v] = open_sum, own_sum
@@ -315,8 +316,9 @@ def finish_segment(
             mark[v] = TAKEN if mark[v] <= NO_PEAK else mark[v]
         return
     if rough:
+        own_mark = np.uint8(label)
         for v in range(u_top, u_end):
-            best[1, v] = line[v] * (mark[v] == label)
+            best[1, v] = line[v] * (mark[v] == own_mark)
     kind = ROUGH if rough else SMOOTH
     count = split_bands(own, top, bottom, low_code, fs, si, parts)
     for k in range(count):
@@ -328,7 +330,7 @@ def finish_segment(
             best[1], a, b + 1, pixels, parts[2, k], a, b, filled, rough, kind, u, H, area, fs, si, best[0], ints, floats,
             tally,
         )  # fmt: skip
-    tail = int(min(high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM], 65535.0))
+    tail = np.uint16(min(high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM], 65535.0))
     for v in range(u_top, u_end):
         mark[v] = TAKEN if (mark[v] <= NO_PEAK) & (line[v] <= tail) else mark[v]
 
