@@ -1,7 +1,7 @@
 """The paper's experiments in one run: pictures and a page for docs/benchmarks, and the tables of docs/paper.md.
 
-Run `python -m benchmarks.section_paper`, or with --quick, --only PART (the other parts are taken from the last run's
-paper.json), --out FOLDER, --doc FILE. `make bench` runs the same as one of its sections."""
+Run `python -m benchmarks.section_paper`, or with --quick, --only PART (the other parts are taken from the last run),
+--out FOLDER, --doc FILE. `make bench` runs the same as one of its sections."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ from benchmarks.paper_time import TimeRow
 
 OUT = CHECKOUT / "docs" / "benchmarks"
 DOC = CHECKOUT / "docs" / "paper.md"
-DATA = "paper.json"
+ROWS = CHECKOUT / "bench-out"
+"""Where the rows of the last run are kept, so that one part can be measured again; not in git."""
 BEGIN, END = "<!-- measured: {name} -->", "<!-- end of {name} -->"
 
 Json = dict[str, Any]
@@ -60,33 +61,36 @@ PARTS: dict[str, Callable[[bool], list[Any]]] = {
 def section(out: Path, quick: bool) -> str:
     """Measures everything, draws the pictures into `out` and returns the page; a full run into the folder of the
     documentation also rewrites the tables of docs/paper.md."""
-    data = measured(out, quick, list(PARTS))
+    out.mkdir(parents=True, exist_ok=True)
+    data = measured(ROWS, quick, list(PARTS))
     if not quick and out.resolve() == OUT.resolve() and DOC.is_file():
         DOC.write_text(filled(DOC.read_text(), blocks(data)))
     return page(data, out)
 
 
-def measured(out: Path, quick: bool, parts: list[str]) -> Json:
-    """The rows of all parts: those named are run, the others taken from the last run. Raises FileNotFoundError where
-    there is no last run of a part."""
-    out.mkdir(parents=True, exist_ok=True)
-    kept = out / DATA
-    data: Json = {}
-    if set(parts) != set(PARTS):
-        if not kept.is_file():
-            raise FileNotFoundError(f"{kept}: no earlier run; run all parts once")
-        data = json.loads(kept.read_text())
+def measured(folder: Path, quick: bool, parts: list[str]) -> Json:
+    """The rows of all parts: those named are run, the others taken from the last run. What is there is kept after each
+    part, so that a run that was cut short goes on with the parts that are missing. Raises FileNotFoundError where a part
+    was never run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = rows_file(folder, quick)
+    data: Json = json.loads(kept.read_text()) if kept.is_file() and set(parts) != set(PARTS) else {}
     for name, run in PARTS.items():
         if name in parts:
             begun = time.monotonic()
             data[name] = [asdict(row) for row in run(quick)]
             progress(f"{name}: {len(data[name])} rows in {time.monotonic() - begun:.0f} s")
             print(file=sys.stderr)
+            kept.write_text(json.dumps(data, indent=0))
     missing = [name for name in PARTS if name not in data]
     if missing:
-        raise FileNotFoundError(f"{kept}: holds no {', '.join(missing)}; run all parts once")
-    kept.write_text(json.dumps(data, indent=0))
+        raise FileNotFoundError(f"{kept}: holds no {', '.join(missing)}; run those too (--only {missing[0]} ...)")
     return data
+
+
+def rows_file(folder: Path, quick: bool) -> Path:
+    """The rows of the last quick, or full, run."""
+    return folder / ("paper-quick.json" if quick else "paper.json")
 
 
 def results(data: Json) -> Results:
@@ -226,16 +230,18 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--quick", action="store_true", help="few frames; figures are rough")
     parser.add_argument("--only", action="append", choices=[*PARTS, "none"], help="run this part; may be given again")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder of pictures and rows")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of the pictures")
+    parser.add_argument("--rows", type=Path, default=ROWS, help="folder of the rows of the last run")
     parser.add_argument("--doc", type=Path, default=DOC, help="document whose measured pieces are renewed")
     parser.add_argument("--page", type=Path, help="write the page there too")
     args = parser.parse_args(arguments)
     parts = list(PARTS) if not args.only else [p for p in args.only if p != "none"]
     try:
-        data = measured(args.out, args.quick, parts)
+        data = measured(args.rows, args.quick, parts)
     except FileNotFoundError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    args.out.mkdir(parents=True, exist_ok=True)
     text = page(data, args.out)
     if args.page:
         args.page.write_text(text)

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import section_paper
 from benchmarks.paper_equations import Finding
-from benchmarks.section_paper import BEGIN, DATA, DOC, END, PARTS, filled, main, measured
+from benchmarks.section_paper import BEGIN, DOC, END, PARTS, filled, main, measured, rows_file
 
 FINDING = Finding(name="units", title="U", head=["a"], digits=[1], rows=[[1.0]])
 
@@ -42,20 +42,20 @@ def test_parts_that_are_not_run_come_from_the_last_run(tmp_path: Path, monkeypat
     ran = fake(monkeypatch)
     first = measured(tmp_path, True, ["times", "findings"])
     assert ran == ["times True", "findings True"]
-    again = measured(tmp_path, False, ["times"])
-    assert ran[2:] == ["times False"]
-    assert again == first == json.loads((tmp_path / DATA).read_text())
+    again = measured(tmp_path, True, ["times"])
+    assert ran[2:] == ["times True"]
+    assert again == first == json.loads(rows_file(tmp_path, True).read_text())
     assert Finding(**again["findings"][0]).markdown() == "| a |\n| ---: |\n| 1.0 |"
 
 
 def test_without_a_last_run_a_part_alone_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--only", "none", "--out", str(tmp_path), "--doc", str(tmp_path / "no.md")]) == 1
-    assert "run all parts once" in capsys.readouterr().err
+    assert main(["--only", "none", "--rows", str(tmp_path), "--doc", str(tmp_path / "no.md")]) == 1
+    assert "holds no times, storage" in capsys.readouterr().err
 
 
 def test_rows_of_a_part_that_is_missing_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(monkeypatch)
-    (tmp_path / DATA).write_text("{}")
+    rows_file(tmp_path, True).write_text("{}")
     with pytest.raises(FileNotFoundError, match="holds no findings"):
         measured(tmp_path, True, ["times"])
 
