@@ -227,9 +227,11 @@ class Extractor:
             return count, planes, plane_ints, moments
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
         plane_of, parent = self._buffer("plane_of", (size,), np.int32), self._buffer("parent", (size,), np.int32)
-        count, track_floats = tracks.grow_tracks(ints, floats, place, n, columns, view, p, moments, self._buffer)
-        grown = count
         masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p, self._buffer)
+        count, track_floats = tracks.grow_tracks(
+            ints, floats, place, n, columns, view, p, masks, frame, moments, self._buffer
+        )
+        grown = count
         parent[:count] = np.arange(count)
         ends_t = (0.5 + p.footprint_px) * column_t
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
@@ -246,7 +248,15 @@ class Extractor:
         pl.measure_planes(*where, p.safe_distance_m, p.safe_along_m, count, plane_of, planes, plane_ints)
         pl.shift_to_near_side(count, planes, p.min_plane_distance_m)
         refine.meet_neighbours(
-            count, planes, plane_ints, p.meet_share * p.passable_width_m, p.meet_columns * column_t, p.meet_slack_m
+            count,
+            planes,
+            plane_ints,
+            p.meet_share * p.passable_width_m,
+            p.meet_columns * column_t,
+            p.meet_slack_m,
+            p.pocket_points,
+            masks,
+            frame,
         )
         count = refine.close_pockets(
             count, size, planes, plane_ints, moments, p.passable_width_m, p.pocket_min_columns * column_t, p.ground_tolerance_m,

@@ -142,6 +142,12 @@ def is_open(masks, t, m, x, frame):
 
 
 @njit(cache=True, nogil=True)
+def cell_of(tan, per_tan, centre, cells):
+    """The cell across or down of a tangent, that at the border where it lies outside."""
+    return min(max(int(math.floor(tan * per_tan + centre)), 0), cells - 1)
+
+
+@njit(cache=True, nogil=True)
 def layer_of(x, frame):
     """Index of the layer of masks for distance x."""
     layer = 0

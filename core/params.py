@@ -261,9 +261,12 @@ class Params:
     )
 
     # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
-    opening_cell_px: int = _number(4, 1, 16, "px", "side of a cell in which free boxes are looked for")
+    opening_cell_px: int = _number(4, 3, 16, "px", "side of a cell in which free boxes are looked for")
     opening_first_m: float = _number(0.5, 0.1, 5.0, "m", "first of the distances at which they are looked for")
     opening_ratio: float = _number(1.42, 1.05, 2.0, "", "each such distance over the one before it")
+    opening_edge_px: float = _number(
+        2.0, 0.0, 50.0, "px", "tops or bottoms that step by more beside an opening end a piece"
+    )
     opening_unknown_share: float = _number(0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)")
     opening_behind_m: float = _number(
         0.5, 0.05, 5.0, "m", "what must be seen behind an opening from where Ws would reach beyond the maximum range"

@@ -46,11 +46,12 @@ def facing_gap_m(p, q):
 
 
 @njit(cache=True, nogil=True)
-def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m):
+def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, points, masks, frame):
     """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
 
     Only over columns nobody stands in front of, at most reach_m along either plane and where the ends are less than
-    reach_t apart. An end is cut back only where the other plane reaches as high and as low, within slack_m."""
+    reach_t apart. An end is cut back only where the other plane reaches as high and as low, within slack_m, and drawn
+    out over no opening (looked at in points x points)."""
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
@@ -67,9 +68,25 @@ def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m):
             far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
             # an end may only be cut back where the other plane takes over all of its height
             cuts_p, cuts_q = t < p[T1] and not _spans(q, p, slack_m), t > q[T0] and not _spans(p, q, slack_m)
-            if far <= reach_m and x < _NO_METRES and not cuts_p and not cuts_q:
+            if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
+                continue
+            over_p = t > p[T1] and _covers_opening(p, p[T1], t, points, masks, frame)
+            over_q = t < q[T0] and _covers_opening(q, t, q[T0], points, masks, frame)
+            if not over_p and not over_q:
                 p[T1] = t
                 q[T0] = t
+
+
+@njit(cache=True, nogil=True)
+def _covers_opening(p, t0, t1, points, masks, frame):
+    """Whether plane p from tangent t0 to t1 would cover part of an opening: looked at in points x points."""
+    for a in range(points):
+        t = t0 + (t1 - t0) * (a + 0.5) / points
+        x = distance_at(p, t)
+        for b in range(points):
+            if is_open(masks, t, (p[Z0] + (p[Z1] - p[Z0]) * (b + 0.5) / points) / x, x, frame):
+                return True
+    return False
 
 
 @njit(cache=True, nogil=True)

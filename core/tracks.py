@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .clusters import Z_BOTTOM, Z_TOP
 from .level import ViewGeometry
 from .lines import SS, TS, TT, S, T, W
+from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
 from .params import Params
 from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, CUT, SIGMA, SUPPORT, TOP, TRACK, D, U
@@ -33,18 +34,19 @@ BEYOND = 2**30
 
 def grow_tracks(
     ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
-    first_of_column: NDArray[np.int32], view: ViewGeometry, params: Params, moments: NDArray[np.float64], scratch: Scratch,
+    first_of_column: NDArray[np.int32], view: ViewGeometry, params: Params, masks: NDArray[np.uint8],
+    frame: NDArray[np.float64], moments: NDArray[np.float64], scratch: Scratch,
 ) -> tuple[int, NDArray[np.float64]]:  # fmt: skip
     """(tracks, table): writes TRACK of every strip; table: (n, 11) float64 by the T_ indices, a row a track, in `scratch`.
 
-    Strips in order of their columns; place: see place_strips. moments: (N, 6) float64 out, see lines.py, N >= n."""
+    Strips in order of their columns; place: see place_strips; masks, frame: see opening_masks. moments: (N, 6) float64 out, see lines.py, N >= n."""
     p = params
     table, front = scratch("tracks", (n + 1, 11), np.float64), scratch("front", (5, n + 1), np.int32)
     touches, near = scratch("front_touches", (n + 1,), np.uint8), scratch("front_near", (n + 1,), np.int32)
     count = grow(
         ints, floats, place, view.cols, first_of_column, view.f_px, view.cu, view.lateral, p.height_step_m,
         p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, p.roughness_m, p.track_jump, p.track_jump_sigmas,
-        moments, table, front, touches, near,
+        p.opening_edge_px, masks, frame, moments, table, front, touches, near,
     )  # fmt: skip
     return int(count), table
 
@@ -93,7 +95,7 @@ def misfit_share(t, s, variance, a, b, mean, scatter, mean_variance, line_m, sig
 @njit(cache=True, nogil=True)
 def grow(
     ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link, rough_m, jump,
-    jump_sigmas, moments, table, front, touches, near,
+    jump_sigmas, edge_px, masks, frame, moments, table, front, touches, near,
 ):  # fmt: skip
     """See grow_tracks; returns the number of tracks.
 
@@ -101,7 +103,7 @@ def grow(
     no strip in its column yet. hs: step of heights that ends a piece. line_m, sigmas: tolerance of its line, in metres
     and in noise. slope: px of disparity from one column to the next, the prior of the line. link: columns that it may
     miss. rough_m: roughness added to the noise. jump, jump_sigmas: step of disparity that ends it, as a share and in
-    noise. Scratch: front (5, N) int32, see F_; touches (N,) uint8; near (N,) int32. All in one loop on purpose: to hand
+    noise. edge_px: what heights may step beside an opening. Scratch: front (5, N) int32, see F_; touches (N,) uint8; near (N,) int32. All in one loop on purpose: to hand
     arrays to a function costs more than what it would do here."""
     tracks, size = 0, 0
     front_track, front_strip, front_top = front[F_TRACK], front[F_STRIP], front[F_TOP]
@@ -115,6 +117,10 @@ def grow(
             top, bottom, cluster, cut = ints[i, TOP], ints[i, BOTTOM], ints[i, CLUSTER], ints[i, CUT]
             d, sigma, z0, z1 = floats[i, D], floats[i, SIGMA], place[i, Z_TOP], place[i, Z_BOTTOM]
             t, s, variance = (u - cu) / f * lateral[(top + bottom) // 2], d / f, strip_variance(d, sigma, f, rough_m)
+            layer, edge_m = layer_of(1.0 / s, frame), edge_px / d
+            across = cell_of(t, frame[F_ACROSS], frame[F_CU], masks.shape[1])
+            upper = cell_of(z0 * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
+            lower = cell_of(z1 * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
             # two steps without a branch that nobody could predict
             for m in range(size):
                 touches[m] = (top <= front_bottom[m]) & (front_top[m] <= bottom) & (front_cluster[m] == cluster)
@@ -135,8 +141,26 @@ def grow(
                     t, s, variance, table[k, T_A], table[k, T_B], table[k, T_MEAN], table[k, T_SCATTER],
                     table[k, T_VARIANCE], line_m, sigmas,
                 )  # fmt: skip
-                if c < cost:
-                    best, cost = m, c
+                if c >= cost:
+                    continue
+                # one rectangle for both must not cover an opening where their ends step: up to the track's farthest end
+                # in the strip's column, up to the strip's in the middle of the track
+                middle = cell_of(table[k, T_MEAN], frame[F_ACROSS], frame[F_CU], masks.shape[1])
+                if not cut & 1:
+                    if z0 - table[k, T_TOP_MIN] > edge_m:
+                        down = cell_of(table[k, T_TOP_MIN] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
+                        if masks[layer, across, down] == 1:
+                            continue
+                    if table[k, T_TOP_MAX] - z0 > edge_m and masks[layer, middle, upper] == 1:
+                        continue
+                if not cut & 2:
+                    if table[k, T_BOTTOM_MAX] - z1 > edge_m:
+                        down = cell_of(table[k, T_BOTTOM_MAX] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
+                        if masks[layer, across, down] == 1:
+                            continue
+                    if z1 - table[k, T_BOTTOM_MIN] > edge_m and masks[layer, middle, lower] == 1:
+                        continue
+                best, cost = m, c
             if best < 0:
                 best = size
                 size += 1

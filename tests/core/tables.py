@@ -15,6 +15,12 @@ from .columns import F, view
 SCRATCH = Scratch()
 """Kept from table to table, as from frame to frame: what one leaves in it must not matter to the next."""
 
+CLOSED = (
+    np.zeros((12, 40, 40), np.uint8),
+    np.array([F / 4, F / 4, 20.0, 20.0, *(0.5 * 1.42 ** (np.arange(1, 12) - 0.5))]),
+)
+"""Masks and frame of openings.py: no opening anywhere, in cells of four columns and rows about the axis."""
+
 
 class Strips:
     """A table of strips at forward distances, in a level view of `cols` columns and 100 rows (F = 100 px)."""
@@ -51,12 +57,18 @@ class Strips:
         """cluster_strips; returns the number of clusters."""
         return clusters.cluster_strips(self.ints, self.place, self.n, ws, hs, SCRATCH)
 
-    def track(self, hs: float = 1.0, line_m: float = 0.12, link: int = 4) -> int:
+    def track(
+        self,
+        hs: float = 1.0,
+        line_m: float = 0.12,
+        link: int = 4,
+        masks: tuple[np.ndarray, np.ndarray] = CLOSED,
+    ) -> int:
         """grow_tracks; returns the number of tracks, tables in `moments` and `tracks`."""
         params = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link)
         self.moments = np.zeros((2 * self.n + 16, 6))
         count, self.tracks = tracks.grow_tracks(
-            self.ints, self.floats, self.place, self.n, self.columns, self.view, params, self.moments, Scratch()
+            self.ints, self.floats, self.place, self.n, self.columns, self.view, params, *masks, self.moments, Scratch()
         )
         return count
 

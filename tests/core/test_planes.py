@@ -15,16 +15,11 @@ from core import strips as s
 from core.params import Params
 
 from .columns import F, code, view
-from .tables import SCRATCH, Strips, ends, line_through, plane_table
+from .tables import CLOSED, SCRATCH, Strips, ends, line_through, plane_table
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 P = Params()
-CLOSED = (
-    np.zeros((12, 40, 40), np.uint8),
-    np.array([F / 4, F / 4, 20.0, 20.0, *(0.5 * 1.42 ** (np.arange(1, 12) - 0.5))]),
-)
-"""No opening anywhere."""
 
 
 def open_everywhere() -> tuple[np.ndarray, np.ndarray]:
@@ -216,9 +211,16 @@ def test_an_opening_that_was_seen_is_never_covered() -> None:
 
 def test_two_walls_meet_in_their_corner() -> None:
     planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05)
+    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 5, *CLOSED)
     assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
     assert ends(planes[1])[:2] == pytest.approx((6.0, 2.0))
+
+
+def test_walls_do_not_meet_over_an_opening() -> None:
+    planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+    before = planes.copy()
+    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 5, *open_everywhere())
+    np.testing.assert_array_equal(planes, before)
 
 
 @pytest.mark.parametrize("change", ["far", "cluster", "heights", "parallel"])
@@ -233,7 +235,7 @@ def test_walls_that_do_not_meet_keep_their_ends(change: str) -> None:
     planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), tuple(second))
     ints[1, pl.P_CLUSTER] = int(change == "cluster")
     before = planes.copy()
-    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05)
+    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 5, *CLOSED)
     np.testing.assert_array_equal(planes, before)
 
 
@@ -241,7 +243,7 @@ def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None
     """A high wall that overshoots a low one by 20 cm keeps its end: nobody stands in for its upper part."""
     for high, kept in ((-3.0, True), (-1.0, False)):
         planes, ints, _ = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-        refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05)
+        refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 5, *CLOSED)
         assert (ends(planes[0])[3] == pytest.approx(2.2)) == kept
 
 

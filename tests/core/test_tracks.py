@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import lines
+from core import lines, openings
 from core import strips as s
 from core import tracks as tr
 
 from .columns import F
-from .tables import Strips
+from .tables import CLOSED, Strips
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -162,3 +162,23 @@ def test_heights_that_step_begin_a_new_track_and_cut_ends_are_wildcards() -> Non
     assert steps(0) == 2
     assert steps(1) == 1  # the picture ends there: the wall may go on
     assert steps(2) == 2
+
+
+@pytest.mark.parametrize("far_column", [0, 25, 49])
+@pytest.mark.parametrize("tops", [True, False])
+def test_a_step_beside_an_opening_begins_a_new_track(far_column: int, tops: bool) -> None:
+    """A wall at 5 m with the opening (rows 40 to 59) above it; one column reaches half a metre into it. Or mirrored."""
+
+    def count(opening: bool) -> int:
+        t = Strips(cols=50)
+        for u in range(50):
+            end = 50 if u == far_column else 60
+            t.add(u, *((end, 90) if tops else (9, 99 - end)), 5.0)
+        t.build().cluster()
+        masks, frame = CLOSED[0].copy(), CLOSED[1].copy()
+        frame[openings.F_CU], frame[openings.F_CV] = (t.view.cu + 0.5) / 4, (t.view.cv + 0.5) / 4
+        masks[:, :, 10:15] = opening
+        return t.track(hs=1.0, masks=(masks, frame))
+
+    assert count(opening=False) == 1
+    assert count(opening=True) == 2
