@@ -21,6 +21,9 @@ F_ACROSS, F_DOWN, F_CU, F_CV, F_STEPS = range(5)
 """What `is_open` needs to know of the masks: cells per tangent across and down, the cell of the axis, and from F_STEPS
 on the distances at which the next layer begins."""
 
+ROUNDING = 1e-9
+"""Cells: a box that fills a whole number of them but for the last digit of a float is not made one wider."""
+
 
 @njit(cache=True, nogil=True)
 def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
@@ -59,17 +62,17 @@ def count_unknown(nearest, total):
 
 
 @njit(cache=True, nogil=True)
-def any_ahead(cells, other, length, stride):
-    """Whether any of `length` cells from each one on is set, steps of stride apart; returns (result, the spare array).
+def any_ahead(cells, other, length):
+    """Whether any of `length` cells from each one on is set; returns (result, the spare array), both overwritten.
 
-    cells, other: flat uint8, both overwritten. By windows of twice the width at a time. Where a window reaches past the
-    end of its column or of the array, the result means nothing."""
+    cells, other: flat uint8. By windows of twice the width at a time. Where a window reaches past the end of its column,
+    the result means nothing."""
     width = 1
     for _ in range(32):
         if width >= length:
             break
         more = min(width, length - width)
-        ahead = cells[more * stride :]
+        ahead = cells[more:]
         for k in range(ahead.shape[0]):
             other[k] = cells[k] | ahead[k]
         other[ahead.shape[0] :] = cells[ahead.shape[0] :]
@@ -79,56 +82,70 @@ def any_ahead(cells, other, length, stride):
 
 
 @njit(cache=True, nogil=True)
-def any_behind(cells, other, length, stride):
+def any_behind(cells, other, length):
     """Whether any of the `length` cells up to each one is set; otherwise as `any_ahead`."""
     width = 1
     for _ in range(32):
         if width >= length:
             break
         more = min(width, length - width)
-        step = more * stride
-        other[:step] = cells[:step]
-        behind, here, out = cells, cells[step:], other[step:]
+        other[:more] = cells[:more]
+        here, out = cells[more:], other[more:]
         for k in range(here.shape[0]):
-            out[k] = here[k] | behind[k]
+            out[k] = here[k] | cells[k]
         cells, other = other, cells
         width += more
     return cells, other
 
 
 @njit(cache=True, nogil=True)
-def open_mask(nearest, limit, wide, high, unknown_share, total, spare, mask):
+def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, mask):
     """mask[i, j] = 1 where a free box of wide x high cells covers the cell.
 
     A box is free when no cell's code reaches limit and at most unknown_share of its cells is unknown (dropped pixels).
-    nearest: (C, R) uint16; total: see count_unknown; spare: (C * R,) uint8 scratch; mask: (C, R) uint8 out."""
+    nearest: (C, R) uint16; total: see count_unknown; mask: (C, R) uint8 out. Scratch: spare (2, C * R) uint8,
+    column (R,) uint16. Down the columns by doubled windows, across them by sums that slide along."""
     cols, rows = nearest.shape
+    mask[:] = 0
     if wide > cols or high > rows:
-        mask[:] = 0
         return
-    cells, codes = mask.reshape(-1), nearest.reshape(-1)
-    for k in range(cells.shape[0]):
+    cells, codes = spare[0], nearest.reshape(-1)
+    for k in range(codes.shape[0]):
         cells[k] = codes[k] >= limit
-    blocked, other = any_ahead(cells, spare, high, 1)
-    blocked, other = any_ahead(blocked, other, wide, rows)
+    flat, other = any_ahead(cells, spare[1], high)
+    blocked, boxes = flat.reshape(cols, rows), other.reshape(cols, rows)
     allowed = int(unknown_share * (wide * high))
     found = 0
     other[:] = 0
-    for i in range(cols - wide + 1):
-        free, near = other[i * rows : (i + 1) * rows], blocked[i * rows : (i + 1) * rows]
-        a, b, c, d = total[i], total[i, high:], total[i + wide], total[i + wide, high:]
+    column[:] = 0
+    for i in range(cols):
+        line = blocked[i]
+        for j in range(rows):
+            column[j] += line[j]
+        first = i - wide + 1
+        if first < 0:
+            continue
+        line, free = blocked[first], boxes[first]
+        a, b, c, d = total[first], total[first, high:], total[i + 1], total[i + 1, high:]
         for j in range(rows - high + 1):
-            passes = (near[j] == 0) & (d[j] - b[j] - c[j] + a[j] <= allowed)
+            passes = (column[j] == 0) & (d[j] - b[j] - c[j] + a[j] <= allowed)
             free[j] = passes
             found += passes
+        for j in range(rows):
+            column[j] -= line[j]
     if found == 0:
-        mask[:] = 0
         return
-    boxes, other = any_behind(other, blocked, high, 1)
-    boxes, other = any_behind(boxes, other, wide, rows)
-    flat = mask.reshape(-1)
-    for k in range(flat.shape[0]):
-        flat[k] = boxes[k]
+    covered = any_behind(other, flat, high)[0].reshape(cols, rows)
+    column[:] = 0
+    for i in range(cols):
+        line, out = covered[i], mask[i]
+        for j in range(rows):
+            column[j] += line[j]
+            out[j] = column[j] > 0
+        if i >= wide - 1:
+            line = covered[i - wide + 1]
+            for j in range(rows):
+                column[j] -= line[j]
 
 
 @njit(cache=True, nogil=True)
@@ -159,11 +176,20 @@ def layer_of(x, frame):
 
 
 @njit(cache=True, nogil=True)
-def _open_masks(nearest, sizes, unknown_share, total, spare, masks):
-    """open_mask at every distance. sizes: (L, 3) int64 limit, wide, high."""
+def open_masks(
+    nearest, first_m, ratio, ws, hs, behind_m, max_range_m, f, step, cell, quantum, unknown_share, total, spare, column, masks
+):  # fmt: skip
+    """open_mask at the distances first_m * ratio^k. f: focal length, px; step: columns per f times tangent; cell: px.
+
+    Scratch: total: see count_unknown; spare, column: see open_mask. masks: (L, C, R) uint8 out."""
     count_unknown(nearest, total)
     for k in range(masks.shape[0]):
-        open_mask(nearest, sizes[k, 0], sizes[k, 1], sizes[k, 2], unknown_share, total, spare, masks[k])
+        x = first_m * ratio**k
+        beyond = min(x + ws, max(max_range_m, x + behind_m))
+        wide = max(1, math.ceil(ws * f / (x * step * cell) - ROUNDING))
+        high = max(1, math.ceil(hs * f / (x * cell) - ROUNDING))
+        limit = max(int(f * quantum / beyond), 2)
+        open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, masks[k])
 
 
 def opening_masks(
@@ -180,18 +206,13 @@ def opening_masks(
     nearest = scratch("opening_nearest", shape, np.uint16)
     nearest_codes(codes, cell, ints, floats, n, g.quantum, nearest)
     layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
-    sizes = np.empty((layers, 3), np.int64)
-    for k in range(layers):
-        x = p.opening_first_m * p.opening_ratio**k
-        beyond = min(x + p.passable_width_m, max(max_range_m, x + p.opening_behind_m))
-        wide = max(1, math.ceil(p.passable_width_m * g.f_px / (x * step * cell) - 1e-9))
-        high = max(1, math.ceil(p.passable_height_m * g.f_px / (x * cell) - 1e-9))
-        sizes[k] = max(int(g.f_px * g.quantum / beyond), 2), wide, high
     masks = scratch("opening_masks", (layers, *shape), np.uint8)
-    total = scratch("opening_total", (shape[0] + 1, shape[1] + 1), np.int32)
-    _open_masks(
-        nearest, sizes, p.opening_unknown_share, total, scratch("opening_spare", (masks[0].size,), np.uint8), masks
-    )
+    open_masks(
+        nearest, p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m, p.opening_behind_m, max_range_m,
+        g.f_px, step, cell, g.quantum, p.opening_unknown_share,
+        scratch("opening_total", (shape[0] + 1, shape[1] + 1), np.int32),
+        scratch("opening_spare", (2, shape[0] * shape[1]), np.uint8), scratch("opening_column", (shape[1],), np.uint16), masks,
+    )  # fmt: skip
     across, down, cu, cv = g.f_px / step / cell, g.f_px / cell, (g.cu + 0.5) / cell, (g.cv + 0.5) / cell
     begins = [p.opening_first_m * p.opening_ratio ** (k - 0.5) for k in range(1, layers)]
     return masks, np.array([across, down, cu, cv, *begins])

@@ -314,7 +314,9 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
     mask = np.full(nearest.shape, 9, np.uint8)
     total = np.full((10, 8), 77, np.int32)
     openings.count_unknown(nearest, total)
-    openings.open_mask(nearest, 100, wide, high, 0.2, total, np.full(63, 9, np.uint8), mask)
+    openings.open_mask(
+        nearest, 100, wide, high, 0.2, total, np.full((2, 63), 9, np.uint8), np.full(7, 9, np.uint16), mask
+    )
     want = np.zeros(nearest.shape, np.uint8)
     for i in range(9 - wide + 1):
         for j in range(7 - high + 1):
