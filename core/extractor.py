@@ -14,7 +14,7 @@ from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measure
 from .columns import extract_strips
 from .density import BinTable, bin_table
 from .frames import Rotation
-from .free_space import free_profile
+from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, find_ground, ground_gate
 from .level import (
     ViewGeometry,
@@ -82,14 +82,15 @@ class Extractor:
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        codes, view, seen = self._level(marks, info, R)
+        codes, view, exact = self._level(marks, info, R)
         ground = self._ground(marks, info, R, ke, state)
+        seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
         ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, info, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
 
         return self._model(
-            seen, view, ground, info, ke, clear_m, ints, place, n, count, planes, plane_ints, moments,
+            seen, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
             replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n, overflow=overflow), keep_strips,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
@@ -123,7 +124,7 @@ class Extractor:
         view = view_geometry(info, R, self.params)
         codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
         level_safe(marks, info, R, view, codes, self._buffer("picked", (marks.size,), np.uint8))
-        seen = codes, view
+        exact = codes, view
         if self.params.paper:
             view = view_geometry_paper(info, R, self.params)
             codes = self._buffer("paper_codes", (view.cols, view.rows), np.uint16)
@@ -134,7 +135,7 @@ class Extractor:
             pooled = self._buffer("pooled", (view.cols, view.rows), np.uint16)
             pool_columns(codes, step, pooled)
             codes = pooled
-        return codes, view, seen
+        return codes, view, exact
 
     def _ground(
         self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
@@ -156,7 +157,8 @@ class Extractor:
         if self._bins is None or self._bins[0] != key:
             self._bins = (key, bin_table(*key, self.params))
         bins = self._bins[1]
-        gate, shift = ground_gate(ground, view, ke, self.params)
+        gate = self._buffer("gate", (65536,), np.float32)
+        shift = ground_gate(ground, view, ke, self.params, gate)
         room = view.cols * self.params.max_column_strips
         ints = self._buffer("ints", (room, 9), np.int32)
         floats = self._buffer("floats", (room, 3), np.float32)
@@ -268,8 +270,8 @@ class Extractor:
     # ---- what comes out -----------------------------------------------------------------------------------------
 
     def _model(
-        self, seen: tuple[NDArray[np.uint16], ViewGeometry], view: ViewGeometry, ground: Ground, info: CameraInfo,
-        ke: float, clear_m: float, ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
+        self, seen: SeenFree, view: ViewGeometry, ground: Ground, info: CameraInfo,
+        ke: float, ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
         plane_ints: NDArray[np.int32], moments: NDArray[np.float64], counted: FrameStats, keep_strips: bool,
     ) -> FrameModel:  # fmt: skip
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
@@ -279,7 +281,7 @@ class Extractor:
         rows, margin = plane_rows(used, moments[alive], self.params)
         cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m, self.params.profile_join_m)
-        free = free_profile(*seen, ground, clear_m, ke, self.params, len(used), used, used_ints, margin)
+        free = free_profile(seen, len(used), used, used_ints, margin)
         return FrameModel(
             valid=True, cause=InvalidCause.NONE, planes=rows,
             support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,

@@ -8,12 +8,13 @@ see farther. Unknown pixels, cells outside the source and ground that comes too 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .level import Q_FAR, ViewGeometry
+from .level import Q_FAR, Q_UNKNOWN, ViewGeometry
 from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
 from .types import FreeEnd, FreeProfile, Ground
@@ -23,75 +24,152 @@ _MAX_RINGS = 250
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
 )  # fmt: skip
+# indices of `walk_settings`: the view, the ground, and what counts as free
+W_CV, W_F, W_ROWS, W_BLOCK, W_HEIGHT, W_SLOPE_X, W_SLOPE_Y, W_TOLERANCE, W_SPREAD, W_SHARE, W_LEAST = range(11)
+
+
+def walk_settings(g: ViewGeometry, ground: Ground, ke: float, p: Params) -> NDArray[np.float64]:
+    """(11,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other."""
+    height = ground.height_m if ground.seen else math.inf
+    spread = p.ground_sigmas * ke * ground.height_m if ground.seen else 0.0
+    return np.array(
+        [
+            g.cv, g.f_px, g.rows, p.profile_block_px, height, ground.slope_x, ground.slope_y, p.ground_tolerance_m, spread,
+            p.free_share, p.profile_least_m,
+        ]
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def count_through(codes, direction, ring_of_code, rings, block_rows, through, unknown, cells):
-    """Counts, per direction, block of rows and ring, the cells that see farther than that ring.
+def rings_through(gain, spread, cap, ring_m, ring_of_code):
+    """How many rings each code sees through: those that it measures behind by its noise, min(spread X, cap) X.
 
-    codes: (cols, rows) uint16. direction: (cols,) int32. ring_of_code: (65536,) uint8, how many rings a code sees
-    through (0: none, unknown). through: (D, B, rings + 1), unknown, cells: (D, B) int32, outputs."""
-    through[:] = 0
-    unknown[:] = 0
-    cells[:] = 0
-    cols, rows = codes.shape
-    for u in range(cols):
-        d = direction[u]
-        for v in range(rows):
-            code = codes[u, v]
-            block = v // block_rows
-            cells[d, block] += 1
-            if code == 0:
-                unknown[d, block] += 1
-            else:
-                through[d, block, ring_of_code[code]] += 1
-    for d in range(through.shape[0]):
-        for block in range(through.shape[1]):
-            for k in range(rings):
-                r = rings - 1 - k
-                through[d, block, r] += through[d, block, r + 1]
-
-
-@njit(cache=True, nogil=True)
-def walk_rings(
-    through, unknown, cells, ring_m, layers, lowest, rows, cv, f, block_rows, share, least_m, free_from, free_to, end
-):  # fmt: skip
-    """Walks each direction and layer outward; writes free_from, free_to (D, L) as forward distances and end.
-
-    ring_m: (R,) float32 distances, ring r is seen through by through[.., r + 1]. lowest: (D, R) float64 z that is surely
-    above the ground there: layers are judged down to it, where least_m is left of them."""
-    for d in range(through.shape[0]):
-        for layer in range(layers.shape[0] - 1):
-            first, last, why = -1, -1, _NOT_SEEN
-            for r in range(ring_m.shape[0]):
-                x = ring_m[r]
-                z0, z1 = layers[layer], min(layers[layer + 1], lowest[d, r])
-                if z1 - z0 < least_m:
-                    why = _NOT_SEEN if first < 0 else _VIEW
-                    if first >= 0:
-                        break
-                    continue
-                v0, v1 = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * z1 / x - 0.5)
-                if v0 < 0 or v1 >= rows:
-                    if first >= 0:
-                        why = _VIEW
-                        break
-                    continue
-                seen, dark, total = 0, 0, 0
-                for block in range(int(v0) // block_rows, int(v1) // block_rows + 1):
-                    seen += through[d, block, r + 1]
-                    dark += unknown[d, block]
-                    total += cells[d, block]
-                if total > 0 and seen >= share * total:
-                    if first < 0:
-                        first = r
-                    last = r
-                    why = _RANGE
-                elif first >= 0 or total - seen - dark > (1.0 - share) * total:
-                    why = _OBSTACLE if total - seen - dark >= dark else _UNKNOWN
+    gain: f_px * quantum. ring_m: (R,) float32 rising. ring_of_code: (65536,) uint8 out; R for far, R + 1 for unknown.
+    Distance less noise rises with distance (cap <= 0.5), so each ring ends at one code."""
+    rings = len(ring_m)
+    end = 65536
+    for r in range(rings + 1):
+        first = Q_FAR + 1  # codes first..end see through r rings and no more
+        if r < rings:
+            last = end
+            for _ in range(17):
+                if first >= last:
                     break
+                q = (first + last) // 2
+                x = gain / q
+                if x - min(spread * x * x, cap * x) >= ring_m[r]:
+                    first = q + 1
                 else:
-                    why = _UNKNOWN
+                    last = q
+        ring_of_code[first:end] = r
+        end = first
+    ring_of_code[Q_FAR] = rings
+    ring_of_code[Q_UNKNOWN] = rings + 1
+
+
+@njit(cache=True, nogil=True)
+def count_rings(codes, u0, u1, ring_of_code, block_rows, hist, counts):
+    """Counts cells of columns u0..u1 - 1 by block of rows and by how many rings they see through, summed downwards:
+    counts[b, k] is the number of cells above block b that see through k rings.
+
+    Every second pair of rows of a column is looked at, the other ones in the next column: half of the cells, and no line,
+    column or chequers of single cells that would be seen only or never. codes: (cols, rows) uint16. hist: (2 * K,) int32
+    scratch: neighbours mostly are alike, and counting one and the same number would make each wait for the other.
+    counts: (B + 1, K + 1) int32 out; K - 1 is for unknown cells, K for all."""
+    rows, width = codes.shape[1], counts.shape[1] - 1
+    flat, stride = codes.ravel(), np.uint64(2 * rows)
+    second = np.uint64(width)
+    counts[0], hist[:], looked_at = 0, 0, 0
+    for b in range(counts.shape[0] - 1):
+        v0 = b * block_rows
+        high = min(rows - v0, block_rows)
+        for pair in range(0, high, 2):
+            # columns of one parity at a time: those that have this pair
+            first = u0 + ((u0 ^ ((v0 + pair) >> 1)) & 1)
+            lower = np.uint64(1 if pair + 1 < high else 0)  # an odd last row counts twice
+            at = np.uint64(first * rows + v0 + pair)
+            n = (u1 - first + 1) >> 1
+            for _ in range(n):
+                hist[ring_of_code[flat[at]]] += 1
+                hist[second + np.uint64(ring_of_code[flat[at + lower]])] += 1
+                at += stride
+            looked_at += 2 * n
+        here = counts[b + 1]
+        for k in range(width):
+            here[k] = hist[k] + hist[width + k]
+        here[width] = looked_at
+
+
+@njit(cache=True, nogil=True)
+def lowest_clear(t, x, w):
+    """z down to which free space can be told from ground in direction t (y/x) at distance x. w: `walk_settings`.
+
+    What is lower than the ground's tolerance or its noise at that distance was taken for ground: nothing is known
+    about it."""
+    return w[W_HEIGHT] + (w[W_SLOPE_X] + w[W_SLOPE_Y] * t) * x - max(w[W_TOLERANCE], w[W_SPREAD] * x)
+
+
+@njit(cache=True, nogil=True)
+def walk_rings(counts, t, ring_m, top, bottom, w):
+    """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
+
+    counts: of `count_rings`, for direction t. The layer reaches from z = top down to bottom, or to
+    what can be told from ground. w: `walk_settings`."""
+    first, last, why = -1, -1, _NOT_SEEN
+    rings, rows, block = len(ring_m), int(w[W_ROWS]), int(w[W_BLOCK])
+    for r in range(rings):
+        x = ring_m[r]
+        lower = min(bottom, lowest_clear(t, x, w))
+        if lower - top < w[W_LEAST]:
+            why = _NOT_SEEN if first < 0 else _VIEW
+            if first >= 0:
+                break
+            continue
+        v0, v1 = math.floor(w[W_CV] + w[W_F] * top / x + 0.5), math.ceil(w[W_CV] + w[W_F] * lower / x - 0.5)
+        if v0 < 0 or v1 >= rows:
+            if first >= 0:
+                why = _VIEW
+                break
+            continue
+        b0, b1 = int(v0) // block, int(v1) // block + 1
+        above, below = counts[b0], counts[b1]
+        seen = 0
+        for k in range(r + 1, rings + 1):
+            seen += below[k] - above[k]
+        dark = below[rings + 1] - above[rings + 1]
+        total = below[rings + 2] - above[rings + 2]
+        near = total - seen - dark
+        if total > 0 and seen >= w[W_SHARE] * total:
+            if first < 0:
+                first = r
+            last = r
+            why = _RANGE
+        elif first >= 0 or near > (1.0 - w[W_SHARE]) * total:
+            why = _OBSTACLE if near >= dark else _UNKNOWN
+            break
+        else:
+            why = _UNKNOWN
+    return first, last, why
+
+
+@njit(cache=True, nogil=True)
+def walk_view(codes, cu, f_u, edges_t, ring_of_code, ring_m, layers, w, free_from, free_to, end):
+    """Every direction and layer of a levelled view: free_from, free_to (D, L) float32 forward distances, end (D, L).
+
+    Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64."""
+    cols, rows = codes.shape
+    rings, block = len(ring_m), int(w[W_BLOCK])
+    counts = np.empty(((rows + block - 1) // block + 1, rings + 3), np.int32)
+    hist = np.empty(2 * (rings + 2), np.int32)
+    u1 = 0
+    for d in range(len(edges_t) - 1):
+        u0 = u1
+        while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
+            u1 += 1
+        count_rings(codes, u0, u1, ring_of_code, block, hist, counts)
+        t = 0.5 * (edges_t[d] + edges_t[d + 1])
+        for layer in range(len(layers) - 1):
+            first, last, why = walk_rings(counts, t, ring_m, layers[layer], layers[layer + 1], w)
             end[d, layer] = why
             free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
             free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
@@ -131,64 +209,63 @@ def nothing_known(params: Params) -> FreeProfile:
     )  # fmt: skip
 
 
-def lowest_clear(
-    ground: Ground, ring_m: NDArray[np.float32], t: NDArray[np.float64], ke: float, params: Params
-) -> NDArray[np.float64]:
-    """(D, R) z down to which free space can be told from ground, for directions t and distances ring_m.
-
-    What is lower than the ground's tolerance or its noise at that distance was taken for ground: nothing is known
-    about it. No ground: no bound, what lies low is then an obstacle like any other."""
-    if not ground.seen:
-        return np.full((len(t), len(ring_m)), 1e6)
-    x = ring_m[None, :].astype(np.float64)
-    tolerance = np.maximum(params.ground_tolerance_m, params.ground_sigmas * ke * x * ground.height_m)
-    return np.asarray(ground.height_m + (ground.slope_x + ground.slope_y * t[:, None]) * x - tolerance)
+@njit(cache=True, nogil=True)
+def as_ranges(edges_t, free_from, free_to):
+    """Forward distances (D, L) to horizontal ranges, in place: by the shorter of both edges of a direction for what is
+    free, by the longer for where that begins."""
+    for d in range(free_to.shape[0]):
+        a, b = abs(edges_t[d]), abs(edges_t[d + 1])
+        near = 0.0 if edges_t[d] * edges_t[d + 1] < 0.0 else min(a, b)
+        for layer in range(free_to.shape[1]):
+            free_from[d, layer] *= math.sqrt(1.0 + max(a, b) ** 2)
+            free_to[d, layer] *= math.sqrt(1.0 + near**2)
 
 
-def free_profile(
-    codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, clear_m: float, ke: float, params: Params,
-    count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32],
-) -> FreeProfile:  # fmt: skip
-    """The free-range profile of a levelled frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m.
-    clear_m: how far a FAR cell is free (classify.clear_range_m)."""
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SeenFree:
+    """Free ranges by pixels alone, before any plane: forward distances. edges_rad, edges_t: (D + 1,) float64 azimuths and
+    their tangents; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
+
+    edges_rad: NDArray[np.float64]
+    edges_t: NDArray[np.float64]
+    layers_m: NDArray[np.float32]
+    free_from_m: NDArray[np.float32]
+    free_to_m: NDArray[np.float32]
+    end: NDArray[np.uint8]
+
+
+def seen_free(
+    codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, clear_m: float, ke: float, params: Params
+) -> SeenFree:
+    """What the pixels of a levelled view were seen to be free of. clear_m: how far a FAR cell is free
+    (classify.clear_range_m)."""
     f_u = g.f_px / float(g.lateral[0])
     step = math.radians(params.profile_step_deg)
     first, last = math.atan((-0.5 - g.cu) / f_u), math.atan((g.cols - 0.5 - g.cu) / f_u)
     n = max(1, math.ceil((last - first) / step))
-    edges = first + step * np.arange(n + 1)
+    edges = first + step * np.arange(n + 1, dtype=np.float64)
     edges[-1] = last
-    edges_t = np.tan(edges)
-    column_t = (np.arange(g.cols) - g.cu) / f_u
-    direction = np.clip(np.searchsorted(edges_t, column_t, side="right") - 1, 0, n - 1).astype(np.int32)
+    edges_t = np.asarray(np.tan(edges), np.float64)
     ring_m = np.arange(params.profile_ring_m, clear_m, params.profile_ring_m).astype(np.float32)[:_MAX_RINGS]
-    rings = len(ring_m)
-    # a cell sees through a ring when it measures farther than its own noise behind it
-    x = g.f_px * g.quantum / np.maximum(np.arange(65536), 1)
-    behind = np.minimum(params.profile_sigmas * ke * x * x, params.profile_noise_cap * x)
-    ring_of_code = np.searchsorted(ring_m, x - behind, side="right").astype(np.uint8)
-    ring_of_code[Q_FAR] = rings
-    ring_of_code[0] = 0
-    blocks = -(-g.rows // params.profile_block_px)
-    through = np.empty((n, blocks, rings + 1), np.int32)
-    unknown, cells = np.empty((n, blocks), np.int32), np.empty((n, blocks), np.int32)
-    count_through(codes, direction, ring_of_code, rings, params.profile_block_px, through, unknown, cells)
+    ring_of_code = np.empty(65536, np.uint8)
+    rings_through(g.f_px * g.quantum, params.profile_sigmas * ke, params.profile_noise_cap, ring_m, ring_of_code)
     layers = layer_edges(params)
     free_from, free_to = np.empty((n, len(layers) - 1), np.float32), np.empty((n, len(layers) - 1), np.float32)
     end = np.empty(free_to.shape, np.uint8)
-    middle_t = 0.5 * (edges_t[1:] + edges_t[:-1])
-    walk_rings(
-        through, unknown, cells, ring_m, layers, lowest_clear(ground, ring_m, middle_t, ke, params), g.rows, g.cv, g.f_px,
-        params.profile_block_px, params.free_share, params.profile_least_m, free_from, free_to, end,
+    settings = walk_settings(g, ground, ke, params)
+    walk_view(codes, g.cu, f_u, edges_t, ring_of_code, ring_m, layers, settings, free_from, free_to, end)
+    return SeenFree(
+        edges_rad=edges, edges_t=edges_t, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
     )  # fmt: skip
-    stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end)
-    # forward distance to horizontal range: the shorter of both edges for what is free, the longer for where it begins
-    near, far = (
-        np.minimum(np.abs(edges_t[1:]), np.abs(edges_t[:-1])),
-        np.maximum(np.abs(edges_t[1:]), np.abs(edges_t[:-1])),
-    )
-    near = np.where(edges_t[1:] * edges_t[:-1] < 0, 0.0, near)
+
+
+def free_profile(
+    seen: SeenFree, count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32]
+) -> FreeProfile:
+    """The free-range profile of a frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m. Uses up `seen`."""
+    stop_at_planes(count, planes, plane_ints, margin, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end)
+    as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
     return FreeProfile(
-        azimuth_edges_rad=edges.astype(np.float32), layer_edges_m=layers,
-        free_from_m=(free_from * np.sqrt(1 + far**2)[:, None]).astype(np.float32),
-        free_to_m=(free_to * np.sqrt(1 + near**2)[:, None]).astype(np.float32), end=end,
+        azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
+        free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end,
     )  # fmt: skip

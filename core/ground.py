@@ -20,20 +20,29 @@ from .types import FAR_MM, CameraInfo, Ground
 
 NO_GROUND = Ground(seen=False)
 _FAR = np.uint16(FAR_MM)
+# indices of `ground_settings`
 (
     V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
-) = range(11)  # fmt: skip
-"""Indices of `vote_settings`."""
+    V_SEED_WEIGHT, V_SEED_STEPS, V_TRIES, V_MIN_SAMPLES, V_MIN_SHARE, V_MAX_HEIGHT,
+    F_SIGMAS, F_TOLERANCE, F_CAP, F_ROUNDS, F_MIN_PX, F_FLOOR, F_MAX_SLOPE, F_PRIOR, F_BELOW, F_BELOW_FULL, F_BELOW_SHARE,
+) = range(28)  # fmt: skip
 
 
-def vote_settings(rows: int, p: Params) -> NDArray[np.float64]:
-    """(11,) float64 for pictures of so many rows."""
+def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
+    """(28,) float64 for pictures of so many rows, by the V_ and F_ indices."""
+    cap = p.ground_tolerance_cap * p.min_obstacle_height_m
     return np.array(
         [
             p.ground_min_height_m, p.ground_height_step, p.ground_pair_climb, p.ground_pair_climb_min_m,
             p.ground_pair_climb_max_m, p.ground_pair_min_px, rows // p.ground_pair_parts, p.ground_pair_flat,
             p.ground_pair_sigmas, p.ground_pair_flat_cap, p.ground_pair_level,
-        ]
+            p.ground_seed_weight, p.ground_seed_steps, p.ground_tries, p.ground_min_samples, p.ground_min_share,
+            p.ground_max_height_m,
+            p.ground_sigmas, min(p.ground_tolerance_m, cap), cap, p.ground_fit_rounds, p.ground_fit_min_px,
+            p.ground_fit_floor_m, p.ground_max_slope, p.ground_slope_prior, p.ground_below_m, p.ground_below_full_m,
+            p.ground_max_below_share,
+        ],
+        np.float64,
     )  # fmt: skip
 
 
@@ -44,9 +53,9 @@ def height_bins(p: Params) -> int:
 
 @njit(cache=True, nogil=True)
 def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
-    """Votes for the height of horizontal surfaces; returns (points written, votes cast, pixels sampled).
+    """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
 
-    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `vote_settings`. votes: (bins,)
+    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `ground_settings`. votes: (bins,)
     int32 over log height. points: (N, 5) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
     of height, and 1 where they voted. A pair of pixels in one source column votes when what lies between them climbs
     little of what a wall would show over the same rows."""
@@ -55,7 +64,6 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     bins = len(votes)
     votes[:] = 0
     n = 0
-    cast = 0
     sampled = 0
     for u in range(column_step // 2, cols, column_step):
         xu = (u - k[2]) / k[0]
@@ -91,29 +99,121 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             noise = tuning[V_SIGMAS] * ke * (z / d + abs(z2) / d2) * 0.5
             allowed = min(tuning[V_FLAT] * climb + noise, tuning[V_FLAT_CAP] * climb)
             if abs(z2 - z) < allowed and z2 > tuning[V_LEVEL] * z:
-                cast += 1
                 points[n - 1, 4] = 1.0
                 bin_ = int(math.log(0.5 * (z + z2) / least) / bin_step)
                 if 0 <= bin_ < bins:
                     votes[bin_] += 1
-    return n, cast, sampled
+    return n, sampled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_gate(gain, height, slope_x, spread, least, cap, gate):
+    """gate[q] = (h - tolerance(X)) / X + sx at X = gain / q = 1 / s, tolerance = spread X between least and cap; (65536,) float32."""
+    for q in range(len(gate)):
+        s = np.int32(q) / gain
+        gate[q] = height * s - min(max(spread, least * s), cap * s) + slope_x
 
 
 def ground_gate(
-    ground: Ground, view: ViewGeometry, ke: float, params: Params
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(gate, shift): a cell of code q at row tangent m and column u is ground, or below it, when m - shift[u] > gate[q].
+    ground: Ground, view: ViewGeometry, ke: float, params: Params, gate: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """shift: a cell of code q at row tangent m and column u is ground, or below it, when m - shift[u] > gate[q].
 
-    gate: (65536,) float32, shift: (cols,) float32. From z = X m against h + sx X + sy y - tolerance(X), over X."""
-    shift = np.zeros(view.cols, np.float32)
+    gate: (65536,) float32 out, shift: (cols,) float32. From z = X m against h + sx X + sy y - tolerance(X), over X."""
     if not ground.seen:
-        return np.full(65536, np.inf, np.float32), shift
-    x = view.f_px * view.quantum / np.maximum(np.arange(65536), 1)
+        gate[:] = np.inf
+        return np.zeros(view.cols, np.float32)
     cap = params.ground_tolerance_cap * params.min_obstacle_height_m
-    tolerance = np.clip(params.ground_sigmas * ke * x * ground.height_m, min(params.ground_tolerance_m, cap), cap)
-    gate = ((ground.height_m - tolerance) / x + ground.slope_x).astype(np.float32)
+    fill_gate(
+        view.f_px * view.quantum, ground.height_m, ground.slope_x, params.ground_sigmas * ke * ground.height_m,
+        min(params.ground_tolerance_m, cap), cap, gate,
+    )  # fmt: skip
     column_t = (np.arange(view.cols) - view.cu) * float(view.lateral[0]) / view.f_px
-    return gate, (ground.slope_y * column_t).astype(np.float32)
+    return (ground.slope_y * column_t).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
+    """(slope_x, slope_y): weighted least squares of z over (x, y) with an intercept, shrunk to 0 where the data do not
+    carry them, no steeper than limit.
+
+    sums: w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr over the pixels, r their height off a plane of slopes slope_x, slope_y
+    that lies height_off too low."""
+    w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = sums
+    r0 = wr + slope_x * wx + slope_y * wy - height_off * w
+    rx = wxr + slope_x * wxx + slope_y * wxy - height_off * wx - r0 * wx / w
+    ry = wyr + slope_x * wxy + slope_y * wyy - height_off * wy - r0 * wy / w
+    xx, xy, yy = wxx + 1.0 / prior**2 - wx * wx / w, wxy - wx * wy / w, wyy + 1.0 / prior**2 - wy * wy / w
+    det = xx * yy - xy * xy
+    x, y = (yy * rx - xy * ry) / det, (xx * ry - xy * rx) / det
+    shrink = min(1.0, limit / max(math.hypot(x, y), 1e-12))
+    return x * shrink, y * shrink
+
+
+@njit(cache=True, nogil=True)
+def fit_ground(points, height, tuning):
+    """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
+
+    points: (N, 5) of `vote`. Not seen: too few lie on it, or too much below it. share: of the points that lie on it."""
+    n = len(points)
+    slope_x, slope_y, tolerance_at = 0.0, 0.0, height
+    for _ in range(int(tuning[F_ROUNDS])):
+        on = 0
+        w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        tolerance_at = height
+        for i in range(n):
+            if points[i, 4] == 0.0:  # the foot of a wall is near the ground and not level
+                continue
+            x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
+            sigma = height / points[i, 3]
+            r = points[i, 2] - (height + slope_x * x + slope_y * y)
+            if abs(r) < min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), tuning[F_CAP]):
+                on += 1
+                # inverse variance of height, sigma_h = ke X h
+                weight = 1.0 / (tuning[F_FLOOR] + sigma) ** 2
+                w, wx, wy, wr = w + weight, wx + weight * x, wy + weight * y, wr + weight * r
+                wxx, wxy, wyy = wxx + weight * x * x, wxy + weight * x * y, wyy + weight * y * y
+                wxr, wyr = wxr + weight * x * r, wyr + weight * y * r
+        if on < max(tuning[F_MIN_PX], tuning[V_MIN_SHARE] * n):
+            return False, height, slope_x, slope_y, 0.0
+        height += wr / w
+        if tuning[F_MAX_SLOPE] > 0.0:
+            sums = (w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr)
+            slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, tuning[F_PRIOR], tuning[F_MAX_SLOPE])
+    slack = tuning[F_BELOW] * height / (height + tuning[F_BELOW_FULL])
+    on, below = 0, 0
+    for i in range(n):
+        tolerance = min(max(tuning[F_SIGMAS] * tolerance_at / points[i, 3], tuning[F_TOLERANCE]), tuning[F_CAP])
+        r = points[i, 2] - (height + slope_x * points[i, 0] + slope_y * points[i, 1])
+        on += abs(r) < tolerance
+        below += r > tolerance + slack
+    seen = below <= tuning[F_BELOW_SHARE] * n and height >= tuning[V_LEAST]
+    return seen, height, slope_x, slope_y, on / n
+
+
+@njit(cache=True, nogil=True)
+def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, votes, points):
+    """`fit_ground` at the first height that holds, from the most voted on; arguments as for `vote`."""
+    n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)
+    bins = len(votes)
+    score = np.zeros(bins, np.float64)
+    for b in range(bins):
+        score[b] = votes[max(b - 1, 0) : b + 2].sum()
+    if seed_height > tuning[V_LEAST]:
+        at, reach = int(math.log(seed_height / tuning[V_LEAST]) / tuning[V_STEP]), int(tuning[V_SEED_STEPS])
+        score[max(0, at - reach) : at + reach + 1] *= tuning[V_SEED_WEIGHT]
+    tries = int(tuning[V_TRIES]) if sampled >= tuning[V_MIN_SAMPLES] else 0
+    for _ in range(tries):
+        best = np.argmax(score)
+        if score[best] < tuning[V_MIN_SHARE] * sampled:
+            break
+        height = tuning[V_LEAST] * math.exp((best + 0.5) * tuning[V_STEP])
+        score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
+        if height <= tuning[V_MAX_HEIGHT]:
+            found = fit_ground(points[:n], height, tuning)
+            if found[0]:
+                return found
+    return False, 0.0, 0.0, 0.0, 0.0
 
 
 def find_ground(
@@ -123,74 +223,19 @@ def find_ground(
     """The ground of one frame, or NO_GROUND.
 
     seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
-    points: (ground_max_samples, 5) float32 scratch. The heights are tried from the most voted on; one is taken when enough pixels lie
-    on it and few below."""
+    points: (ground_max_samples, 5) float32 scratch. The heights are tried from the most voted on; one is taken when
+    enough pixels lie on it and few below."""
     k, p = info.intrinsics, params
-    votes = np.zeros(height_bins(p), np.int32)
     across, down = p.ground_column_step, p.ground_row_step
     # as coarse as it takes for the whole picture to find room: a part of it would say nothing of what lies below
     step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
-    n, _, sampled = vote(
-        marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, across * step, down * step,
-        vote_settings(k.height, p), votes, points,
+    seen, height, slope_x, slope_y, share = search_ground(
+        marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, seed_height_m,
+        across * step, down * step, ground_settings(k.height, p), np.zeros(height_bins(p), np.int32), points,
     )  # fmt: skip
-    if sampled < p.ground_min_samples:
+    if not seen:
         return NO_GROUND
-    score = np.convolve(votes, [1.0, 1.0, 1.0], mode="same")
-    if math.isfinite(seed_height_m) and seed_height_m > p.ground_min_height_m:
-        at = int(math.log(seed_height_m / p.ground_min_height_m) / p.ground_height_step)
-        score[max(0, at - p.ground_seed_steps) : at + p.ground_seed_steps + 1] *= p.ground_seed_weight
-    seen = points[:n].astype(np.float64)
-    for _ in range(p.ground_tries):
-        best = int(np.argmax(score))
-        if score[best] < p.ground_min_share * sampled:
-            return NO_GROUND
-        height = p.ground_min_height_m * math.exp((best + 0.5) * p.ground_height_step)
-        score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
-        if height > p.ground_max_height_m:
-            continue
-        ground = _fit(seen, height, ke, p)
-        if ground is not None:
-            return ground
-    return NO_GROUND
-
-
-def _fit(points: NDArray[np.float64], height_m: float, ke: float, params: Params) -> Ground | None:
-    """z = h + sx x + sy y through the points near height_m, slopes bounded; None when too much lies below it."""
-    x, y, z, inv_noise, level = points.T
-    slope = np.zeros(2)
-    cap = params.ground_tolerance_cap * params.min_obstacle_height_m
-    for _ in range(params.ground_fit_rounds):
-        noise = params.ground_sigmas * height_m / inv_noise
-        tolerance = np.clip(noise, min(params.ground_tolerance_m, cap), cap)
-        off = z - (height_m + slope[0] * x + slope[1] * y)
-        on = (np.abs(off) < tolerance) & (level > 0.0)  # the foot of a wall is near the ground and not level
-        if on.sum() < max(params.ground_fit_min_px, params.ground_min_share * len(points)):
-            return None
-        # inverse variance of height, sigma_h = ke X h
-        w = np.where(on, 1.0 / (params.ground_fit_floor_m + height_m / inv_noise) ** 2, 0.0)
-        height_m = height_m + float(np.sum(w * off) / np.sum(w))
-        if params.ground_max_slope > 0.0:
-            slope = _bounded_slope(x, y, z - height_m, w, params)
-    off = z - (height_m + slope[0] * x + slope[1] * y)
-    below = np.mean(off > tolerance + params.ground_below_m * height_m / (height_m + params.ground_below_full_m))
-    if below > params.ground_max_below_share or height_m < params.ground_min_height_m:
-        return None
-    blind = params.min_obstacle_height_m / (params.ground_sigmas * ke * height_m)
+    blind = p.min_obstacle_height_m / (p.ground_sigmas * ke * height)
     return Ground(
-        seen=True, height_m=height_m, slope_x=float(slope[0]), slope_y=float(slope[1]), share=float(np.mean(np.abs(off) < tolerance)),
-        blind_beyond_m=blind,
+        seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y, share=share, blind_beyond_m=blind
     )  # fmt: skip
-
-
-def _bounded_slope(
-    x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], w: NDArray[np.float64], params: Params
-) -> NDArray[np.float64]:
-    """Weighted least-squares slopes of z over (x, y) with intercept, shrunk to 0 where the data do not carry them."""
-    A = np.stack([np.ones_like(x), x, y])
-    normal = (A * w) @ A.T
-    normal[1, 1] += 1.0 / params.ground_slope_prior**2
-    normal[2, 2] += 1.0 / params.ground_slope_prior**2
-    fit = np.linalg.solve(normal, (A * w) @ z)
-    length = math.hypot(fit[1], fit[2])
-    return np.asarray(fit[1:] * min(1.0, params.ground_max_slope / max(length, 1e-12)))

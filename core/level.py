@@ -8,6 +8,7 @@ divide by Lemma 1's factor) is `level_paper`.
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
 """Codes of the levelled image: no measurement, free to the maximum, and the least measured value."""
 _MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
 """Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
-_TILE_COLS, _TILE_ROWS = 32, 64
+_TILE_COLS, _TILE_ROWS, _TILE_WIDE = 32, 64, 128
 """Cells that are worked on together: their part of the source fits the nearest cache. No result hangs on it."""
 _AS_IT_IS = np.eye(3)
 _BORDER_POINTS = 32
@@ -90,21 +91,34 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel."""
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
-    R = np.ascontiguousarray(R_level_optical)
-    left, right, up, down = window_of_border(R, np.array([k.fx, k.fy, k.cx, k.cy]), k.width, k.height, limit)
+    R, camera = np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy])
+    left, right, up, down = window_of_border(R, camera, k.width, k.height, limit)
     f_px = float(min(k.fx, k.fy))
     cells = (right - left) * (down - up) * f_px * f_px
     f_px *= math.sqrt(min(1.0, params.max_view_ratio * k.width * k.height / cells))
     cu, cols = _axis(f_px * left, f_px * right, k.cx)
     cv, rows = _axis(f_px * up, f_px * down, k.cy)
-    to_source = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]]) @ R_level_optical.T
-    from_cell = np.array([[0.0, 0.0, f_px], [1.0, 0.0, -cu], [0.0, 1.0, -cv]]) / f_px
-    edges = ((np.arange(rows + 1) - 0.5 - cv) / f_px).astype(np.float32)
-    quantum = code_quantum(info, f_px)
+    edges, H = np.empty(rows + 1, np.float32), np.empty((3, 3), np.float64)
+    fill_view(R, camera, f_px, cu, cv, edges, H)
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=quantum,
-        tan_edge=edges, lateral=np.ones(rows, np.float32), H=to_source @ from_cell,
+        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px),
+        tan_edge=edges, lateral=np.ones(rows, np.float32), H=H,
     )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def fill_view(R, k, f_px, cu, cv, edges, H):
+    """Row edges (rows + 1,) float32 as tangents and the homography H (3, 3) of ViewGeometry.
+
+    A cell's ray is (1, (u - cu)/f, (v - cv)/f) in level_cam; R_level_optical, transposed, turns it into optical."""
+    for v in range(len(edges)):
+        edges[v] = (v - 0.5 - cv) / f_px
+    for j in range(3):
+        a, b = R[1, j] / f_px, R[2, j] / f_px
+        H[j, 0], H[j, 1], H[j, 2] = a, b, R[0, j] - a * cu - b * cv
+    for j in range(3):
+        H[0, j] = k[0] * H[0, j] + k[2] * H[2, j]
+        H[1, j] = k[1] * H[1, j] + k[3] * H[2, j]
 
 
 def _axis(low_px: float, high_px: float, source_centre: float) -> tuple[float, int]:
@@ -192,14 +206,17 @@ def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
     a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
     a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
     a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
+    # in float32 from the first of the cells on: within 2e-4 px of the exact place
+    x0, y0, w0 = np.float32(a0 + b0 * first), np.float32(a1 + b1 * first), np.float32(a2 + b2 * first)
+    dx, dy, dw = np.float32(b0), np.float32(b1), np.float32(b2)
     right, bottom, stride = np.int32(src_cols - 1), np.int32(src_rows - 1), np.int32(src_cols)
     half = np.float32(0.5)
     for i in range(len(at)):
-        v = np.float64(np.int32(first) + np.int32(i))
-        w = np.float32(a2 + b2 * v)
+        v = np.float32(np.int32(i))
+        w = w0 + dw * v
         r = np.float32(1.0) / w
-        x = min(max(np.int32(np.float32(a0 + b0 * v) * r + half), np.int32(0)), right)
-        y = min(max(np.int32(np.float32(a1 + b1 * v) * r + half), np.int32(0)), bottom)
+        x = min(max(np.int32((x0 + dx * v) * r + half), np.int32(0)), right)
+        y = min(max(np.int32((y0 + dy * v) * r + half), np.int32(0)), bottom)
         at[i] = np.uint32(y * stride + x)
         forward[i] = w
 
@@ -243,20 +260,44 @@ def level_nearest(marks, H, gain, out, picked):
 
 @njit(cache=True, nogil=True)
 def level_as_it_is(marks, gain, out):
-    """`level_nearest` for a camera that is level: cells are pixels, lines become columns."""
-    cols, rows = out.shape
-    tile, ones = np.empty((_TILE_COLS, _TILE_COLS), np.uint16), np.ones(_TILE_COLS, np.float32)
+    """`level_nearest` for a camera that is level: cells are pixels, lines become columns.
+
+    out: (cols, rows / 4) uint64, four codes each, the upper row in the lowest bits: four rows at a time are packed side
+    by side, so that turning the image over is one store for four cells."""
+    cols, fours = out.shape
+    codes, ones = np.empty((4, _TILE_WIDE), np.uint16), np.ones(_TILE_WIDE, np.float32)
+    packed = np.empty(_TILE_WIDE, np.uint64)
     gain = np.float32(gain)
-    for v0 in range(0, rows, _TILE_COLS):
-        high = min(_TILE_COLS, rows - v0)
-        for u0 in range(0, cols, _TILE_COLS):
-            wide = min(_TILE_COLS, cols - u0)
-            for j in range(high):
-                codes_of(marks[v0 + j, u0 : u0 + wide], ones, gain, tile[j, :wide])
+    for u0 in range(0, cols, _TILE_WIDE):
+        wide = min(_TILE_WIDE, cols - u0)
+        c0, c1, c2, c3 = codes[0], codes[1], codes[2], codes[3]
+        for four in range(fours):
+            for j in range(4):
+                codes_of(marks[4 * four + j, u0 : u0 + wide], ones, gain, codes[j, :wide])
             for i in range(wide):
-                line = out[u0 + i, v0 : v0 + high]
-                for j in range(high):
-                    line[j] = tile[j, i]
+                upper = np.uint64(c0[i]) | np.uint64(c1[i]) << np.uint64(16)
+                packed[i] = upper | np.uint64(c2[i]) << np.uint64(32) | np.uint64(c3[i]) << np.uint64(48)
+            for i in range(wide):
+                out[u0 + i, four] = packed[i]
+
+
+@njit(cache=True, nogil=True)
+def left_over(marks, picked, want, found):
+    """Measured pixels that were not picked: writes their places to found, returns how many.
+
+    marks: (N,) uint16, picked: (N,) uint8. want: (M,) uint8 scratch, M a multiple of 8, zero beyond N. found: (M,) int32.
+    Eight flags are looked at as one number, most often all zero; where not, each place is written and kept if it counts."""
+    for u in range(len(marks)):
+        want[u] = np.uint8((picked[u] == 0) & (marks[u] != 0) & (marks[u] != _FAR))
+    n = np.uint64(0)
+    eights = want.view(np.uint64)
+    for k in range(len(eights)):
+        eight = eights[k]
+        if eight != 0:
+            for j in range(8):
+                found[n] = np.int32(8 * k) + np.int32(j)
+                n += (eight >> np.uint64(8 * j)) & np.uint64(1)
+    return np.int64(n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -268,31 +309,40 @@ def level_pool(marks, picked, R, k, window, out):
     Far never overrules a neighbour of which nothing is known: it would call the cell free."""
     src_rows, src_cols = marks.shape
     cols, rows = out.shape
-    f, cu, cv, gain = window[0], window[1], window[2], window[3]
-    left_over = np.empty(src_cols + 1, np.int32)
-    cell, code = np.empty(src_cols, np.int64), np.empty(src_cols, np.int32)
+    f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
+    cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
+    want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
+    mark = np.empty(_TILE_WIDE, np.uint16)
+    cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
     flat = out.ravel()
-    for v in range(src_rows):
-        line, taken = marks[v], picked[v * src_cols : (v + 1) * src_cols]
-        n = 0
-        for u in range(src_cols):
-            left_over[n] = u
-            n += (taken[u] == 0) & (line[u] != 0) & (line[u] != _FAR)
-        yv = (v - k[3]) / k[1]
-        a0, a1, a2 = R[0, 1] * yv + R[0, 2], R[1, 1] * yv + R[1, 2], R[2, 1] * yv + R[2, 2]
-        for i in range(n):
-            u = left_over[i]
-            d = np.float32(1000.0) / np.float32(line[u])
-            xu = (u - k[2]) / k[0]
-            forward = R[0, 0] * xu + a0
-            r = f / forward
-            iu = math.floor((R[1, 0] * xu + a1) * r + cu + 0.5)
-            iv = math.floor((R[2, 0] * xu + a2) * r + cv + 0.5)
-            inside = (forward >= 1e-3) & (iu >= 0.0) & (iu < cols) & (iv >= 0.0) & (iv < rows)
-            cell[i] = np.int64(iu * rows + iv) if inside else np.int64(-1)
-            code[i] = np.int32(max(min(d / forward * gain + 0.5, 65535.0), 2.0))
-        for i in range(n):
-            if cell[i] >= 0:
+    right, bottom, high = np.float32(cols), np.float32(rows), np.int32(rows)
+    dx, dy, dz = np.float32(R[0, 0] / k[0]), np.float32(R[1, 0] / k[0]), np.float32(R[2, 0] / k[0])
+    for u0 in range(0, src_cols, _TILE_WIDE):
+        wide = min(_TILE_WIDE, src_cols - u0)
+        want[wide:] = 0
+        xu = (u0 - k[2]) / k[0]
+        for v in range(src_rows):
+            line = marks[v, u0 : u0 + wide]
+            n = left_over(line, picked[v * src_cols + u0 : v * src_cols + u0 + wide], want, found)
+            for i in range(n):
+                mark[i] = line[found[i]]
+            yv = (v - k[3]) / k[1]
+            x0 = np.float32(R[0, 0] * xu + R[0, 1] * yv + R[0, 2])
+            y0 = np.float32(R[1, 0] * xu + R[1, 1] * yv + R[1, 2])
+            z0 = np.float32(R[2, 0] * xu + R[2, 1] * yv + R[2, 2])
+            for i in range(n):
+                u = np.float32(found[i])
+                forward = x0 + dx * u
+                r = np.float32(1.0) / max(forward, np.float32(1e-3))
+                iu, iv = (y0 + dy * u) * r * f + cu, (z0 + dz * u) * r * f + cv
+                inside = (forward >= np.float32(1e-3)) & (iu >= 0) & (iu < right) & (iv >= 0) & (iv < bottom)
+                disparity = np.float32(1000.0) / np.float32(mark[i]) * r * gain + half
+                disparity = max(min(disparity, np.float32(65535.0)), np.float32(Q_MIN))
+                # what looks outside adds nothing to the first cell
+                at = np.int32(iu) * high + np.int32(iv)
+                cell[i] = np.uint32(at if inside else 0)
+                code[i] = np.int32(disparity) if inside else np.int32(0)
+            for i in range(n):
                 flat[cell[i]] = max(np.int32(flat[cell[i]]), code[i])
 
 
@@ -303,8 +353,9 @@ def level_safe(
     """Fills `out` (cols, rows) uint16 with the codes of the levelled view g. picked: (H * W,) uint8 scratch."""
     k = info.intrinsics
     gain = g.f_px * g.quantum
-    if (g.cols, g.rows) == (k.width, k.height) and np.abs(g.H - _AS_IT_IS).max() < 1e-9:
-        level_as_it_is(marks, gain, out)
+    as_it_is = (g.cols, g.rows) == (k.width, k.height) and np.abs(g.H - _AS_IT_IS).max() < 1e-9
+    if as_it_is and g.rows % 4 == 0 and sys.byteorder == "little":
+        level_as_it_is(marks, gain, out.view(np.uint64))
         return
     level_nearest(marks, g.H, gain, out, picked)
     window = np.array([g.f_px, g.cu, g.cv, gain])

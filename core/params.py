@@ -43,7 +43,7 @@ class Params:
     noise_tiles_down: int = _number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
     noise_tiles_across: int = _number(8, 1, 32, "", "and columns of them")
     noise_step_px: int = _number(8, 1, 64, "px", "step of the second difference whose median is a tile's noise")
-    noise_row_step: int = _number(3, 1, 32, "px", "rows from one to the next that is looked at")
+    noise_row_step: int = _number(6, 1, 32, "px", "rows from one to the next that is looked at")
     noise_min_samples: int = _number(120, 10, 10000, "", "differences that a tile needs to count")
     noise_min_tiles: int = _number(3, 1, 1024, "", "tiles that a picture needs to tell its noise")
     noise_min_depth_m: float = _number(
@@ -91,9 +91,7 @@ class Params:
     )
     ground_column_step: int = _number(5, 1, 64, "px", "columns from one sampled pixel to the next")
     ground_row_step: int = _number(3, 1, 64, "px", "rows from one sampled pixel to the next")
-    ground_max_samples: int = _number(
-        30000, 1000, 1000000, "", "larger pictures are sampled in larger steps than those"
-    )
+    ground_max_samples: int = _number(6000, 1000, 1000000, "", "larger pictures are sampled in larger steps than those")
     ground_min_samples: int = _number(50, 10, 10000, "", "sampled pixels without which no ground is looked for")
     ground_pair_climb: float = _number(
         0.2, 0.02, 1.0, "", "rows of a pair: a wall there would climb this share of the camera's height"
@@ -279,9 +277,9 @@ class Params:
     profile_layers: int = _number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
     profile_ring_m: float = _number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
     free_share: float = _number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
-    profile_block_px: int = _number(4, 1, 64, "px", "rows that are counted together, a layer's rows rounded outwards")
+    profile_block_px: int = _number(4, 2, 64, "px", "rows that are counted together, a layer's rows rounded outwards")
     profile_sigmas: float = _number(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
-    profile_noise_cap: float = _number(0.3, 0.0, 0.9, "", "which is at most this share of its distance")
+    profile_noise_cap: float = _number(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
     profile_least_m: float = _number(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
 
     def __post_init__(self) -> None:

@@ -235,9 +235,10 @@ def components(place, ws, hs):
 # ---- free space -------------------------------------------------------------------------------------------------
 
 
-def free_walk(codes, ring_of_code, direction, d, z0, z1, ring_m, cv, f, block, share):
-    """(first, last) index of the rings of one direction and layer that are seen free, -1, -1: none."""
-    columns = codes[direction == d]
+def free_walk(codes, ring_of_code, weight, direction, d, z0, z1, ring_m, cv, f, block, share):
+    """(first, last) index of the rings of one direction and layer that are seen free, -1, -1: none. weight: what a cell
+    counts, like codes."""
+    columns, weights = codes[direction == d], weight[direction == d]
     rows = codes.shape[1]
     first = last = -1
     for r, x in enumerate(ring_m):
@@ -246,12 +247,13 @@ def free_walk(codes, ring_of_code, direction, d, z0, z1, ring_m, cv, f, block, s
             if first >= 0:
                 break
             continue
-        cells = columns[:, a // block * block : (b // block + 1) * block]
-        through = np.sum(ring_of_code[cells] >= r + 1)
-        near = np.sum((cells > 0) & (ring_of_code[cells] < r + 1))
-        if cells.size and through >= share * cells.size:
+        part = slice(a // block * block, (b // block + 1) * block)
+        cells, w = columns[:, part], weights[:, part]
+        through = np.sum(w[(cells > 0) & (ring_of_code[cells] >= r + 1)])
+        near = np.sum(w[(cells > 0) & (ring_of_code[cells] < r + 1)])
+        if w.sum() and through >= share * w.sum():
             first, last = (r if first < 0 else first), r
-        elif first >= 0 or near > (1 - share) * cells.size:
+        elif first >= 0 or near > (1 - share) * w.sum():
             break
     return first, last
 

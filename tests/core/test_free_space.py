@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,53 +52,64 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     codes = random_codes(rng, 24, 90)
     ring_m = np.arange(0.5, 12.0, 0.5).astype(np.float32)
     ring_of_code = rings_of(codes, ring_m)
-    direction = np.sort(rng.integers(0, 3, 24)).astype(np.int32)
-    blocks = -(-90 // 4)
-    through = np.full((3, blocks, len(ring_m) + 1), -1, np.int32)
-    unknown, cells = np.full((3, blocks), -1, np.int32), np.full((3, blocks), -1, np.int32)
-    fs.count_through(codes, direction, ring_of_code, len(ring_m), 4, through, unknown, cells)
+    edges_t = np.array([-0.12, -0.12 + 0.09 * rng.random(), 0.03, 0.12])
+    direction = np.clip(np.searchsorted(edges_t, (np.arange(24) - 11.5) / F, side="right") - 1, 0, 2)
+    block = int(rng.integers(2, 7))
+    blocks = -(-90 // block)
+    # every second pair of rows of each column; the odd last row of a block stands for the pair that it is half of
+    u, v = np.meshgrid(np.arange(24), np.arange(90), indexing="ij")
+    inside = v % block
+    looked_at = ((v - inside + inside // 2 * 2) // 2 + u) % 2 == 0
+    weight = looked_at * np.where((inside % 2 == 0) & ((inside == block - 1) | (v == 89)), 2, 1)
+    rings = len(ring_m)
+    counts, hist = np.full((blocks + 1, rings + 3), -1, np.int32), np.full(2 * (rings + 2), -1, np.int32)
+    kind = np.where(codes == 0, rings + 1, ring_of_code[codes]).astype(np.uint8)
+    table = ring_of_code.copy()
+    table[0] = rings + 1
     for d in range(3):
-        for b in range(blocks):
-            own = codes[direction == d][:, 4 * b : 4 * b + 4]
-            assert cells[d, b] == own.size
-            assert unknown[d, b] == np.sum(own == 0)
-            for r in range(len(ring_m)):
-                assert through[d, b, r + 1] == np.sum(ring_of_code[own] >= r + 1)
+        own = np.flatnonzero(direction == d)
+        if len(own) == 0:
+            continue
+        fs.count_rings(codes, own[0], own[-1] + 1, table, block, hist, counts)
+        for b in range(blocks + 1):
+            part = (direction[:, None] == d) & (v < b * block)
+            for k in range(rings + 2):
+                assert counts[b, k] == weight[part & (kind == k)].sum()
+            assert counts[b, rings + 2] == weight[part].sum()
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
     shape = (3, 3)
     start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
-    fs.walk_rings(
-        through,
-        unknown,
-        cells,
-        ring_m,
-        layers,
-        np.full((3, len(ring_m)), 1e6),
-        90,
-        44.5,
-        F,
-        4,
-        0.8,
-        0.1,
-        start,
-        to,
-        end,
-    )
+    g = replace(view(cols=24, rows=90), cv=44.5, cu=11.5)
+    w = fs.walk_settings(g, NO_GROUND, KE, Params(profile_block_px=block))
+    fs.walk_view(codes, 11.5, F, edges_t, table, ring_m, layers, w, start, to, end)
     for d in range(3):
         for layer in range(3):
             first, last = naive.free_walk(
-                codes, ring_of_code, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, 4, 0.8
+                codes, ring_of_code, weight, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8
             )
             want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
             assert (start[d, layer], to[d, layer]) == want
             assert end[d, layer] <= FreeEnd.MAX_RANGE
 
 
+@given(st.floats(0.0001, 0.05), st.floats(0.0, 0.5), st.floats(50.0, 5000.0))
+def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap: float, gain: float) -> None:
+    ring_m = np.arange(0.4, 15.0, 0.7).astype(np.float32)
+    table = np.full(65536, 99, np.uint8)
+    fs.rings_through(gain, spread, cap, ring_m, table)
+    x = gain / np.arange(2, 65536)
+    np.testing.assert_array_equal(
+        table[2:], np.searchsorted(ring_m, x - np.minimum(spread * x * x, cap * x), side="right")
+    )
+    assert (table[1], table[0]) == (len(ring_m), len(ring_m) + 1)
+
+
 def profile(
     codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
 ) -> FreeProfile:
     planes, ints, _ = plane_table(room=1)
-    return fs.free_profile(codes, g, ground, clear_m, KE, Params(**params), 0, planes, ints, np.zeros(0, np.float32))
+    seen = fs.seen_free(codes, g, ground, clear_m, KE, Params(**params))
+    return fs.free_profile(seen, 0, planes, ints, np.zeros(0, np.float32))
 
 
 @pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
@@ -133,6 +145,18 @@ def test_unknown_and_field_of_view_are_told_apart() -> None:
     assert (profile(spotted, g).free_to_m[:, 3] > 10).all()
 
 
+@pytest.mark.parametrize(("across", "down"), [(2, 1), (1, 2), (3, 1), (1, 3), (2, 2)])
+def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int) -> None:
+    """Every second or third line, column or cell unknown: at least a quarter of the cells, so nothing is free."""
+    g = view(rows=240, cols=640, f=450.0)  # some twenty columns in each direction but the last
+    for shift in range(max(across, down)):
+        codes = np.full((640, 240), 1, np.uint16)
+        codes[shift % across :: across, shift % down :: down] = 0
+        assert (profile(codes, g).free_to_m[:-1] == 0).all()
+    chequered = np.where(np.add.outer(np.arange(640), np.arange(240)) % 2 == 0, 0, 1).astype(np.uint16)
+    assert (profile(chequered, g).free_to_m == 0).all()
+
+
 def test_the_profile_spans_the_view_in_even_directions() -> None:
     g = view(rows=60, cols=160)
     f = profile(np.full((160, 60), 1, np.uint16), g)
@@ -147,13 +171,12 @@ def test_the_profile_spans_the_view_in_even_directions() -> None:
 def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
-    ring_m = np.array([1.0, 10.0, 18.0], np.float32)
-    low = fs.lowest_clear(ground, ring_m, np.array([0.0, 0.4]), 0.005, p)
-    for d, t in enumerate((0.0, 0.4)):
-        for r, x in enumerate((1.0, 10.0, 18.0)):
+    w = fs.walk_settings(view(), ground, 0.005, p)
+    for t in (0.0, 0.4):
+        for x in (1.0, 10.0, 18.0):
             surface = 2.0 + 0.02 * x - 0.01 * t * x
-            assert low[d, r] == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
-    assert (fs.lowest_clear(NO_GROUND, ring_m, np.zeros(2), 0.005, p) > 1e5).all()
+            assert fs.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
+    assert fs.lowest_clear(0.0, 10.0, fs.walk_settings(view(), NO_GROUND, 0.005, p)) > 1e5
 
 
 def test_nothing_below_the_ground_is_free() -> None:
