@@ -24,7 +24,8 @@ Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
 _MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
 """Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
 _TILE_COLS, _TILE_ROWS, _TILE_WIDE = 32, 64, 128
-"""Cells that are worked on together: their part of the source fits the nearest cache. No result hangs on it."""
+"""Cells that are worked on together: their part of the source fits the nearest cache. Places are rounded from the first
+of them on, so the few that lie within 2e-4 px of two pixels may take the other with other tiles."""
 _AS_IT_IS = np.eye(3)
 _BORDER_POINTS = 32
 """Parts of each side of the image whose ends are looked at for the extent of the view."""
