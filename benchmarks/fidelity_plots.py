@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.matrix import TILTS_DEG
 from benchmarks.measures import MEASURES, measure, summary
 from benchmarks.metrics import RANGE_BINS
-from benchmarks.paper_plots import SERIES, figure, label
+from benchmarks.paper_plots import SERIES, figure
+from benchmarks.paper_plots import label as plain_label
 from benchmarks.rows import Row
 from benchmarks.scenes import FAMILIES, SCENES
 from benchmarks.thin import STEP_M, THINGS, curve
@@ -20,6 +21,13 @@ from benchmarks.thin import STEP_M, THINGS, curve
 
 def _kes(rows: Sequence[Row]) -> list[float]:
     return sorted({r.case.ke_per_m for r in rows})
+
+
+def label(ax: Any, title: str, x: str, y: str, legend_at: str = "upper left") -> None:
+    """Title and axes, with the legend where it is told to be: looking for the best place takes long."""
+    plain_label(ax, title, x, y, legend=False)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(fontsize=7, loc=legend_at)
 
 
 def draw_goals(rows: Sequence[Row], path: Path) -> None:
@@ -45,7 +53,7 @@ def draw_goals(rows: Sequence[Row], path: Path) -> None:
             ax.set_xlim(0.01, 100.0)
             ax.set_yticks(at, names)
             ax.invert_yaxis()
-            label(ax, f"ke {ke:g}", "times the goal", "")
+            label(ax, f"ke {ke:g}", "times the goal", "", "upper right")
             ax.tick_params(axis="y", labelsize=6)
 
 
@@ -58,7 +66,7 @@ def draw_thin(rows: Sequence[Row], path: Path) -> None:
                 middle = [p.from_m + STEP_M / 2 for p in points]
                 ax.plot(middle, [100 * p.kept for p in points], "o-", color=color, markersize=3, label=f"ke {ke:g}")
             ax.set_ylim(-3, 103)
-            label(ax, title, "range, m", "rays kept, %")
+            label(ax, title, "range, m", "rays kept, %", "lower left")
 
 
 def draw_noise(rows: Sequence[Row], path: Path) -> None:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import pickle
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from benchmarks import matrix
 from benchmarks.cases import FAULTS, frames_of
 from benchmarks.fidelity import asked, main, parse
 from benchmarks.matrix import PARTS
@@ -142,15 +147,55 @@ def test_table_and_json_of_a_small_run(tmp_path: Path, capsys: pytest.CaptureFix
     assert "worst of thin" in printed
 
 
-def test_two_processes_give_the_rows_of_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = ["--scenes", "wall,no_ground", "--tilts", "0:0,0:-10", "--ke", "0.005", "--width", "64", "--no-grids"]
+SMALL = ["--scenes", "wall,no_ground", "--tilts", "0:0,0:-10", "--ke", "0.005", "--width", "64", "--no-grids"]
+
+
+class HandedOver:
+    """A pool of one that works in this process, with all that goes to and fro packed as for another one."""
+
+    made_with: ClassVar[list[int]] = []
+
+    def __init__(self, count: int, start: Callable[..., None], settings: tuple[object, ...]) -> None:
+        self.made_with.append(count)
+        start(*pickle.loads(pickle.dumps(settings)))
+
+    def __enter__(self) -> HandedOver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def imap(self, work: Callable[[object], object], groups: list[object]) -> Iterator[object]:
+        return (pickle.loads(pickle.dumps(work(pickle.loads(pickle.dumps(g))))) for g in groups)
+
+
+def by_jobs(folder: Path) -> list[str]:
     texts = []
     for jobs in ("1", "2"):
-        out = tmp_path / f"{jobs}.json"
-        assert main([*args, "--jobs", jobs, "--json", str(out)]) == 0
+        out = folder / f"{jobs}.json"
+        assert main([*SMALL, "--jobs", jobs, "--json", str(out)]) == 0
         texts.append(out.read_text())
-    assert texts[0] == texts[1]
+    return texts
+
+
+def test_more_jobs_give_the_rows_of_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    HandedOver.made_with.clear()
+    monkeypatch.setattr(matrix.multiprocessing, "get_context", lambda _: SimpleNamespace(Pool=HandedOver))
+    monkeypatch.setattr(matrix.os, "environ", {})
+    one, two = by_jobs(tmp_path)
+    assert one == two
+    assert HandedOver.made_with == [2]
+    assert matrix.os.environ["NUMBA_NUM_THREADS"] == "1"
     assert "4/4" in capsys.readouterr().err
+
+
+@pytest.mark.soak
+def test_two_processes_give_the_rows_of_one(tmp_path: Path) -> None:
+    """New interpreters compile everything where nothing is compiled yet: minutes."""
+    one, two = by_jobs(tmp_path)
+    assert one == two
 
 
 def test_a_frame_that_says_nothing_is_counted_and_not_scored(capsys: pytest.CaptureFixture[str]) -> None:
