@@ -30,6 +30,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "tracks": "tracks",
     "openings": "opening rule",
     "planes": "planes, near side",
+    "merge": "merge",
     "planes_paper": "planes, near side",
     "refine": "neighbours, pockets",
     "model": "tables, flags",
@@ -41,7 +42,6 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
 STAGE_OF_FUNCTION: Final[dict[str, str]] = {
     "depth_to_mm": "depth to millimetres",
     "estimate_ke": "noise estimate",
-    "merge_planes": "merge",
 }
 """Functions that are told apart from the rest of their file."""
 

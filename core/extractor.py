@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from . import clusters, fill, planes_paper, refine, strips, support, tracks
+from . import clusters, fill, merge, planes_paper, refine, strips, support, tracks
 from . import planes as pl
 from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
 from .columns import extract_strips
@@ -87,7 +87,7 @@ class Extractor:
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
         ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, info, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
-        count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info)
+        count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info, ke)
 
         return self._model(
             seen, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
@@ -216,6 +216,7 @@ class Extractor:
         n: int,
         view: ViewGeometry,
         info: CameraInfo,
+        ke: float,
     ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
@@ -238,33 +239,29 @@ class Extractor:
         ends_t = (0.5 + p.footprint_px) * column_t
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
         where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px)
-        pl.measure_planes(*where, p.safe_distance_m, p.safe_along_m, count, plane_of, planes, plane_ints)
-        reach = min(p.join_reach_m, 0.5 * p.join_share * p.passable_width_m, p.join_share * p.passable_height_m)
-        pl.merge_planes(
-            count, planes, plane_ints, moments, parent, p.merge_distance_m, p.line_sigmas, p.merge_noise_cap,
-            p.link_slope_px, reach, p.merge_reach_weight, math.radians(p.plane_angle_deg),
-            p.merge_long_share * p.passable_width_m, p.evidence_step, p.evidence_points, p.opening_slack_m, p.merge_rounds,
-            self._buffer("following", (size,), np.int32), self._buffer("pieces", (size, 6), np.float64), masks, frame,
+        pl.measure_planes(
+            *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
+        )
+        seen, frame_of_seen = merge.merge_planes(
+            count, planes, plane_ints, moments, parent, (ints, floats, n), view, info.intrinsics, ke, masks, frame, p,
+            self._buffer,
         )  # fmt: skip
         count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
-        pl.measure_planes(*where, p.safe_distance_m, p.safe_along_m, count, plane_of, planes, plane_ints)
+        pl.measure_planes(
+            *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
+        )
         pl.shift_to_near_side(count, planes, p.min_plane_distance_m)
         refine.meet_neighbours(
-            count,
-            planes,
-            plane_ints,
-            p.meet_share * p.passable_width_m,
-            p.meet_columns * column_t,
-            p.meet_slack_m,
-            p.pocket_points,
-            masks,
-            frame,
-        )
+            count, planes, plane_ints, p.meet_share * p.passable_width_m, p.meet_columns * column_t, p.meet_slack_m,
+            p.safe_distance_m, p.pocket_points, masks, frame,
+        )  # fmt: skip
         count = refine.close_pockets(
             count, size, planes, plane_ints, moments, p.passable_width_m, p.pocket_min_columns * column_t, p.ground_tolerance_m,
             p.pocket_behind_m, p.pocket_points, masks, frame,
         )  # fmt: skip
-        refine.drop_covered(count, planes, plane_ints, p.passable_width_m, p.covered_px * column_t)
+        hidden_m = min(p.covered_depth_m, p.passable_width_m)
+        refine.drop_covered(count, planes, plane_ints, hidden_m, p.covered_px * column_t)
+        refine.trim_covered(count, planes, plane_ints, hidden_m, frame_of_seen, seen)
         return count, planes, plane_ints, moments
 
     # ---- what comes out -----------------------------------------------------------------------------------------

@@ -40,11 +40,23 @@ def fit_line(moments, slope_prior):
 
 
 @njit(cache=True, nogil=True)
-def misfit(moments, a, b):
-    """Weighted mean square of s - a - b*t over what the moments stand for; 1 means as noisy as expected per strip."""
-    m = moments
-    total = m[SS] - 2.0 * a * m[S] - 2.0 * b * m[TS] + a * a * m[W] + 2.0 * a * b * m[T] + b * b * m[TT]
-    return max(0.0, total) / m[W]
+def fit_pair(moments, i, j, slope_prior):
+    """(a, b, t_mean) of `fit_line` for rows i and j of a table of moments (N, 6) together."""
+    each = 1.0 / (moments[i, W] + moments[j, W])
+    t, s = moments[i, T] + moments[j, T], moments[i, S] + moments[j, S]
+    t_mean, s_mean = t * each, s * each
+    scatter = max(0.0, moments[i, TT] + moments[j, TT] - t * t_mean)
+    b = (moments[i, TS] + moments[j, TS] - t * s_mean) / (scatter + slope_prior)
+    return s_mean - b * t_mean, b, t_mean
+
+
+@njit(cache=True, nogil=True)
+def misfit_pair(moments, i, j, a, b):
+    """Weighted mean square of s - a - b*t over what rows i and j of a table of moments stand for, in 1/x squared."""
+    w = moments[i, W] + moments[j, W]
+    t, s = moments[i, T] + moments[j, T], moments[i, S] + moments[j, S]
+    tt, ts, ss = moments[i, TT] + moments[j, TT], moments[i, TS] + moments[j, TS], moments[i, SS] + moments[j, SS]
+    return max(0.0, ss - 2.0 * a * s - 2.0 * b * ts + a * a * w + 2.0 * a * b * t + b * b * tt) / w
 
 
 @njit(cache=True, nogil=True)

@@ -13,6 +13,8 @@ from .level import ViewGeometry
 from .params import Params
 from .types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
 
+_OUTWARD = 1e-6
+"""Not tuning: tangent by which outlines grow, so that rounding to float32 takes no ray that runs along an edge."""
 _LEAST_HEIGHT_M = 1e-3
 """Not tuning: a plane's top must differ from its bottom in float32."""
 
@@ -54,11 +56,11 @@ def plane_rows(
 
     a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the near edge
     still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
-    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T0], pl.LEAST_S)
-    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * planes[:, pl.T1], pl.LEAST_S)
-    rows = np.stack(
-        [x0, x0 * planes[:, pl.T0], x1, x1 * planes[:, pl.T1], planes[:, pl.Z0], planes[:, pl.Z1]], axis=1
-    ).astype(np.float32)
+    t0, t1 = planes[:, pl.T0] - _OUTWARD, planes[:, pl.T1] + _OUTWARD
+    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * t0, pl.LEAST_S)
+    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * t1, pl.LEAST_S)
+    top, bottom = planes[:, pl.Z0] - _OUTWARD * x0, planes[:, pl.Z1] + _OUTWARD * x0
+    rows = np.stack([x0, x0 * t0, x1, x1 * t1, top, bottom], axis=1).astype(np.float32)
     rows[:, 5] = np.maximum(rows[:, 5], rows[:, 4] + _LEAST_HEIGHT_M)
     noise = np.maximum(x0, x1) ** 2 / np.sqrt(np.maximum(moments[:, 0], 1e-9))
     front = np.clip(planes[:, pl.FRONT] + params.safe_distance_m, 0.0, params.safe_distance_m)

@@ -206,29 +206,41 @@ class Params:
     track_jump_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and of this much noise, begins another piece")
     plane_angle_deg: float = _number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
     merge_distance_m: float = _number(
-        0.35, 0.0, 2.0, "m", "a merged plane lies no farther than this from what it replaces"
+        0.3, 0.01, 2.0, "m", "a merged plane leaves the strips of what it replaces by no more, root mean square"
     )
     merge_noise_cap: float = _number(2.0, 0.0, 10.0, "", "noise allows at most this many times merge_distance_m more")
-    merge_reach_weight: float = _number(
-        0.2, 0.0, 1.0, "", "cost of a join that covers join_reach_m of what neither plane had; 1 is too much"
+    merge_spread_m: float = _number(
+        0.2, 0.02, 2.0, "m", "strips lie no farther than this from a merged plane, root mean square, noise apart"
     )
+    merge_shift_m: float = _number(
+        0.3, 0.01, 2.0, "m", "a join shifts neither plane by more than this towards the camera, noise apart"
+    )
+    merge_candidates: int = _number(48, 2, 5000, "", "planes that each one is weighed against in a round of merging")
+    merge_partners: int = _number(8, 1, 64, "", "and how many of them, the cheapest, it may be merged with")
+    merge_empty_weight: float = _number(0.5, 0.0, 5.0, "", "cost of a join whose rectangle is all empty; 1 is too much")
+    merge_empty_share: float = _number(0.25, 0.0, 1.0, "", "and most of it that may be empty")
     merge_long_share: float = _number(
         0.5, 0.05, 5.0, "Ws", "planes both longer than this are merged within plane_angle_deg only"
     )
     merge_rounds: int = _number(12, 1, 50, "", "rounds of merging, at most")
-    join_reach_m: float = _number(
-        0.9, 0.1, 3.0, "m", "a joined plane covers nothing farther than this from what was seen"
+    join_gap_m: float = _number(
+        0.7, 0.1, 3.0, "m", "a joined plane covers no empty square of this side, and no wider gap"
     )
-    join_share: float = _number(0.9, 0.1, 0.99, "", "and nothing farther than this share of Ws/2 and of Hs")
-    evidence_step: float = _number(
-        0.4, 0.05, 1.0, "", "step between points looked at in a join, as a share of its reach"
-    )
-    evidence_points: int = _number(32, 4, 200, "", "and at most so many steps each way")
+    join_share: float = _number(0.9, 0.1, 0.99, "", "and no square of this share of Ws or of Hs")
+    evidence_cell_px: int = _number(8, 1, 32, "px", "side of a cell in which evidence is looked for")
+    evidence_behind_m: float = _number(0.7, 0.05, 3.0, "m", "evidence for a plane lies at most this far behind it")
     opening_slack_m: float = _number(
         0.1, 0.0, 0.5, "m", "in an opening a join covers nothing farther than this from what was seen"
     )
     safe_along_m: float = _number(
-        0.5, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
+        0.4, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
+    )
+    rough_near_sigmas: float = _number(
+        2.0,
+        0.0,
+        8.0,
+        "sigma",
+        "the near edge of a rough strip lies no farther than this behind the strip's own distance",
     )
     min_plane_distance_m: float = _number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
     footprint_px: float = _number(
@@ -253,7 +265,10 @@ class Params:
         0.3, 0.0, 2.0, "m", "a plane at most so far behind a pocket's mouth closes it already"
     )
     pocket_points: int = _number(5, 1, 50, "", "points each way at which a pocket's mouth is looked at for openings")
-    covered_px: float = _number(1.0, 0.0, 10.0, "px", "what stands out by no more than this is still covered")
+    covered_px: float = _number(
+        2.0, 0.0, 10.0, "px", "what stands out beside a plane by no more than this is still hidden"
+    )
+    covered_depth_m: float = _number(1.0, 0.0, 5.0, "m", "planes hide what stands at most so far behind them")
     paper_line_tolerance_m: float = _number(
         0.2, 0.02, 1.0, "m", "greatest misfit of a plane in mode paper, if line_tolerance_m is less [eps_l]"
     )

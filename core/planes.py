@@ -1,4 +1,4 @@
-"""Sections 5.2 and 5.3, the merge: straight pieces become planes, planes that stand for one thing become one.
+"""Section 5.2: straight pieces become planes, and planes move to the near side of what they stand for.
 
 A plane is a line a*x + b*y = 1 (see lines.py) between two tangents of azimuth and two heights. No plane may lie more than
 `safe_distance_m` behind the robust near edge of the strips it stands for: what exceeds that shifts it towards the
@@ -11,9 +11,8 @@ import math
 
 from numba import njit
 
-from .lines import W, fit_line, incidence_cosine
-from .openings import is_open
-from .strips import BOTTOM, CLUSTER, CUT, FILL, KIND, NEAR, SUPPORT, TOP, TRACK, U
+from .lines import fit_line, incidence_cosine
+from .strips import BOTTOM, CLUSTER, CUT, FILL, KIND, NEAR, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
 from .tracks import T_T0, T_T1, tangent
 
 # columns of the float table of planes: line a, b; first and last tangent; heights (m, down); misfit in front (m); distance in the middle (m)
@@ -45,8 +44,9 @@ def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, plan
 
 @njit(cache=True, nogil=True)
 def measure_planes(
-    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, along_m, count, plane_of, planes, plane_ints
-):
+    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, along_m, near_sigmas, count, plane_of, planes,
+    plane_ints,
+):  # fmt: skip
     """Heights, support, filled rows, seen columns, cuts, clusters and the misfit in front, of every plane, from its strips.
 
     plane_of: (tracks,) int32 root plane of a track. FRONT is the largest excess of the robust near edge over
@@ -78,8 +78,12 @@ def measure_planes(
             plane_ints[k, P_LAST_U] = ints[i, U]
         plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, KIND])
         plane_ints[k, P_CLUSTER] = ints[i, CLUSTER]
-        # the near edge along the ray, and its distance to the plane
-        ray = (x - f / floats[i, NEAR]) * math.sqrt(1.0 + t * t)
+        # the near edge along the ray, and its distance to the plane; that of a rough strip lies no farther than
+        # near_sigmas of its noise behind the strip itself, whatever its neighbours say
+        near = floats[i, NEAR]
+        if ints[i, KIND] != SMOOTH:
+            near = max(near, floats[i, D] - near_sigmas * floats[i, SIGMA])
+        ray = (x - f / near) * math.sqrt(1.0 + t * t)
         cosine = incidence_cosine(planes[k, A], planes[k, B], t)
         planes[k, FRONT] = max(planes[k, FRONT], max(ray * cosine - safe_m, (ray - along_m) * cosine))
 
@@ -95,192 +99,6 @@ def shift_to_near_side(count, planes, least_m):
             planes[k, A] *= scale
             planes[k, B] *= scale
             planes[k, FRONT] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def _outside_m(plane, t, z, x):
-    """Distance of the point (t, z) at range x from a plane's rectangle, in the rectangle's own face."""
-    side = max(0.0, max(plane[T0] - t, t - plane[T1])) * x
-    height = max(0.0, max(plane[Z0] - z, z - plane[Z1]))
-    return math.hypot(side, height)
-
-
-@njit(cache=True, nogil=True)
-def joined_reach_m(p, q, x):
-    """How far the joined rectangle of planes p and q reaches beyond both: its farthest corner, or half their gap."""
-    t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
-    z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
-    reach = 0.5 * max(max(p[T0], q[T0]) - min(p[T1], q[T1]), 0.0) * x
-    reach = max(reach, 0.5 * max(max(p[Z0], q[Z0]) - min(p[Z1], q[Z1]), 0.0))
-    for t in (t0, t1):
-        for z in (z0, z1):
-            reach = max(reach, min(_outside_m(p, t, z, x), _outside_m(q, t, z, x)))
-    return reach
-
-
-@njit(cache=True, nogil=True)
-def deviation(p, moments, a, b, tolerance_m, sigmas, noise_cap):
-    """How far a new line leaves plane p at its ends, over what is allowed (below 1: it may replace it).
-
-    Noise of p, `sigmas` of it, allows for more, but for at most noise_cap times tolerance_m."""
-    worst = 0.0
-    for t in (p[T0], p[T1]):
-        old = distance_at(p, t)
-        s = a + b * t
-        if s <= LEAST_S:
-            return 2.0
-        noise = sigmas * old * old / math.sqrt(moments[W])
-        worst = max(worst, abs(1.0 / s - old) / (tolerance_m + min(noise, noise_cap * tolerance_m)))
-    return worst
-
-
-@njit(cache=True, nogil=True)
-def turn_rad(p, q):
-    """Angle between two planes."""
-    cross = p[A] * q[B] - p[B] * q[A]
-    dot = p[A] * q[A] + p[B] * q[B]
-    return abs(math.atan2(cross, dot))
-
-
-@njit(cache=True, nogil=True)
-def merge_cost(
-    p, q, mp, mq, total, tolerance_m, sigmas, noise_cap, slope, reach_m, reach_weight, angle_rad, long_m
-):  # fmt: skip
-    """(cost, a, b) of one plane for both p and q; cost below 1: they stand for one thing. total: (6,) scratch.
-
-    Opening rule: no point of the joined rectangle lies farther than reach_m (below Hs and Ws/2) from what was seen,
-    so that no opening the vehicle could pass is ever closed here."""
-    x = 0.5 * (p[MIDDLE] + q[MIDDLE])
-    if max(p[Z0], q[Z0]) - min(p[Z1], q[Z1]) > 2.0 * reach_m:
-        return 2.0, 0.0, 0.0
-    reach = joined_reach_m(p, q, x) / reach_m
-    if reach > 1.0:
-        return 2.0, 0.0, 0.0
-    if turn_rad(p, q) > angle_rad and min((p[T1] - p[T0]), (q[T1] - q[T0])) * x > long_m:
-        return 2.0, 0.0, 0.0
-    for m in range(6):
-        total[m] = mp[m] + mq[m]
-    a, b, _, _ = fit_line(total, 1.0 / (slope * slope))
-    worst = max(
-        deviation(p, mp, a, b, tolerance_m, sigmas, noise_cap), deviation(q, mq, a, b, tolerance_m, sigmas, noise_cap)
-    )
-    return worst + reach_weight * reach, a, b
-
-
-@njit(cache=True, nogil=True)
-def near_evidence(t, z, x, reach_m, piece, following, pieces):
-    """Whether the point (t, z) at distance x lies within reach_m of a piece of the chain that begins at `piece`."""
-    for _ in range(pieces.shape[0]):
-        if piece < 0:
-            break
-        e = pieces[piece]
-        nearest_t = min(max(t, e[0]), e[1])
-        share = (nearest_t - e[0]) / max(e[1] - e[0], 1e-9)
-        own = 1.0 / (e[4] + (e[5] - e[4]) * share)
-        height = max(0.0, max(e[2] - z, z - e[3]))
-        if (x - own) ** 2 + (x * t - own * nearest_t) ** 2 + height * height <= reach_m * reach_m:
-            return True
-        piece = following[piece]
-    return False
-
-
-@njit(cache=True, nogil=True)
-def joined_on_evidence(p, q, a, b, i, j, reach_m, step, most, slack_m, following, pieces, masks, frame):
-    """Whether every point of the joined rectangle outside both lies within reach_m of a piece that was really seen, and
-    no such point in an opening (openings.py), slack_m beside the evidence apart.
-
-    a, b: the joined line. Points lie `step` of the reach apart, at most `most` + 1 each way. Rectangles may already
-    cover more than was seen, so that without this planes creep over an opening in small steps. pieces: (tracks, 6) t0, t1, top, bottom, 1/x at t0 and at t1 of what each track saw;
-    following: the next piece of a plane, -1 at the end."""
-    t0, t1 = min(p[T0], q[T0]), max(p[T1], q[T1])
-    z0, z1 = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
-    s0, s1 = max(a + b * t0, 1e-3), max(a + b * t1, 1e-3)
-    length = math.hypot(1.0 / s0 - 1.0 / s1, t0 / s0 - t1 / s1)
-    across = min(most, 2 + int(length / (step * reach_m)))
-    down = min(most, 2 + int((z1 - z0) / (step * reach_m)))
-    for k in range(across + 1):
-        t = t0 + (t1 - t0) * k / across
-        x = 1.0 / max(a + b * t, 1e-3)
-        for m in range(down + 1):
-            z = z0 + (z1 - z0) * m / down
-            if (p[T0] <= t <= p[T1] and p[Z0] <= z <= p[Z1]) or (q[T0] <= t <= q[T1] and q[Z0] <= z <= q[Z1]):
-                continue
-            limit = slack_m if is_open(masks, t, z / x, x, frame) else reach_m
-            if not near_evidence(t, z, x, limit, i, following, pieces) and not near_evidence(
-                t, z, x, limit, j, following, pieces
-            ):
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def merge_planes(
-    count, planes, plane_ints, moments, parent, tolerance_m, sigmas, noise_cap, slope, reach_m, reach_weight, angle_rad,
-    long_m, step, most, slack_m, rounds, following, pieces, masks, frame,
-):  # fmt: skip
-    """Joins planes of one cluster, cheapest partner first, until none fits (Eq. 17); dead ones get a negative support.
-
-    parent: (N,) int32, the plane that took each one over. following: (N,) int32 and pieces: (N, 6) float64, scratch."""
-    total = moments[0].copy()
-    for k in range(count):
-        following[k] = -1
-        p = planes[k]
-        pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3] = p[T0], p[T1], p[Z0], p[Z1]
-        pieces[k, 4], pieces[k, 5] = 1.0 / distance_at(p, p[T0]), 1.0 / distance_at(p, p[T1])
-    for _round in range(rounds):
-        changed = False
-        for i in range(count):
-            if plane_ints[i, P_SUPPORT] < 0:
-                continue
-            for _ in range(count):
-                best, cost, best_a, best_b = -1, 1.0, 0.0, 0.0
-                for j in range(count):
-                    if j == i or plane_ints[j, P_SUPPORT] < 0 or plane_ints[j, P_CLUSTER] != plane_ints[i, P_CLUSTER]:
-                        continue
-                    aside = max(planes[i, T0], planes[j, T0]) - min(planes[i, T1], planes[j, T1])
-                    if aside * (planes[i, MIDDLE] + planes[j, MIDDLE]) > 4.0 * reach_m:
-                        continue  # most pairs are far apart
-                    c, a, b = merge_cost(
-                        planes[i], planes[j], moments[i], moments[j], total,
-                        tolerance_m, sigmas, noise_cap, slope, reach_m, reach_weight, angle_rad, long_m,
-                    )  # fmt: skip
-                    if c < cost and joined_on_evidence(
-                        planes[i], planes[j], a, b, i, j, reach_m, step, most, slack_m, following, pieces, masks, frame
-                    ):
-                        best, cost, best_a, best_b = j, c, a, b
-                if best < 0:
-                    break
-                _absorb(planes, plane_ints, moments, i, best, best_a, best_b)
-                _chain(following, i, best)
-                parent[best] = i
-                changed = True
-        if not changed:
-            break
-
-
-@njit(cache=True, nogil=True)
-def _chain(following, i, j):
-    """Appends the pieces of plane j to those of plane i."""
-    last = j
-    for _ in range(following.shape[0]):
-        if following[last] < 0:
-            break
-        last = following[last]
-    following[last] = following[i]
-    following[i] = j
-
-
-@njit(cache=True, nogil=True)
-def _absorb(planes, plane_ints, moments, i, j, a, b):
-    p, q = planes[i], planes[j]
-    p[A], p[B] = a, b
-    p[T0], p[T1] = min(p[T0], q[T0]), max(p[T1], q[T1])
-    p[MIDDLE] = distance_at(p, 0.5 * (p[T0] + p[T1]))
-    p[Z0], p[Z1] = min(p[Z0], q[Z0]), max(p[Z1], q[Z1])
-    for m in range(6):
-        moments[i, m] += moments[j, m]
-    plane_ints[i, P_SUPPORT] += plane_ints[j, P_SUPPORT]
-    plane_ints[j, P_SUPPORT] = -1
 
 
 @njit(cache=True, nogil=True)

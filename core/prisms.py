@@ -1,84 +1,168 @@
 """Section 3, Figure 2: connected planes cut into layers, each layer a side profile of polygons.
 
-One view sees front faces only, so profiles are open sheets (`closed = False`); they close as views come together.
+One view sees front faces only, so profiles are open sheets (`closed = False`); they close as views come together. Where
+layers would take more room than the planes' own heights, each run of planes with the same heights is a prism.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from .types import Prism
 
+AX, AY, BX, BY, TOP, BOTTOM = range(6)
 
-def joined_heights(heights: NDArray[np.float32], join_m: float) -> NDArray[np.float32]:
-    """Each height replaced by the least of its group, a group spanning at most join_m from its least member up."""
-    out = np.empty_like(heights)
+
+@njit(cache=True, nogil=True)
+def join_heights(heights, join_m, out):
+    """out: each height replaced by the least of its group, a group spanning at most join_m from its least member up."""
     least = -np.inf
-    for k in np.argsort(heights, kind="stable"):
+    for k in np.argsort(heights, kind="mergesort"):
         if heights[k] - least > join_m:
-            least = float(heights[k])
+            least = heights[k]
         out[k] = least
-    return out
 
 
-def layer_cuts(
-    tops: NDArray[np.float32], bottoms: NDArray[np.float32], join_m: float
-) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-    """(cuts, first, last): rising z at which a group of planes is cut, and each plane's own top and bottom cut.
-
-    Tops closer than join_m become the highest of them, bottoms the lowest: z is down, so both only ever grow a plane."""
-    own_tops, own_bottoms = joined_heights(tops, join_m), -joined_heights(-bottoms, join_m)
-    cuts = np.unique(np.concatenate([own_tops, own_bottoms]))
-    return cuts, np.searchsorted(cuts, own_tops), np.searchsorted(cuts, own_bottoms)
+@njit(cache=True, nogil=True)
+def meet(p, q, end_m):
+    """Whether the right end of plane p is the left end of plane q."""
+    return abs(p[BX] - q[AX]) < end_m and abs(p[BY] - q[AY]) < end_m
 
 
-def profile_runs(planes: NDArray[np.float32], members: NDArray[np.int64], end_m: float) -> list[list[int]]:
-    """Runs of members (ordered from left to right) whose facing ends coincide within end_m: one profile each."""
-    runs: list[list[int]] = []
-    for k in members:
-        if runs:
-            last = planes[runs[-1][-1]]
-            if abs(last[2] - planes[k, 0]) < end_m and abs(last[3] - planes[k, 1]) < end_m:
-                runs[-1].append(int(k))
-                continue
-        runs.append([int(k)])
-    return runs
-
-
-def connected_planes(planes: NDArray[np.float32], end_m: float) -> NDArray[np.int64]:
-    """(N,) component of each plane: planes whose facing ends coincide within end_m and whose heights overlap.
+@njit(cache=True, nogil=True)
+def connect(planes, end_m, component):
+    """component (N,) int64 out: the least number of the planes connected with each: ends meet and heights overlap.
 
     Only such planes share a profile; cutting one at another's height would add edges and say nothing."""
-    meets = (
-        (np.abs(planes[:, None, 2] - planes[None, :, 0]) < end_m)
-        & (np.abs(planes[:, None, 3] - planes[None, :, 1]) < end_m)
-        & (np.minimum(planes[:, None, 5], planes[None, :, 5]) > np.maximum(planes[:, None, 4], planes[None, :, 4]))
-    )
-    component: NDArray[np.int64] = np.arange(len(planes))
-    left, right = np.nonzero(meets)
-    for _ in range(len(planes)):
-        before = component.copy()
-        np.minimum.at(component, left, before[right])
-        np.minimum.at(component, right, before[left])
-        if np.array_equal(before, component):
+    n = planes.shape[0]
+    left = np.empty(n, np.float64)
+    for k in range(n):
+        component[k] = k
+        left[k] = planes[k, AY] / planes[k, AX]
+    order = np.argsort(left, kind="mergesort")
+    left = left[order]
+    for k in range(n):
+        p = planes[k]
+        t = p[BY] / p[BX]
+        slack = end_m * (1.0 + abs(t)) / max(p[BX] - end_m, end_m)
+        first = np.searchsorted(left, t - slack)
+        for m in range(first, n):
+            if left[m] > t + slack:
+                break
+            q = planes[order[m]]
+            if meet(p, q, end_m) and min(p[BOTTOM], q[BOTTOM]) > max(p[TOP], q[TOP]):
+                a, b = _root(component, k), _root(component, order[m])
+                component[max(a, b)] = min(a, b)
+    for k in range(n):
+        component[k] = _root(component, k)
+
+
+@njit(cache=True, nogil=True)
+def _root(component, k):
+    for _ in range(component.shape[0]):
+        if component[k] == k:
             break
-    return component
+        component[k] = component[component[k]]
+        k = component[k]
+    return k
 
 
-def layers_of(
-    planes: NDArray[np.float32], members: NDArray[np.int64], join_m: float
-) -> list[tuple[float, float, NDArray[np.int64]]]:
-    """(top, bottom, planes) of each layer of one connected group, neighbours with the same planes being one layer."""
-    cuts, first, last = layer_cuts(planes[members, 4], planes[members, 5], join_m)
-    layers: list[tuple[float, float, NDArray[np.int64]]] = []
-    for k in range(len(cuts) - 1):
-        there = members[(first <= k) & (last > k)]
-        if layers and np.array_equal(layers[-1][2], there):
-            layers[-1] = (layers[-1][0], float(cuts[k + 1]), there)
-        elif len(there):
-            layers.append((float(cuts[k]), float(cuts[k + 1]), there))
-    return layers
+@njit(cache=True, nogil=True)
+def same_planes(first, last, a, b):
+    """Whether layers a and b of a group are reached by the same planes."""
+    return np.all(((first <= a) & (a < last)) == ((first <= b) & (b < last)))
+
+
+@njit(cache=True, nogil=True)
+def write_layers(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of):
+    """Adds the profiles of each layer of a connected group to the tables; returns (prisms, edges).
+
+    Neighbouring layers with the same planes are one. members: in order from left to right; first, last: index of each
+    one's top and bottom among the cuts. Writes nothing where the tables are full."""
+    begin = 0
+    for layer in range(cuts.shape[0] - 1):
+        if layer + 2 < cuts.shape[0] and same_planes(first, last, layer, layer + 1):
+            continue
+        before = -1
+        for k in range(members.shape[0]):
+            if not first[k] <= layer < last[k]:
+                continue
+            if before < 0 or not meet(planes[before], planes[members[k]], end_m):
+                size = _begin(size, edges, cuts[begin], cuts[layer + 1], heights, starts)
+            before = members[k]
+            edges = _add(edges, before, plane_of)
+        begin = layer + 1
+    return size, edges
+
+
+@njit(cache=True, nogil=True)
+def write_runs(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of):
+    """Adds runs of meeting planes of the same heights to the tables; returns (prisms, edges)."""
+    before = -1
+    for k in range(members.shape[0]):
+        goes_on = before >= 0 and first[before] == first[k] and last[before] == last[k]
+        if not goes_on or not meet(planes[members[before]], planes[members[k]], end_m):
+            size = _begin(size, edges, cuts[first[k]], cuts[last[k]], heights, starts)
+        before = k
+        edges = _add(edges, members[k], plane_of)
+    return size, edges
+
+
+@njit(cache=True, nogil=True)
+def _begin(size, edges, top, bottom, heights, starts):
+    if size < heights.shape[0]:
+        heights[size, 0], heights[size, 1], starts[size] = top, bottom, edges
+    return size + 1
+
+
+@njit(cache=True, nogil=True)
+def _add(edges, plane, plane_of):
+    if edges < plane_of.shape[0]:
+        plane_of[edges] = plane
+    return edges + 1
+
+
+@njit(cache=True, nogil=True)
+def cut_into_prisms(planes, join_m, end_m, heights, starts, plane_of):
+    """(prisms, edges) of planes (N, 6) float32. heights (M, 2) float32, starts (M,) and plane_of (E,) int32: tables of
+    prisms, out: top and bottom, first edge, plane of each edge.
+
+    Tops closer than join_m become the highest of them, bottoms the lowest: z is down, so both only ever grow a plane. A
+    group is written as layers or as runs, whichever takes fewer vertices and prisms; a group of n planes never takes
+    more than n prisms and n edges."""
+    n = planes.shape[0]
+    component = np.empty(n, np.int64)
+    connect(planes, end_m, component)
+    turn = np.empty(n, np.float64)
+    for k in range(n):
+        turn[k] = math.atan2(planes[k, AY] + planes[k, BY], planes[k, AX] + planes[k, BX])
+    order = np.argsort(turn, kind="mergesort")
+    order = order[np.argsort(component[order], kind="mergesort")]
+    size, edges, a = 0, 0, 0
+    for b in range(1, n + 1):
+        if b < n and component[order[b]] == component[order[a]]:
+            continue
+        members = order[a:b]
+        a = b
+        tops, bottoms = np.empty(members.shape[0], np.float32), np.empty(members.shape[0], np.float32)
+        join_heights(planes[members, TOP], join_m, tops)
+        join_heights(-planes[members, BOTTOM], join_m, bottoms)
+        bottoms = -bottoms
+        cuts = np.unique(np.concatenate((tops, bottoms)))
+        first, last = np.searchsorted(cuts, tops), np.searchsorted(cuts, bottoms)
+        runs = write_runs(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of)
+        if members.shape[0] > 1:
+            room = 2 * (runs[0] - size) + runs[1] - edges
+            free = heights[heights.shape[0] :], starts[starts.shape[0] :], plane_of[plane_of.shape[0] :]
+            layers = write_layers(planes, members, cuts, first, last, end_m, size, edges, *free)
+            if 2 * (layers[0] - size) + layers[1] - edges < room:
+                runs = write_layers(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of)
+        size, edges = runs
+    return size, edges
 
 
 def layered_prisms(
@@ -87,26 +171,32 @@ def layered_prisms(
     """The multi-layer prisms of a frame. planes: (N, 6) as in FrameModel; every plane stands in each layer it reaches.
 
     join_m: heights closer than this are one cut; end_m: ends closer than this are one vertex."""
-    prisms: list[Prism] = []
-    if not len(planes):
+    n = len(planes)
+    if not n:
         return ()
-    azimuth = np.arctan2(planes[:, 1] + planes[:, 3], planes[:, 0] + planes[:, 2])
-    component = connected_planes(planes, end_m)
-    for c in np.unique(component):
-        members = np.flatnonzero(component == c)
-        members = members[np.argsort(azimuth[members], kind="stable")]
-        for top_m, bottom_m, there in layers_of(planes, members, join_m):
-            for run in profile_runs(planes, there, end_m):
-                vertices = [planes[run[0], 0:2], *[planes[k, 2:4] for k in run]]
-                prisms.append(
-                    Prism(
-                        cluster=int(cluster[run[0]]),
-                        top_m=top_m,
-                        bottom_m=bottom_m,
-                        closed=False,
-                        margin_m=float(margin_m[run].max()),
-                        vertices_m=np.array(vertices, np.float32),
-                        plane=np.array(run, np.int32),
-                    )
-                )
-    return tuple(prisms)
+    heights, starts = np.empty((3 * n, 2), np.float32), np.empty(3 * n + 1, np.int32)
+    plane_of = np.empty(3 * n, np.int32)
+    size, edges = cut_into_prisms(planes, join_m, end_m, heights, starts[:-1], plane_of)
+    starts[size] = edges
+    begins, tops_bottoms, clusters = (
+        starts[: size + 1].tolist(),
+        heights[:size].tolist(),
+        cluster[plane_of[starts[:size]]],
+    )
+    margins = np.maximum.reduceat(margin_m[plane_of[:edges]], starts[:size]).tolist()
+    # one vertex before each prism's edges: its first plane's left end
+    vertices = np.empty((edges + size, 2), np.float32)
+    heads = starts[:size] + np.arange(size)
+    tails = np.ones(edges + size, bool)
+    tails[heads] = False
+    vertices[heads] = planes[plane_of[starts[:size]], AX : AY + 1]
+    vertices[tails] = planes[plane_of[:edges], BX : BY + 1]
+    return tuple(
+        Prism(
+            cluster=c, top_m=top, bottom_m=bottom, closed=False, margin_m=margin,
+            vertices_m=vertices[begin + k : end + k + 1], plane=plane_of[begin:end],
+        )
+        for k, (c, (top, bottom), margin, begin, end) in enumerate(
+            zip(clusters.tolist(), tops_bottoms, margins, begins[:-1], begins[1:], strict=True)
+        )
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Sections 5.2 (concave conversion) and 5.3: neighbours meet, pockets too small to enter close, the covered goes.
+"""Sections 5.2 (concave conversion) and 5.3: neighbours meet, pockets too small to enter close, the hidden goes.
 
 Where the paper's text and its listing differ, the text is right: what lies on the far side of the chord between its
 neighbours goes when that chord is shorter than Ws; what stands out towards the camera always stays.
@@ -10,6 +10,7 @@ import math
 
 from numba import njit
 
+from .evidence import G_ACROSS, G_CU, G_CV, G_DOWN
 from .openings import is_open
 from .planes import (
     FRONT,
@@ -34,6 +35,8 @@ from .planes import (
 
 _NO_METRES = 0.1 * MOST_M
 """Farther than this is no distance: MOST_M with room for rounding."""
+_NEARER = 1.0001
+"""Not tuning: a plane is no nearer than itself, but for rounding."""
 _NO_TURN = 1e-6
 """Lines whose slopes differ by less are parallel: their crossing is noise of the arithmetic."""
 
@@ -46,12 +49,12 @@ def facing_gap_m(p, q):
 
 
 @njit(cache=True, nogil=True)
-def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, points, masks, frame):
+def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m, points, masks, frame):
     """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
 
     Only over columns nobody stands in front of, at most reach_m along either plane and where the ends are less than
-    reach_t apart. An end is cut back only where the other plane reaches as high and as low, within slack_m, and drawn
-    out over no opening (looked at in points x points)."""
+    reach_t apart. An end is cut back only where the other plane reaches as high and as low, within slack_m, and stands no
+    farther than safe_m behind what goes; it is drawn out over no opening (looked at in points x points)."""
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
@@ -68,11 +71,17 @@ def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, points
             far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
             # an end may only be cut back where the other plane takes over all of its height
             cuts_p, cuts_q = t < p[T1] and not _spans(q, p, slack_m), t > q[T0] and not _spans(p, q, slack_m)
+            cuts_p = cuts_p or (t < p[T1] and distance_at(q, p[T1]) - distance_at(p, p[T1]) > safe_m)
+            cuts_q = cuts_q or (t > q[T0] and distance_at(p, q[T0]) - distance_at(q, q[T0]) > safe_m)
             if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
                 continue
             over_p = t > p[T1] and _covers_opening(p, p[T1], t, points, masks, frame)
             over_q = t < q[T0] and _covers_opening(q, t, q[T0], points, masks, frame)
             if not over_p and not over_q:
+                if t < p[T1]:
+                    _take_over(q, p)
+                if t > q[T0]:
+                    _take_over(p, q)
                 p[T1] = t
                 q[T0] = t
 
@@ -93,6 +102,12 @@ def _covers_opening(p, t0, t1, points, masks, frame):
 def _spans(p, q, slack_m):
     """Whether plane p reaches as high and as low as plane q, within slack_m."""
     return p[Z0] <= q[Z0] + slack_m and p[Z1] >= q[Z1] - slack_m
+
+
+@njit(cache=True, nogil=True)
+def _take_over(q, p):
+    """Makes plane q as high and as low as plane p, which it spans but for a slack: near and thin things are no thicker."""
+    q[Z0], q[Z1] = min(q[Z0], p[Z0]), max(q[Z1], p[Z1])
 
 
 @njit(cache=True, nogil=True)
@@ -137,7 +152,7 @@ def close_pockets(
     """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count.
 
     The chord goes from end to end over the height both share. What lies behind it in the pocket is left to
-    `drop_covered`. Gaps narrower than least_t need none: no ray passes there. An opening (openings.py) stays open. See
+    `trim_covered`. Gaps narrower than least_t need none: no ray passes there. An opening (openings.py) stays open. See
     `stands_between` for behind_m, `_touches_opening` for points."""
     first = count
     for i in range(first):
@@ -175,6 +190,59 @@ def close_pockets(
         moments[count] = moments[i] + moments[best]
         count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def draw_planes(count, planes, plane_ints, frame, nearest):
+    """nearest (C, R) float32 out: 1/x of the nearest plane that fills each cell of the view, 0 where none does."""
+    nearest[:] = 0.0
+    for k in range(count):
+        p = planes[k]
+        if plane_ints[k, P_SUPPORT] < 0:
+            continue
+        i0 = max(0, int(math.ceil(p[T0] * frame[G_ACROSS] + frame[G_CU])))
+        i1 = min(nearest.shape[0], int(math.floor(p[T1] * frame[G_ACROSS] + frame[G_CU])))
+        for i in range(i0, i1):
+            s = p[A] + p[B] * (i + 0.5 - frame[G_CU]) / frame[G_ACROSS]
+            j0 = max(0, int(math.ceil(p[Z0] * s * frame[G_DOWN] + frame[G_CV])))
+            j1 = min(nearest.shape[1], int(math.floor(p[Z1] * s * frame[G_DOWN] + frame[G_CV])))
+            for j in range(j0, j1):
+                nearest[i, j] = max(nearest[i, j], s)
+
+
+@njit(cache=True, nogil=True)
+def trim_covered(count, planes, plane_ints, depth_m, frame, nearest):
+    """Cuts each plane back to what no nearer plane within depth_m hides; support of those wholly hidden gets negative.
+
+    frame: of evidence.py. nearest: (C, R) float32, scratch. Every ray keeps the nearest plane that it meets, and nothing
+    can be between that and what is cut, so the order does not matter."""
+    draw_planes(count, planes, plane_ints, frame, nearest)
+    cols, rows = nearest.shape
+    for k in range(count):
+        p = planes[k]
+        if plane_ints[k, P_SUPPORT] < 0:
+            continue
+        i0 = int(math.floor(p[T0] * frame[G_ACROSS] + frame[G_CU]))
+        i1 = int(math.floor(p[T1] * frame[G_ACROSS] + frame[G_CU])) + 1
+        left, right, top, bottom = i1, i0, MOST_M, -MOST_M
+        for i in range(i0, i1):
+            s = p[A] + p[B] * (min(max(i + 0.5, 0.5), cols - 0.5) - frame[G_CU]) / frame[G_ACROSS]
+            j0 = int(math.floor(p[Z0] * s * frame[G_DOWN] + frame[G_CV]))
+            j1 = int(math.floor(p[Z1] * s * frame[G_DOWN] + frame[G_CV])) + 1
+            limit = s * _NEARER
+            for j in range(j0, j1):
+                inside = 0 <= i < cols and 0 <= j < rows
+                if inside and nearest[i, j] > limit and 1.0 / s - 1.0 / nearest[i, j] < depth_m:
+                    continue
+                left, right = min(left, i), max(right, i + 1)
+                top = min(top, (j - frame[G_CV]) / (frame[G_DOWN] * s))
+                bottom = max(bottom, (j + 1 - frame[G_CV]) / (frame[G_DOWN] * s))
+        if left >= right:
+            plane_ints[k, P_SUPPORT] = -1
+            continue
+        p[T0] = max(p[T0], (left - frame[G_CU]) / frame[G_ACROSS])
+        p[T1] = min(p[T1], (right - frame[G_CU]) / frame[G_ACROSS])
+        p[Z0], p[Z1] = max(p[Z0], top), min(p[Z1], bottom)
 
 
 @njit(cache=True, nogil=True)

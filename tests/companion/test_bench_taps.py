@@ -92,7 +92,7 @@ def test_a_modules_other_names_are_as_they_are() -> None:
     with tapped(Stopwatch()):
         assert host.pl is not plain
         assert host.pl.P_SUPPORT == plain.P_SUPPORT
-        assert isinstance(host.pl.merge_planes, FunctionType)
+        assert isinstance(host.pl.measure_planes, FunctionType)
 
 
 def test_time_inside_another_stage_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:

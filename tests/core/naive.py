@@ -232,6 +232,34 @@ def components(place, ws, hs):
     return label
 
 
+# ---- evidence ---------------------------------------------------------------------------------------------------
+
+
+def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, frame, mask):
+    """Share of the empty cells of a rectangle (t0, t1, top, bottom) on s = a + b t; 2 with too large a square of them, or
+    with an open one that neither p nor q has; mask: open cells at its distance, the same grid."""
+    across, down, cu, cv = frame
+    inside, empty = {}, set()
+    for i, j in itertools.product(*map(range, grid.shape)):
+        t, m = (i + 0.5 - cu) / across, (j + 0.5 - cv) / down
+        s = a + b * t
+        if rect[0] <= t < rect[1] and rect[2] * s <= m < rect[3] * s:
+            inside[i, j] = t, m / s, s
+            if grid[i, j] < 1.0 / (1.0 / s + behind_m) - noise_s:
+                empty.add((i, j))
+    for i, j in empty:
+        t, z, s = inside[i, j]
+        side = 1 + int(gap_m * min(across, down) * s)
+        if all((i - di, j - dj) in empty for di in range(side) for dj in range(side)):
+            return 2.0
+        columns, rows = {k for k, _ in inside}, {r for k, r in inside if k == i}
+        rim = min(i - min(columns), max(columns) - i, j - min(rows), max(rows) - j) + 0.5
+        had = any(r[0] <= t <= r[1] and r[2] <= z <= r[3] for r in (p, q))
+        if mask[i, j] and not had and rim > slack_m * down * s:
+            return 2.0
+    return len(empty) / max(1, len(inside))
+
+
 # ---- free space -------------------------------------------------------------------------------------------------
 
 

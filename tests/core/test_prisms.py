@@ -30,15 +30,22 @@ def test_no_planes_no_prisms_and_one_plane_one_layer() -> None:
     np.testing.assert_array_equal(only.vertices_m, [[5, -1], [6, 1]])
 
 
-def test_a_high_and_a_low_wall_that_meet_make_two_layers() -> None:
+def test_a_high_wall_among_low_ones_makes_two_layers() -> None:
+    """A staircase of five ends: the low layer is one profile of all, each high one a profile of its own."""
+    y = np.arange(-3.0, 4.0)
+    tops = (-1, -3, -1, -3, -1, -1)
+    got = prisms(planes(*((5, a, 5, b, top, 1) for a, b, top in zip(y, y[1:], tops, strict=False))))
+    layers = [(p.top_m, p.bottom_m, p.plane.tolist()) for p in got]
+    assert layers == [(-3.0, -1.0, [1]), (-3.0, -1.0, [3]), (-1.0, 1.0, [0, 1, 2, 3, 4, 5])]
+    low = got[2]
+    np.testing.assert_array_equal(low.vertices_m, [[5, v] for v in y])
+    assert low.margin_m == pytest.approx(0.2)
+
+
+def test_where_layers_take_more_room_each_height_is_a_prism() -> None:
+    """Two walls of two heights: three profiles as layers (56 bytes), two as they are (48)."""
     got = prisms(planes((5, -1, 5, 1, -3, 1), (5, 1, 4, 2, -1, 1)))
-    layers = {(p.top_m, p.bottom_m): p for p in got}
-    assert set(layers) == {(-3.0, -1.0), (-1.0, 1.0)}
-    assert layers[-3.0, -1.0].plane.tolist() == [0]
-    both = layers[-1.0, 1.0]
-    assert both.plane.tolist() == [0, 1]
-    np.testing.assert_array_equal(both.vertices_m, [[5, -1], [5, 1], [4, 2]])
-    assert both.margin_m == pytest.approx(0.2)
+    assert [(p.top_m, p.bottom_m, p.plane.tolist()) for p in got] == [(-3.0, 1.0, [0]), (-1.0, 1.0, [1])]
 
 
 def test_separate_planes_are_separate_profiles_with_their_clusters() -> None:

@@ -1,0 +1,253 @@
+"""The merge: which pieces become one plane, what a joined plane may cover, and in which order pairs are looked at."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core import evidence, lines
+from core import merge as mg
+from core import planes as pl
+from core import strips as s
+from core.params import Params
+from core.types import Intrinsics
+
+from . import naive
+from .columns import F, view
+from .tables import Strips, ends, line_through, plane_table
+
+pytestmark = pytest.mark.nojit
+SEED = st.integers(0, 2**32 - 1)
+CELLS = 80
+FRAME = np.array([F / 2, F / 2, CELLS / 2, CELLS / 2])
+"""A grid of 80 x 80 cells of two pixels."""
+CLOSED = np.zeros((6, CELLS, CELLS), np.uint8)
+STEPS = (0.7, 1.0, 2.0, 4.0, 8.0)
+MASK_FRAME = np.array([*FRAME, *STEPS])
+
+
+def grid_of(rows: list[tuple[float, ...]]) -> np.ndarray:
+    """1/x of the rectangles (a_x, a_y, b_x, b_y, top, bottom) in the cells whose centres they cover."""
+    grid = np.zeros((CELLS, CELLS), np.float32)
+    for ax, ay, bx, by, top, bottom in rows:
+        a, b = line_through((ax, ay), (bx, by))
+        for i in range(CELLS):
+            t = (i + 0.5 - FRAME[2]) / FRAME[0]
+            for j in range(CELLS):
+                z = (j + 0.5 - FRAME[3]) / FRAME[1] / (a + b * t)
+                if ay / ax <= t <= by / bx and top <= z <= bottom:
+                    grid[i, j] = max(grid[i, j], a + b * t)
+    return grid
+
+
+def pieces_of(rows: list[tuple[float, ...]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(planes, ints, moments) of rectangles with 20 strips each, 1 mm exact."""
+    planes, ints, moments = plane_table(*rows)
+    for k, (ax, ay, bx, by, *_) in enumerate(rows):
+        moments[k] = 0.0
+        for t in np.linspace(ay / ax, by / bx, 20):
+            lines.add_point(moments[k], t, planes[k, pl.A] + planes[k, pl.B] * t, 1e6)
+        planes[k, pl.MIDDLE] = pl.distance_at(planes[k], 0.5 * (planes[k, pl.T0] + planes[k, pl.T1]))
+    return planes, ints, moments
+
+
+def merge(
+    rows: list[tuple[float, ...]], masks: np.ndarray = CLOSED, grid: np.ndarray | None = None, **changed: float
+) -> np.ndarray:
+    """The planes that are left of rectangles; no other thing is in view."""
+    planes, ints, moments = pieces_of(rows)
+    n, p = len(rows), Params(**changed)
+    scratch = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
+    room = p.merge_partners * len(planes)
+    parent = np.arange(len(planes), dtype=np.int32)
+    mg.join_planes(
+        n, planes, ints, moments, parent, mg.merge_rules(view(), 0.0005, p), p.merge_rounds, p.merge_candidates,
+        p.merge_partners, grid_of(rows) if grid is None else grid, FRAME, masks, MASK_FRAME,
+        np.zeros((len(planes), 6)), *scratch, np.zeros(room), np.zeros((room, 3), np.int32),
+    )  # fmt: skip
+    plane_of = np.arange(n, dtype=np.int32)
+    alive = pl.compact_planes(n, planes, ints, moments, parent, plane_of, n)
+    assert set(plane_of.tolist()) == set(range(alive))
+    assert ints[:alive, pl.P_SUPPORT].sum() == 1000 * n
+    return planes[:alive]
+
+
+def test_pieces_of_one_wall_become_one_plane() -> None:
+    got = merge([(6.0, -3.0, 6.0, -1.0, -1, 1), (6.05, -1.0, 6.05, 1.0, -1.2, 1), (5.95, 1.2, 5.95, 3.0, -1, 1)])
+    assert len(got) == 1
+    assert ends(got[0]) == pytest.approx((6.0, -3.0, 6.0, 3.0), abs=0.1)
+    assert (got[0, pl.Z0], got[0, pl.Z1]) == (-1.2, 1.0)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(6.0, -3.0, 6.0, -1.0, -1, 1), (8.0, -1.0, 8.0, 1.0, -1, 1)],
+        [(6.0, -3.0, 6.0, 0.0, -1, 1), (6.0, 0.0, 9.0, 3.0, -1, 1)],
+        [(6.0, -3.0, 6.0, -1.2, -1, 1), (6.0, 1.2, 6.0, 3.0, -1, 1)],
+        [(6.0, -1.0, 6.0, 1.0, -4, -1.5), (6.0, -1.0, 6.0, 1.0, 0.5, 2)],
+        [(6.0, -3.0, 6.0, 0.0, -4, 1), (6.0, 0.0, 6.0, 3.0, 0.5, 1)],
+    ],
+    ids=[
+        "a step in depth",
+        "a corner",
+        "a gap wider than Ws",
+        "an opening between two heights",
+        "a notch above the lower",
+    ],
+)
+def test_different_things_stay_apart(rows: list[tuple[float, ...]]) -> None:
+    assert len(merge(rows)) == 2
+
+
+def test_small_pieces_do_not_creep_over_a_corner_one_by_one() -> None:
+    """An L of small pieces: rectangles that grow step by step would reach over the open quarter."""
+    rows = [(6.0, 0.4 * i, 6.0, 0.4 * i + 0.4, 0.6, 1.0) for i in range(8)]
+    rows += [(6.0, 0.0, 6.0, 0.4, -2.0 + 0.4 * i, -1.6 + 0.4 * i) for i in range(7)]
+    got = merge(rows)
+    # nothing farther than the reach (0.9 m) from what was seen is covered: the middle of the quarter, 1.5 m from both
+    for p in got:
+        assert not (6.0 * p[pl.T0] < 2.4 < 6.0 * p[pl.T1] and p[pl.Z0] < -1.2 < p[pl.Z1])
+
+
+def test_an_opening_that_was_seen_is_never_covered() -> None:
+    rows = [(6.0, -3.0, 6.0, -0.3, -1, 1), (6.0, 0.3, 6.0, 3.0, -1, 1)]
+    assert len(merge(rows)) == 1
+    assert len(merge(rows, np.ones_like(CLOSED))) == 2
+
+
+def test_a_join_never_shifts_a_large_plane_for_the_sake_of_a_small_one() -> None:
+    """A wall and a twig half a metre in front of it: one plane in front of both would misplace the wall."""
+    rows = [(6.0, -2.0, 6.0, 2.0, -1, 1), (5.4, -0.1, 5.4, 0.1, -0.5, 0.5)]
+    assert len(merge(rows)) == 2
+    assert len(merge([rows[0], (5.9, -0.1, 5.9, 0.1, -0.5, 0.5)])) == 1
+
+
+def test_a_gap_is_as_wide_as_its_line_is_long() -> None:
+    """Facing ends close in the view but far apart in depth."""
+    rows = [(5.0, -0.6, 6.0, -0.2, -1, 1), (8.0, 0.3, 9.0, 0.7, -1, 1)]
+    loose = {
+        "merge_distance_m": 2.0,
+        "merge_spread_m": 2.0,
+        "merge_shift_m": 2.0,
+        "join_gap_m": 3.0,
+        "merge_empty_share": 1.0,
+    }
+    assert len(merge(rows, passable_width_m=20.0, passable_height_m=10.0, **loose)) == 1
+    assert len(merge(rows, **loose)) == 2
+
+
+@given(SEED, st.integers(1, 12))
+def test_merging_never_moves_a_plane_farther_than_allowed(seed: int, n: int) -> None:
+    """Random pieces: every piece is covered by its plane, which passes it within the tolerance or a shift."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _ in range(n):
+        x, y, z = rng.uniform(5.0, 7.0), rng.uniform(-3, 3), rng.uniform(-2, 2)
+        rows.append((x, y, x + rng.uniform(-0.3, 0.3), y + rng.uniform(0.2, 1.5), z, z + rng.uniform(0.2, 1.5)))
+    rows = [r for r in rows if r[1] / r[0] < r[3] / r[2]]
+    got = merge(rows)
+    for ax, ay, bx, by, top, bottom in rows:
+        middle = 0.5 * (ay / ax + by / bx)
+        x = 1.0 / np.dot(line_through((ax, ay), (bx, by)), (1.0, middle))
+        own = [
+            p for p in got
+            if p[pl.T0] <= ay / ax + 1e-9 and p[pl.T1] >= by / bx - 1e-9 and p[pl.Z0] <= top and p[pl.Z1] >= bottom
+        ]  # fmt: skip
+        assert min(abs(pl.distance_at(p, middle) - x) for p in own) < 3 * (0.3 + 0.02)
+
+
+# ---- evidence ---------------------------------------------------------------------------------------------------
+
+
+def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
+    t = Strips(cols=60)
+    for u, top, bottom, x in ((10, 20, 43, 5.0), (11, 22, 43, 4.0), (30, 0, 99, 8.0)):
+        t.add(u, top, bottom, x)
+    t.build()
+    t.ints[2, s.SUPPORT] = 0
+    grid = np.full((8, 13), 9.0, np.float32)
+    image = Intrinsics(60, 100, F, F, 29.5, 49.5)
+    frame = evidence.nearest_seen(t.ints, t.floats, t.n, t.view, image, 8, grid)
+    assert grid[1, 2:6] == pytest.approx([0.25] * 4)
+    assert np.count_nonzero(grid) == 4
+    # the last cells reach beyond the image; a smaller image leaves cells that nobody looked at
+    narrow = Intrinsics(40, 100, F, F, 29.5, 49.5)
+    evidence.nearest_seen(t.ints, t.floats, t.n, t.view, narrow, 8, grid)
+    assert (grid[5:, :] > 1e3).all()
+    assert (grid[:5, :12] < 1.0).all()
+    # pixel (u, v) lies in cell (u // 8, v // 8)
+    g = t.view
+    for u, v in ((0, 0), (7, 7), (8, 15), (59, 99)):
+        cell = (u - g.cu) / F * frame[0] + frame[2], (v - g.cv) / F * frame[1] + frame[3]
+        assert (math.floor(cell[0]), math.floor(cell[1])) == (u // 8, v // 8)
+
+
+@given(SEED, st.sampled_from([0.3, 0.6, 1.2]))
+def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: float) -> None:
+    rng = np.random.default_rng(seed)
+    grid = np.zeros((20, 16), np.float32)
+    grid[rng.random(grid.shape) < rng.uniform(0.4, 0.95)] = 0.2
+    grid[rng.random(grid.shape) < 0.1] = 0.1
+    masks = (rng.random((6, *grid.shape)) < 0.02).astype(np.uint8)
+    frame = np.array([25.0, 25.0, 10.0, 8.0])
+    t0, t1, m0, m1 = *np.sort(rng.uniform(-0.5, 0.5, 2)), *np.sort(rng.uniform(-0.4, 0.4, 2))
+    a, b = 0.2, float(rng.uniform(-0.01, 0.01))
+    p = (t0, 0.5 * (t0 + t1), m0 / a, 0.5 * (m0 + m1) / a)
+    q = (0.4 * t0 + 0.6 * t1, t1, m0 / a, m1 / a)
+    rect = (t0, t1, m0 / a, m1 / a)
+    mask_frame = np.array([*frame, *STEPS])
+    run = np.zeros(18, np.int32)
+    got = evidence.uncovered_share(*rect, a, b, p, q, 0.7, 0.002, gap, 0.1, grid, frame, masks, mask_frame, run)
+    want = naive.uncovered_share(rect, a, b, p, q, 0.7, 0.002, gap, 0.1, grid, frame, masks[4])
+    assert got == pytest.approx(want)
+
+
+# ---- pairs ------------------------------------------------------------------------------------------------------
+
+
+@given(SEED, st.integers(1, 200))
+def test_the_heap_gives_back_all_pairs_cheapest_first(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    cost, pair = np.zeros(n), np.zeros((n, 3), np.int32)
+    given_pairs = [(float(rng.integers(0, 9)), int(rng.integers(0, 50)), k, k % 7) for k in range(n)]
+    size = 0
+    for entry in given_pairs:
+        size = mg.push(cost, pair, size, *entry)
+    assert size == n
+    out = []
+    while size:
+        out.append((cost[0], *pair[0].tolist()))
+        size = mg.drop_first(cost, pair, size)
+    assert out == sorted(given_pairs)
+
+
+@given(SEED)
+def test_the_fit_of_a_pair_is_the_fit_of_both_together(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    moments = np.zeros((3, 6))
+    points = [
+        (k % 2, *rng.uniform(-0.5, 0.5, 1), *rng.uniform(0.1, 0.3, 1), *rng.uniform(1e4, 1e6, 1)) for k in range(9)
+    ]
+    for k, t, v, w in points:
+        lines.add_point(moments[k], t, v, w)
+        lines.add_point(moments[2], t, v, w)
+    a, b, mean = lines.fit_pair(moments, 0, 1, 0.7)
+    assert (a, b, mean) == pytest.approx(lines.fit_line(moments[2], 0.7)[:3])
+    misfit = np.average([(v - a - b * t) ** 2 for _, t, v, _ in points], weights=[w for *_, w in points])
+    assert lines.misfit_pair(moments, 0, 1, a, b) == pytest.approx(misfit, rel=1e-6, abs=1e-12)
+
+
+def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
+    planes, _, moments = pieces_of([(6.0, -1.0, 6.0, 1.0, -1, 1)])
+    fits = np.zeros((len(planes), 6))
+    rules = mg.merge_rules(view(), 0.0005, Params(merge_noise_cap=0.0))
+    mg.weigh(planes, moments, fits, 0, rules)
+    t = np.linspace(-1 / 6, 1 / 6, 20)
+    for a, b in ((1 / 6.2, 0.0), (1 / 6, 0.01), (0.17, -0.02)):
+        off = 36.0 * (a + b * t - 1 / 6)
+        assert mg.deviation_squared(planes, fits, 0, a, b) == pytest.approx(np.mean(off**2) / 0.3**2, rel=1e-6)
