@@ -170,7 +170,7 @@ class Params:
     max_column_strips: int = _number(
         128, 8, 1024, "", "strips of one column; what would be more is merged into its last, at the nearest distance"
     )
-    support_columns: int = _number(4, 0, 16, "px", "columns on either side that may support a strip")
+    support_columns: int = _number(6, 0, 16, "px", "columns on either side that may support a strip")
     support_rows: int = _number(
         2, 0, 16, "px", "rows that may lie between it and such a strip, one more for each column"
     )
