@@ -51,13 +51,13 @@ def rings_through(gain, spread, cap, ring_m, ring_of_code):
     for r in range(rings + 1):
         first = Q_FAR + 1  # codes first..end see through r rings and no more
         if r < rings:
-            last = end
+            last, ring = end, np.float64(ring_m[r])  # else a comparison without the JIT is in float32
             for _ in range(17):
                 if first >= last:
                     break
                 q = (first + last) // 2
                 x = gain / q
-                if x - min(spread * x * x, cap * x) >= ring_m[r]:
+                if x - min(spread * x * x, cap * x) >= ring:
                     first = q + 1
                 else:
                     last = q
