@@ -1,0 +1,161 @@
+"""The small parts of the live service: inbox, latencies, blindness, words to systemd."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.blindness import Blindness
+from companion.camera_supervisor import CameraCondition, CameraStatus
+from companion.inbox import Inbox, Overtaken, RawFrame
+from companion.latency import Latencies
+from companion.pipeline import PrismsResult
+from companion.sd_notify import Notifier
+from companion.sync import DropCause
+from core.model import blind_model
+from core.params import Params
+from core.types import AttitudeSample, DepthFrame, InvalidCause
+
+from .made_up import INFO, EasyExtractor, frame
+
+MS = 1_000_000
+
+
+def attitude(t_ns: int) -> AttitudeSample:
+    return AttitudeSample(t_ns, t_ns, (1.0, 0.0, 0.0, 0.0))
+
+
+def image(camera: str, sequence: int) -> DepthFrame:
+    depth = np.full((16, 16), 1000, np.uint16)
+    return DepthFrame(
+        camera=camera, sequence=sequence, t_exposure_ns=sequence, t_arrival_ns=sequence + 1, depth_mm=depth
+    )
+
+
+# ---- inbox ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_order_of_arrival_is_kept_and_a_frame_ends_a_turn() -> None:
+    inbox = Inbox()
+    inbox.put([attitude(1), RawFrame(b"x", 2)])
+    inbox.put_frame(image("front", 3))
+    inbox.put([attitude(4)])
+    first = inbox.take(0.0)
+    assert [type(i).__name__ for i in first] == ["AttitudeSample", "RawFrame", "DepthFrame"]
+    assert inbox.take(0.0) == [attitude(4)]
+    assert inbox.take(0.0) == []
+
+
+def test_a_frame_that_is_overtaken_stays_in_its_place_as_a_word() -> None:
+    inbox = Inbox()
+    inbox.put_frame(image("front", 1))
+    inbox.put([attitude(2)])
+    inbox.put_frame(image("right", 3))
+    inbox.put_frame(image("front", 4))
+    taken = inbox.take(0.0)
+    assert taken[0] == Overtaken("front", 1, 1, 2)
+    assert isinstance(taken[2], DepthFrame)
+    assert taken[2].camera == "right"
+    (newest,) = inbox.take(0.0)
+    assert isinstance(newest, DepthFrame)
+    assert newest.sequence == 4
+
+
+def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:
+    inbox = Inbox(most=10)
+    inbox.put([attitude(k) for k in range(25)])
+    assert inbox.lost == 15
+    assert inbox.take(0.0) == [attitude(k) for k in range(15, 25)]
+
+
+# ---- latencies ----------------------------------------------------------------------------------------------------------
+
+
+def test_percentiles_are_those_of_the_newest_frames() -> None:
+    latencies = Latencies()
+    assert latencies.percentiles() == []
+    for k in range(10_000):
+        latencies.add("extracting", (k % 100 + 1) * MS)
+    ((stage, p50, p95, p99),) = latencies.percentiles()
+    assert stage == "extracting"
+    assert (p50, p95, p99) == (pytest.approx(50.0, abs=3), pytest.approx(95.0, abs=3), pytest.approx(99.0, abs=2))
+
+
+# ---- blindness ------------------------------------------------------------------------------------------------------------
+
+
+def result(t_ns: int, valid: bool = True, drop: DropCause = DropCause.NONE) -> PrismsResult:
+    model = None
+    if drop is DropCause.NONE:
+        blind = blind_model(INFO, InvalidCause.NO_MEASUREMENT, Params())
+        model = EasyExtractor(INFO).extract(frame(0, 10**9).depth_mm, INFO, np.eye(3))[0] if valid else blind
+    return PrismsResult(
+        camera="front", sequence=7, t_exposure_ns=t_ns, t_arrival_ns=t_ns, frame="level", drop=drop, model=model
+    )
+
+
+def status(condition: CameraCondition, cause: str) -> CameraStatus:
+    return CameraStatus(camera="front", condition=condition, cause=cause, since_ns=0)
+
+
+def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -> None:
+    blindness = Blindness(("front",), stale_s=0.3)
+    assert blindness.cause("front", 0) == "no frame yet"
+    blindness.result(result(1000 * MS))
+    assert blindness.cause("front", 1300 * MS) == ""
+    assert blindness.age_ns("front", 1300 * MS) == 300 * MS
+    assert blindness.cause("front", 1301 * MS) == "the newest valid exposure is 0.3 s old"
+    assert blindness.sequence("front") == 7
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (result(1000 * MS, valid=False), "too few pixels hold a measurement"),
+        (result(1000 * MS, drop=DropCause.NO_ATTITUDE), "no attitude had arrived"),
+    ],
+)
+def test_a_frame_that_says_nothing_blinds_at_once(said: PrismsResult, words: str) -> None:
+    blindness = Blindness(("front",), stale_s=0.3)
+    blindness.result(result(990 * MS))
+    blindness.result(said)
+    assert blindness.cause("front", 1000 * MS) == words
+    blindness.result(result(1030 * MS))
+    assert blindness.cause("front", 1031 * MS) == ""
+
+
+def test_what_ails_the_camera_is_told_first_once_its_frames_are_old() -> None:
+    blindness = Blindness(("front",), stale_s=0.3)
+    blindness.result(result(1000 * MS))
+    ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
+    assert blindness.cause("front", 1100 * MS, ill) == ""
+    assert blindness.cause("front", 1600 * MS, ill) == "silent: no frame for 0.6 s"
+
+
+# ---- systemd --------------------------------------------------------------------------------------------------------------
+
+
+def test_words_to_systemd(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(1.0)
+        notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "2000000"})
+        assert notifier.watchdog_s == 2.0
+        notifier.ready()
+        notifier.status("two\nlines")
+        notifier.status("two\nlines")
+        notifier.alive()
+        notifier.needs_longer(1.5)
+        notifier.stopping()
+        said = [systemd.recv(100).decode() for _ in range(5)]
+    assert said == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", "STOPPING=1"]
+
+
+def test_without_systemd_nothing_is_said(tmp_path: Path) -> None:
+    for environment in ({}, {"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "5", "WATCHDOG_PID": "1"}):
+        notifier = Notifier(environment)
+        notifier.ready()
+        assert notifier.watchdog_s is None
