@@ -238,7 +238,8 @@ class Extractor:
         parent[:count] = np.arange(count)
         ends_t = (0.5 + p.footprint_px) * column_t
         pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
-        where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px)
+        where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px,
+                 p.cut_footprint_px / view.f_px)  # fmt: skip
         pl.measure_planes(
             *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
         )

@@ -224,7 +224,7 @@ class Params:
     )
     merge_rounds: int = _number(12, 1, 50, "", "rounds of merging, at most")
     join_gap_m: float = _number(
-        0.7, 0.1, 3.0, "m", "a joined plane covers no empty square of this side, and no wider gap"
+        0.5, 0.1, 3.0, "m", "a joined plane covers no empty square of this side, and no wider gap"
     )
     join_share: float = _number(0.9, 0.1, 0.99, "", "and no square of this share of Ws or of Hs")
     evidence_cell_px: int = _number(8, 1, 32, "px", "side of a cell in which evidence is looked for")
@@ -245,6 +245,9 @@ class Params:
     min_plane_distance_m: float = _number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
     footprint_px: float = _number(
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
+    )
+    cut_footprint_px: float = _number(
+        1.0, 0.0, 10.0, "px", "and by this where the border of the image cuts the rows: they go on there"
     )
     min_plane_height_m: float = _number(0.05, 0.001, 0.5, "m", "height kept of a plane that lies below the ground")
     margin_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")

@@ -44,11 +44,12 @@ def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, plan
 
 @njit(cache=True, nogil=True)
 def measure_planes(
-    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, safe_m, along_m, near_sigmas, count, plane_of, planes,
+    ints, floats, n, f, cu, lateral, tan_edge, footprint_t, cut_t, safe_m, along_m, near_sigmas, count, plane_of, planes,
     plane_ints,
 ):  # fmt: skip
     """Heights, support, filled rows, seen columns, cuts, clusters and the misfit in front, of every plane, from its strips.
 
+    footprint_t: tangent by which rows go beyond their edges, cut_t: where the border of the image cuts them, which go on.
     plane_of: (tracks,) int32 root plane of a track. FRONT is the largest excess of the robust near edge over
     safe_m, perpendicular to the plane, and at least what keeps along_m along the viewing ray."""
     for k in range(count):
@@ -62,8 +63,8 @@ def measure_planes(
         k = plane_of[ints[i, TRACK]]
         t = tangent(ints, i, cu, f, lateral)
         x = distance_at(planes[k], t)
-        top = x * (tan_edge[ints[i, TOP]] - footprint_t)
-        bottom = x * (tan_edge[ints[i, BOTTOM] + 1] + footprint_t)
+        top = x * (tan_edge[ints[i, TOP]] - (cut_t if ints[i, CUT] & 1 else footprint_t))
+        bottom = x * (tan_edge[ints[i, BOTTOM] + 1] + (cut_t if ints[i, CUT] & 2 else footprint_t))
         if top < planes[k, Z0]:
             planes[k, Z0] = top
             plane_ints[k, P_CUT] = (plane_ints[k, P_CUT] & ~1) | (ints[i, CUT] & 1)

@@ -53,7 +53,7 @@ def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m
     """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
 
     Only over columns nobody stands in front of, at most reach_m along either plane and where the ends are less than
-    reach_t apart. An end is cut back only where the other plane reaches as high and as low, within slack_m, and stands no
+    reach_t apart. An end is cut back only where the other plane stops the same rays, within slack_m of height, and stands no
     farther than safe_m behind what goes; it is drawn out over no opening (looked at in points x points)."""
     for i in range(count):
         for j in range(count):
@@ -70,7 +70,8 @@ def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m
             x = distance_at(p, t)
             far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
             # an end may only be cut back where the other plane takes over all of its height
-            cuts_p, cuts_q = t < p[T1] and not _spans(q, p, slack_m), t > q[T0] and not _spans(p, q, slack_m)
+            cuts_p = t < p[T1] and not _spans(q, p, t, p[T1], slack_m)
+            cuts_q = t > q[T0] and not _spans(p, q, t, q[T0], slack_m)
             cuts_p = cuts_p or (t < p[T1] and distance_at(q, p[T1]) - distance_at(p, p[T1]) > safe_m)
             cuts_q = cuts_q or (t > q[T0] and distance_at(p, q[T0]) - distance_at(q, q[T0]) > safe_m)
             if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
@@ -79,9 +80,9 @@ def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m
             over_q = t < q[T0] and _covers_opening(q, t, q[T0], points, masks, frame)
             if not over_p and not over_q:
                 if t < p[T1]:
-                    _take_over(q, p)
+                    _take_over(q, p, t, p[T1])
                 if t > q[T0]:
-                    _take_over(p, q)
+                    _take_over(p, q, t, q[T0])
                 p[T1] = t
                 q[T0] = t
 
@@ -99,15 +100,23 @@ def _covers_opening(p, t0, t1, points, masks, frame):
 
 
 @njit(cache=True, nogil=True)
-def _spans(p, q, slack_m):
-    """Whether plane p reaches as high and as low as plane q, within slack_m."""
-    return p[Z0] <= q[Z0] + slack_m and p[Z1] >= q[Z1] - slack_m
+def _spans(p, q, t, t_end, slack_m):
+    """Whether plane p stops every ray that plane q stops between the tangents t and t_end, within slack_m of height at q.
+
+    Where p is nearer than q it must reach as high and as low in the view, not in metres."""
+    for at in (t, t_end):
+        xp, xq = distance_at(p, at), distance_at(q, at)
+        if p[Z0] * xq > (q[Z0] + slack_m) * xp or p[Z1] * xq < (q[Z1] - slack_m) * xp:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)
-def _take_over(q, p):
-    """Makes plane q as high and as low as plane p, which it spans but for a slack: near and thin things are no thicker."""
-    q[Z0], q[Z1] = min(q[Z0], p[Z0]), max(q[Z1], p[Z1])
+def _take_over(p, q, t, t_end):
+    """Makes plane p as high and as low as what `_spans` left to the slack: near and thin things are no thicker."""
+    for at in (t, t_end):
+        ratio = distance_at(p, at) / distance_at(q, at)
+        p[Z0], p[Z1] = min(p[Z0], q[Z0] * ratio), max(p[Z1], q[Z1] * ratio)
 
 
 @njit(cache=True, nogil=True)

@@ -115,7 +115,7 @@ def test_small_pieces_do_not_creep_over_a_corner_one_by_one() -> None:
 
 
 def test_an_opening_that_was_seen_is_never_covered() -> None:
-    rows = [(6.0, -3.0, 6.0, -0.3, -1, 1), (6.0, 0.3, 6.0, 3.0, -1, 1)]
+    rows = [(6.0, -3.0, 6.0, -0.2, -1, 1), (6.0, 0.2, 6.0, 3.0, -1, 1)]
     assert len(merge(rows)) == 1
     assert len(merge(rows, np.ones_like(CLOSED))) == 2
 
