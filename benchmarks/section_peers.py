@@ -136,7 +136,7 @@ def judge(todo: list[Case]) -> list[Figures]:
 HEAD = f"""Every frame goes to all; all are judged by the same rays and the same points.
 
 - **OSAPE, safe** is ours as it flies, **OSAPE, paper** the stages as printed. Both start from the depth image and the attitude.
-- **3DP grid** is our own compiled code in the manner of the paper's baseline: a grid of occupied cells for each {LAYER_M:g} m of height, outlined by polygons, one plane a side. A cell is occupied by {MIN_POINTS} points, and by {100 * MIN_SHARE:.0f} % of what something of the least height right across it would show at its distance. Outlines are simplified by Douglas-Peucker with {EPSILON_CELLS:g} cells, free spots narrower than {HOLE_M:g} m are filled, sides on one line are one.
+- **3DP grid** is our own compiled code in the manner of the paper's baseline: a grid of occupied cells for each {LAYER_M:g} m of height, outlined by polygons, one plane a side. A cell is occupied when it holds {MIN_POINTS} points at least, and {100 * MIN_SHARE:.0f} % of what something of the least height right across it would show at its distance. Outlines are simplified by Douglas-Peucker with {EPSILON_CELLS:g} cells, free spots narrower than {HOLE_M:g} m are filled, sides on one line are one.
 - **OctoMap** (pyoctomap) gets the frame's points inserted into an empty tree with all their rays, the library's own chances, points of one leaf as one hit.
 - **Open3D planar patches** come of the cloud thinned to {THIN_M:g} m, normals of 30 neighbours; **Open3D VoxelGrid** holds the cubes with a point in them.
 

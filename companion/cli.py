@@ -11,6 +11,8 @@ from typing import Any, Final
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "run": ("run", "the live service: cameras and autopilot in, prisms out"),
+    "status": ("status", "how the running service is, in words"),
+    "keys": ("keys", "make keys for streams that leave this machine"),
     "demo": ("demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
     "import": ("import_recording", "make a log of a folder of depth images, or of a ROS 2 recording"),
     "replay": ("replay", "run a recorded flight through the pipeline; compare with what was recorded"),

@@ -15,7 +15,8 @@ from typing import Any
 from .config import load_config
 from .console import say
 from .sd_notify import Notifier
-from .service import Folders, Service
+from .service import Service
+from .service_folders import folders
 
 log = logging.getLogger("companion")
 
@@ -33,19 +34,6 @@ class JournalFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         text = super().format(record)
         return f"<{PRIORITIES.get(record.levelno, 5)}>{text}" if self._journal else text
-
-
-def folders() -> Folders:
-    """Those that systemd gives a unit, else the user's own. Raises OSError where they cannot be made."""
-    run = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
-    own = Path(run) if run else Path.home() / ".cache"
-    state = os.environ.get("STATE_DIRECTORY")
-    keep = Path(state) if state else Path.home() / ".local" / "state" / "osape-companion"
-    if not os.environ.get("RUNTIME_DIRECTORY"):
-        own = own / "osape-companion"
-    own.mkdir(parents=True, exist_ok=True, mode=0o750)
-    keep.mkdir(parents=True, exist_ok=True)
-    return Folders(own, keep)
 
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:

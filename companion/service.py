@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import zmq
@@ -49,6 +48,7 @@ from .pipeline_loop import Clockwork, PipelineLoop
 from .publisher import Publisher, Stream, boot_id
 from .recorder import Recorder
 from .run_info import run_info
+from .service_folders import Folders
 
 NS = 1_000_000_000
 HEALTH_NS = NS
@@ -58,14 +58,6 @@ HEARTBEAT_STATES = {
     pb.Health.STATE_DEGRADED: MAV_STATE_ACTIVE,
     pb.Health.STATE_BLIND: MAV_STATE_CRITICAL,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Folders:
-    """run: of sockets, gone with the boot; state: of logs, kept."""
-
-    run: Path
-    state: Path
 
 
 class Service:

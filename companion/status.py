@@ -1,0 +1,110 @@
+"""`companion status`: how the running service is, in words."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import zmq
+from google.protobuf.json_format import MessageToDict
+
+from drivers.base import DeviceNotFound
+from drivers.proto import osape_v1_pb2 as pb
+
+from .config import load_config
+from .console import say, say_json
+from .health import STATES
+from .service_folders import folders
+
+MS, S = 1e6, 1e9
+
+
+def newest_health(address: str, timeout_s: float) -> pb.Health:
+    """The next health report on an address. Raises DeviceNotFound when none comes."""
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    socket = context.socket(zmq.SUB)
+    try:
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.connect(address)
+        if not socket.poll(round(timeout_s * 1000)):
+            raise DeviceNotFound(
+                f"no health report on {address} within {timeout_s:g} s: the service does not run (systemctl status "
+                "osape-companion, or `companion run`), or publishes elsewhere (give its configuration with -c)"
+            )
+        return pb.Health.FromString(socket.recv())
+    finally:
+        socket.close(0)
+        context.term()
+
+
+def status_lines(h: pb.Health) -> list[str]:
+    """A report for people."""
+    lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
+    lines += [f"  ! {trouble}" for trouble in h.troubles] or ["  nothing is wrong"]
+    for c in h.cameras:
+        age = f"newest valid exposure {c.age_ns / MS:.0f} ms ago" if c.HasField("age_ns") else "no valid exposure yet"
+        kind = "" if c.required else ", not required"
+        again = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
+        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} overtaken{again}")
+    if h.HasField("autopilot"):
+        lines += _autopilot_lines(h.autopilot)
+    r = h.recording
+    if r.recording:
+        lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} dropped")
+    else:
+        lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
+    dropped = ", ".join(f"{count} {cause}" for cause, count in sorted(h.frames_dropped.items()))
+    lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
+    for latency in h.latencies:
+        lines.append(
+            f"  {latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
+        )
+    heat = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
+    lines.append(
+        f"machine: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB" + (f", {heat}" if heat else "")
+    )
+    return lines
+
+
+def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
+    if not a.line_open:
+        return [f"autopilot: no line on {a.address}: {a.line_error}"]
+    if not a.autopilot:
+        return [f"autopilot: none heard on {a.address}"]
+    source = {1: "by arrivals only", 2: "synchronised"}.get(a.clock.source, "not known")
+    bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
+    lines = [
+        f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude {a.attitude_hz:.0f} Hz, "
+        f"position {a.position_hz:.0f} Hz, clock {source}{bound}, restarts {a.clock.restarts}"
+    ]
+    odd = ", ".join(f"{count} {what}" for what, count in sorted(a.counts.items()))
+    return [*lines, f"  {odd}"] if odd else lines
+
+
+def _span(ns: int) -> str:
+    seconds = ns / S
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion status`."""
+    parser = subparsers.add_parser("status", help="how the running service is, in words")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="the service's, where it publishes elsewhere")
+    parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="patience for a report (3 s)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: it sees; 1: it is blind or starting, or there is no report."""
+    default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
+    report = newest_health(default.replace("{run}", str(folders().run)), args.timeout)
+    if args.json:
+        say_json(MessageToDict(report, preserving_proto_field_name=True, always_print_fields_with_no_presence=True))
+    else:
+        for line in status_lines(report):
+            say(line)
+    return 0 if report.state in (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED) else 1

@@ -1,0 +1,164 @@
+"""The health report in words, and the commands around it."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import zmq
+
+from companion.camera_supervisor import CameraCondition, CameraStatus
+from companion.cli import main
+from companion.health import CameraView, state_of, troubles_of
+from companion.publisher import Publisher, Stream
+from companion.recorder import RecordStatus
+from companion.service_folders import folders
+from companion.status import status_lines
+from drivers.proto import osape_v1_pb2 as pb
+
+
+def report() -> pb.Health:
+    h = pb.Health(
+        state=pb.Health.STATE_DEGRADED, uptime_ns=65 * 10**9, frames_used=1200, cpu_share=0.08, memory_bytes=210_000_000
+    )
+    h.troubles.append("camera right (not required) is blind: lost: the cable is out")
+    front = pb.CameraHealth(
+        camera="front", condition="running", required=True, frames=1210, dropped=3, starts=1, hz=30.0
+    )
+    front.age_ns = 42_000_000
+    right = pb.CameraHealth(
+        camera="right", condition="lost", cause="the cable is out", starts=4, last_loss="the cable is out"
+    )
+    h.cameras.extend([front, right])
+    h.autopilot.CopyFrom(
+        pb.AutopilotHealth(
+            address="udpin:0.0.0.0:14540", line_open=True, autopilot="PX4", system_id=1, armed=True, attitude_hz=99.0
+        )
+    )
+    h.autopilot.clock.source = pb.ClockEstimate.SOURCE_TIMESYNC
+    h.autopilot.clock.bound_ns = 310_000
+    h.recording.CopyFrom(pb.RecordingHealth(recording=True, file="/var/log/x.mcap.active", bytes=12_300_000))
+    h.frames_dropped["no attitude had arrived"] = 7
+    h.latencies.append(pb.Latency(stage="extracting", p50_ms=3.1, p95_ms=4.0, p99_ms=6.2))
+    return h
+
+
+def test_a_report_in_words() -> None:
+    text = "\n".join(status_lines(report()))
+    for words in (
+        "DEGRADED for 65 s",
+        "! camera right (not required) is blind: lost: the cable is out",
+        "camera front: running, 30.0 Hz, newest valid exposure 42 ms ago, 3 overtaken",
+        "camera right: lost, not required, 0.0 Hz, no valid exposure yet",
+        "started 4 times (the last: the cable is out)",
+        "autopilot: PX4, system 1, armed, attitude 99 Hz",
+        "clock synchronised within 0.31 ms",
+        "log: /var/log/x.mcap.active, 12.3 MB",
+        "frames: 1200 used; dropped: 7 no attitude had arrived",
+        "extracting: 3.1 / 4.0 / 6.2 ms",
+        "8 % of a core, 210 MB",
+    ):
+        assert words in text
+
+
+def published(folder: Path, health: pb.Health, seconds: float = 5.0) -> threading.Thread:
+    """Publishes a report again and again, as the service does."""
+
+    def run() -> None:
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        publisher = Publisher(Stream("health", f"ipc://{folder}/health"), context)
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            publisher.publish(health)
+            time.sleep(0.02)
+        publisher.close()
+        context.term()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "run"))
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    return folders().run
+
+
+@pytest.mark.parametrize(("state", "status"), [(pb.Health.STATE_DEGRADED, 0), (pb.Health.STATE_BLIND, 1)])
+def test_the_command_exits_with_what_it_saw(
+    run_folder: Path, capsys: pytest.CaptureFixture[str], state: pb.Health.State, status: int
+) -> None:
+    health = report()
+    health.state = state
+    thread = published(run_folder, health, 1.0)
+    try:
+        assert main(["status", "--json"]) == status
+    finally:
+        thread.join()
+    assert json.loads(capsys.readouterr().out)["frames_used"] == "1200"
+
+
+def test_without_a_service_the_command_says_so(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status", "--timeout", "0.1"]) == 1
+    assert "the service does not run" in capsys.readouterr().err
+
+
+def test_keys_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keys", str(tmp_path / "keys"), "--client", "ground"]) == 0
+    out = capsys.readouterr().out
+    assert "server.secret (mode 600)" in out
+    assert "ground.secret (mode 600)" in out
+    assert (tmp_path / "keys" / "clients" / "ground.public").exists()
+    assert main(["keys", str(tmp_path / "keys"), "--client", "ground"]) == 1
+    assert "there is such a client" in capsys.readouterr().err
+
+
+# ---- what is wrong, and how bad it is -----------------------------------------------------------------------------
+
+
+def camera(name: str, blind: str = "", required: bool = True) -> CameraView:
+    status = CameraStatus(camera=name, condition=CameraCondition.RUNNING, cause="", since_ns=0)
+    return CameraView(status=status, required=required, blind=blind, age_ns=None, hz=0.0)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "state"),
+    [
+        ([], pb.Health.STATE_BLIND),
+        ([camera("a")], pb.Health.STATE_ACTIVE),
+        ([camera("a", "silent")], pb.Health.STATE_BLIND),
+        ([camera("a"), camera("b", "silent")], pb.Health.STATE_BLIND),
+        ([camera("a"), camera("b", "silent", required=False)], pb.Health.STATE_DEGRADED),
+        ([camera("b", "silent", required=False)], pb.Health.STATE_BLIND),
+    ],
+)
+def test_the_whole_is_blind_when_a_required_camera_is_or_all_are(cameras: list[CameraView], state: int) -> None:
+    troubles = [v.blind for v in cameras if v.blind]
+    assert state_of(cameras, troubles, started=True) == state
+    assert state_of(cameras, troubles, started=False) == pb.Health.STATE_STARTING
+
+
+def test_troubles_name_the_worst_first() -> None:
+    said = troubles_of(
+        [camera("a", "silent: no frame for 0.6 s")],
+        None,
+        RecordStatus(trouble="recording stopped: full"),
+        "the pipeline",
+    )
+    assert said == [
+        "the pipeline hangs",
+        "camera a is blind: silent: no frame for 0.6 s",
+        "no autopilot is configured: set [autopilot] address",
+        "recording stopped: full",
+    ]
+
+
+def test_the_folders_are_those_that_systemd_gives(run_folder: Path) -> None:
+    assert folders().run == run_folder
+    assert os.environ["STATE_DIRECTORY"] == str(folders().state)
