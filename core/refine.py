@@ -235,7 +235,9 @@ def trim_covered(count, planes, plane_ints, depth_m, frame, nearest):
         i1 = int(math.floor(p[T1] * frame[G_ACROSS] + frame[G_CU])) + 1
         left, right, top, bottom = i1, i0, MOST_M, -MOST_M
         for i in range(i0, i1):
-            s = p[A] + p[B] * (min(max(i + 0.5, 0.5), cols - 0.5) - frame[G_CU]) / frame[G_ACROSS]
+            # inside the plane's own ends: beyond them a plane seen edge-on passes through infinity
+            t = (min(max(i + 0.5, 0.5), cols - 0.5) - frame[G_CU]) / frame[G_ACROSS]
+            s = p[A] + p[B] * min(max(t, p[T0]), p[T1])
             j0 = int(math.floor(p[Z0] * s * frame[G_DOWN] + frame[G_CV]))
             j1 = int(math.floor(p[Z1] * s * frame[G_DOWN] + frame[G_CV])) + 1
             limit = s * _NEARER

@@ -292,6 +292,17 @@ def test_a_plane_is_cut_back_to_what_is_not_hidden() -> None:
     assert (planes[1, pl.Z0], planes[1, pl.Z1]) == (-1.0, 1.0)
 
 
+def test_a_plane_seen_edge_on_in_half_a_cell_is_trimmed_where_it_is() -> None:
+    """Carried on to the middle of its cell it would pass through infinity and come out behind the camera."""
+    near, far, middle, t1 = 0.148, 0.05, 2.5 / (F / 4), 2.9 / (F / 4)
+    t0 = middle + (t1 - middle) * (far + 0.002) / (near + 0.002)  # 1/x is -0.002 at the middle of the cell
+    edge_on = (1.0 / far, t0 / far, 1.0 / near, t1 / near, 0.2, 1.0)
+    planes, alive = trimmed(edge_on)
+    assert alive == [True]
+    assert ends(planes[0]) == pytest.approx(edge_on[:4], rel=1e-5)
+    assert (planes[0, pl.Z0], planes[0, pl.Z1]) == pytest.approx((0.2, 1.0))
+
+
 @given(SEED, st.sampled_from([0.5, 2.0]))
 def test_trimming_moves_the_end_of_no_ray_by_more_than_the_depth(seed: int, depth: float) -> None:
     """Rays that met a plane meet one still, and the nearest one they met is the one they meet now."""
