@@ -61,7 +61,7 @@ soak: $(STAMP) ## the long runs (hours)
 	@$(BIN)/pytest -m soak tests
 
 golden: $(STAMP) ## rewrite the golden results and show what changed
-	@$(BIN)/pytest --update-golden tests/test_golden.py
+	@$(BIN)/pytest --update-golden tests/test_golden.py tests/benchmarks/test_regression.py
 
 golden-recordings: $(STAMP) ## fly the golden recordings anew (only when the simulator changed), then as `make golden`
 	@$(BIN)/python -m tests.golden
