@@ -23,21 +23,28 @@ class AutopilotConfig:
         check("autopilot", self)
 
 
+STREAMS = ("prisms", "health", "surround")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishConfig:
     """Where the streams are. {run} stands for the service's run folder."""
 
     prisms: str = text("ipc://{run}/prisms", "address of the prisms: ipc://PATH, or tcp://HOST:PORT; empty: none")
     health: str = text("ipc://{run}/health", "address of the health reports")
+    surround: str = text("ipc://{run}/surround", "address of all cameras as one model, where there are several")
     keys: str = text("", "folder of the keys (`companion keys`), needed beyond this machine")
 
     def __post_init__(self) -> None:
-        for name in ("prisms", "health"):
+        places: dict[str, str] = {}
+        for name in STREAMS:
             address = getattr(self, name)
             if address and not address.startswith(("ipc://", "tcp://")):
                 raise ValueError(f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT')
-        if self.prisms and self.prisms == self.health:
-            raise ValueError(f'[publish] prisms and health have the same address "{self.prisms}"; give each its own')
+            if address and address in places:
+                other = places[address]
+                raise ValueError(f'[publish] {other} and {name} have the same address "{address}"; give each its own')
+            places[address] = name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

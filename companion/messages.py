@@ -189,6 +189,20 @@ def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
     return message
 
 
+def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: str) -> pb.PrismsFrame:
+    """The word of a camera that gives no frame that could be used, in its place. The stamp: of its newest exposure."""
+    return pb.PrismsFrame(
+        schema_version=SCHEMA_VERSION,
+        camera=camera,
+        sequence=sequence,
+        t_exposure_ns=t_exposure_ns,
+        frame="level",
+        valid=False,
+        cause=pb.CAUSE_CAMERA,
+        cause_text=cause_text,
+    )
+
+
 def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
     message.planes.CopyFrom(planes_message(model))
     message.prisms.extend(prism_message(prism) for prism in model.prisms)

@@ -29,6 +29,7 @@ from drivers.transport import parse_address
 from .blindness import Blindness
 from .camera_supervisor import CameraSupervisor
 from .config import Config, config_text
+from .config_live import STREAMS
 from .curve import AllowList, load_keys
 from .health import (
     AutopilotView,
@@ -42,13 +43,14 @@ from .health import (
     troubles_of,
 )
 from .inbox import Inbox, RawFrame
-from .messages import SCHEMA_VERSION, prisms_message
+from .messages import blind_message, prisms_message
 from .pipeline import Pipeline, PrismsResult
 from .pipeline_loop import Clockwork, PipelineLoop
 from .publisher import Publisher, Stream, boot_id
 from .recorder import Recorder
 from .run_info import run_info
 from .service_folders import Folders
+from .surround import SurroundKeeper, surround_message
 
 NS = 1_000_000_000
 HEALTH_NS = NS
@@ -71,10 +73,12 @@ class Service:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._allow: AllowList | None = None
         self._publishers: dict[str, Publisher] = {}
-        self._sending = threading.Lock()
+        self._sending = threading.RLock()
         self.inbox = Inbox()
         names = tuple(c.name for c in config.cameras)
         self._blindness = Blindness(names, config.service.stale_s)
+        self._surround = SurroundKeeper(names)
+        self._required = frozenset(c.name for c in config.cameras if c.required)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.session, self.link = self._autopilot()
         self.recorder = self._recorder()
@@ -139,9 +143,9 @@ class Service:
         keys = load_keys(Path(publish.keys)) if publish.keys else None
         if keys is not None:
             self._allow = AllowList(self._context, keys)
-        for name in ("prisms", "health"):
+        for name in STREAMS:
             address = getattr(publish, name).replace("{run}", str(self._folders.run))
-            if address:
+            if address and (name != "surround" or len(self.cameras) > 1):
                 self._publishers[name] = Publisher(Stream(name, address), self._context, keys)
         if self.recorder is not None:
             self.recorder.open()
@@ -197,6 +201,8 @@ class Service:
         for view in views:
             if view.blind:
                 self._publish_blind(view, now_ns)
+        if any(view.blind for view in views):
+            self._publish_surround(now_ns)
         autopilot = self._autopilot_view(now_ns)
         recording = self.recorder.status if self.recorder is not None else None
         self.troubles = troubles_of(views, autopilot, recording, self.hung())
@@ -241,20 +247,31 @@ class Service:
         )
 
     def _publish(self, result: PrismsResult) -> None:
-        self._send_prisms(prisms_message(result), result.t_exposure_ns)
+        self._send("prisms", prisms_message(result), result.t_exposure_ns)
+        with self.loop.lock:
+            self._surround.result(result)
+        self._publish_surround(time.monotonic_ns())
 
     def _publish_blind(self, view: CameraView, now_ns: int) -> None:
         """A camera that says nothing is said to be blind, in its place."""
         camera = view.status.camera
         t_ns = now_ns - (view.age_ns or 0)
-        message = pb.PrismsFrame(
-            schema_version=SCHEMA_VERSION, camera=camera, sequence=self._blindness.sequence(camera), t_exposure_ns=t_ns,
-            frame="level", valid=False, cause=pb.CAUSE_CAMERA, cause_text=view.blind,
-        )  # fmt: skip
-        self._send_prisms(message, t_ns)
+        with self.loop.lock:
+            sequence = self._blindness.sequence(camera)
+        self._send("prisms", blind_message(camera, sequence, t_ns, view.blind), t_ns)
 
-    def _send_prisms(self, message: pb.PrismsFrame, t_exposure_ns: int) -> None:
-        publisher = self._publishers.get("prisms")
+    def _publish_surround(self, now_ns: int) -> None:
+        """All cameras as one model, where there are several."""
+        if "surround" not in self._publishers:
+            return
+        statuses = {name: camera.status for name, camera in self.cameras.items()}
+        with self._sending:  # an older model must not go out after a newer one
+            with self.loop.lock:
+                model = self._surround.model(lambda name: self._blindness.cause(name, now_ns, statuses[name]))
+            self._send("surround", surround_message(model, self._required), model.t_ns or now_ns)
+
+    def _send(self, stream: str, message: pb.PrismsFrame | pb.SurroundFrame, t_exposure_ns: int) -> None:
+        publisher = self._publishers.get(stream)
         if publisher is None:
             return
         with self._sending:  # two threads publish; a socket is for one at a time

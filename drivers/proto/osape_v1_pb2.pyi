@@ -296,6 +296,22 @@ class PrismsFrame(_message.Message):
     publication: Publication
     def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., cause_text: _Optional[str] = ..., planes: _Optional[_Union[Planes, _Mapping]] = ..., prisms: _Optional[_Iterable[_Union[Prism, _Mapping]]] = ..., free: _Optional[_Union[FreeProfile, _Mapping]] = ..., ground: _Optional[_Union[Ground, _Mapping]] = ..., stats: _Optional[_Union[FrameStats, _Mapping]] = ..., ke_per_m: _Optional[float] = ..., attitude: _Optional[_Union[AttitudeUsed, _Mapping]] = ..., pose: _Optional[_Union[PoseUsed, _Mapping]] = ..., transform: _Optional[_Union[LevelTransform, _Mapping]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
 
+class SurroundFrame(_message.Message):
+    __slots__ = ("schema_version", "t_ns", "frame", "valid", "cameras", "publication")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    VALID_FIELD_NUMBER: _ClassVar[int]
+    CAMERAS_FIELD_NUMBER: _ClassVar[int]
+    PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    t_ns: int
+    frame: str
+    valid: bool
+    cameras: _containers.RepeatedCompositeFieldContainer[PrismsFrame]
+    publication: Publication
+    def __init__(self, schema_version: _Optional[int] = ..., t_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cameras: _Optional[_Iterable[_Union[PrismsFrame, _Mapping]]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+
 class FrameDecision(_message.Message):
     __slots__ = ("camera", "sequence", "t_exposure_ns", "t_arrival_ns", "used", "cause", "attitude", "attitude_cutoff_ns", "pose", "pose_text")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
