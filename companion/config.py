@@ -7,6 +7,7 @@ The sections are the fields of plain dataclasses whose metadata hold range, unit
 from __future__ import annotations
 
 import difflib
+import functools
 import json
 import re
 import tomllib
@@ -142,10 +143,16 @@ def fields_of(section: str) -> tuple[Field[Any], ...]:
 def _plain_type(f: Field[Any]) -> Any:
     """int of `int`, float of `float | None`."""
     owner = next(c for c in SECTIONS.values() if any(g is f for g in fields(c)))
-    hint = typing.get_type_hints(owner)[f.name]
+    hint = _hints(owner)[f.name]
     if typing.get_origin(hint) in (Union, types.UnionType):
         return next(a for a in typing.get_args(hint) if a is not types.NoneType)
     return hint
+
+
+@functools.cache
+def _hints(owner: type) -> dict[str, Any]:
+    """Types of a dataclass's fields: kept, since each key asks for all of them, and a start must be quick."""
+    return typing.get_type_hints(owner)
 
 
 def _section_model(section: str) -> type[BaseModel]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import zmq
-import zmq.auth.thread
 
 from drivers.base import BadData, DeviceNotFound
 
@@ -91,7 +90,9 @@ class AllowList:
     """Answers, for the sockets of a context, whether a client is known. Hold it as long as they live."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys) -> None:
-        self._auth = zmq.auth.thread.ThreadAuthenticator(context)
+        from zmq.auth.thread import ThreadAuthenticator  # brings asyncio and ssl along: only where there are keys
+
+        self._auth = ThreadAuthenticator(context)
         self._auth.start()
         self._auth.configure_curve_callback("osape", _Known(keys.clients))
 

@@ -57,11 +57,16 @@ class PipelineLoop:
         self.dropped: Counter[str] = Counter()
         self.newest_attitude_ns: int | None = None
         self.alive_ns = time.monotonic_ns()
-        self.started = False
+        self.begun = threading.Event()
 
     def open(self) -> None:
         """Starts the thread; `started` when the kernels are warm and the loop runs."""
         self._thread.start()
+
+    @property
+    def started(self) -> bool:
+        """Whether the kernels are warm and the loop runs; `begun` can be waited for."""
+        return self.begun.is_set()
 
     @property
     def running(self) -> bool:
@@ -76,7 +81,7 @@ class PipelineLoop:
 
     def _run(self) -> None:
         self._warm_up()
-        self.started = True
+        self.begun.set()
         while not self._stop.is_set():
             for item in self._inbox.take(TAKE_S):
                 self._handle(item)

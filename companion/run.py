@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import faulthandler
+import gc
 import logging
 import os
 import signal
@@ -10,13 +12,15 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .config import load_config
 from .console import say
 from .sd_notify import Notifier
-from .service import Service
 from .service_folders import folders
+
+if TYPE_CHECKING:
+    from .service import Service
 
 log = logging.getLogger("companion")
 
@@ -41,7 +45,8 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     said: list[str] = []
     ready = False
     next_alive_s = 0.0
-    while not stop.wait(tick_s):
+    while not stop.is_set():
+        (stop if ready else service.loop.begun).wait(tick_s)  # what was waited for is told at once
         service.tick()
         if not service.loop.running:
             log.critical("the pipeline has ended: its cause stands above")
@@ -87,6 +92,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: stopped as told; 1: it could not run, or a part of it ended."""
+    gc.disable()  # a start makes much and leaves nothing behind; make_ready puts it aside, then collecting begins
+    faulthandler.enable()  # systemd's watchdog sends SIGABRT: where each thread hung is then in the journal
+    from .service import Service  # by far most of the modules
+    from .warmup import make_ready
+
     config = load_config(args.config)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
@@ -95,9 +105,12 @@ def run(args: argparse.Namespace) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    from .warmup import run_kernels
 
-    service = Service(config, folders(), run_kernels)
+    def warm_up() -> None:
+        make_ready(config.extractor.mode)
+        gc.enable()
+
+    service = Service(config, folders(), warm_up)
     try:
         service.open()
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)

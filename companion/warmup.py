@@ -8,11 +8,14 @@ lets a second child compile them again.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import gc
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +32,10 @@ CACHED = ("*.nbi", "*.nbc")
 CHILD = "from companion.warmup import run_kernels; run_kernels()"
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
+MARK = "loading"
+"""Stands beside the cached kernels while a service loads them."""
+COMPILED_S = 5.0
+"""Loading cached kernels takes less, compiling them far more."""
 
 
 class WarmupError(Exception):
@@ -86,8 +93,31 @@ def warm_up() -> Warmup:
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
 
 
-def run_kernels() -> None:
-    """Runs the extractor on small frames of both kinds, uint16 millimetres and float32 metres, in both modes."""
+def make_ready(mode: str) -> None:
+    """Loads the kernels that a live service in this mode uses, or compiles them where that was never done.
+
+    A service that died while it did so has perhaps met a damaged cache, and would die of it again at each start: a
+    mark tells the next one, which lets `warm_up` look and mend first. What the start has made stays for good: it is
+    taken out of the garbage collector's sight, whose full rounds would otherwise go through it all again and again
+    with the other threads waiting. Raises WarmupError."""
+    begun_s = time.monotonic()
+    named = os.environ.get(VARIABLE)
+    mark = Path(named) / MARK if named else None
+    if mark is not None and mark.exists():
+        warm_up()
+    with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
+        if mark is not None:
+            mark.touch()
+    run_kernels((mode,), metres=False)
+    if mark is not None:
+        mark.unlink(missing_ok=True)
+    if time.monotonic() - begun_s > COMPILED_S:
+        gc.collect()  # compiling leaves much behind, loading little
+    gc.freeze()
+
+
+def run_kernels(modes: Sequence[str] = ("safe", "paper"), metres: bool = True) -> None:
+    """Runs the extractor on small frames in these modes: uint16 millimetres, as cameras give, and float32 metres."""
     from core.extractor import Extractor
     from core.params import Params
 
@@ -97,9 +127,9 @@ def run_kernels() -> None:
     level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ level
     frame = _frame()
-    for mode in ("safe", "paper"):
+    for mode in modes:
         extractor = Extractor(Params(mode=mode))
-        for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32)):
+        for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
             state = ExtractorState()
             for R in (level, tilted):
                 _, state = extractor.extract(depth, info, R, state, keep_strips=True)

@@ -5,6 +5,11 @@ nothing takes too long for a test, and is what the first run of `make demo` does
 
 from __future__ import annotations
 
+import gc
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -86,3 +91,55 @@ def test_a_cache_that_cannot_be_written(
 def test_all_kernels_run() -> None:
     """On the frames that the command uses, of both kinds and in both modes."""
     warmup.run_kernels()
+
+
+# ---- the start of the service -------------------------------------------------------------------------------------
+
+DIES_WHILE_LOADING = """
+import os
+import companion.warmup as warmup
+warmup.run_kernels = lambda modes, metres: os._exit(9)
+warmup.make_ready("safe")
+"""
+
+
+@pytest.fixture
+def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]:
+    """What make_ready runs, told instead of done; objects are the collector's again at the end."""
+    ran: list[tuple[str, ...]] = []
+    monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: ran.append(tuple(modes)))
+    yield ran
+    gc.unfreeze()
+
+
+def test_a_start_loads_the_mode_that_is_asked_for(small: Path, ready: list[tuple[str, ...]]) -> None:
+    small.mkdir()
+    warmup.make_ready("paper")
+    assert ready == [("paper",)]
+    assert gc.get_freeze_count() > 0
+    assert not (small / warmup.MARK).exists()
+
+
+def test_after_a_death_while_loading_a_damaged_cache_is_mended(small: Path, ready: list[tuple[str, ...]]) -> None:
+    """Else each new start would die of it again."""
+    warmup.warm_up()
+    environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[1])}
+    died = subprocess.run([sys.executable, "-c", DIES_WHILE_LOADING], env=environment, check=False)
+    assert died.returncode == 9
+    (mark,) = small.rglob(warmup.MARK)
+    mark.rename(small / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
+    (file,) = small.rglob("*.nbc")
+    file.write_bytes(b"")
+    warmup.make_ready("safe")
+    assert ready == [("safe",)]
+    (mended,) = small.rglob("*.nbc")
+    assert mended.stat().st_size > 0
+    assert not (small / warmup.MARK).exists()
+
+
+def test_where_the_cache_cannot_be_written_a_start_goes_on(
+    tmp_path: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "none" / "cache"))
+    warmup.make_ready("safe")
+    assert ready == [("safe",)]
