@@ -47,14 +47,15 @@ class CameraConfig:
         default="",
         metadata={
             "unit": "",
-            "doc": "oak: its id (empty: the only one there); zed, v4l2: a path, best in /dev/v4l/by-id",
+            "doc": "oak: its id (empty: the only one there); zed, v4l2: a path, best in /dev/v4l/by-id; "
+            "simulated: a file that stands for its cable, unplugged while it is not there (empty: plugged in)",
         },
     )
     width_px: int = _number(16, 4096, "px", "width of the depth image; of a zed, of one eye", 640)
     height_px: int = _number(16, 4096, "px", "its height; simulated: always three quarters of the width", 480)
     fps: float = _number(1.0, 120.0, "Hz", "frames a second asked of the camera", 30.0)
     exposure_latency_s: float = _number(
-        0.0, 0.2, "s", "zed, v4l2: from the middle of the exposure to the kernel's stamp", 0.0
+        0.0, 0.2, "s", "from the middle of the exposure: zed, v4l2 to the kernel's stamp, simulated to the arrival", 0.0
     )
     calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})
     disparities: int = _number(16, 512, "px", "zed only: disparities searched; more see nearer and cost more", 96)

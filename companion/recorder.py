@@ -72,7 +72,7 @@ class Recorder:
         self._queued_bytes = 0
         self._ready = threading.Condition()
         self._stop = False
-        self._taking = False
+        self._taking = self._begun = False
         self._wanting, self._not_before_ns = True, 0
         self._status = RecordStatus(alive_ns=time.monotonic_ns())
         self._dropped = 0
@@ -108,6 +108,7 @@ class Recorder:
 
     def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState) -> None:
         """From here on into a new file, which opens with this state."""
+        self._begun = True
         self._taking = self._put(_Begin(t_ns, tuple(cameras), state), _SMALL)
         self._wanting = not self._taking
 
@@ -134,7 +135,8 @@ class Recorder:
 
     def _take(self, write: Callable[[LogWriter], None], size: int) -> None:
         if not self._taking:
-            self._dropped += self._wanting  # not while nothing is to be recorded
+            # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
+            self._dropped += self._wanting and self._begun
             return
         if not self._put(_Item(write, size), size):
             self._taking = False

@@ -30,3 +30,9 @@ def folders() -> Folders:
     run.mkdir(parents=True, exist_ok=True, mode=0o750)
     keep.mkdir(parents=True, exist_ok=True)
     return Folders(run, keep)
+
+
+def cache_folder() -> Path:
+    """Of what can be made again at any time; it may not exist, and is not made here."""
+    given = os.environ.get("CACHE_DIRECTORY")
+    return Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / NAME

@@ -10,6 +10,7 @@ from core.types import CameraInfo, Intrinsics
 from drivers.base import DepthSource
 
 from .config_camera import CameraConfig
+from .service_folders import cache_folder
 
 
 def make_source(section: CameraConfig) -> DepthSource:
@@ -82,9 +83,18 @@ def _range(section: CameraConfig) -> dict[str, Any]:
 
 
 def _simulated(section: CameraConfig) -> DepthSource:
+    from drivers.endless_flight import EndlessFlight
+    from drivers.flights import flight_plan
     from drivers.simulated import camera_info
-    from drivers.simulated_flight import SimulatedDepthSource, SimulatedFlight
+    from drivers.simulated_camera import SimulatedDepthSource, Simulation
 
     info: CameraInfo = section.applied_to(camera_info(section.width_px, section.width_px * 3 // 4, camera=section.name))
-    flight = SimulatedFlight(section.flight, cameras=(info,), seed=section.seed)
-    return SimulatedDepthSource(flight, time.monotonic_ns, pace=time.sleep, repeat=True)
+    simulation = Simulation(
+        fps=section.fps,
+        seed=section.seed,
+        latency_s=section.exposure_latency_s,
+        cable=Path(section.device) if section.device else None,
+        folder=cache_folder() / "simulated",
+    )
+    flight = EndlessFlight(flight_plan(section.flight, section.seed))
+    return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

@@ -20,6 +20,7 @@ PX4, ARDUPILOT = "PX4", "ArduPilot"
 AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
 _SET_MESSAGE_INTERVAL = 511
 _HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
+_ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
 _STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
@@ -31,10 +32,16 @@ def hovering(_: int) -> VehicleState:
     return VehicleState(position_ned_m=(0.0, 0.0, -2.0), velocity_ned_m_s=still, euler_rad=still, rates_frd_rad_s=still)
 
 
+def never(_: int) -> bool:
+    """At no instant."""
+    return False
+
+
 @dataclass(kw_only=True)
 class Personality:
     """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
-    knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant."""
+    knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
+    which instants it sends all but the attitude."""
 
     kind: str = PX4
     system_id: int = 1
@@ -47,6 +54,7 @@ class Personality:
     timesync_asks_hz: float = 10.0
     armed: bool = False
     motion: Callable[[int], VehicleState] = field(default=hovering)
+    hides_attitude: Callable[[int], bool] = field(default=never)
 
 
 class SimulatedAutopilot:
@@ -133,8 +141,9 @@ class SimulatedAutopilot:
             return []
         if self._is_due(_HEARTBEAT, 1.0, now_ns):
             out.append(self._pack(self._heartbeat()))
+        hidden = _ATTITUDES if self.personality.hides_attitude(now_ns) else ()
         for number, hz in list(self._intervals.items()):
-            if number in _SENDERS and self._is_due(number, hz, now_ns):
+            if number in _SENDERS and number not in hidden and self._is_due(number, hz, now_ns):
                 out.append(self._pack(_SENDERS[number](self, now_ns)))
         hz = self.personality.timesync_asks_hz if self.personality.kind == PX4 else 0.1
         if self._is_due(_TIMESYNC, hz, now_ns):

@@ -1,4 +1,4 @@
-"""A simulated flight as a recording (`SimulatedFlight`) and as a camera on a clock (`SimulatedDepthSource`).
+"""A simulated flight as a recording; `drivers.simulated_camera` is a camera that flies it on a clock.
 
 from drivers.simulated_flight import SimulatedFlight
 flight = SimulatedFlight("demo", width=320, height=240)
@@ -7,7 +7,7 @@ for event in flight.events(): ...   # DepthFrame, AttitudeSample, PoseSample in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from core.frames import rotation_frd_optical
 from core.types import UNKNOWN_MM, AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
-from .base import DeviceLost, DeviceNotFound, Event
+from .base import Event
 from .flight_path import VehicleState
 from .flights import FlightPlan, Span, flight_plan
 from .sensor_model import generator, measure
@@ -184,87 +184,6 @@ class SimulatedFlight:
             last = max(last + 1, t_ns + _ns(latency_s + float(jitter)))
             stamps.append((t_ns, last))
         return stamps
-
-
-class SimulatedDepthSource:
-    """One camera of a simulated flight on a clock (DepthSource): the flight starts when it is opened.
-
-    It never sleeps by itself: `pace(seconds)` is called to wait, and without one read() answers at once."""
-
-    def __init__(
-        self,
-        flight: SimulatedFlight,
-        clock_ns: Callable[[], int],
-        *,
-        camera_number: int = 0,
-        pace: Callable[[float], None] | None = None,
-        repeat: bool = False,
-    ) -> None:
-        """repeat: start the flight again when it is over, instead of losing the device."""
-        if not 0 <= camera_number < len(flight.cameras):
-            raise ValueError(f"simulated camera {camera_number}: the flight has {len(flight.cameras)} of them")
-        self._flight, self._clock_ns, self._number = flight, clock_ns, camera_number
-        self._pace, self._repeat = pace, repeat
-        self._opened_ns: int | None = None
-        self._next = 0
-
-    @property
-    def info(self) -> CameraInfo:
-        """The camera."""
-        return self._flight.cameras[self._number]
-
-    def open(self) -> None:
-        """Starts the flight now."""
-        self._opened_ns, self._next = self._clock_ns(), 0
-
-    def close(self) -> None:
-        """Ends it; may be called twice."""
-        self._opened_ns = None
-
-    def __enter__(self) -> SimulatedDepthSource:
-        self.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def read(self, timeout_s: float) -> DepthFrame | None:
-        """The newest frame that has arrived and was not delivered, or None. Raises DeviceLost at the flight's
-        end."""
-        frame = self._newest()
-        if frame is None and self._pace is not None and timeout_s > 0.0:
-            self._pace(min(timeout_s, max(0.0, (self._due_ns(self._next) - self._clock_ns()) * 1e-9)))
-            frame = self._newest()
-        return frame
-
-    def _due_ns(self, count: int) -> int:
-        """When the count-th frame since open() arrives on the injected clock."""
-        if self._opened_ns is None:
-            raise DeviceNotFound("simulated camera: it is not open; call open() first")
-        laps, index = divmod(count, self._flight.frame_count())
-        lap_ns = _ns(self._flight.duration_s) + 1_000_000_000
-        return self._opened_ns + laps * lap_ns + self._flight.arrival_ns(index, self._number) - self._flight.start_ns
-
-    def _newest(self) -> DepthFrame | None:
-        now, count, arrived = self._clock_ns(), self._flight.frame_count(), self._next
-        while self._due_ns(arrived) <= now and (self._repeat or arrived < count):
-            arrived += 1
-        if arrived == self._next:
-            if self._next >= count and not self._repeat:
-                raise DeviceLost("simulated camera: the flight is over; open it with repeat to start again")
-            return None
-        self._next = arrived
-        frame = self._flight.frame((arrived - 1) % count, self._number)
-        if frame is None:
-            return None
-        shift = self._due_ns(arrived - 1) - frame.t_arrival_ns
-        return DepthFrame(
-            camera=frame.camera,
-            sequence=arrived - 1,
-            t_exposure_ns=frame.t_exposure_ns + shift,
-            t_arrival_ns=frame.t_arrival_ns + shift,
-            depth_mm=frame.depth_mm,
-        )
 
 
 def _ns(seconds: float) -> int:

@@ -1,4 +1,4 @@
-"""Flights: rates against finite differences, order of arrival, determinism, failures, the camera on a clock."""
+"""Flights: rates against finite differences, order of arrival, determinism, failures."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import pytest
 
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, PoseSample
-from drivers.base import DeviceLost, DeviceNotFound
 from drivers.flight_path import FlightPath, body_rates
 from drivers.flights import FLIGHTS, flight_plan
 from drivers.simulated import camera_info
-from drivers.simulated_flight import Rates, SimulatedDepthSource, SimulatedFlight
+from drivers.simulated_flight import Rates, SimulatedFlight
 
 SMALL = {"width": 64, "height": 48}
 
@@ -143,54 +142,3 @@ def test_unknown_flight_and_impossible_rates_are_refused() -> None:
         flight_plan("nowhere")
     with pytest.raises(ValueError, match="depth_hz"):
         Rates(depth_hz=0.0)
-
-
-class Clock:
-    """A clock that only `wait` moves."""
-
-    def __init__(self) -> None:
-        self.now_ns = 77_000_000_000
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-    def wait(self, seconds: float) -> None:
-        self.now_ns += round(seconds * 1e9)
-
-
-def test_camera_delivers_the_newest_frame_once_and_never_before_it_arrived() -> None:
-    clock = Clock()
-    with SimulatedDepthSource(SimulatedFlight("street", duration_s=1.0, **SMALL), clock) as source:
-        assert source.read(1.0) is None
-        clock.wait(0.06)
-        first = source.read(0.0)
-        assert first is not None
-        assert first.sequence == 0
-        assert first.t_arrival_ns <= clock()
-        assert 77_000_000_000 <= first.t_exposure_ns < first.t_arrival_ns
-        assert source.read(0.0) is None
-        clock.wait(0.35)
-        newest = source.read(0.0)
-        assert newest is not None
-        assert newest.sequence == 3
-        clock.wait(5.0)
-        assert source.read(0.0) is not None
-        with pytest.raises(DeviceLost, match="over"):
-            source.read(0.0)
-
-
-def test_camera_waits_with_its_pace_and_repeats_with_growing_numbers() -> None:
-    clock = Clock()
-    source = SimulatedDepthSource(
-        SimulatedFlight("street", duration_s=0.3, **SMALL), clock, pace=clock.wait, repeat=True
-    )
-    source.open()
-    frames = [f for f in (source.read(2.0) for _ in range(10)) if f is not None]
-    assert [f.sequence for f in frames] == list(range(10))
-    exposures = [f.t_exposure_ns for f in frames]
-    assert exposures == sorted(exposures)
-    np.testing.assert_array_equal(frames[1].depth_mm, frames[5].depth_mm)
-    source.close()
-    source.close()
-    with pytest.raises(DeviceNotFound, match="open"):
-        source.read(0.0)

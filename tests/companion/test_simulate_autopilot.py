@@ -1,0 +1,126 @@
+"""`companion simulate-autopilot` as a process of its own, on UDP and on a pty, heard by a real link."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.cli import main
+from companion.config import Config, load_config
+from companion.config_camera import CameraConfig
+from companion.simulate_autopilot import flight_of, other_end
+from core.frames import rotation_from_quaternion
+from core.types import AttitudeSample, PoseSample
+from drivers.clock import ClockSource
+from drivers.mavlink import MavlinkSession
+from drivers.mavlink_link import MavlinkLink
+from drivers.transport import parse_address
+
+ROOT = Path(__file__).parents[2]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def config_file(folder: Path, address: str = "") -> Path:
+    file = folder / "simulated.toml"
+    line = f'[autopilot]\naddress = "{address}"\n' if address else ""
+    file.write_text(f'[[camera]]\nname = "front"\nkind = "simulated"\nflight = "tilted"\n{line}')
+    return file
+
+
+@contextmanager
+def flying(*words: str) -> Iterator[dict[str, str]]:
+    """The command as a process; gives what it says of itself."""
+    command = [sys.executable, "-m", "companion", "simulate-autopilot", "--json", *words]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            text = ""
+            while not text.rstrip().endswith("}"):
+                line = process.stdout.readline()
+                assert line, "the command ended"
+                text += line
+            yield json.loads(text)
+            assert process.poll() is None
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(5.0) == 0
+        finally:
+            process.kill()
+
+
+class Heard:
+    """A link to the autopilot, until enough was heard and its clock is known."""
+
+    def __init__(self, address: str, samples: int = 150) -> None:
+        self.samples: list[AttitudeSample | PoseSample] = []
+        session = MavlinkSession()
+        link = MavlinkLink(parse_address(address), session, self.samples.extend)
+        link.open()
+        end_s = time.monotonic() + 20.0
+        while time.monotonic() < end_s and not self._enough(session, samples):
+            time.sleep(0.02)
+        self.status = link.status()
+        link.close()
+
+    def _enough(self, session: MavlinkSession, samples: int) -> bool:
+        return session.clock.estimate.source is ClockSource.TIMESYNC and len(self.samples) > samples
+
+    def attitudes(self) -> list[AttitudeSample]:
+        return [s for s in self.samples if isinstance(s, AttitudeSample)]
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_its_attitude_is_that_of_the_flight_on_the_clock_that_cameras_have(tmp_path: Path, kind: str) -> None:
+    """Within 0.3 degrees: the stamps are whole milliseconds, and the flight turns at up to 80 degrees a second."""
+    address = f"udpin:127.0.0.1:{free_port()}"
+    config = config_file(tmp_path, address)
+    flight = flight_of(load_config(config))
+    with flying("-c", str(config), f"--{kind}", "--armed") as said:
+        heard = Heard(address)
+    assert said["flight"] == "tilted"
+    assert heard.status.vehicle is not None
+    assert heard.status.vehicle.armed
+    assert heard.status.vehicle.autopilot.lower() == kind
+    errors_deg = []
+    for a in heard.attitudes()[-100:]:
+        turn = rotation_from_quaternion(a.q_ned_frd_wxyz).T @ flight.state(a.t_ns).R_ned_frd
+        errors_deg.append(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
+    assert len(errors_deg) == 100
+    assert max(errors_deg) < 0.3
+
+
+def test_on_a_pty_with_a_name_of_its_own(tmp_path: Path) -> None:
+    link = tmp_path / "autopilot"
+    with flying("-c", str(config_file(tmp_path)), "--address", f"pty:{link}") as said:
+        assert said["line"] == str(link)
+        heard = Heard(f"serial:{link}", samples=30)
+        assert heard.status.vehicle is not None
+        assert heard.status.vehicle.autopilot == "PX4"
+        assert len(heard.attitudes()) > 5
+    assert not os.path.lexists(link)
+
+
+def test_without_a_flight_or_a_line_it_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ValueError, match=r"no camera of kind = .simulated"):
+        flight_of(Config(cameras=(CameraConfig(name="front", kind="oak"),)))
+    with pytest.raises(ValueError, match="let the service listen"):
+        other_end("serial:/dev/ttyACM0:57600")
+    with pytest.raises(ValueError, match="expected serial:"):
+        other_end("nonsense")
+    assert main(["simulate-autopilot", "-c", str(config_file(tmp_path))]) == 1
+    assert "[autopilot] address; give --address udpout:HOST:PORT" in capsys.readouterr().err
