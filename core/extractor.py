@@ -15,7 +15,7 @@ from .columns import extract_strips
 from .density import BinTable, bin_table
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
-from .ground import NO_GROUND, find_ground, ground_gate
+from .ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
 from .level import (
     ViewGeometry,
     level_paper,
@@ -168,6 +168,10 @@ class Extractor:
             bins.weights, bins.first_code, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints,
             floats,
         )  # fmt: skip
+        if ground.seen and not self.params.paper:
+            doubt = doubt_settings(ground, view, ke, self.params)
+            keep = self._buffer("keep", (len(ints),), np.uint8)
+            found = drop_ground_noise(ints, floats, found, codes, tan_mid, shift, doubt, keep)
         return ints, floats, found, ground_px, overflow
 
     def _supported_clusters(

@@ -25,17 +25,17 @@ _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
 )  # fmt: skip
 # indices of `walk_settings`: the view, the ground, and what counts as free
-W_CV, W_F, W_ROWS, W_BLOCK, W_HEIGHT, W_SLOPE_X, W_SLOPE_Y, W_TOLERANCE, W_SPREAD, W_SHARE, W_LEAST = range(11)
+W_CV, W_F, W_ROWS, W_BLOCK, W_HEIGHT, W_SLOPE_X, W_SLOPE_Y, W_TOLERANCE, W_SPREAD, W_SHARE, W_LEAST, W_BLIND = range(12)
 
 
 def walk_settings(g: ViewGeometry, ground: Ground, ke: float, p: Params) -> NDArray[np.float64]:
-    """(11,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other."""
+    """(12,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other."""
     height = ground.height_m if ground.seen else math.inf
     spread = p.ground_sigmas * ke * ground.height_m if ground.seen else 0.0
     return np.array(
         [
             g.cv, g.f_px, g.rows, p.profile_block_px, height, ground.slope_x, ground.slope_y, p.ground_tolerance_m, spread,
-            p.free_share, p.profile_least_m,
+            p.free_share, p.profile_least_m, ground.blind_beyond_m,
         ]
     )  # fmt: skip
 
@@ -114,12 +114,16 @@ def walk_rings(counts, t, ring_m, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
     counts: of `count_rings`, for direction t. The layer reaches from z = top down to bottom, or to
-    what can be told from ground. w: `walk_settings`."""
+    what can be told from ground; where that may hide an obstacle of the least height, none of it is free. w:
+    `walk_settings`."""
     first, last, why = -1, -1, _NOT_SEEN
     rings, rows, block = len(ring_m), int(w[W_ROWS]), int(w[W_BLOCK])
     for r in range(rings):
         x = ring_m[r]
         lower = min(bottom, lowest_clear(t, x, w))
+        if lower < bottom and x > w[W_BLIND]:
+            why = _UNKNOWN
+            break
         if lower - top < w[W_LEAST]:
             why = _NOT_SEEN if first < 0 else _VIEW
             if first >= 0:

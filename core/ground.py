@@ -14,8 +14,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .frames import Rotation
-from .level import ViewGeometry
+from .level import Q_FAR, Q_UNKNOWN, ViewGeometry
 from .params import Params
+from .strips import BOTTOM, KIND, MERGED, TOP, D, U
+from .support import compact
 from .types import FAR_MM, CameraInfo, Ground
 
 NO_GROUND = Ground(seen=False)
@@ -25,11 +27,12 @@ _FAR = np.uint16(FAR_MM)
     V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
     V_SEED_WEIGHT, V_SEED_STEPS, V_TRIES, V_MIN_SAMPLES, V_MIN_SHARE, V_MAX_HEIGHT,
     F_SIGMAS, F_TOLERANCE, F_CAP, F_ROUNDS, F_MIN_PX, F_FLOOR, F_MAX_SLOPE, F_PRIOR, F_BELOW, F_BELOW_FULL, F_BELOW_SHARE,
-) = range(28)  # fmt: skip
+    F_CAP_SIGMAS,
+) = range(29)  # fmt: skip
 
 
 def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
-    """(28,) float64 for pictures of so many rows, by the V_ and F_ indices."""
+    """(29,) float64 for pictures of so many rows, by the V_ and F_ indices."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
     return np.array(
         [
@@ -40,7 +43,7 @@ def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
             p.ground_max_height_m,
             p.ground_sigmas, min(p.ground_tolerance_m, cap), cap, p.ground_fit_rounds, p.ground_fit_min_px,
             p.ground_fit_floor_m, p.ground_max_slope, p.ground_slope_prior, p.ground_below_m, p.ground_below_full_m,
-            p.ground_max_below_share,
+            p.ground_max_below_share, p.ground_fit_sigmas,
         ],
         np.float64,
     )  # fmt: skip
@@ -132,6 +135,59 @@ def ground_gate(
     return (ground.slope_y * column_t).astype(np.float32)
 
 
+# indices of `doubt_settings`
+N_F, N_QUANTUM, N_SIGMA, N_HEIGHT, N_SLOPE, N_NEAR, N_SLACK, N_NEED, N_TAIL = range(9)
+
+
+def doubt_settings(ground: Ground, view: ViewGeometry, ke: float, p: Params) -> NDArray[np.float64]:
+    """(9,) float64 for `drop_ground_noise`, by the N_ indices."""
+    spread = p.ground_sigmas * ke * ground.height_m
+    sigma = max(ke * view.f_px, p.min_sigma_px)
+    return np.array(
+        [
+            view.f_px, view.quantum, sigma, ground.height_m, ground.slope_x,
+            view.f_px * spread / (p.ground_tolerance_cap * p.min_obstacle_height_m), p.ground_stand_m / ground.height_m,
+            p.ground_stand_sigmas * sigma, p.ground_sigmas * sigma,
+        ],
+        np.float64,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def drop_ground_noise(ints, floats, n, codes, tan_mid, shift, w, keep):
+    """Removes strips that are no more than the noise of the ground: unknown, neither obstacle nor free; returns how many stay.
+
+    Beyond the range where the noise of height exceeds the cap on the ground's half-thickness, the ground's own pixels stick
+    out above it. What stands there shows in the rows of a strip by the sum of all of them: flat ground, whose noisy half is
+    in the strip, has the other half in the same rows. So the mean disparity of the rows, over what the ground would have
+    there, must be need / sqrt(rows) after ground_stand_m, an error of the fit, is taken off. What is nearer than the
+    strip by its noise does not count; a cell beyond the range clip counts as one sigma behind the ground.
+    codes: (cols, rows) uint16; tan_mid: (rows,) float32; shift: of `ground_gate`; w: `doubt_settings`; keep: (N,) uint8
+    scratch."""
+    f, quantum, sigma, height = w[N_F], w[N_QUANTUM], w[N_SIGMA], w[N_HEIGHT]
+    dropped = 0
+    for i in range(n):
+        d = np.float64(floats[i, D])
+        keep[i] = 1
+        if d >= w[N_NEAR] or ints[i, KIND] == MERGED:
+            continue
+        u = ints[i, U]
+        offset, most = w[N_SLOPE] + shift[u], d + w[N_TAIL]
+        total, count = 0.0, 0
+        for v in range(ints[i, TOP], ints[i, BOTTOM] + 1):
+            code = codes[u, v]
+            seen = code / quantum
+            if code == Q_UNKNOWN or seen > most:
+                continue
+            ground = max(0.0, f * (tan_mid[v] - offset) / height)
+            total += -sigma if code == Q_FAR else seen - ground * (1.0 + w[N_SLACK])
+            count += 1
+        if total < w[N_NEED] * math.sqrt(count):
+            keep[i] = 0
+            dropped += 1
+    return compact(ints, floats, n, keep) if dropped > 0 else n
+
+
 @njit(cache=True, nogil=True)
 def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
     """(slope_x, slope_y): weighted least squares of z over (x, y) with an intercept, shrunk to 0 where the data do not
@@ -151,6 +207,12 @@ def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
 
 
 @njit(cache=True, nogil=True)
+def fit_cap(sigma, tuning):
+    """Most that a point of the ground lies off it: what cuts deeper into its noise holds a fit where it began."""
+    return max(tuning[F_CAP], tuning[F_CAP_SIGMAS] * sigma)
+
+
+@njit(cache=True, nogil=True)
 def fit_ground(points, height, tuning):
     """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
 
@@ -167,7 +229,7 @@ def fit_ground(points, height, tuning):
             x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
             sigma = height / points[i, 3]
             r = points[i, 2] - (height + slope_x * x + slope_y * y)
-            if abs(r) < min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), tuning[F_CAP]):
+            if abs(r) < min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning)):
                 on += 1
                 # inverse variance of height, sigma_h = ke X h
                 weight = 1.0 / (tuning[F_FLOOR] + sigma) ** 2
@@ -183,7 +245,8 @@ def fit_ground(points, height, tuning):
     slack = tuning[F_BELOW] * height / (height + tuning[F_BELOW_FULL])
     on, below = 0, 0
     for i in range(n):
-        tolerance = min(max(tuning[F_SIGMAS] * tolerance_at / points[i, 3], tuning[F_TOLERANCE]), tuning[F_CAP])
+        sigma = tolerance_at / points[i, 3]
+        tolerance = min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning))
         r = points[i, 2] - (height + slope_x * points[i, 0] + slope_y * points[i, 1])
         on += abs(r) < tolerance
         below += r > tolerance + slack

@@ -79,6 +79,14 @@ class Params:
     ground_tolerance_cap: float = _number(
         0.9, 0.3, 1.0, "", "half-thickness is at most this share of the least obstacle height"
     )
+    ground_stand_sigmas: float = _number(
+        6.0,
+        1.0,
+        20.0,
+        "sigma",
+        "beyond that cap a strip must stand out of the ground's noise by this, all rows together",
+    )
+    ground_stand_m: float = _number(0.1, 0.0, 1.0, "m", "after this much error of the ground's height")
     ground_max_below_share: float = _number(
         0.05, 0.0, 0.3, "", "reject a ground with more of the measured pixels below it"
     )
@@ -112,6 +120,13 @@ class Params:
     ground_seed_steps: int = _number(2, 0, 20, "", "steps of height on either side that are near it")
     ground_tries: int = _number(6, 1, 50, "", "heights that are tried, from the most voted on")
     ground_fit_rounds: int = _number(4, 1, 20, "", "rounds of the fit, each with the pixels near the one before")
+    ground_fit_sigmas: float = _number(
+        2.0,
+        1.0,
+        4.0,
+        "sigma",
+        "where noise exceeds that cap, a fit takes pixels up to this far off, and those beyond are below",
+    )
     ground_fit_min_px: int = _number(20, 3, 10000, "", "sampled pixels that a fit needs")
     ground_fit_floor_m: float = _number(
         0.02, 0.001, 1.0, "m", "added to a pixel's noise in its weight: near pixels do not rule alone"

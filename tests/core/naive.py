@@ -117,6 +117,21 @@ def open_rows(line, gate, shift, tan_mid):
     return [v for v in range(len(line)) if line[v] > FAR and not tan_mid[v] - shift > gate[line[v]]]
 
 
+def stands_out(codes, first, last, d, tan_mid, shift, ground, ke, f, quantum, p):
+    """Whether the rows first..last of a column lie before the ground by more than its noise, added up. ground: height
+    and slope along x; shift: the slope across, at this column."""
+    height, slope_x = ground
+    sigma = max(ke * f, p.min_sigma_px)
+    off = []
+    for v in range(first, last + 1):
+        seen = codes[v] / quantum
+        if codes[v] == 0 or seen > d + p.ground_sigmas * sigma:
+            continue
+        flat = max(0.0, f * (tan_mid[v] - slope_x - shift) / height)
+        off.append(-sigma if codes[v] == 1 else seen - flat * (1.0 + p.ground_stand_m / height))
+    return sum(off) >= p.ground_stand_sigmas * sigma * math.sqrt(len(off))
+
+
 def bands(code, members, high, tolerance):
     """(first row, number of pixels, sum of codes) of each part of a run: a part ends before two bands in a row whose mean
     is off that of the part by more than tolerance(mean code of the part, pixels of the band, of the part)."""

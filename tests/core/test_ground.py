@@ -9,13 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core import strips as strip_table
 from core.classify import classify, measured_mm
-from core.ground import NO_GROUND, find_ground, ground_gate
+from core.ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
 from core.level import view_geometry
 from core.params import Params
-from core.types import CameraInfo, Ground, Intrinsics
+from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
 from drivers.simulated import camera_info
 
+from . import naive
+from .columns import view as level_view
 from .views import VIEW, extract, flat_wall, level, noisy, pixel_grid, to_mm
 
 P = Params()
@@ -169,3 +172,88 @@ def test_a_kerb_below_the_least_height_is_ground_and_a_box_above_it_is_not() -> 
         model = extract(depth, VIEW, R)
         assert model.ground.height_m == pytest.approx(2.0, abs=0.05)
         assert len(model.planes) == count
+
+
+@pytest.mark.nojit
+@given(st.floats(3.0, 12.0), st.floats(-0.03, 0.03), st.integers(0, 2**32 - 1))
+def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: float, slope: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    g, ke = level_view(cols=6, rows=60), 0.01
+    ground = Ground(seen=True, height_m=height, slope_x=slope)
+    shift = rng.uniform(-0.01, 0.01, 6).astype(np.float32)
+    tan_mid = (0.5 * (g.tan_edge[1:] + g.tan_edge[:-1])).astype(np.float32)
+    flat = g.f_px * (tan_mid[None, :] - slope - shift[:, None]) / height + rng.normal(0.0, ke * g.f_px, (6, 60))
+    codes = np.clip(flat * g.quantum, 2, 65535).astype(np.uint16)
+    codes[rng.random((6, 60)) < 0.1] = 0
+    codes[rng.random((6, 60)) < 0.1] = 1
+    ints, floats = np.zeros((40, 9), np.int32), np.zeros((40, 3), np.float32)
+    ints[:, strip_table.U] = np.sort(rng.integers(0, 6, 40))
+    ints[:, strip_table.TOP] = rng.integers(0, 55, 40)
+    ints[:, strip_table.BOTTOM] = np.minimum(59, ints[:, strip_table.TOP] + rng.integers(0, 30, 40))
+    ints[:, strip_table.KIND] = rng.choice([strip_table.SMOOTH, strip_table.MERGED], 40, p=[0.9, 0.1])
+    floats[:, strip_table.D] = g.f_px / rng.uniform(2.0, 20.0, 40)
+    want = [
+        row[strip_table.KIND] == strip_table.MERGED
+        or 4 * ke * height * g.f_px / d <= 0.9 * 0.6
+        or naive.stands_out(
+            codes[row[strip_table.U]], row[strip_table.TOP], row[strip_table.BOTTOM], d, tan_mid,
+            shift[row[strip_table.U]], (height, slope), ke, g.f_px, g.quantum, P,
+        )
+        for row, d in zip(ints, floats[:, strip_table.D].astype(np.float64), strict=True)
+    ]  # fmt: skip
+    kept = ints[want].copy()
+    n = drop_ground_noise(
+        ints, floats, 40, codes, tan_mid, shift, doubt_settings(ground, g, ke, P), np.zeros(40, np.uint8)
+    )
+    np.testing.assert_array_equal(ints[:n], kept)
+
+
+def box_on_the_ground(height: float, pitch: float, distance: float, tall: float, wide: float = 4.0) -> np.ndarray:
+    """The ground with a box on it, its face square to the camera's heading."""
+    depth, k, R = ground_image(VIEW, height, pitch), VIEW.intrinsics, level(pitch)
+    u, v = pixel_grid(k)
+    rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], -1) @ R.T
+    face = distance / rays[..., 0]
+    low = face * rays[..., 2]
+    hit = (np.abs(face * rays[..., 1]) < 0.5 * wide) & (low > height - tall) & (low < height)
+    depth[hit] = to_mm(face)[hit]
+    return depth
+
+
+@pytest.mark.parametrize("height", [4.0, 7.0, 10.0])
+@pytest.mark.parametrize("ke", [0.0015, 0.005])
+def test_the_noise_of_the_ground_is_no_obstacle_from_high_above(height: float, ke: float) -> None:
+    info = camera_info(320, 240, ke_per_m=ke)
+    for seed in (3, 4):
+        model = extract(noisy(ground_image(VIEW, height, -0.5), ke, seed), info, level(-0.5))
+        assert model.ground.seen
+        assert model.ground.height_m == pytest.approx(height, rel=0.05)
+        assert len(model.planes) == 0
+
+
+def test_a_wall_stands_out_of_the_noise_of_the_ground_and_keeps_its_foot() -> None:
+    info = camera_info(320, 240, ke_per_m=0.005)
+    model = extract(noisy(box_on_the_ground(7.0, -0.5, 10.0, 5.0), 0.005, 5), info, level(-0.5))
+    assert model.ground.seen
+    assert len(model.planes) > 0
+    assert model.planes[:, 0].min() == pytest.approx(10.0, abs=0.8)
+    assert model.planes[:, 5].max() > 7.0 - 1.0  # four sigma of height are 1.4 m there
+
+
+def test_beyond_where_the_ground_may_hide_an_obstacle_its_layer_is_unknown() -> None:
+    """4 m up, with noise of 0.005, an obstacle of 0.6 m drowns beyond 7.5 m: nothing there is free down to the ground."""
+    info = camera_info(320, 240, ke_per_m=0.005)
+    depth = noisy(ground_image(VIEW, 4.0, -0.3), 0.005, 6)
+    depth[depth == 0] = FAR_MM  # a sensor that tells the sky
+    model = extract(depth, info, level(-0.3))
+    assert model.ground.seen
+    blind = model.ground.blind_beyond_m
+    assert blind == pytest.approx(7.5, rel=0.1)
+    f = model.free
+    feet = [i for i in range(7) if f.layer_edges_m[i] < 4.0 <= f.layer_edges_m[i + 1]]
+    ahead = np.abs(0.5 * (f.azimuth_edges_rad[1:] + f.azimuth_edges_rad[:-1])) < 0.3
+    assert (f.free_to_m[ahead][:, feet] <= blind / math.cos(0.32)).all()
+    assert (f.free_to_m[ahead][:, feet] > 5.0).any()
+    assert (f.end[ahead][:, feet] == FreeEnd.UNKNOWN).any()
+    above = [i for i in range(7) if f.layer_edges_m[i] < 1.0 <= f.layer_edges_m[i + 1]]
+    assert (f.free_to_m[ahead][:, above] > 10.0).all()
