@@ -1,0 +1,112 @@
+"""What the autopilot is told while cameras are blind: the one decision on which the vehicle's safety hangs.
+
+PX4 stands still in Position mode when it knows nothing, so it is told that nothing is known (`unknown`), and after a
+while nothing at all. ArduPilot takes unknown, clear and silence for the same and flies on, so it is shown a wall (`stop`)
+a little beyond AVOID_MARGIN in every sector that a blind camera should look into: at that distance it was measured to
+hold its place, nearer it backs away without end, farther it creeps on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .config_avoid import AvoidParams
+from .obstacle_distance import UNKNOWN, clear_cm, encoded, for_coarse_bins, for_front_face, near_cm
+from .sectors import SECTORS, SectorScan, SectorState
+
+NS = 1_000_000_000
+PX4 = "PX4"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What there is to tell. scan: of the cameras that see. recalled_m: (72,) remembered obstacles, inf: none.
+
+    blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do.
+    newest_ns: the newest exposure of any camera that was good; None: never."""
+
+    scan: SectorScan
+    recalled_m: NDArray[np.float64]
+    blind: NDArray[np.bool_]
+    seeing: NDArray[np.bool_]
+    newest_ns: int | None
+
+
+def policy_of(avoid: AvoidParams, autopilot: str) -> str:
+    """"unknown" or "stop". An autopilot that is not known to stand still when it knows nothing is shown a wall."""
+    if avoid.blind != "auto":
+        return avoid.blind
+    return "unknown" if autopilot == PX4 else "stop"
+
+
+class BlindPolicy:
+    """`values` for each message; it remembers since when all is blind."""
+
+    def __init__(self, avoid: AvoidParams) -> None:
+        self._avoid = avoid
+        self._all_blind_since_ns: int | None = None
+
+    def values(self, sight: Sight, policy: str, avoid_margin_m: float, now_ns: int) -> NDArray[np.uint16] | None:
+        """(72,) centimetres to send, None: nothing may be sent."""
+        any_sees = bool(sight.seeing.any())
+        if any_sees:
+            self._all_blind_since_ns = None
+        elif self._all_blind_since_ns is None:
+            # blindness began with the newest exposure, not with our noticing it
+            self._all_blind_since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
+        values = encoded(sight.scan, self._avoid)
+        values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
+        if policy == "stop":
+            self._wall(values, sight, avoid_margin_m)
+        values = np.minimum(values, self._recalled(sight))
+        clear = clear_cm(self._avoid)
+        if policy == "stop":
+            return for_front_face(values, clear)
+        since_ns = self._all_blind_since_ns
+        if since_ns is not None and now_ns - since_ns > self._avoid.silence_s * NS:
+            return None
+        return for_coarse_bins(values, clear)
+
+    def _wall(self, values: NDArray[np.uint16], sight: Sight, avoid_margin_m: float) -> None:
+        """Puts the wall where a camera looks and nobody knows. Blind and seeing ones together: what one sees, counts."""
+        wall_m = np.full(SECTORS, avoid_margin_m + self._avoid.stop_beyond_m)
+        unseen = (sight.scan.state == SectorState.UNSEEN) & sight.seeing
+        if self._avoid.unseen == "unknown":
+            unseen[:] = False
+        wall_m = np.where(unseen, np.maximum(wall_m, sight.scan.free_m - self._avoid.radius_m), wall_m)
+        wanted = unseen | (sight.blind & ~sight.seeing)
+        values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
+
+    def _recalled(self, sight: Sight) -> NDArray[np.uint16]:
+        """What is remembered, as centimetres: it outranks a farther wall, and what nobody sees."""
+        out = np.full(SECTORS, UNKNOWN, np.uint16)
+        known = np.isfinite(sight.recalled_m)
+        out[known] = near_cm(sight.recalled_m[known], self._avoid)
+        return out
+
+
+class Recovery:
+    """A camera that was blind is believed again after some good frames in a row: one good frame between two bad ones is
+    no sight. A camera that never saw must show as many at its start."""
+
+    def __init__(self, cameras: tuple[str, ...], frames: int) -> None:
+        self._need = frames
+        self._good = dict.fromkeys(cameras, 0)
+
+    def frame(self, camera: str, valid: bool) -> None:
+        """A frame said something, or did not."""
+        self._good[camera] = min(self._need, self._good[camera] + 1) if valid else 0
+
+    def blind(self, causes: Mapping[str, str]) -> None:
+        """causes: why each camera is blind now, empty where it is not."""
+        for camera, cause in causes.items():
+            if cause:
+                self._good[camera] = 0
+
+    def believed(self, camera: str) -> bool:
+        """Whether it counts as seeing."""
+        return self._good[camera] >= self._need

@@ -1,0 +1,166 @@
+"""Distances around the vehicle in 72 sectors of 5 degrees, as OBSTACLE_DISTANCE wants them, from the models of cameras.
+
+Everything here is in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
+Sector i is centred on i * 5 degrees clockwise from the nose. Each is one of three: an obstacle at a distance, seen to be
+clear, or unseen; unseen is never clear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import FrameModel
+
+from .config_avoid import AvoidParams
+from .reframe import LevelTransform
+
+SECTORS = 72
+STEP_RAD = math.tau / SECTORS
+_EDGE_RAD = 1e-3
+"""Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
+
+
+class SectorState(IntEnum):
+    """What is known of a sector."""
+
+    UNSEEN = 0
+    CLEAR = 1
+    OBSTACLE = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectorScan:
+    """All (72,). state: uint8 SectorState. distance_m: float64 from the vehicle's hull to the nearest obstacle, inf where
+    there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not."""
+
+    state: NDArray[np.uint8]
+    distance_m: NDArray[np.float64]
+    free_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from."""
+
+    model: FrameModel
+    transform: LevelTransform
+
+    @property
+    def place_m(self) -> tuple[float, float, float]:
+        """x, y, z of the camera."""
+        return self.transform.translation_m
+
+
+def centres_rad() -> NDArray[np.float64]:
+    """(72,) middles of the sectors, clockwise from the nose."""
+    return np.arange(SECTORS) * STEP_RAD
+
+
+def scan(views: Sequence[View], avoid: AvoidParams) -> SectorScan:
+    """What the views say together: the nearest obstacle of any, free where any saw it free."""
+    distance_m = np.full(SECTORS, np.inf)
+    for view in views:
+        if view.model.valid:
+            distance_m = np.minimum(distance_m, plane_distances(view.model, avoid))
+    distance_m = np.maximum(0.0, distance_m - avoid.radius_m)
+    free_m, clear = seen_free(views, avoid)
+    state = np.where(clear, SectorState.CLEAR, SectorState.UNSEEN).astype(np.uint8)
+    state[distance_m < avoid.max_distance_m] = SectorState.OBSTACLE
+    return SectorScan(state, distance_m, free_m)
+
+
+def plane_distances(model: FrameModel, avoid: AvoidParams) -> NDArray[np.float64]:
+    """(72,) horizontal distance from the origin to the nearest point of any plane in each sector, less the plane's
+    margin; inf where there is none. Only planes that reach into the vehicle's band of height count."""
+    planes = model.planes.astype(np.float64)
+    inside = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
+    if not inside.any():
+        return np.full(SECTORS, np.inf)
+    distance = segment_distances(planes[inside, 0:2], planes[inside, 2:4])
+    return np.asarray((distance - model.margin_m[inside, None]).min(axis=0).clip(0.0))
+
+
+def segment_distances(a_m: NDArray[np.float64], b_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 72): distance from the origin to the part of each segment a -> b that lies in each sector; inf: no part does.
+
+    A sector is the meeting of two half planes through the origin; each clips the segment at a share of its length."""
+    low = centres_rad() - 0.5 * STEP_RAD - _EDGE_RAD
+    high = centres_rad() + 0.5 * STEP_RAD + _EDGE_RAD
+    # at least 0 inside: clockwise of the lower edge, counter-clockwise of the upper one
+    sides = ((-np.sin(low), np.cos(low)), (np.sin(high), -np.cos(high)))
+    first, last = np.zeros((len(a_m), SECTORS)), np.ones((len(a_m), SECTORS))
+    for nx, ny in sides:
+        at_a = a_m[:, 0:1] * nx + a_m[:, 1:2] * ny
+        at_b = b_m[:, 0:1] * nx + b_m[:, 1:2] * ny
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = at_a / (at_a - at_b)
+        enters, leaves = (at_a < 0.0) & (at_b >= 0.0), (at_a >= 0.0) & (at_b < 0.0)
+        first = np.where(enters, np.maximum(first, crossing), first)
+        last = np.where(leaves, np.minimum(last, crossing), last)
+        last = np.where((at_a < 0.0) & (at_b < 0.0), -1.0, last)
+    along = b_m - a_m
+    length2 = np.maximum((along**2).sum(axis=1), 1e-12)[:, None]
+    nearest = -((a_m * along).sum(axis=1))[:, None] / length2
+    share = np.clip(nearest, first, np.maximum(first, last))
+    x, y = a_m[:, 0:1] + share * along[:, 0:1], a_m[:, 1:2] + share * along[:, 1:2]
+    return np.where(first <= last, np.hypot(x, y), np.inf)
+
+
+def seen_free(views: Sequence[View], avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(free_m, clear), each (72,): how far along each sector it was seen free, and whether that reaches the farthest
+    distance told, for a share `clear_share` of the sector's rays and of the height of the band.
+
+    Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
+    view calls it free; rays start at the vehicle, views at their cameras."""
+    rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
+    ranges = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
+    x, y = np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges
+    slices = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * (
+        avoid.band_above_m + avoid.band_below_m
+    )
+    free = np.zeros((len(slices), *x.shape), bool)
+    for view in views:
+        if view.model.valid:
+            free |= points_free(view, x, y, slices)
+    unbroken = np.logical_and.accumulate(free, axis=2)
+    reached = unbroken.sum(axis=2)  # (slices, rays): samples seen free from near_m on
+    each = reached.reshape(len(slices), SECTORS, avoid.rays).transpose(1, 0, 2).reshape(SECTORS, -1)
+    # what at least clear_share of the rays and slices reach
+    each = np.sort(each, axis=1)[:, ::-1]
+    common = each[:, math.ceil(avoid.clear_share * each.shape[1]) - 1]
+    free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
+    return free_m, common >= len(ranges)
+
+
+def points_free(
+    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(len(z), *x.shape): which points of level the view's free-range profile calls free."""
+    profile = view.model.free
+    cx, cy, _ = view.place_m
+    edges = profile.azimuth_edges_rad.astype(np.float64)
+    range_m = np.hypot(x - cx, y - cy)
+    # edges are not wrapped to one turn: the azimuth is taken within a turn from the first edge
+    azimuth = edges[0] + np.mod(np.arctan2(y - cy, x - cx) - edges[0], math.tau)
+    direction = np.searchsorted(edges, azimuth, side="right") - 1
+    inside = (direction >= 0) & (direction < len(edges) - 1)
+    direction = np.clip(direction, 0, len(edges) - 2)
+    layer = np.searchsorted(profile.layer_edges_m.astype(np.float64), z, side="right") - 1
+    out = np.zeros((len(z), *x.shape), bool)
+    for i, row in enumerate(layer):
+        if 0 <= row < len(profile.layer_edges_m) - 1:
+            begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
+            out[i] = inside & (range_m >= begins) & (range_m <= ends)
+    return out
+
+
+def covered(yaw_rad: float, half_view_rad: float) -> NDArray[np.bool_]:
+    """(72,) sectors that a camera looks into with any part of them: its heading in level and half its view."""
+    away = np.abs(np.remainder(centres_rad() - yaw_rad + math.pi, math.tau) - math.pi)
+    return np.asarray(away < half_view_rad + 0.5 * STEP_RAD)

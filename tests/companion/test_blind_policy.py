@@ -1,0 +1,198 @@
+"""What autopilots are told while cameras are blind, and what they make of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.blind_policy import BlindPolicy, Recovery, Sight, policy_of
+from companion.config_avoid import AvoidParams
+from companion.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
+from companion.obstacle_memory import Here, ObstacleMemory
+from companion.sectors import SECTORS, SectorScan, SectorState, View, covered, scan
+from drivers.obstacle_readers import ArduPilotReader, Px4Reader
+
+from .test_sectors import HERE, model, wall_at
+
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2, avoid_margin_m=2.0)
+NS = 1_000_000_000
+FRONT = covered(0.0, math.radians(36.0))
+NOWHERE = np.zeros(SECTORS, bool)
+NOTHING = np.full(SECTORS, np.inf)
+
+
+def sight(
+    found: SectorScan | None = None, blind: np.ndarray = NOWHERE, seeing: np.ndarray = NOWHERE, newest_ns: int | None = 0
+) -> Sight:
+    return Sight(scan([], AVOID) if found is None else found, NOTHING, blind, seeing, newest_ns)
+
+
+def front_seen(*planes: tuple[float, ...]) -> SectorScan:
+    return scan([View(model(*planes, free_to_m=13.0, view_deg=72.0), HERE)], AVOID)
+
+
+# ---- which policy -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "policy"), [("PX4", "unknown"), ("ArduPilot", "stop"), ("autopilot 8", "stop"), ("", "stop")]
+)
+def test_only_the_autopilot_that_stands_still_without_knowledge_is_left_without(autopilot: str, policy: str) -> None:
+    assert policy_of(AVOID, autopilot) == policy
+    assert policy_of(replace(AVOID, blind="unknown"), autopilot) == "unknown"
+
+
+# ---- all blind --------------------------------------------------------------------------------------------------------
+
+
+def test_px4_is_told_that_nothing_is_known_and_then_nothing() -> None:
+    policy, px4 = BlindPolicy(AVOID), Px4Reader()
+    seen = policy.values(sight(front_seen(), seeing=FRONT), "unknown", 2.0, 0)
+    assert seen is not None
+    px4.read(obstacle_distance_message(seen, 0, AVOID), 0)
+    assert px4.room_m(0.0, 0) == math.inf
+    for t_ns in range(NS // 2, 2 * NS + 1, NS // 10):
+        blind = policy.values(sight(blind=FRONT), "unknown", 2.0, t_ns)
+        assert blind is not None
+        assert (blind == UNKNOWN).all()
+        px4.read(obstacle_distance_message(blind, 0, AVOID), t_ns)
+    assert policy.values(sight(blind=FRONT), "unknown", 2.0, 2 * NS + 1) is None
+    assert px4.room_m(0.0, NS) == 0.0  # it stands when its own bins are old, half a second after the last word
+    assert px4.holds(8 * NS)
+
+
+def test_blindness_counts_from_the_newest_exposure() -> None:
+    policy = BlindPolicy(AVOID)
+    late = sight(blind=FRONT, newest_ns=3 * NS)
+    assert policy.values(late, "unknown", 2.0, 3 * NS + 400_000_000) is not None
+    assert policy.values(late, "unknown", 2.0, 5 * NS + 1) is None
+    again = policy.values(sight(front_seen(), seeing=FRONT, newest_ns=6 * NS), "unknown", 2.0, 6 * NS)
+    assert again is not None
+    assert again[0] == clear_cm(AVOID)
+
+
+@pytest.mark.parametrize("margin_m", [1.0, 2.0, 3.0])
+def test_ardupilot_is_shown_a_wall_where_it_holds_its_place_for_as_long_as_it_is_blind(margin_m: float) -> None:
+    policy = BlindPolicy(AVOID)
+    for t_ns in (NS, 60 * NS, 3600 * NS):
+        values = policy.values(sight(blind=FRONT), "stop", margin_m, t_ns)
+        assert values is not None
+        for old in (False, True):
+            vehicle = ArduPilotReader(one_pass=old, margin_m=margin_m)
+            vehicle.read(obstacle_distance_message(values, 0, AVOID), t_ns)
+            assert vehicle.room_m(0.0, t_ns) == pytest.approx(0.2, abs=0.011)
+            assert vehicle.room_m(180.0, t_ns) == math.inf  # nobody looks there in any case
+
+
+def test_a_camera_that_never_saw_is_blind_from_the_start() -> None:
+    policy = BlindPolicy(AVOID)
+    values = policy.values(sight(blind=FRONT, newest_ns=None), "stop", 2.0, NS)
+    assert values is not None
+    assert values[0] == 220
+
+
+def test_what_is_remembered_nearer_than_the_wall_wins_and_what_is_farther_does_not() -> None:
+    remembered = NOTHING.copy()
+    remembered[0], remembered[2] = 1.1, 9.0
+    blind = replace(sight(blind=FRONT), recalled_m=remembered)
+    stop = BlindPolicy(AVOID).values(blind, "stop", 2.0, NS)
+    assert stop is not None
+    assert (stop[0], stop[2]) == (110, 220)
+    unknown = BlindPolicy(AVOID).values(blind, "unknown", 2.0, NS)
+    assert unknown is not None
+    assert (unknown[0], unknown[2], unknown[4]) == (110, 900, UNKNOWN)
+
+
+# ---- one of two blind -------------------------------------------------------------------------------------------------
+
+
+def test_only_sectors_that_blind_cameras_alone_cover_are_filled() -> None:
+    right = covered(math.radians(45.0), math.radians(36.0))
+    both = sight(front_seen(), blind=right, seeing=FRONT)
+    stop = BlindPolicy(AVOID).values(both, "stop", 2.0, NS)
+    assert stop is not None
+    assert stop[0] == clear_cm(AVOID)
+    assert (stop[right & ~FRONT] == 220).all()
+    assert (stop[~right & ~FRONT] == UNKNOWN).all()
+    unknown = BlindPolicy(AVOID).values(both, "unknown", 2.0, 100 * NS)
+    assert unknown is not None  # one sees: never silence
+    assert (unknown[right & ~FRONT] == UNKNOWN).all()
+
+
+def test_clear_is_never_told_where_no_camera_looks() -> None:
+    everywhere = scan([View(model(free_to_m=13.0), HERE)], AVOID)
+    for policy in ("stop", "unknown"):
+        values = BlindPolicy(AVOID).values(sight(everywhere, seeing=FRONT), policy, 2.0, NS)
+        assert values is not None
+        assert (values[~FRONT] == UNKNOWN).all()
+
+
+def test_a_sector_in_view_that_was_not_seen_clear_stops_ardupilot_unless_told_otherwise() -> None:
+    """65535 would be clear to it. What was seen free before that is left to it."""
+    found = scan([View(model(free_to_m=6.0, view_deg=72.0), HERE)], AVOID)
+    assert found.state[0] == SectorState.UNSEEN
+    values = BlindPolicy(AVOID).values(sight(found, seeing=FRONT), "stop", 2.0, NS)
+    assert values is not None
+    assert 220 < values[0] <= 600
+    nothing = scan([View(model(free_to_m=0.0, view_deg=72.0), HERE)], AVOID)
+    values = BlindPolicy(AVOID).values(sight(nothing, seeing=FRONT), "stop", 2.0, NS)
+    assert values is not None
+    assert values[0] == 220
+    told = BlindPolicy(replace(AVOID, unseen="unknown")).values(sight(nothing, seeing=FRONT), "stop", 2.0, NS)
+    assert told is not None
+    assert told[0] == UNKNOWN
+
+
+# ---- recovery ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_blind_camera_is_believed_after_good_frames_in_a_row() -> None:
+    recovery = Recovery(("front", "right"), 3)
+    believed = []
+    for valid in (True, True, False, True, True, True):
+        recovery.frame("front", valid)
+        believed.append(recovery.believed("front"))
+    assert believed == [False] * 5 + [True]
+    recovery.blind({"front": "silent", "right": ""})
+    assert not recovery.believed("front")
+    assert not recovery.believed("right")
+
+
+# ---- memory -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_near_obstacle_that_leaves_the_view_is_remembered_where_it_stands() -> None:
+    """A pole 3 m ahead; the vehicle flies 2 m forward and turns right by 90 degrees, and nobody looks there any more."""
+    memory = ObstacleMemory(AVOID)
+    first = front_seen(wall_at(0.0, 3.0))
+    assert np.isinf(memory.recall(first, [], Here(0.0, (10.0, 5.0, -3.0), 1), NS)).all()
+    nothing = scan([], AVOID)
+    then = memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 2 * NS)
+    assert np.flatnonzero(np.isfinite(then)).tolist() == [54]  # 1 m to the left
+    assert then[54] == pytest.approx(0.7, abs=0.05)
+    assert np.isinf(memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 5 * NS)).all()  # too long ago
+
+
+def test_without_a_position_the_turn_is_taken_into_account() -> None:
+    memory = ObstacleMemory(AVOID)
+    memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.1), NS)
+    then = memory.recall(scan([], AVOID), [], Here(0.1 + math.radians(30.0)), 2 * NS)
+    assert np.flatnonzero(np.isfinite(then)).tolist() == [66]
+
+
+def test_what_is_seen_through_is_forgotten() -> None:
+    memory = ObstacleMemory(AVOID)
+    memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0), NS)
+    clear = View(model(free_to_m=13.0, view_deg=72.0), HERE)
+    assert np.isinf(memory.recall(scan([clear], AVOID), [clear], Here(0.0), 2 * NS)).all()
+    assert np.isinf(memory.recall(scan([], AVOID), [], Here(0.0), 2 * NS)).all()
+
+
+@pytest.mark.parametrize("after", [Here(0.0, (0.0, 0.0, 0.0), 2), Here(0.0)])
+def test_a_jump_of_the_position_forgets(after: Here) -> None:
+    memory = ObstacleMemory(AVOID)
+    memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0, (0.0, 0.0, 0.0), 1), NS)
+    assert np.isinf(memory.recall(scan([], AVOID), [], after, 2 * NS)).all()

@@ -1,0 +1,238 @@
+"""Sectors around the vehicle: nothing near is lost in any direction, and only what was seen free is called clear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.config_avoid import AvoidParams
+from companion.obstacle_distance import (
+    UNKNOWN,
+    clear_cm,
+    encoded,
+    for_coarse_bins,
+    for_front_face,
+    obstacle_distance_message,
+)
+from companion.reframe import LevelTransform
+from companion.sectors import SECTORS, SectorScan, SectorState, View, covered, scan, segment_distances
+from core.types import FrameModel, FreeEnd, FreeProfile
+from drivers.obstacle_readers import ArduPilotReader, Px4Reader, face_of
+
+from .made_up import easy_model
+
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2)
+HERE = LevelTransform(0.0, (0.0, 0.0, 0.0))
+NS = 1_000_000_000
+
+
+def model(*planes: tuple[float, ...], free_to_m: float = 0.0, view_deg: float = 360.0, margin: float = 0.0) -> FrameModel:
+    """Planes and a profile that is free to one range over a view around the nose."""
+    half = math.radians(view_deg) / 2
+    edges = np.linspace(-half, half, 37).astype(np.float32)
+    n = len(planes)
+    return replace(
+        easy_model(1.0, 0.0),
+        planes=np.array(planes, np.float32).reshape(-1, 6),
+        support_px=np.ones(n, np.int32),
+        margin_m=np.full(n, margin, np.float32),
+        flags=np.zeros(n, np.uint8),
+        cluster=np.zeros(n, np.int32),
+        prisms=(),
+        free=FreeProfile(
+            azimuth_edges_rad=edges,
+            layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
+            free_from_m=np.full((36, 3), 1.5, np.float32),
+            free_to_m=np.full((36, 3), free_to_m, np.float32),
+            end=np.full((36, 3), FreeEnd.MAX_RANGE, np.uint8),
+        ),
+    )
+
+
+def wall_at(angle_deg: float, distance_m: float, width_m: float = 0.12) -> tuple[float, ...]:
+    """A narrow plane square to a direction; its nearest point at the distance, give or take its width."""
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    x, y, w = distance_m * c, distance_m * s, width_m / 2
+    return (x + w * s, y - w * c, x - w * s, y + w * c, -2.0, 2.0)
+
+
+def message_of(found: SectorScan, avoid: AvoidParams = AVOID) -> Any:
+    values = for_coarse_bins(encoded(found, avoid), clear_cm(avoid))
+    return obstacle_distance_message(for_front_face(values, clear_cm(avoid)), 0, avoid)
+
+
+# ---- geometry ---------------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_segments_against_walking_along_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(-8.0, 8.0, (1, 2)), rng.uniform(-8.0, 8.0, (1, 2))
+    along = a + np.linspace(0.0, 1.0, 20_001)[:, None] * (b - a)
+    azimuth, distance = np.arctan2(along[:, 1], along[:, 0]), np.hypot(along[:, 0], along[:, 1])
+    expected, least = np.full(SECTORS, np.inf), np.full(SECTORS, np.inf)
+    np.minimum.at(expected, np.round(azimuth / math.radians(5.0)).astype(int) % SECTORS, distance)
+    for beside in (-1.1e-3, 0.0, 1.1e-3):  # sectors overlap by a hair
+        np.minimum.at(least, np.round((azimuth + beside) / math.radians(5.0)).astype(int) % SECTORS, distance)
+    found = segment_distances(a, b)[0]
+    hit = np.isfinite(expected)
+    assert np.isfinite(found[hit]).all()  # nothing is lost
+    assert (found[hit] <= expected[hit] + 1e-6).all()
+    assert (found >= least - 1e-2).all()
+
+
+def test_a_plane_through_the_vehicle_is_at_no_distance() -> None:
+    found = segment_distances(np.array([[-1.0, 0.0]]), np.array([[1.0, 0.0]]))[0]
+    assert found[0] == pytest.approx(0.0, abs=1e-9)
+    assert found[36] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_only_what_reaches_into_the_band_counts() -> None:
+    low = (5.0, -1.0, 5.0, 1.0, AVOID.band_below_m + 0.1, 4.0)
+    high = (5.0, -1.0, 5.0, 1.0, -4.0, -AVOID.band_above_m - 0.1)
+    beam = (5.0, -1.0, 5.0, 1.0, -AVOID.band_above_m - 1.0, -AVOID.band_above_m + 0.01)
+    assert np.isinf(scan([View(model(low, high), HERE)], AVOID).distance_m).all()
+    assert scan([View(model(beam), HERE)], AVOID).state[0] == SectorState.OBSTACLE
+
+
+def test_margin_and_radius_come_off_the_distance() -> None:
+    found = scan([View(model(wall_at(0.0, 5.0), margin=0.5), HERE)], AVOID)
+    assert found.distance_m[0] == pytest.approx(5.0 - 0.5 - 0.3, abs=1e-6)
+
+
+# ---- clear and unseen -------------------------------------------------------------------------------------------------
+
+
+def test_what_was_seen_free_to_the_end_is_clear_and_nothing_else_is() -> None:
+    found = scan([View(model(free_to_m=13.0, view_deg=80.0), HERE)], AVOID)
+    degrees = np.arange(SECTORS) * 5.0
+    away = np.minimum(degrees, 360.0 - degrees)
+    assert (found.state[away <= 35.0] == SectorState.CLEAR).all()
+    assert (found.state[away >= 45.0] == SectorState.UNSEEN).all()
+
+
+@pytest.mark.parametrize("free_to_m", [0.0, 1.0, 6.0, 11.7])
+def test_free_but_not_to_the_end_is_not_clear(free_to_m: float) -> None:
+    found = scan([View(model(free_to_m=free_to_m), HERE)], AVOID)
+    assert (found.state == SectorState.UNSEEN).all()
+    assert (found.free_m <= free_to_m).all()
+    assert found.free_m[0] >= (free_to_m - AVOID.step_m if free_to_m > AVOID.near_m else 0.0)
+
+
+def test_an_invalid_model_says_nothing_whatever_it_holds() -> None:
+    blind = replace(model(wall_at(0.0, 5.0), free_to_m=13.0), valid=False)
+    found = scan([View(blind, HERE)], AVOID)
+    assert (found.state == SectorState.UNSEEN).all()
+    assert (scan([], AVOID).state == SectorState.UNSEEN).all()
+
+
+def test_a_band_seen_in_part_is_not_clear() -> None:
+    """A third of the height unseen is more than the share that may be."""
+    whole = model(free_to_m=13.0)
+    layers = np.array([-3.0, -0.4, 1.0, 3.0], np.float32)
+    to = whole.free.free_to_m.copy()
+    to[:, 0] = 0.0
+    part = replace(whole, free=replace(whole.free, layer_edges_m=layers, free_to_m=to))
+    assert (scan([View(part, HERE)], AVOID).state == SectorState.UNSEEN).all()
+
+
+def test_two_cameras_together_see_more_and_an_obstacle_of_either_counts() -> None:
+    right = LevelTransform(math.pi / 2, (0.0, 0.0, 0.0))
+    first = model(free_to_m=13.0, view_deg=80.0)
+    second = model(wall_at(90.0, 4.0), free_to_m=13.0, view_deg=80.0)
+    turned = replace(second.free, azimuth_edges_rad=second.free.azimuth_edges_rad + np.float32(math.pi / 2))
+    found = scan([View(first, HERE), View(replace(second, free=turned), right)], AVOID)
+    assert found.state[0] == SectorState.CLEAR
+    assert found.state[18] == SectorState.OBSTACLE
+    assert found.state[12] == SectorState.CLEAR
+    assert found.state[36] == SectorState.UNSEEN
+
+
+def test_free_seen_from_another_place_is_looked_up_from_there() -> None:
+    """The camera stood 3 m behind: what it saw free to 13 m ends at 10 m from here, ahead and not behind."""
+    behind = LevelTransform(0.0, (-3.0, 0.0, 0.0))
+    found = scan([View(model(free_to_m=13.0, view_deg=80.0), behind)], AVOID)
+    assert found.state[0] == SectorState.UNSEEN
+    assert found.free_m[0] == pytest.approx(10.0, abs=AVOID.step_m)
+
+
+def test_coverage_of_a_camera_takes_in_sectors_it_looks_into_in_part() -> None:
+    found = covered(math.radians(90.0), math.radians(36.0))
+    assert np.flatnonzero(found).tolist() == list(range(11, 26))
+
+
+# ---- both autopilots --------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0.0, 360.0, exclude_max=True), st.floats(0.31, 12.2), st.sampled_from([0.02, 0.12, 2.0]), st.booleans())
+def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
+    angle_deg: float, distance_m: float, width_m: float, clear: bool
+) -> None:
+    pole = wall_at(angle_deg, distance_m, width_m)
+    around = scan([View(model(pole, free_to_m=13.0 if clear else 0.0), HERE)], AVOID)
+    message = message_of(around)
+    least = min(distance_m, math.hypot(*pole[:2]), math.hypot(*pole[2:4])) - 0.3
+    for px4 in (Px4Reader(5), Px4Reader(10)):
+        px4.read(message, NS)
+        bins = px4.bins_cm(NS)
+        nearest = min(bins[int(angle_deg // px4.bin_deg)], bins[int(-(-angle_deg // px4.bin_deg)) % len(bins)])
+        assert 21 <= nearest <= max(22, 100 * least + 1)
+    for ardupilot in (ArduPilotReader(), ArduPilotReader(one_pass=True)):
+        ardupilot.read(message, NS)
+        assert ardupilot.faces_m(NS)[face_of(round(angle_deg / 5.0) * 5.0)] <= max(0.22, least + 0.01)
+
+
+def test_a_second_obstacle_in_the_front_face_does_not_hide_the_nearer_one() -> None:
+    found = scan([View(model(wall_at(10.0, 3.0), wall_at(90.0, 9.0), wall_at(350.0, 8.0)), HERE)], AVOID)
+    old = ArduPilotReader(one_pass=True)
+    old.read(obstacle_distance_message(encoded(found, AVOID), 0, AVOID), NS)
+    assert old.faces_m(NS)[0] > 7.0  # that is what has to be worked around
+    old.read(message_of(found), NS)
+    assert old.faces_m(NS)[0] < 3.0
+
+
+def test_a_clear_field_stops_nobody_and_an_unseen_one_lets_px4_not_go() -> None:
+    for bin_deg in (5, 10):
+        px4 = Px4Reader(bin_deg)
+        px4.read(message_of(scan([View(model(free_to_m=13.0), HERE)], AVOID)), NS)
+        assert all(px4.room_m(d, NS) == math.inf for d in range(360))
+        px4 = Px4Reader(bin_deg)
+        px4.read(message_of(scan([View(model(free_to_m=13.0, view_deg=80.0), HERE)], AVOID)), NS)
+        assert px4.room_m(0.0, NS) == math.inf
+        assert px4.room_m(180.0, NS) == 0.0
+    ardupilot = ArduPilotReader()
+    ardupilot.read(message_of(scan([View(model(free_to_m=13.0), HERE)], AVOID)), NS)
+    assert ardupilot.healthy(NS)
+    assert all(ardupilot.room_m(d, NS) == math.inf for d in range(360))
+
+
+def test_clear_beside_unknown_is_not_clear_in_the_coarse_bins() -> None:
+    values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
+    values[11] = UNKNOWN
+    out = for_coarse_bins(values, clear_cm(AVOID))
+    assert out[10] == out[12] == UNKNOWN
+    assert out[14] == clear_cm(AVOID)
+    values[11], values[12] = 500, UNKNOWN
+    out = for_coarse_bins(values, clear_cm(AVOID))
+    assert (out[10], out[12]) == (500, 500)  # an obstacle outranks what nobody saw
+
+
+def test_golden_vectors() -> None:
+    """Numbers written down once: what is on the wire must not drift with the code that makes it."""
+    state = np.array([SectorState.UNSEEN] * SECTORS, np.uint8)
+    state[0:4] = SectorState.CLEAR
+    state[4:8] = SectorState.OBSTACLE
+    distance = np.full(SECTORS, np.inf)
+    distance[4:8] = (0.0, 5.239, 11.9999, 11.0)
+    message = message_of(SectorScan(state, distance, np.zeros(SECTORS)))
+    fields = message.to_dict()
+    assert fields["distances"][:9] == [UNKNOWN, 1201, 1201, 1201, 21, 523, 523, 1100, 1100]
+    assert set(fields["distances"][9:]) == {UNKNOWN}
+    kept = ("sensor_type", "increment", "min_distance", "max_distance", "increment_f", "angle_offset", "frame")
+    assert [fields[k] for k in kept] == [4, 5, 20, 1200, 5.0, 0.0, 12]
