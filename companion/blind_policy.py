@@ -37,7 +37,7 @@ class Sight:
 
 
 def policy_of(avoid: AvoidParams, autopilot: str) -> str:
-    """"unknown" or "stop". An autopilot that is not known to stand still when it knows nothing is shown a wall."""
+    """ "unknown" or "stop". An autopilot that is not known to stand still when it knows nothing is shown a wall."""
     if avoid.blind != "auto":
         return avoid.blind
     return "unknown" if autopilot == PX4 else "stop"

@@ -17,7 +17,9 @@ class AvoidParams:
     band_above_m: float = number(0.8, 0.1, 10.0, "m", "obstacles count from so much above the vehicle's middle")
     band_below_m: float = number(0.8, 0.1, 10.0, "m", "down to so much below it")
     min_distance_m: float = number(0.2, 0.0, 5.0, "m", "what is nearer is told as just beyond this")
-    max_distance_m: float = number(12.0, 2.0, 100.0, "m", "farthest obstacle told, and how far clear must have been seen")
+    max_distance_m: float = number(
+        12.0, 2.0, 100.0, "m", "farthest obstacle told, and how far clear must have been seen"
+    )
     near_m: float = number(2.5, 0.5, 10.0, "m", "from here on a clear sector must have been seen; nearer is remembered")
     clear_share: float = number(0.8, 0.5, 1.0, "", "share of a sector's rays and heights seen free to call it clear")
     rays: int = number(3, 1, 15, "", "rays looked along in each sector")
@@ -26,10 +28,14 @@ class AvoidParams:
     remember_s: float = number(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is told for so long")
     remember_m: float = number(6.0, 0.5, 50.0, "m", "obstacles nearer than this are remembered")
     blind: str = choice("auto", ("auto", "unknown", "stop"), "when blind; auto: unknown for PX4, stop for all others")
-    unseen: str = choice("stop", ("stop", "unknown"), "sectors in view nobody saw clear, where the autopilot takes unknown as clear")
+    unseen: str = choice(
+        "stop", ("stop", "unknown"), "sectors in view nobody saw clear, where the autopilot takes unknown as clear"
+    )
     silence_s: float = number(2.0, 0.5, 10.0, "s", "policy unknown: so long blind, then silence, which stops PX4")
     stop_beyond_m: float = number(0.2, 0.05, 1.0, "m", "policy stop: the wall stands so far beyond AVOID_MARGIN")
-    avoid_margin_m: float = number(2.0, 0.5, 20.0, "m", "AVOID_MARGIN to believe in until the autopilot has told its own")
+    avoid_margin_m: float = number(
+        2.0, 0.5, 20.0, "m", "AVOID_MARGIN to believe in until the autopilot has told its own"
+    )
     recover_frames: int = number(3, 1, 50, "", "good frames in a row after which a blind camera is believed again")
 
     def __post_init__(self) -> None:

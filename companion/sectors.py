@@ -59,7 +59,7 @@ class View:
 
 def centres_rad() -> NDArray[np.float64]:
     """(72,) middles of the sectors, clockwise from the nose."""
-    return np.arange(SECTORS) * STEP_RAD
+    return np.arange(SECTORS, dtype=np.float64) * STEP_RAD
 
 
 def scan(views: Sequence[View], avoid: AvoidParams) -> SectorScan:

@@ -42,7 +42,12 @@ class Px4Reader:
             at = (i * self.bin_deg - message.angle_offset) % 360.0
             value = message.distances[math.ceil(at / message.increment_f)]
             if value != UNKNOWN and self._accepts(i, value, message.max_distance):
-                self._cm[i], self._range_cm[i], self._at_ns[i], self._seen[i] = value, message.max_distance, now_ns, True
+                self._cm[i], self._range_cm[i], self._at_ns[i], self._seen[i] = (
+                    value,
+                    message.max_distance,
+                    now_ns,
+                    True,
+                )
 
     def _accepts(self, i: int, value: int, range_cm: int) -> bool:
         """An obstacle replaces a nearer one only of the same or a longer range of the sensor; clear replaces an obstacle

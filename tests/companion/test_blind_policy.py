@@ -25,7 +25,10 @@ NOTHING = np.full(SECTORS, np.inf)
 
 
 def sight(
-    found: SectorScan | None = None, blind: np.ndarray = NOWHERE, seeing: np.ndarray = NOWHERE, newest_ns: int | None = 0
+    found: SectorScan | None = None,
+    blind: np.ndarray = NOWHERE,
+    seeing: np.ndarray = NOWHERE,
+    newest_ns: int | None = 0,
 ) -> Sight:
     return Sight(scan([], AVOID) if found is None else found, NOTHING, blind, seeing, newest_ns)
 

@@ -32,7 +32,9 @@ HERE = LevelTransform(0.0, (0.0, 0.0, 0.0))
 NS = 1_000_000_000
 
 
-def model(*planes: tuple[float, ...], free_to_m: float = 0.0, view_deg: float = 360.0, margin: float = 0.0) -> FrameModel:
+def model(
+    *planes: tuple[float, ...], free_to_m: float = 0.0, view_deg: float = 360.0, margin: float = 0.0
+) -> FrameModel:
     """Planes and a profile that is free to one range over a view around the nose."""
     half = math.radians(view_deg) / 2
     edges = np.linspace(-half, half, 37).astype(np.float32)
@@ -170,7 +172,9 @@ def test_coverage_of_a_camera_takes_in_sectors_it_looks_into_in_part() -> None:
 # ---- both autopilots --------------------------------------------------------------------------------------------------
 
 
-@given(st.floats(0.0, 360.0, exclude_max=True), st.floats(0.31, 12.2), st.sampled_from([0.02, 0.12, 2.0]), st.booleans())
+@given(
+    st.floats(0.0, 360.0, exclude_max=True), st.floats(0.31, 12.2), st.sampled_from([0.02, 0.12, 2.0]), st.booleans()
+)
 def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
     angle_deg: float, distance_m: float, width_m: float, clear: bool
 ) -> None:
