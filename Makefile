@@ -30,7 +30,7 @@ $(STAMP): pyproject.toml .ci/constraints.txt .ci/find-python
 	echo "installing what pyproject.toml and .ci/constraints.txt say (some minutes the first time)"; \
 	"$(BIN)/python" -m pip install --quiet --constraint .ci/constraints.txt --editable '.[dev]' && touch $@
 
-demo: $(STAMP) ## a simulated flight turned into prisms, pictures and a page (under two minutes)
+demo: $(STAMP) ## the live service on a simulated flight, its log replayed and drawn (about two minutes)
 	@$(BIN)/companion demo $(ARGS)
 
 lint: $(STAMP) ## ruff, mypy, the contracts between the packages

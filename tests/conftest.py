@@ -7,6 +7,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from companion.jit_cache import use_own_cache
+
+use_own_cache()  # before any test imports numba: kernels of these very sources, the same that the commands have
+
 # the same examples on every run; no example is failed for a machine that is busy
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")

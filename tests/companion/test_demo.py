@@ -1,73 +1,110 @@
-"""`companion demo`: everything it promises is there, the words are a newcomer's, the same run gives the same logs."""
+"""`companion demo`: the live service flies, everything it promises is there, the words are a newcomer's."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
+import signal
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from companion.cli import main
-from companion.config import Config, load_config
+from companion.config import Config, config_of, load_config
+from companion.config_camera import CameraConfig
 from companion.config_live import AutopilotConfig
-from companion.demo import CAMERA, DemoOptions, simulated_flight
+from companion.demo import CAMERA, EMBEDDED, MOST_FPS, DemoOptions, demo_config
+from companion.demo_live import DemoError, Processes, live_config, toml_of
 from companion.warmup import run_kernels
-from core.types import DepthFrame
-
-from .recordings import events_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_demo_makes_what_it_names(
+def test_the_demo_flies_the_service_and_makes_what_it_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # the kernels are compiled here, as those of all other tests, and not in a child process of another start
     monkeypatch.setattr("companion.demo.warm_up", run_kernels)
     out = tmp_path / "out"
-    assert main(["demo", "--fast", "--frames", "4", "-o", str(out)]) == 0
+    assert main(["demo", "--fast", "--seconds", "2", "-o", str(out)]) == 0
     said = capsys.readouterr().out
-    for name in ("view/flight.html", "prisms.mcap", "flight.mcap", "view/*.png"):
+    for name in ("view/flight.html", "prisms.mcap", "view/*.png", "autopilot: PX4", "vertical planes", "bit for bit"):
         assert name in said
-    assert "vertical planes" in said
     assert (out / "view" / "flight.html").stat().st_size > 10_000
     assert len(list((out / "view").glob("*.png"))) >= 4
-    frames = [e for e in events_of(out / "flight.mcap") if isinstance(e, DepthFrame)]
-    assert len(frames) == 4
-    assert frames[0].depth_mm.shape == (240, 320)
-    logs = [(out / name).read_bytes() for name in ("flight.mcap", "prisms.mcap")]
-    assert main(["demo", "--fast", "--frames", "4", "-o", str(out), "--json"]) == 0
-    object_said = json.loads(capsys.readouterr().out)
-    assert object_said["frames"] == 4
-    assert object_said["problems"] == []
-    assert logs == [(out / name).read_bytes() for name in ("flight.mcap", "prisms.mcap")]
+    assert sorted(p.name for p in out.iterdir()) == ["prisms.mcap", "view"]
+    assert main(["replay", str(out / "prisms.mcap"), "--check", "--json"]) == 0
+    replayed = json.loads(capsys.readouterr().out)
+    assert replayed["valid"] > 5
 
 
 def test_the_embedded_default_is_the_shipped_file() -> None:
-    shipped = load_config(ROOT / "configs" / "simulated.toml")
-    # the demo needs no autopilot; the service that the file is for as well waits for one
-    assert dataclasses.replace(shipped, autopilot=AutopilotConfig()) == Config(cameras=(CAMERA,))
+    assert load_config(ROOT / "configs" / "simulated.toml") == EMBEDDED
 
 
-def test_the_configuration_chooses_the_flight(tmp_path: Path) -> None:
-    config = Config(
-        cameras=(CAMERA.__class__(name="nose", kind="simulated", flight="alley", width_px=320, pitch_deg=-9),)
-    )
-    flight = simulated_flight(config, DemoOptions(frames=3))
-    assert (flight.plan.name, flight.frame_count()) == ("alley", 3)
-    assert flight.cameras[0].camera == "nose"
-    assert flight.cameras[0].intrinsics.height == 240
-    assert flight.cameras[0].mount.pitch_rad < -0.1
+def test_the_configuration_is_flown_with_lines_of_its_own(tmp_path: Path) -> None:
+    nose = CameraConfig(name="nose", kind="simulated", flight="alley", width_px=320, pitch_deg=-9)
+    config = Config(cameras=(nose, CameraConfig(name="real", kind="oak")), autopilot=AutopilotConfig(attitude_hz=55.0))
+    flown = demo_config(config, DemoOptions(width_px=160))
+    assert [(c.name, c.flight, c.width_px, c.fps) for c in flown.cameras] == [("nose", "alley", 160, MOST_FPS)]
+    live = live_config(flown, tmp_path / "logs", tmp_path)
+    assert live.autopilot.attitude_hz == 55.0
+    assert live.autopilot.address != config.autopilot.address
+    assert live.publish.prisms == f"ipc://{tmp_path}/prisms"
+    assert config_of(tomllib.loads(toml_of(live)), "what the demo wrote") == live
 
 
-@pytest.mark.parametrize("words", [["--frames", "0"], ["--frames", "many"]])
+def test_a_configuration_without_a_simulated_camera_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"configs/simulated\.toml"):
+        demo_config(Config(cameras=(CAMERA.__class__(name="front", kind="oak"),)), DemoOptions())
+
+
+@pytest.mark.parametrize("words", [["--seconds", "0"], ["--seconds", "many"], ["--seconds", "nan"]])
 def test_wrong_use(words: list[str]) -> None:
     assert main(["demo", *words]) == 2
 
 
-def test_a_flight_that_does_not_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_flight_that_does_not_exist(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("companion.demo.warm_up", lambda: None)
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "front"\nkind = "simulated"\nflight = "moon"\n')
     assert main(["demo", "-c", str(config), "-o", str(tmp_path / "out")]) == 1
     assert "no flight 'moon'; there are: demo, street" in capsys.readouterr().err
+
+
+# ---- its processes ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Processes:
+    """Processes of small modules made here."""
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (tmp_path / "fails.py").write_text('import sys\nsys.exit("no camera")\n')
+    (tmp_path / "deaf.py").write_text(
+        "import signal\nsignal.pthread_sigmask(0, [15])\nprint('up', flush=True)\nsignal.pause()\n"
+    )
+    return Processes(tmp_path)
+
+
+def test_a_process_that_ends_by_itself_is_told_with_its_words(processes: Processes) -> None:
+    processes.start("service", "fails")
+    next(iter(processes._of.values())).wait(20.0)
+    with pytest.raises(DemoError, match="the service ended by itself with status 1\nno camera"):
+        processes.check()
+    with pytest.raises(DemoError, match="the service ended with status 1\nno camera"):
+        processes.end("service")
+
+
+def test_one_that_does_not_end_is_killed_and_told(
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.demo_live.END_S", 0.3)
+    processes.start("service", "deaf")
+    process = next(iter(processes._of.values()))
+    while not (tmp_path / "service.out").read_text():
+        assert process.poll() is None
+    with pytest.raises(DemoError, match=r"did not end within 0\.3 s"):
+        processes.end("service")
+    assert process.wait(20.0) == -signal.SIGKILL
