@@ -21,6 +21,8 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "info": ("info", "what is in a log: topics, rates, gaps, damage"),
     "recover": ("recover", "make a whole file of a damaged or unfinished one"),
     "check-config": ("check_config", "check a configuration file"),
+    "install": ("install", "the service on this machine, started with it (needs root)"),
+    "uninstall": ("uninstall", "take the service off this machine (needs root)"),
     "warmup": ("warmup", "compile what is compiled at first use"),
     "bench": ("bench", "how fast this machine turns depth images into obstacles"),
 }

@@ -1,0 +1,218 @@
+"""`companion install` and `uninstall` in the image of a machine, and what systemd says of the unit.
+
+The same on a running systemd is in tests/system."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import companion.install as install
+from companion.cli import main
+from companion.install_steps import InstallError, Places, folder_size_mb, run_command, shipped
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+OAK = str(CHECKOUT / "configs" / "oak.toml")
+MOST_EXPOSURE = 2.5
+
+
+def needs(*tools: str) -> pytest.MarkDecorator:
+    absent = [t for t in tools if shutil.which(t) is None]
+    return pytest.mark.skipif(bool(absent), reason=f"{', '.join(absent)} not there: no systemd on this machine")
+
+
+@pytest.fixture
+def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The root of an image; this test's interpreter may lie anywhere."""
+    monkeypatch.setattr(install, "check_reachable", lambda places: None)
+    (tmp_path / "image" / "etc").mkdir(parents=True)
+    return tmp_path / "image"
+
+
+def said(capsys: pytest.CaptureFixture[str], word: str) -> list[str]:
+    return [line for line in capsys.readouterr().out.splitlines() if line.startswith(word)]
+
+
+# ---- into an image and out again ----------------------------------------------------------------------------------
+
+
+@needs("systemctl", "systemd-sysusers")
+def test_into_an_image_once_and_not_twice(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    places = Places(image)
+    assert main(["install", "--root", str(image), "-c", OAK]) == 0
+    assert len(said(capsys, "done")) == 6
+    assert places.config.read_text() == Path(OAK).read_text()
+    assert places.has_user()
+    assert places.enabled.is_symlink()
+    unit = places.unit.read_text()
+    assert re.search(r"^ExecStart=/\S+/companion run -c /etc/osape-companion/config.toml$", unit, re.MULTILINE)
+    assert "@" not in re.sub(r"[~]?@(system-service|privileged|resources)", "", unit)
+    assert main(["install", "--root", str(image)]) == 0
+    assert said(capsys, "done") == []
+
+
+@needs("systemctl", "systemd-sysusers", "userdel")
+def test_out_again_but_for_what_is_the_users(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    places = Places(image)
+    assert main(["install", "--root", str(image), "-c", OAK]) == 0
+    flight = places.state / "logs" / "flight.mcap"
+    flight.parent.mkdir(parents=True)
+    flight.write_bytes(bytes(200_000))
+    (places.settings / "keys").mkdir()
+    capsys.readouterr()
+    assert main(["uninstall", "--root", str(image)]) == 0
+    assert [line.split()[1] for line in said(capsys, "kept")] == [str(places.settings), str(places.state), "the"]
+    assert [p for p in (places.unit, places.enabled, places.rules, places.sysusers) if os.path.lexists(p)] == []
+    assert flight.exists()
+    assert places.config.exists()
+    assert main(["uninstall", "--root", str(image), "--purge"]) == 0
+    assert any("the logs, 0.2 MB" in line for line in said(capsys, "done"))
+    assert [p for p in (places.state, places.settings) if p.exists()] == []
+    assert not places.has_user()
+    assert main(["uninstall", "--root", str(image), "--purge"]) == 0
+    assert said(capsys, "done") == []
+
+
+@needs("systemctl", "systemd-sysusers")
+def test_a_configuration_that_is_there_stays_unless_it_is_to_go(
+    image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["install", "--root", str(image), "-c", OAK]) == 0
+    zed = str(CHECKOUT / "configs" / "zed.toml")
+    assert main(["install", "--root", str(image), "-c", zed]) == 1
+    assert "--replace-config" in capsys.readouterr().err
+    assert Places(image).config.read_text() == Path(OAK).read_text()
+    assert main(["install", "--root", str(image), "-c", zed, "--replace-config"]) == 0
+    assert Places(image).config.read_text() == Path(zed).read_text()
+
+
+def test_told_beforehand_and_nothing_done(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["install", "--root", str(image), "-c", OAK, "--dry-run", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["dry_run"]
+    assert [s["already"] for s in told["steps"]] == [False] * 6
+    assert list((image / "etc").iterdir()) == []
+    assert main(["install", "--dry-run", "-c", OAK]) == 0
+    assert any("warm" in line or "compile" in line for line in said(capsys, "would"))
+
+
+# ---- refused, with a word -----------------------------------------------------------------------------------------
+
+
+def test_refused_without_root(image: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    for command in (["install", "-c", OAK], ["uninstall"]):
+        assert main(command) == 1
+        assert "needs root: sudo" in capsys.readouterr().err
+
+
+def test_refused_without_a_configuration_or_with_mistakes_in_it(
+    image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["install", "--root", str(image)]) == 1
+    assert "give a configuration with -c" in capsys.readouterr().err
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text("[service]\nstale = 1.0\n")
+    assert main(["install", "--root", str(image), "-c", str(wrong)]) == 1
+    assert "did you mean stale_s" in capsys.readouterr().err
+    assert list((image / "etc").iterdir()) == []
+
+
+def test_refused_for_an_image_that_is_none(tmp_path: Path, image: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in (["install", "-c", OAK], ["uninstall"]):
+        assert main([*command, "--root", str(tmp_path / "typo")]) == 1
+        assert "holds no etc" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["/home/pi/osape", "/root/.venv/bin/companion", "/run/user/1000/x"])
+def test_refused_where_the_service_could_not_read_it(place: str) -> None:
+    with pytest.raises(InstallError, match="which the service cannot see; make the environment elsewhere"):
+        install.check_reachable([Path(place)])
+
+
+def test_refused_below_a_folder_that_is_closed(tmp_path: Path) -> None:
+    closed = tmp_path / "closed"
+    (closed / "venv").mkdir(parents=True)
+    closed.chmod(0o700)
+    with pytest.raises(InstallError, match="closed to other users"):
+        install.check_reachable([closed / "venv"])
+    with pytest.raises(InstallError, match="is not there"):
+        install.check_reachable([Path("/opt/osape-companion-is-not-there")])
+
+
+def test_a_folder_of_logs_that_the_unit_does_not_open_is_told(
+    image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "elsewhere.toml"
+    config.write_text('[record]\nfolder = "/data/flights"\n')
+    assert main(["install", "--root", str(image), "-c", str(config), "--dry-run"]) == 0
+    assert "ReadWritePaths=/data/flights" in capsys.readouterr().err
+
+
+def test_a_command_of_the_system_that_fails_is_told() -> None:
+    with pytest.raises(InstallError, match=r"ls /nowhere-at-all failed with status 2: .*No such file"):
+        run_command(["ls", "/nowhere-at-all"])
+    with pytest.raises(InstallError, match="no-such-command is not there"):
+        run_command(["no-such-command"])
+
+
+def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "x").write_bytes(bytes(1_000_000))
+    (tmp_path / "a" / "b" / "y").write_bytes(bytes(500_000))
+    assert folder_size_mb(tmp_path) == 1.5
+
+
+# ---- what systemd says of the unit --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def unit(tmp_path: Path) -> Path:
+    """The unit as it is installed, with a command that every machine has."""
+    text = shipped("systemd", "osape-companion.service").read_text()
+    file = tmp_path / "osape-companion.service"
+    file.write_text(text.replace("@COMPANION@", "/bin/true").replace("@DOCS@", "/etc/hostname"))
+    return file
+
+
+@needs("systemd-analyze")
+def test_the_unit_is_clean(unit: Path) -> None:
+    done = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+    words = [line for line in done.stderr.splitlines() if unit.name in line]  # other units have their own defects
+    assert words == []
+    assert done.returncode == 0
+
+
+@needs("systemd-analyze")
+def test_the_unit_exposes_little(unit: Path) -> None:
+    done = subprocess.run(
+        ["systemd-analyze", "security", "--offline=true", str(unit)], capture_output=True, text=True, check=False
+    )
+    found = re.search(r"Overall exposure level for \S+: (\d+\.\d+)", done.stdout)
+    assert found is not None, done.stderr
+    assert float(found[1]) <= MOST_EXPOSURE
+
+
+def test_the_unit_never_gives_up_and_is_watched(unit: Path) -> None:
+    lines = unit.read_text().splitlines()
+    for line in ("Type=notify", "Restart=always", "StartLimitIntervalSec=0", "WatchdogSec=2s", "User=osape-companion"):
+        assert line in lines
+
+
+RULE = re.compile(r'^[A-Z_]+(\{[\w./]+\})?\s*(==|!=|\+=|=)\s*"[^"]*"$')
+
+
+def test_each_rule_is_one_that_udev_can_read() -> None:
+    rules = shipped("systemd", "60-osape-companion.rules").read_text().splitlines()
+    said = [line for line in rules if line and not line.startswith("#")]
+    for line in said:
+        for part in re.split(r",\s*(?=[A-Z])", line):
+            assert RULE.match(part), part
+    devices = [line for line in said if 'GROUP="osape-companion"' in line]
+    assert {v for line in devices for v in re.findall(r'idVendor\}=="(\w+)"', line)} == {"03e7", "2b03"}
