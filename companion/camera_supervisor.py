@@ -124,7 +124,8 @@ class CameraSupervisor:
         """One life of the process; returns why it ended."""
         reader = FrameReader(self.section.name)
         config = json.dumps({k: v for k, v in dataclasses.asdict(self.section).items() if v is not None})
-        self._change(condition=CameraCondition.STARTING, cause="opening the camera", starts=self._status.starts + 1)
+        self._say(CameraCondition.STARTING, self._again("opening the camera"))
+        self._change(starts=self._status.starts + 1)
         self._process = subprocess.Popen(
             [*self._command, str(reader.child_fd), config], pass_fds=[reader.child_fd], stdin=subprocess.DEVNULL
         )
@@ -169,7 +170,7 @@ class CameraSupervisor:
                 info = info_from_json(word.told["info"])
             except (KeyError, TypeError, ValueError) as error:
                 raise BadData(f"camera {self.section.name}: its description cannot be used: {error}") from error
-            self._change(info=info, cause="no frame yet")
+            self._change(info=info, cause=self._again("no frame yet"))
             self._on_info(info)
 
     def _take_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
@@ -200,6 +201,11 @@ class CameraSupervisor:
         if status.condition is CameraCondition.FROZEN and now_ns - status.since_ns > p.restart_s * NS:
             return status.cause
         return ""
+
+    def _again(self, what: str) -> str:
+        """What happens now, and why it has to happen again."""
+        lost = self._status.last_loss
+        return f"{what} again, after: {lost}" if lost else what
 
     def _wait(self, seconds: float) -> None:
         until_ns = _now() + round(seconds * NS)

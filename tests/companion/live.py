@@ -1,0 +1,221 @@
+"""The whole service as a process, with all that is around it: a simulated autopilot, subscribers, faults."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zmq
+
+from companion.config import load_config
+from companion.simulate_autopilot import flight_of, simulated
+from core.frames import rotation_from_quaternion
+from drivers.endless_flight import EndlessFlight
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot import PX4
+from drivers.simulated_autopilot_line import AutopilotLine, Faults, UdpEnd
+
+ROOT = Path(__file__).parents[2]
+NS = 1_000_000_000
+PATIENCE_S = 60.0
+"""For what is no subject of a test, such as a start on a busy machine."""
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> bool:
+    """Waits for a condition; whether it came true."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        if condition():
+            return True
+        time.sleep(0.01)
+    return bool(condition())
+
+
+class Ear(threading.Thread):
+    """Listens to one stream and keeps all messages with the instants of their receipt."""
+
+    def __init__(self, address: str, kind: type[Any]) -> None:
+        super().__init__(daemon=True)
+        self._address, self._kind = address, kind
+        self._closed = threading.Event()
+        self.heard: list[tuple[int, Any]] = []
+        self.start()
+
+    def run(self) -> None:
+        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        ear = context.socket(zmq.SUB)
+        ear.setsockopt(zmq.SUBSCRIBE, b"")
+        ear.connect(self._address)
+        while not self._closed.is_set():
+            if ear.poll(50):
+                self.heard.append((time.monotonic_ns(), self._kind.FromString(ear.recv())))
+        context.destroy(linger=0)
+
+    def close(self) -> None:
+        self._closed.set()
+        self.join()
+
+    def since(self, t_ns: int) -> list[Any]:
+        """Messages received at t_ns or later."""
+        return [m for at_ns, m in list(self.heard) if at_ns >= t_ns]
+
+    def wait(self, wanted: Callable[[Any], bool], seconds: float, since_ns: int | None = None) -> Any:
+        """The first message received from now (or since_ns) that is wanted; fails after so many seconds from there."""
+        begun_ns = time.monotonic_ns() if since_ns is None else since_ns
+        found: list[Any] = []
+
+        def look() -> bool:
+            found.extend(m for at, m in list(self.heard) if begun_ns <= at <= begun_ns + seconds * NS and wanted(m))
+            return bool(found)
+
+        left_s = seconds - (time.monotonic_ns() - begun_ns) / NS
+        assert until(look, max(0.1, left_s)), f"not heard within {seconds} s, but: {self._words(begun_ns)}"
+        return found[0]
+
+    def _words(self, since_ns: int) -> list[str]:
+        """What was said instead, each thing once."""
+        texts = [
+            "; ".join(m.troubles) or "all well" if isinstance(m, pb.Health) else m.cause_text or "valid"
+            for m in self.since(since_ns)
+        ]
+        return list(dict.fromkeys(texts))[-12:]
+
+
+class Live:
+    """`companion run` as a process. sections: TOML; {cable} in it is a file that exists. renders: kept frames."""
+
+    def __init__(self, folder: Path, sections: str, renders: Path) -> None:
+        self.folder, self.cable = folder, folder / "cable"
+        self.port = free_port()
+        self.config = folder / "live.toml"
+        self.cable.touch()
+        self.config.write_text(sections.replace("{cable}", str(self.cable)).replace("{port}", str(self.port)))
+        (folder / "run").mkdir()
+        self.environment = os.environ | {
+            "RUNTIME_DIRECTORY": str(folder / "run"),
+            "STATE_DIRECTORY": str(folder / "state"),
+            "CACHE_DIRECTORY": str(renders),
+            "PYTHONPATH": str(ROOT),
+        }
+        self.process: subprocess.Popen[str] | None = None
+        self._ears: list[Ear] = []
+
+    @property
+    def logs(self) -> list[Path]:
+        """What was recorded, oldest first."""
+        return sorted((self.folder / "state" / "logs").glob("*"))
+
+    def flight(self) -> EndlessFlight:
+        """What the first simulated camera sees."""
+        return flight_of(load_config(self.config))
+
+    def start(self) -> None:
+        """Starts the service; it may not be ready yet."""
+        with (self.folder / "said.txt").open("a") as said:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "companion", "run", "-c", str(self.config)],
+                cwd=ROOT, env=self.environment, stdout=said, stderr=said, text=True,
+            )  # fmt: skip
+
+    def said(self) -> str:
+        """What it wrote."""
+        return (self.folder / "said.txt").read_text()
+
+    def command(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """Another command beside it."""
+        return subprocess.run(
+            [sys.executable, "-m", "companion", *words], cwd=ROOT, env=self.environment, capture_output=True, text=True,
+            check=False, timeout=PATIENCE_S,
+        )  # fmt: skip
+
+    def ear(self, stream: str, kind: type[Any]) -> Ear:
+        """A subscriber."""
+        ear = Ear(f"ipc://{self.folder}/run/{stream}", kind)
+        self._ears.append(ear)
+        return ear
+
+    def stop(self, number: int = signal.SIGTERM, seconds: float = 15.0) -> int:
+        """Ends it; its status."""
+        assert self.process is not None
+        self.process.send_signal(number)
+        return self.process.wait(seconds)
+
+    def close(self) -> None:
+        """Ends whatever is left, camera processes too."""
+        for ear in self._ears:
+            ear.close()
+        if self.process is None:
+            return
+        theirs = self.camera_pids()
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        for pid in theirs.values():
+            if _exists(pid):
+                os.kill(pid, signal.SIGKILL)
+
+    def camera_pids(self) -> dict[str, int]:
+        """Camera -> process."""
+        found: dict[str, int] = {}
+        for entry in Path("/proc").iterdir():
+            try:
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]) if entry.name.isdigit() else 0
+                words = (entry / "cmdline").read_bytes().split(b"\0") if parent else []
+            except (OSError, IndexError):
+                continue  # it has just ended
+            if self.process is not None and parent == self.process.pid and b"companion.camera_process" in words:
+                name = words[-2].split(b'"name": "')[1].split(b'"')[0]
+                found[name.decode()] = int(entry.name)
+        return found
+
+    def memory_bytes(self) -> int:
+        """Resident memory of the service."""
+        assert self.process is not None
+        return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@contextmanager
+def flown(live: Live, kind: str = PX4, faults: Faults | None = None) -> Iterator[AutopilotLine]:
+    """An autopilot on the service's UDP port, flying what its cameras see."""
+    autopilot = simulated(live.flight(), kind)
+    autopilot.personality.boot_at_ns = time.monotonic_ns() - 30 * NS
+    with AutopilotLine(autopilot, UdpEnd("127.0.0.1", live.port), faults) as line:
+        yield line
+
+
+def attitude_error_deg(message: pb.PrismsFrame, flight: EndlessFlight) -> float:
+    """Between the attitude a frame was levelled with and the true one at its exposure."""
+    q = message.attitude.q_ned_frd
+    turn = rotation_from_quaternion((q.w, q.x, q.y, q.z)).T @ flight.state(message.t_exposure_ns).R_ned_frd
+    return float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
+
+
+def longest_silence_s(ear: Ear, since_ns: int, camera: str = "front") -> float:
+    """Longest time without any word of a camera."""
+    heard = [at for at, m in list(ear.heard) if at >= since_ns and m.camera == camera]
+    return max((b - a for a, b in pairwise(heard)), default=10**12) / NS

@@ -1,0 +1,232 @@
+"""The service as a process with one camera and an autopilot over UDP: what goes wrong is said in time, and mended.
+
+Whatever happens in these tests, no frame may be said to be valid that was levelled with a wrong attitude: the fixture
+looks at every one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot_line import AutopilotLine
+
+from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, until
+
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+fps = 30.0
+device = "{cable}"
+
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+
+[record]
+record = "off"
+
+[supervision]
+restart_s = 1.5
+first_backoff_s = 0.1
+longest_backoff_s = 1.0
+"""
+
+
+class Flying:
+    """A service that was seen to work, its autopilot, and two subscribers."""
+
+    def __init__(self, live: Live, line: AutopilotLine) -> None:
+        self.live, self.line = live, line
+        self.prisms, self.health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
+
+    def well(self, seconds: float = PATIENCE_S, since_ns: int | None = None) -> None:
+        """It sees, and nothing is wrong."""
+        self.prisms.wait(lambda m: m.valid, seconds, since_ns)
+        self.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, seconds, since_ns)
+
+    def said_blind(self, cause: str, seconds: float, since_ns: int) -> pb.PrismsFrame:
+        """That the camera is blind, and why; the whole is blind with it."""
+        blind: pb.PrismsFrame = self.prisms.wait(lambda m: not m.valid and cause in m.cause_text, seconds, since_ns)
+        health = self.health.wait(lambda h: h.state == pb.Health.STATE_BLIND, seconds, since_ns)
+        assert any("camera front is blind" in trouble for trouble in health.troubles)
+        assert not blind.planes.corners_m
+        assert not blind.prisms
+        return blind
+
+    def camera(self) -> pb.CameraHealth:
+        return self.health.heard[-1][1].cameras[0]
+
+
+@pytest.fixture(scope="module")
+def module_flying(tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Flying]:
+    live = Live(tmp_path_factory.mktemp("live"), CONFIG, renders)
+    with flown(live) as line:
+        flying = Flying(live, line)
+        try:
+            live.start()
+            yield flying
+            assert live.stop() == 0
+        finally:
+            live.close()
+
+
+@pytest.fixture
+def flying(module_flying: Flying) -> Iterator[Flying]:
+    begun_ns = time.monotonic_ns()
+    module_flying.well()
+    yield module_flying
+    flight = module_flying.live.flight()
+    errors = [attitude_error_deg(m, flight) for m in module_flying.prisms.since(begun_ns) if m.valid]
+    assert max(errors) < 1.0  # of 90 degrees a second times some ms of a clock that is young
+
+
+def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None:
+    begun_ns = time.monotonic_ns()
+    assert until(lambda: len(flying.prisms.since(begun_ns)) > 60, 10.0)
+    frames = flying.prisms.since(begun_ns)
+    assert all(m.valid and m.frame == "ned" for m in frames)
+    assert sum(len(m.planes.corners_m) > 0 for m in frames) > 50
+    flight = flying.live.flight()
+    assert max(attitude_error_deg(m, flight) for m in frames) < 0.3
+    numbers = [m.publication.number for m in frames]
+    assert numbers == sorted(set(numbers))
+    (camera,) = flying.health.wait(lambda h: h.cameras[0].hz > 25.0, 5.0).cameras
+    assert camera.condition == "running"
+    assert not camera.blind
+    status = flying.live.command("status", "-c", str(flying.live.config))
+    assert status.returncode == 0, status.stderr
+    assert "nothing is wrong" in status.stdout
+    assert "autopilot: PX4" in status.stdout
+
+
+def test_one_that_joins_late_hears_at_once(flying: Flying) -> None:
+    late = flying.live.ear("prisms", pb.PrismsFrame)
+    late.wait(lambda m: m.valid, 2.0)
+    flying.live.ear("health", pb.Health).wait(lambda h: h.state == pb.Health.STATE_ACTIVE, 3.0)
+
+
+SLEEPER = textwrap.dedent("""
+    import sys, time, zmq
+    socket = zmq.Context().socket(zmq.SUB)
+    socket.setsockopt(zmq.SUBSCRIBE, b"")
+    socket.connect(sys.argv[1])
+    socket.recv()
+    print("joined", flush=True)
+    time.sleep(1000)
+""")
+
+
+def test_one_that_hangs_costs_nothing(flying: Flying) -> None:
+    address = f"ipc://{flying.live.folder}/run/prisms"
+    with subprocess.Popen([sys.executable, "-c", SLEEPER, address], stdout=subprocess.PIPE, text=True) as sleeper:
+        try:
+            assert sleeper.stdout is not None
+            assert sleeper.stdout.readline().strip() == "joined"
+            sleeper.send_signal(signal.SIGSTOP)
+            before, begun_ns = flying.live.memory_bytes(), time.monotonic_ns()
+            assert until(lambda: len(flying.prisms.since(begun_ns)) > 120, 10.0)
+            assert longest_silence_s(flying.prisms, begun_ns) < 1.0
+            assert flying.live.memory_bytes() - before < 20e6
+        finally:
+            sleeper.kill()
+
+
+def test_a_killed_camera_process_is_said_and_started_again(flying: Flying) -> None:
+    starts = flying.camera().starts
+    begun_ns = time.monotonic_ns()
+    os.kill(flying.live.camera_pids()["front"], signal.SIGKILL)
+    flying.said_blind("process has ended", 2.0, begun_ns)
+    back_ns = begun_ns + NS // 2
+    flying.well(15.0, since_ns=back_ns)
+    assert longest_silence_s(flying.prisms, begun_ns) < 0.5
+    camera = flying.health.wait(lambda h: h.cameras[0].starts > starts and not h.troubles, 5.0).cameras[0]
+    assert "process has ended" in camera.last_loss
+
+
+def test_a_camera_process_that_hangs_is_said_and_replaced(flying: Flying) -> None:
+    pid = flying.live.camera_pids()["front"]
+    begun_ns = time.monotonic_ns()
+    os.kill(pid, signal.SIGSTOP)
+    flying.said_blind("silent: its process says nothing", 3.0, begun_ns)
+    assert until(lambda: flying.live.camera_pids().get("front", pid) != pid, 6.0)
+    flying.well(15.0)
+    assert longest_silence_s(flying.prisms, begun_ns) < 0.5
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_an_unplugged_camera_is_named_and_comes_back(flying: Flying) -> None:
+    begun_ns = time.monotonic_ns()
+    flying.live.cable.unlink()
+    try:
+        flying.said_blind("unplugged", 3.0, begun_ns)
+        dark_ns = time.monotonic_ns()
+        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 30, 6.0)
+        said = flying.prisms.since(dark_ns)
+        assert not any(m.valid for m in said)
+        assert len(said) / ((time.monotonic_ns() - dark_ns) / NS) >= 8.0  # 12.5 wanted, on a busy machine
+    finally:
+        flying.live.cable.touch()
+    flying.well(15.0)
+    assert "unplugged" in flying.camera().last_loss
+
+
+def test_a_silent_autopilot_blinds_and_is_named(flying: Flying) -> None:
+    begun_ns = time.monotonic_ns()
+    flying.line.change(lambda a: setattr(a, "silent", True))
+    try:
+        flying.said_blind("attitude is too old", 2.0, begun_ns)
+        flying.health.wait(lambda h: any("the attitude is" in t for t in h.troubles), 3.0, begun_ns)
+        dark_ns = time.monotonic_ns()
+        assert until(lambda: len(flying.prisms.since(dark_ns)) >= 20, 5.0)
+        assert not any(m.valid for m in flying.prisms.since(dark_ns))
+        flying.health.wait(lambda h: any("no heartbeat" in t or "is silent" in t for t in h.troubles), 6.0, begun_ns)
+    finally:
+        flying.line.change(lambda a: setattr(a, "silent", False))
+    flying.well(15.0)
+
+
+def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_anew(flying: Flying) -> None:
+    """Until then its stamps are of another time: blind, or already right; the fixture sees to it."""
+    restarts = flying.health.heard[-1][1].autopilot.clock.restarts
+    begun_ns = time.monotonic_ns()
+    flying.line.change(lambda a: a.reboot(begun_ns))
+    flying.health.wait(lambda h: h.autopilot.clock.restarts == restarts + 1, 4.0, begun_ns)
+    flying.health.wait(
+        lambda h: (
+            h.autopilot.clock.restarts == restarts + 1
+            and h.autopilot.clock.source == pb.ClockEstimate.SOURCE_TIMESYNC
+            and h.state == pb.Health.STATE_ACTIVE
+        ),
+        15.0,
+        begun_ns,
+    )
+    flying.prisms.wait(lambda m: m.valid, 5.0)
+
+
+def test_the_autopilot_hears_how_the_pipeline_is(flying: Flying) -> None:
+    """MAV_STATE of our heartbeat: 4 active, 5 critical."""
+
+    def state() -> int:
+        beats = flying.line.change(lambda a: a.of_kind("HEARTBEAT"))
+        return int(beats[-1].system_status) if beats else -1
+
+    assert until(lambda: state() == 4, 5.0)
+    flying.live.cable.unlink()
+    try:
+        assert until(lambda: state() == 5, 6.0)
+    finally:
+        flying.live.cable.touch()
+    flying.well(15.0)
+    assert until(lambda: state() == 4, 5.0)
