@@ -184,6 +184,12 @@ def quantile_of_tiles(tiles, share, least):
     return known[below] + (at - below) * (known[above] - known[below])
 
 
+@njit(cache=True, nogil=True)
+def agreeing_tiles(tiles, value, within):
+    """How many tiles are known and at most `within` times greater or less than value."""
+    return ((tiles >= value / within) & (tiles <= value * within)).sum()
+
+
 def noise_tiles(marks: NDArray[np.uint16], focal_px: float, params: Params) -> NDArray[np.float32]:
     """(noise_tiles_down, noise_tiles_across) float32 disparity noise of each tile, px; negative: not known."""
     p = params
@@ -200,13 +206,19 @@ def estimate_ke(marks: NDArray[np.uint16], focal_px: float, prior: float, last: 
     """Noise constant ke (1/m, sigma_Z = ke Z^2) measured from one frame, blended with the last estimate.
 
     marks: (H, W) uint16 of `classify`. The lower quartile of the tiles is taken: the smoothest parts of the picture,
-    since leaves and edges only add. Stays within prior/span..prior*span and moves in steps of `noise_grid`, so that
-    tables need not be rebuilt each frame. Ours: the paper takes ke as known; a wrong one is costly."""
+    since leaves and edges only add. So it is an upper bound, and goes down at once; up only where tiles agree, as those of
+    smooth surfaces do and those of leaves do not: else what is known stays. Stays within
+    prior/span..prior*span and moves in steps of `noise_grid`, so that tables need not be rebuilt each frame. Ours: the paper
+    takes ke as known; a wrong one is costly."""
     if not params.estimate_noise or params.paper:
         return prior
     seed = last if math.isfinite(last) else prior
-    sigma_px = quantile_of_tiles(noise_tiles(marks, focal_px, params), params.noise_quantile, params.noise_min_tiles)
+    tiles = noise_tiles(marks, focal_px, params)
+    sigma_px = quantile_of_tiles(tiles, params.noise_quantile, params.noise_min_tiles)
     if sigma_px < 0.0:
+        return seed
+    agree = agreeing_tiles(tiles, sigma_px, params.noise_agree_ratio)
+    if sigma_px > seed * focal_px and agree < params.noise_agree_share * tiles.size:
         return seed
     measured = max(sigma_px, params.min_sigma_px) / focal_px
     measured = min(max(measured, prior / params.noise_prior_span), prior * params.noise_prior_span)

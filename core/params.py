@@ -50,6 +50,14 @@ class Params:
         1.5, 0.0, 20.0, "m", "pixels closer than this do not count: millimetre steps outweigh their noise"
     )
     noise_quantile: float = _number(0.25, 0.0, 1.0, "", "quantile of the tiles that is the picture's noise")
+    noise_agree_share: float = _number(
+        0.2,
+        0.0,
+        1.0,
+        "",
+        "the noise goes up only where so many of all tiles agree with that: leaves do not, surfaces do",
+    )
+    noise_agree_ratio: float = _number(1.25, 1.01, 3.0, "", "which is to be at most this much greater or less")
     noise_grid: float = _number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
     noise_hold: float = _number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
     clear_sigmas: float = _number(

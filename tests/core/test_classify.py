@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.classify import (
+    agreeing_tiles,
     classify,
     clear_range_m,
     depth_to_mm,
@@ -25,7 +26,7 @@ from core.types import FAR_MM, SATURATED_MM, CameraInfo
 from drivers.simulated import camera_info
 
 from . import naive
-from .views import INFO, flat_wall, noisy
+from .views import INFO, flat_wall, noisy, to_mm
 
 P = Params()
 
@@ -150,6 +151,36 @@ def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
     assert estimate_ke(blank, 225.0, 0.004, math.nan, p) == 0.004
     assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, estimate_noise=False)) == 0.004
     assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, mode="paper")) == 0.004
+
+
+def leaves(info: CameraInfo, ke: float, seed: int) -> np.ndarray:
+    """Leaves of 4 px about 5 m off, in some places 0.15 m deep, in others 1.8 m, seen with noise."""
+    k, rng = info.intrinsics, np.random.default_rng(seed)
+    deep = np.kron(np.exp(rng.uniform(-2.0, 0.6, (k.height // 40, k.width // 40))), np.ones((10, 10)))
+    depth = 5.0 + deep * rng.uniform(-1.0, 1.0, (k.height // 4, k.width // 4))
+    return noisy(to_mm(np.kron(depth, np.ones((4, 4)))), ke, seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_leaves_alone_do_not_raise_the_noise(seed: int) -> None:
+    info, p = camera_info(320, 240), Params(min_sigma_px=0.01)
+    image = marks(leaves(info, 0.002, seed), info)
+    assert quantile_of_tiles(noise_tiles(image, 225.0, p), 0.25, 3) > 2.0 * 0.002 * 225.0
+    assert estimate_ke(image, 225.0, 0.002, math.nan, p) == 0.002
+    assert estimate_ke(image, 225.0, 0.002, 0.003, p) == 0.003
+    # what is known to be less than was believed is taken all the same
+    assert estimate_ke(image, 225.0, 0.05, math.nan, p) < 0.03
+    # and a wall over a part of the picture tells
+    image[:, 160:] = marks(noisy(flat_wall(info, 6.0), 0.004, seed), info)[:, 160:]
+    assert estimate_ke(image, 225.0, 0.002, math.nan, p) == pytest.approx(0.004, rel=0.15)
+
+
+@pytest.mark.nojit
+@given(st.lists(st.floats(-1, 9, width=32), min_size=1, max_size=12), st.floats(0.1, 9), st.floats(1.01, 3.0))
+def test_how_many_tiles_agree(values: list[float], value: float, within: float) -> None:
+    tiles = np.array([values], np.float32)
+    want = sum(value / within <= float(t) <= value * within for t in tiles[0])
+    assert agreeing_tiles(tiles, value, within) == want
 
 
 def test_each_tile_has_the_noise_of_its_own_pixels() -> None:
