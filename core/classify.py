@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from .kernels import inner, inner_ieee, kernel, kernel_ieee
 from .params import Params
 from .types import FAR_MM, SATURATED_MM, CameraInfo
 
@@ -21,7 +21,7 @@ _LEAST_M, _MOST_M = np.float32(0.0005), np.float32(65.533)
 """What rounds to 1..65533 mm; the values above those are marks."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def metres_to_mm(metres, out):
     """float32 metres (H, W) as uint16 millimetres; UNKNOWN_MM for what is no distance."""
     for v in range(metres.shape[0]):
@@ -68,7 +68,7 @@ def measured_mm(info: CameraInfo, ke_per_m: float, params: Params) -> tuple[int,
     return math.ceil(max(1.0, 1000.0 * info.min_range_m)), math.floor(1000.0 * clear_range_m(info, ke_per_m, params))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_ieee
 def inverse_of_row(mm, least, greatest, out):
     """1/Z in 1/m of one row, float32: 0 where unknown, -1 where far."""
     for u in range(len(mm)):
@@ -81,7 +81,7 @@ def inverse_of_row(mm, least, greatest, out):
         out[u] = d
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
     """Marks every pixel, flying pixels as unknown; returns counts (measured, far, flying).
 
@@ -130,7 +130,7 @@ _NOISE_BINS, _NOISE_BIN_PX = 512, 0.05
 """Resolution of the histogram of second differences; its median is interpolated within a bin."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_ieee
 def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
     """Median |second difference| of disparity in each tile of the image, px; -1 where too few pixels are measured.
 
@@ -172,7 +172,7 @@ def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
                     below += hist[tu, i]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def quantile_of_tiles(tiles, share, least):
     """The quantile of the tiles that are not negative, linear between two of them; -1 where they are fewer than least."""
     known = np.sort(tiles.ravel()[tiles.ravel() >= 0.0])

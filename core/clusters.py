@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from .kernels import inner
 from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, TOP, D, U
 
@@ -29,7 +29,7 @@ BUCKETS = 4096
 """Chains into which cells are spread, a power of two: it changes the work, never the clusters."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def place_strips(ints, floats, n, f, cu, lateral, tan_edge, place):
     """place: (N, 4) float32 x, y, top, bottom of each strip in level_cam, metres (Eq. 15)."""
     for i in range(n):
@@ -41,7 +41,7 @@ def place_strips(ints, floats, n, f, cu, lateral, tan_edge, place):
         place[i, Z_BOTTOM] = x * tan_edge[ints[i, BOTTOM] + 1]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def root_of(parent, i):
     """Root of i in the union-find forest, halving the path."""
     for _ in range(i + 1):  # parents have lower numbers
@@ -65,7 +65,7 @@ def cluster_strips(
     return int(join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets):
     """See cluster_strips.
 
@@ -81,13 +81,13 @@ def join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes
     return _number_clusters(ints, n, count, group_of, parent, groups)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _bucket(ix, iy):
     """Where the chain of groups of a cell begins."""
     return (ix + 61 * iy) & (BUCKETS - 1)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _group_cells(place, n, cell_m, hs, following, group_of, parent, groups, boxes, buckets):
     """Groups the strips of each cell by their heights: no step of Hs or more inside a group; returns how many it made.
 
@@ -131,7 +131,7 @@ def _group_cells(place, n, cell_m, hs, following, group_of, parent, groups, boxe
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _widen(box, x0, x1, y0, y1, z0, z1):
     """Takes a box into another."""
     box[0], box[1] = min(box[0], x0), max(box[1], x1)
@@ -139,7 +139,7 @@ def _widen(box, x0, x1, y0, y1, z0, z1):
     box[4], box[5] = min(box[4], z0), max(box[5], z1)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _absorb(g, h, following, parent, groups, boxes):
     """Takes the strips of group h into group g of the same cell."""
     _unite(parent, g, h)
@@ -150,13 +150,13 @@ def _absorb(g, h, following, parent, groups, boxes):
     _widen(boxes[g], b[0], b[1], b[2], b[3], b[4], b[5])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _unite(parent, g, h):
     a, b = root_of(parent, g), root_of(parent, h)
     parent[max(a, b)] = min(a, b)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _join_neighbours(place, g, ws, hs, following, parent, groups, boxes, buckets):
     """Joins group g with those of the half of the cells around it that come after it, where strips are close enough."""
     for dx in range(CELL_REACH + 1):
@@ -172,7 +172,7 @@ def _join_neighbours(place, g, ws, hs, following, parent, groups, boxes, buckets
                 h = groups[h, G_NEXT]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _apart(a, b):
     """Squared distance across of two boxes (x, x, y, y, top, bottom)."""
     dx = max(a[0] - b[1], b[0] - a[1], np.float32(0.0))
@@ -180,7 +180,7 @@ def _apart(a, b):
     return dx * dx + dy * dy
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _touch(place, g, h, ws, hs, following, groups, boxes):
     """Whether a strip of group g and one of group h are closer than Ws across and Hs in height."""
     b = boxes[h]
@@ -206,7 +206,7 @@ def _touch(place, g, h, ws, hs, following, groups, boxes):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _number_clusters(ints, n, count, group_of, parent, groups):
     """Numbers the clusters 0, 1, ... in order of their first strip; returns how many there are."""
     for g in range(count):
@@ -221,7 +221,7 @@ def _number_clusters(ints, n, count, group_of, parent, groups):
     return clusters
 
 
-@njit(cache=True, nogil=True)
+@inner
 def cluster_paper(ints, place, n, ws, last_of_cluster):
     """Algorithm 1 as printed: distance to the last strip of each cluster, nearest below Ws takes it; returns the count.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from .density import LANES, MAX_PEAKS, count_bins, peaks_of_column, soft_counts
 from .irregular import irregular_rest
+from .kernels import inner, kernel
 from .pixels import CLOSED, ROW, free_rows, gate_rises, gather_rows, mark_rows, open_rows, tile_columns, tile_limits
 from .strips import (
     FIRST,
@@ -26,7 +26,7 @@ from .strips import (
 )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def extract_strips(
     codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, first_code, fs, si, ints,
     floats,
@@ -82,7 +82,7 @@ def extract_strips(
     return tally[N], np.int64(measured.sum()) - opened, tally[OVERFLOW]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def peak_range(low, high, top, bin_px, bin_width_px, weights, fs, si):
     """(disparity of a peak, px, the codes it reaches from and to, whether it is rough: wider than noise and kernel)."""
     spread = bin_px[high] - bin_px[low] + bin_width_px[top]

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from .kernels import inner
 from .level import ViewGeometry
 from .openings import is_open
 from .strips import BOTTOM, SUPPORT, TOP, D, U
@@ -23,7 +23,7 @@ _NOBODY_LOOKED = 1e6
 """Not tuning: nearer than anything, in 1/x."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def mark_nearest(ints, floats, n, f, cell, grid):
     """grid (C, R) float32 out: 1/x of the nearest strip that crosses each cell, 0 where there is none."""
     grid[:] = 0.0
@@ -37,7 +37,7 @@ def mark_nearest(ints, floats, n, f, cell, grid):
                 grid[i, j] = s
 
 
-@njit(cache=True, nogil=True)
+@inner
 def mark_outside(H, width, height, cell, grid):
     """Blocks the cells of grid whose centres lie outside the source image: nobody looked there, so nothing is empty."""
     cols, rows = grid.shape
@@ -64,13 +64,13 @@ def nearest_seen(
     return np.array([g.f_px / step / cell_px, g.f_px / cell_px, (g.cu + 0.5) / cell_px, (g.cv + 0.5) / cell_px])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def first_cell(value):
     """Index of the first cell whose centre is not before `value`, in cells."""
     return int(math.ceil(value - 0.5))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def uncovered_share(t0, t1, z0, z1, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, frame, masks, mask_frame, run):
     """Share of a joined rectangle's cells that are not blocked, 2 where it must not be at all.
 
@@ -115,6 +115,6 @@ def uncovered_share(t0, t1, z0, z1, a, b, p, q, behind_m, noise_s, gap_m, slack_
     return empty / max(cells, 1)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _inside(r, t, z):
     return r[0] <= t <= r[1] and r[2] <= z <= r[3]

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .clusters import Z_BOTTOM, Z_TOP, X
+from .kernels import copy_row, inner
 from .level import ViewGeometry
 from .params import Params
 from .scratch import Scratch
@@ -25,7 +25,7 @@ MAX_RUNS = 32
 R_FIRST, R_LAST, R_CLUSTER = range(3)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fill_gap(ints, floats, i, j, f, step_m, sigmas):
     """Closes the gap between strip i and strip j below it: one strip where they lie on one surface, else the farther grows."""
     rows = ints[j, TOP] - ints[i, BOTTOM] - 1
@@ -50,7 +50,7 @@ def fill_gap(ints, floats, i, j, f, step_m, sigmas):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def gap_height(place, i, j):
     """Clear height between strip i and strip j below it, m."""
     return place[j, Z_TOP] - place[i, Z_BOTTOM]
@@ -75,7 +75,7 @@ def fill_gaps(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fill_columns(
     ints, floats, place, cols, first_of_column, f, column_m_per_x, hs, ws, step_m, sigmas, link, open_of, lower,
     runs, spans,
@@ -120,7 +120,7 @@ def fill_columns(
     return filled + closed
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _close_runs(
     ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, u, lower, runs, spans, open_runs
 ):  # fmt: skip
@@ -129,7 +129,8 @@ def _close_runs(
     for r in range(open_runs):
         if u - runs[r, R_LAST] <= link:
             if kept != r:
-                runs[kept], spans[kept] = runs[r], spans[r]
+                copy_row(runs, kept, r)
+                copy_row(spans, kept, r)
             kept += 1
             continue
         width = (runs[r, R_LAST] - runs[r, R_FIRST] + 1) * column_m_per_x * spans[r, 2]
@@ -138,7 +139,7 @@ def _close_runs(
     return kept, filled
 
 
-@njit(cache=True, nogil=True)
+@inner
 def closed_at(ints, place, first, last, cluster, z, x, ws):
     """Whether a strip of the cluster among first..last-1 stands at height z, less than Ws from distance x."""
     for j in range(first, last):
@@ -152,7 +153,7 @@ def closed_at(ints, place, first, last, cluster, z, x, ws):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _join_run(ints, place, i, j, u, hs, runs, spans, open_runs):
     """Adds the gap i-j of column u to the run whose opening it shares, or opens a run; returns the number of runs."""
     top, bottom = place[i, Z_BOTTOM], place[j, Z_TOP]
@@ -171,7 +172,7 @@ def _join_run(ints, place, i, j, u, hs, runs, spans, open_runs):
     return open_runs
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _bounded(ints, place, first_of_column, cols, link, ws, run, span):
     """Whether both sides of a run are closed within `link` columns at the middle of its height."""
     z = 0.5 * (span[0] + span[1])
@@ -186,7 +187,7 @@ def _bounded(ints, place, first_of_column, cols, link, ws, run, span):
     return left and right
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, run, span, lower):
     """Fills the gaps of one run; returns how many."""
     filled = 0
@@ -202,7 +203,7 @@ def _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, run, span
     return filled
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fill_paper(ints, place, n, hs, clusters, spans):
     """Section 5.1 as printed: both complements of a strip within its cluster's height below Hs are filled.
 

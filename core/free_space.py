@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from .kernels import inner, kernel
 from .level import Q_FAR, Q_UNKNOWN, ViewGeometry
 from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
@@ -40,7 +40,7 @@ def walk_settings(g: ViewGeometry, ground: Ground, ke: float, p: Params) -> NDAr
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def rings_through(gain, spread, cap, ring_m, ring_of_code):
     """How many rings each code sees through: those that it measures behind by its noise, min(spread X, cap) X.
 
@@ -67,7 +67,7 @@ def rings_through(gain, spread, cap, ring_m, ring_of_code):
     ring_of_code[Q_UNKNOWN] = rings + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_rings(codes, u0, u1, ring_of_code, block_rows, hist, counts):
     """Counts cells of columns u0..u1 - 1 by block of rows and by how many rings they see through, summed downwards:
     counts[b, k] is the number of cells above block b that see through k rings.
@@ -100,7 +100,7 @@ def count_rings(codes, u0, u1, ring_of_code, block_rows, hist, counts):
         here[width] = looked_at
 
 
-@njit(cache=True, nogil=True)
+@inner
 def lowest_clear(t, x, w):
     """z down to which free space can be told from ground in direction t (y/x) at distance x. w: `walk_settings`.
 
@@ -109,7 +109,7 @@ def lowest_clear(t, x, w):
     return w[W_HEIGHT] + (w[W_SLOPE_X] + w[W_SLOPE_Y] * t) * x - max(w[W_TOLERANCE], w[W_SPREAD] * x)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def walk_rings(counts, t, ring_m, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
@@ -156,7 +156,7 @@ def walk_rings(counts, t, ring_m, top, bottom, w):
     return first, last, why
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def walk_view(codes, cu, f_u, edges_t, ring_of_code, ring_m, layers, w, free_from, free_to, end):
     """Every direction and layer of a levelled view: free_from, free_to (D, L) float32 forward distances, end (D, L).
 
@@ -179,7 +179,7 @@ def walk_view(codes, cu, f_u, edges_t, ring_of_code, ring_m, layers, w, free_fro
             free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end):
     """No free range passes a plane: shortens free_to to the nearest plane of the direction and layer less its margin."""
     for k in range(count):
@@ -213,7 +213,7 @@ def nothing_known(params: Params) -> FreeProfile:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def as_ranges(edges_t, free_from, free_to):
     """Forward distances (D, L) to horizontal ranges, in place: by the shorter of both edges of a direction for what is
     free, by the longer for where that begins."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .frames import Rotation
+from .kernels import inner, inner_ieee, kernel
 from .level import Q_FAR, Q_UNKNOWN, ViewGeometry
 from .params import Params
 from .strips import BOTTOM, KIND, MERGED, TOP, D, U
@@ -54,7 +54,7 @@ def height_bins(p: Params) -> int:
     return 4 + math.ceil(math.log(max(p.ground_max_height_m / p.ground_min_height_m, 1.0)) / p.ground_height_step)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
 
@@ -109,7 +109,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     return n, sampled
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_ieee
 def fill_gate(gain, height, slope_x, spread, least, cap, gate):
     """gate[q] = (h - tolerance(X)) / X + sx at X = gain / q = 1 / s, tolerance = spread X between least and cap; (65536,) float32."""
     for q in range(len(gate)):
@@ -153,7 +153,7 @@ def doubt_settings(ground: Ground, view: ViewGeometry, ke: float, p: Params) -> 
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def drop_ground_noise(ints, floats, n, codes, tan_mid, shift, w, keep):
     """Removes strips that are no more than the noise of the ground: unknown, neither obstacle nor free; returns how many stay.
 
@@ -188,7 +188,7 @@ def drop_ground_noise(ints, floats, n, codes, tan_mid, shift, w, keep):
     return compact(ints, floats, n, keep) if dropped > 0 else n
 
 
-@njit(cache=True, nogil=True)
+@inner
 def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
     """(slope_x, slope_y): weighted least squares of z over (x, y) with an intercept, shrunk to 0 where the data do not
     carry them, no steeper than limit.
@@ -206,13 +206,13 @@ def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
     return x * shrink, y * shrink
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fit_cap(sigma, tuning):
     """Most that a point of the ground lies off it: what cuts deeper into its noise holds a fit where it began."""
     return max(tuning[F_CAP], tuning[F_CAP_SIGMAS] * sigma)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fit_ground(points, height, tuning):
     """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
 
@@ -254,7 +254,7 @@ def fit_ground(points, height, tuning):
     return seen, height, slope_x, slope_y, on / n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, votes, points):
     """`fit_ground` at the first height that holds, from the most voted on; arguments as for `vote`."""
     n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)

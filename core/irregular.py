@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from .kernels import inner, inner_inline
 from .pixels import CODE, ROW
 from .strips import (
     HORIZONTAL,
@@ -29,7 +29,7 @@ from .strips import (
 )
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_horizontal(px, first, last, fs):
     """Eq. 12-14: do disparity and row of the pixels first..last - 1 correlate, and does their line meet the horizon?
 
@@ -47,7 +47,7 @@ def is_horizontal(px, first, last, fs):
     return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally):
     """Section 4.3: the first n pixels of px, which no window took, in segments.
 
@@ -84,7 +84,7 @@ def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, ta
     close_irregular(line, mark, px, first, n, total, u, H, area, fs, si, best, ints, floats, tally)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner_inline
 def close_irregular(line, mark, px, first, last, total, u, H, area, fs, si, best, ints, floats, tally):
     """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
     count = last - first

@@ -12,10 +12,10 @@ import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .frames import Rotation
+from .kernels import inner, inner_ieee, kernel, kernel_ieee
 from .params import Params
 from .types import FAR_MM, CameraInfo
 
@@ -57,7 +57,7 @@ class ViewGeometry:
     H: NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def window_of_border(R, k, width, height, limit):
     """(least, greatest) y/x and (least, greatest) z/x in level_cam of the outer edge of the image, each within limit.
 
@@ -107,7 +107,7 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fill_view(R, k, f_px, cu, cv, edges, H):
     """Row edges (rows + 1,) float32 as tangents and the homography H (3, 3) of ViewGeometry.
 
@@ -131,7 +131,7 @@ def _axis(low_px: float, high_px: float, source_centre: float) -> tuple[float, i
     return centre, math.ceil(high_px - 0.5 + centre - 1e-6) + 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def source_px_per_cell(H, u, v):
     """Area of a cell of the levelled view in source pixels at (u, v): below 1 cells repeat pixels.
 
@@ -145,7 +145,7 @@ def source_px_per_cell(H, u, v):
     return abs(a - b + c) / (w * w * w)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def outside_source(H, u, v, cols, rows):
     """Whether cell (u, v) of the levelled view looks past the edge of the source image (cols x rows)."""
     w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
@@ -157,7 +157,7 @@ def outside_source(H, u, v, cols, rows):
     return x < -1e-3 or y < -1e-3 or x > cols - 1.0 + 1e-3 or y > rows - 1.0 + 1e-3
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _rows_inside(a, b, first, last):
     """The part of rows first..last in which a + b*v >= 0."""
     # bounded before it becomes an integer: with a slope of rounding errors the crossing lies beyond any integer
@@ -170,7 +170,7 @@ def _rows_inside(a, b, first, last):
     return first, last
 
 
-@njit(cache=True, nogil=True)
+@inner
 def seen_rows(H, u, src_cols, src_rows, rows):
     """(first, end) of the rows of column u of the view whose nearest pixel lies in the source; first = end: none."""
     a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
@@ -184,7 +184,7 @@ def seen_rows(H, u, src_cols, src_rows, rows):
     return first, max(first, last + 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_ieee
 def codes_of(marks, forward, gain, out):
     """Codes of pixels: disparity of marks (N,) uint16 times forward (N,) float32, Z_optical / X, in quanta."""
     for i in range(len(out)):
@@ -199,7 +199,7 @@ def codes_of(marks, forward, gain, out):
         out[i] = np.uint16(code)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner_ieee
 def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
     """The nearest source pixel of cells (u, first), (u, first + 1), ...: its index in the flat image and Z_optical / X.
 
@@ -222,7 +222,7 @@ def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
         forward[i] = w
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def level_nearest(marks, H, gain, out, picked):
     """Each cell of the levelled view takes its nearest source pixel. Depth is never interpolated.
 
@@ -259,7 +259,7 @@ def level_nearest(marks, H, gain, out, picked):
                 codes_of(mark, forward, gain, out[u0 + k, first:end])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def level_as_it_is(marks, gain, out):
     """`level_nearest` for a camera that is level: cells are pixels, lines become columns.
 
@@ -282,7 +282,7 @@ def level_as_it_is(marks, gain, out):
                 out[u0 + i, four] = packed[i]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def left_over(marks, picked, want, found):
     """Measured pixels that were not picked: writes their places to found, returns how many.
 
@@ -301,7 +301,7 @@ def left_over(marks, picked, want, found):
     return np.int64(n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_ieee
 def level_pool(marks, picked, R, k, window, out):
     """Source pixels that no cell picked reach theirs all the same, the nearest thing winning: no pole is lost
     where the view minifies, and nothing grows where it does not.
@@ -363,12 +363,13 @@ def level_safe(
     level_pool(marks, picked, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), window, out)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def pool_columns(codes, step, out):
     """Nearest of each `step` neighbouring columns: never skips one. codes: (cols, rows); out: (ceil(cols/step), rows)."""
     cols, rows = codes.shape
     for j in range(out.shape[0]):
-        out[j] = codes[j * step]
+        for v in range(rows):
+            out[j, v] = codes[j * step, v]
         for u in range(j * step + 1, min(cols, (j + 1) * step)):
             for v in range(rows):
                 if codes[u, v] > out[j, v]:
@@ -405,7 +406,7 @@ def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Par
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner
 def level_paper(marks, H, lateral, gain, out):
     """Lemma 1: disparity of the rotated image divided by (cos(theta) - (v - v0)/f sin(theta)); columns stay as they are."""
     src_rows, src_cols = marks.shape

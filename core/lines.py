@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from .kernels import inner
 
 W, T, S, TT, TS, SS = range(6)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def add_point(moments, t, s, weight):
     """Adds one strip at (t, s) with weight 1/sigma_s^2 to moments (6,) float64."""
     moments[W] += weight
@@ -27,7 +27,7 @@ def add_point(moments, t, s, weight):
     moments[SS] += weight * s * s
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fit_line(moments, slope_prior):
     """(a, b, t_mean, t_scatter) of s = a + b*t; slope_prior: weight (1/variance) of a slope of 0.
 
@@ -39,7 +39,7 @@ def fit_line(moments, slope_prior):
     return s_mean - b * t_mean, b, t_mean, scatter
 
 
-@njit(cache=True, nogil=True)
+@inner
 def fit_pair(moments, i, j, slope_prior):
     """(a, b, t_mean) of `fit_line` for rows i and j of a table of moments (N, 6) together."""
     each = 1.0 / (moments[i, W] + moments[j, W])
@@ -50,7 +50,7 @@ def fit_pair(moments, i, j, slope_prior):
     return s_mean - b * t_mean, b, t_mean
 
 
-@njit(cache=True, nogil=True)
+@inner
 def misfit_pair(moments, i, j, a, b):
     """Weighted mean square of s - a - b*t over what rows i and j of a table of moments stand for, in 1/x squared."""
     w = moments[i, W] + moments[j, W]
@@ -59,7 +59,7 @@ def misfit_pair(moments, i, j, a, b):
     return max(0.0, ss - 2.0 * a * s - 2.0 * b * ts + a * a * w + 2.0 * a * b * t + b * b * tt) / w
 
 
-@njit(cache=True, nogil=True)
+@inner
 def incidence_cosine(a, b, t):
     """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1."""
     return abs(a + b * t) / (math.hypot(a, b) * math.sqrt(1.0 + t * t))

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .evidence import nearest_seen, uncovered_share
+from .kernels import inner, kernel
 from .level import ViewGeometry
 from .lines import fit_pair, misfit_pair
 from .params import Params
@@ -44,7 +44,7 @@ REFUSED = 2.0
 """Cost of what may not be: anything from 1 up is too much."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def push(heap_cost, heap_pair, size, cost, i, j, age):
     """Puts (cost, i, j, known) into the heap of `size` entries; returns the new size. Equal costs: lower i, then j first.
 
@@ -63,7 +63,7 @@ def push(heap_cost, heap_pair, size, cost, i, j, age):
     return size + 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def drop_first(heap_cost, heap_pair, size):
     """Takes the first entry out of the heap; returns the new size."""
     size -= 1
@@ -88,20 +88,20 @@ def drop_first(heap_cost, heap_pair, size):
     return size
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _move(heap_cost, heap_pair, k, to):
     heap_cost[to] = heap_cost[k]
     heap_pair[to, 0], heap_pair[to, 1], heap_pair[to, 2] = heap_pair[k, 0], heap_pair[k, 1], heap_pair[k, 2]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _before(cost_a, i_a, j_a, cost_b, i_b, j_b):
     if cost_a != cost_b:
         return cost_a < cost_b
     return i_a < i_b or (i_a == i_b and j_a < j_b)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def weigh(planes, moments, fits, k, rules):
     """Row k of fits out, by the F_ indices: mean and variance of the tangents of plane k's strips; what a new line may be
     off, in 1/x, and one over that; distances at both ends.
@@ -119,7 +119,7 @@ def weigh(planes, moments, fits, k, rules):
     fits[k, F_X1] = 1.0 / max(planes[k, A] + planes[k, B] * planes[k, T1], LEAST_S)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def deviation_squared(planes, fits, k, a, b):
     """Square of how far a new line leaves the strips of plane k, root mean square, over what is allowed.
 
@@ -129,7 +129,7 @@ def deviation_squared(planes, fits, k, a, b):
     return fits[k, F_SCALE] * fits[k, F_SCALE] * (off * off + turn * turn * fits[k, F_VARIANCE])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def apart(planes, i, j, gap_m):
     """Whether two planes are too far from each other, across or down, to be one."""
     if max(planes[i, Z0], planes[j, Z0]) - min(planes[i, Z1], planes[j, Z1]) > gap_m:
@@ -138,7 +138,7 @@ def apart(planes, i, j, gap_m):
     return aside * 0.5 * (planes[i, MIDDLE] + planes[j, MIDDLE]) > gap_m
 
 
-@njit(cache=True, nogil=True)
+@inner
 def in_depth_apart(planes, fits, i, j):
     """Whether two planes that share tangents are so far apart there that no line would serve both: a quick answer before
     `pair_cost`."""
@@ -149,7 +149,7 @@ def in_depth_apart(planes, fits, i, j):
     return off > _SURELY * (fits[i, F_ALLOWED] + fits[j, F_ALLOWED])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def front_on(planes, fits, k, a, b):
     """How far the near side of plane k's strips stands out in front of the line s = a + b*t, at most: FRONT of k there."""
     first = 1.0 / (a + b * planes[k, T0]) - fits[k, F_X0]
@@ -157,7 +157,7 @@ def front_on(planes, fits, k, a, b):
     return planes[k, FRONT] + max(first, last)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def pair_cost(planes, moments, fits, i, j, rules):
     """(cost, a, b) of one plane for both i and j, what it would cover apart: REFUSED where one line cannot serve both.
 
@@ -191,7 +191,7 @@ def pair_cost(planes, moments, fits, i, j, rules):
     return max(max(moved, 0.0), math.sqrt(max(worst, spread))), a, b
 
 
-@njit(cache=True, nogil=True)
+@inner
 def cover_cost(planes, i, j, a, b, rules, grid, frame, masks, mask_frame, run):
     """What the joined rectangle of i and j on the line s = a + b*t costs for the empty cells that it takes in."""
     p = planes[i, T0], planes[i, T1], planes[i, Z0], planes[i, Z1]
@@ -203,7 +203,7 @@ def cover_cost(planes, i, j, a, b, rules, grid, frame, masks, mask_frame, run):
     return REFUSED if share > rules[R_MOST_EMPTY] else rules[R_EMPTY_WEIGHT] * share
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def weigh_neighbours(
     count, planes, plane_ints, moments, fits, order, age, most, partners, rules, heap_cost, heap_pair
 ):  # fmt: skip
@@ -246,7 +246,7 @@ def weigh_neighbours(
     return size
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def join_planes(
     count, planes, plane_ints, moments, parent, rules, rounds, most, partners, grid, frame, masks, mask_frame, fits, order,
     age, heap_cost, heap_pair,
@@ -307,7 +307,7 @@ def join_planes(
             break
 
 
-@njit(cache=True, nogil=True)
+@inner
 def root_of(parent, k):
     """The plane that stands for plane k by now, halving the path."""
     for _ in range(parent.shape[0]):
@@ -318,7 +318,7 @@ def root_of(parent, k):
     return k
 
 
-@njit(cache=True, nogil=True)
+@inner
 def absorb(planes, plane_ints, moments, fits, i, j, a, b):
     """Makes plane i, on the line s = a + b*t, stand for j too; j gets a negative support."""
     p, q = planes[i], planes[j]

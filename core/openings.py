@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from .kernels import inner, kernel
 from .level import ViewGeometry
 from .params import Params
 from .scratch import Scratch
@@ -25,7 +25,7 @@ ROUNDING = 1e-9
 """Cells: a box that fills a whole number of them but for the last digit of a float is not made one wider."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
     """The nearest thing in each cell as a code; 0 where half of it or more is unknown.
 
@@ -48,7 +48,7 @@ def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
                 line[j] = max(line[j], code)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def count_unknown(nearest, total):
     """total[i, j]: unknown cells among the first i columns and j rows. total: (C + 1, R + 1) int32 out."""
     total[0] = 0
@@ -61,7 +61,7 @@ def count_unknown(nearest, total):
             after[j + 1] = before[j + 1] + run
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def any_ahead(cells, other, length):
     """Whether any of `length` cells from each one on is set; returns (result, the spare array), both overwritten.
 
@@ -81,7 +81,7 @@ def any_ahead(cells, other, length):
     return cells, other
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def any_behind(cells, other, length):
     """Whether any of the `length` cells up to each one is set; otherwise as `any_ahead`."""
     width = 1
@@ -98,7 +98,7 @@ def any_behind(cells, other, length):
     return cells, other
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, mask):
     """mask[i, j] = 1 where a free box of wide x high cells covers the cell.
 
@@ -148,7 +148,7 @@ def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, m
                 column[j] -= line[j]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_open(masks, t, m, x, frame):
     """Whether the ray of tangents (t, m) is open at distance x. frame: (F_STEPS + L - 1,) float64, see opening_masks."""
     i = int(math.floor(t * frame[F_ACROSS] + frame[F_CU]))
@@ -158,13 +158,13 @@ def is_open(masks, t, m, x, frame):
     return masks[layer_of(x, frame), i, j] == 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def cell_of(tan, per_tan, centre, cells):
     """The cell across or down of a tangent, that at the border where it lies outside."""
     return min(max(int(math.floor(tan * per_tan + centre)), 0), cells - 1)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def layer_of(x, frame):
     """Index of the layer of masks for distance x."""
     layer = 0
@@ -175,7 +175,7 @@ def layer_of(x, frame):
     return layer
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def open_masks(
     nearest, first_m, ratio, ws, hs, behind_m, max_range_m, f, step, cell, quantum, unknown_share, total, spare, column, masks
 ):  # fmt: skip

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from .kernels import inner, kernel
 
 ROW, CODE = range(2)
 """Lines of a list of pixels: their row and their code."""
@@ -21,7 +22,7 @@ MAX_TILES = 16
 """Parts of the view that have limits of their own (resolution of a look-up; no result depends on it)."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def gate_rises(gate):
     """Whether the ground's gate rises with the code, as it does unless the camera is lower than the tolerance."""
     greater, less = gate[3:], gate[2:-1]
@@ -31,7 +32,7 @@ def gate_rises(gate):
     return falls == 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def ground_limits(gate, tan_mid, shift, last_ground):
     """last_ground[v]: the greatest code that is ground in row v of a column with this shift, 1 where none is.
 
@@ -57,7 +58,7 @@ def ground_limits(gate, tan_mid, shift, last_ground):
         last_ground[v] = high - 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tile_columns(tan_mid, shift):
     """How many columns may share limits: those whose shifts differ by less than a row."""
     spread = np.float64(shift.max() - shift.min())
@@ -66,7 +67,7 @@ def tile_columns(tan_mid, shift):
     return -(-shift.shape[0] // tiles)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tile_limits(gate, rises, tan_mid, shifts, below, above):
     """Limits of all columns with these shifts: codes up to below[v] are ground in each of them, codes over above[v] in
     none. below, above: (V,) uint16 out. Returns whether codes between must be looked at one by one."""
@@ -83,7 +84,7 @@ def tile_limits(gate, rises, tan_mid, shifts, below, above):
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, measured):
     """mask[v] = 1 where row v of a column is measured and not ground, else 0.
 
@@ -105,7 +106,7 @@ def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, me
                         mask[v] = 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def gather_rows(line, mask, px):
     """ROW and CODE of the rows with mask = 1, from top to bottom; returns their number.
 
@@ -132,7 +133,7 @@ def gather_rows(line, mask, px):
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner
 def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
     """mark[v] for the rows first..last: the peak whose bins hold its code, NO_PEAK or CLOSED.
 
@@ -148,14 +149,14 @@ def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
             mark[v] = np.uint8(p) if inside else mark[v]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def free_rows(mark, first, last, mask):
     """mask[v] = 1 where row v of first..last is open."""
     for v in range(np.uint64(first), np.uint64(last + 1)):
         mask[v] = mark[v] <= NO_PEAK
 
 
-@njit(cache=True, nogil=True)
+@inner
 def ends_of(mark, label, first, last):
     """(first, last) row of first..last with this mark; first > last where there is none."""
     for _ in range(last + 1 - first):

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from .kernels import copy_row, inner
 from .lines import fit_line, incidence_cosine
 from .strips import BOTTOM, CLUSTER, CUT, FILL, KIND, NEAR, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
 from .tracks import T_T0, T_T1, tangent
@@ -24,14 +23,14 @@ MOST_M = 1e9
 LEAST_S = 1e-6
 
 
-@njit(cache=True, nogil=True)
+@inner
 def distance_at(plane, t):
     """Forward distance x of a plane at tangent t; MOST_M where its line never crosses that ray."""
     s = plane[A] + plane[B] * t
     return 1.0 / s if s > LEAST_S else MOST_M
 
 
-@njit(cache=True, nogil=True)
+@inner
 def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, planes, plane_ints, plane_of):
     """A plane of each track: line and ends; heights and support come from `measure_planes`."""
     for k in range(tracks):
@@ -42,7 +41,7 @@ def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, plan
         plane_of[k] = k
 
 
-@njit(cache=True, nogil=True)
+@inner
 def measure_planes(
     ints, floats, n, f, cu, lateral, tan_edge, footprint_t, cut_t, safe_m, along_m, near_sigmas, count, plane_of, planes,
     plane_ints,
@@ -89,7 +88,7 @@ def measure_planes(
         planes[k, FRONT] = max(planes[k, FRONT], max(ray * cosine - safe_m, (ray - along_m) * cosine))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def shift_to_near_side(count, planes, least_m):
     """Moves each plane towards the camera by FRONT where that is positive, but to no nearer than least_m; FRONT becomes 0
     there."""
@@ -102,13 +101,15 @@ def shift_to_near_side(count, planes, least_m):
             planes[k, FRONT] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def compact_planes(count, planes, plane_ints, moments, parent, plane_of, tracks):
     """Moves the living planes to the front and points every track at its plane; returns how many live."""
     alive = 0
     for k in range(count):
         if plane_ints[k, P_SUPPORT] >= 0:
-            planes[alive], plane_ints[alive], moments[alive] = planes[k], plane_ints[k], moments[k]
+            copy_row(planes, alive, k)
+            copy_row(plane_ints, alive, k)
+            copy_row(moments, alive, k)
             parent[k] = -1 - alive  # negative: the new number
             alive += 1
     for t in range(tracks):

@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from .kernels import inner, kernel
 from .types import Prism
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def join_heights(heights, join_m, out):
     """out: each height replaced by the least of its group, a group spanning at most join_m from its least member up."""
     least = -np.inf
@@ -27,13 +27,13 @@ def join_heights(heights, join_m, out):
         out[k] = least
 
 
-@njit(cache=True, nogil=True)
+@inner
 def meet(p, q, end_m):
     """Whether the right end of plane p is the left end of plane q."""
     return abs(p[BX] - q[AX]) < end_m and abs(p[BY] - q[AY]) < end_m
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def connect(planes, end_m, component):
     """component (N,) int64 out: the least number of the planes connected with each: ends meet and heights overlap.
 
@@ -61,7 +61,7 @@ def connect(planes, end_m, component):
         component[k] = _root(component, k)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _root(component, k):
     for _ in range(component.shape[0]):
         if component[k] == k:
@@ -71,13 +71,16 @@ def _root(component, k):
     return k
 
 
-@njit(cache=True, nogil=True)
+@inner
 def same_planes(first, last, a, b):
     """Whether layers a and b of a group are reached by the same planes."""
-    return np.all(((first <= a) & (a < last)) == ((first <= b) & (b < last)))
+    others = 0
+    for k in range(first.shape[0]):
+        others += (first[k] <= a < last[k]) != (first[k] <= b < last[k])
+    return others == 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def write_layers(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of):
     """Adds the profiles of each layer of a connected group to the tables; returns (prisms, edges).
 
@@ -99,7 +102,7 @@ def write_layers(planes, members, cuts, first, last, end_m, size, edges, heights
     return size, edges
 
 
-@njit(cache=True, nogil=True)
+@inner
 def write_runs(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of):
     """Adds runs of meeting planes of the same heights to the tables; returns (prisms, edges)."""
     before = -1
@@ -112,21 +115,21 @@ def write_runs(planes, members, cuts, first, last, end_m, size, edges, heights, 
     return size, edges
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _begin(size, edges, top, bottom, heights, starts):
     if size < heights.shape[0]:
         heights[size, 0], heights[size, 1], starts[size] = top, bottom, edges
     return size + 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add(edges, plane, plane_of):
     if edges < plane_of.shape[0]:
         plane_of[edges] = plane
     return edges + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut_into_prisms(planes, join_m, end_m, heights, starts, plane_of):
     """(prisms, edges) of planes (N, 6) float32. heights (M, 2) float32, starts (M,) and plane_of (E,) int32: tables of
     prisms, out: top and bottom, first edge, plane of each edge.

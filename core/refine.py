@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from .evidence import G_ACROSS, G_CU, G_CV, G_DOWN
+from .kernels import inner
 from .openings import is_open
 from .planes import (
     FRONT,
@@ -41,14 +40,14 @@ _NO_TURN = 1e-6
 """Lines whose slopes differ by less are parallel: their crossing is noise of the arithmetic."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def facing_gap_m(p, q):
     """Distance between the right end of p and the left end of q, seen from above."""
     xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
     return math.hypot(xp - xq, xp * p[T1] - xq * q[T0])
 
 
-@njit(cache=True, nogil=True)
+@inner
 def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m, points, masks, frame):
     """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
 
@@ -87,7 +86,7 @@ def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m
                 q[T0] = t
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _covers_opening(p, t0, t1, points, masks, frame):
     """Whether plane p from tangent t0 to t1 would cover part of an opening: looked at in points x points."""
     for a in range(points):
@@ -99,7 +98,7 @@ def _covers_opening(p, t0, t1, points, masks, frame):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _spans(p, q, t, t_end, slack_m):
     """Whether plane p stops every ray that plane q stops between the tangents t and t_end, within slack_m of height at q.
 
@@ -111,7 +110,7 @@ def _spans(p, q, t, t_end, slack_m):
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _take_over(p, q, t, t_end):
     """Makes plane p as high and as low as what `_spans` left to the slack: near and thin things are no thicker."""
     for at in (t, t_end):
@@ -119,14 +118,14 @@ def _take_over(p, q, t, t_end):
         p[Z0], p[Z1] = min(p[Z0], q[Z0] * ratio), max(p[Z1], q[Z1] * ratio)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _step_m(p, t_from, t_to):
     """Length along plane p between two tangents."""
     x0, x1 = distance_at(p, t_from), distance_at(p, t_to)
     return math.hypot(x1 - x0, x1 * t_to - x0 * t_from)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def stands_between(count, planes, plane_ints, i, j, t, z, x, behind_m):
     """Whether a plane other than i and j already closes the ray (t, z/x) in front of x or at most behind_m behind it."""
     for k in range(count):
@@ -139,7 +138,7 @@ def stands_between(count, planes, plane_ints, i, j, t, z, x, behind_m):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _touches_opening(p, q, points, masks, frame):
     """Whether the chord between facing ends of p and q would cover part of an opening: looked at in points x points."""
     xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
@@ -154,7 +153,7 @@ def _touches_opening(p, q, points, masks, frame):
     return False
 
 
-@njit(cache=True, nogil=True)
+@inner
 def close_pockets(
     count, limit, planes, plane_ints, moments, ws, least_t, least_height_m, behind_m, points, masks, frame
 ):  # fmt: skip
@@ -196,12 +195,13 @@ def close_pockets(
         plane_ints[count, P_FILL], plane_ints[count, P_CUT], plane_ints[count, P_KIND] = 1, 0, 0
         plane_ints[count, P_INFERRED] = 1
         plane_ints[count, P_ROWS], plane_ints[count, P_COLUMNS], plane_ints[count, P_LAST_U] = 1, 0, -1
-        moments[count] = moments[i] + moments[best]
+        for m in range(moments.shape[1]):
+            moments[count, m] = moments[i, m] + moments[best, m]
         count += 1
     return count
 
 
-@njit(cache=True, nogil=True)
+@inner
 def draw_planes(count, planes, plane_ints, frame, nearest):
     """nearest (C, R) float32 out: 1/x of the nearest plane that fills each cell of the view, 0 where none does."""
     nearest[:] = 0.0
@@ -219,7 +219,7 @@ def draw_planes(count, planes, plane_ints, frame, nearest):
                 nearest[i, j] = max(nearest[i, j], s)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def trim_covered(count, planes, plane_ints, depth_m, frame, nearest):
     """Cuts each plane back to what no nearer plane within depth_m hides; support of those wholly hidden gets negative.
 
@@ -256,7 +256,7 @@ def trim_covered(count, planes, plane_ints, depth_m, frame, nearest):
         p[Z0], p[Z1] = max(p[Z0], top), min(p[Z1], bottom)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def covered_by(p, q, depth_m, slack_t):
     """Whether plane q hides plane p wholly, standing less than depth_m in front of it: nothing can be in between."""
     if p[T0] < q[T0] - slack_t or p[T1] > q[T1] + slack_t:
@@ -271,7 +271,7 @@ def covered_by(p, q, depth_m, slack_t):
     return True
 
 
-@njit(cache=True, nogil=True)
+@inner
 def drop_covered(count, planes, plane_ints, depth_m, slack_t):
     """Marks planes hidden wholly by one nearer plane of their cluster within depth_m; their support becomes negative."""
     for i in range(count):

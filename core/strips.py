@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from .kernels import inner, inner_inline
 from .pixels import NO_PEAK, TAKEN, ends_of
 
 PX = 16
@@ -41,7 +41,7 @@ N, FIRST, OVERFLOW = range(3)
 """What `tally` (3,) int64 counts: strips, strips before this column, and strips merged for want of room."""
 
 
-@njit(cache=True, nogil=True)
+@inner
 def kth_largest(values, n, k):
     """The k-th largest of values[:n], k counted from 1; reorders values."""
     left, right, want = 0, n - 1, k - 1
@@ -74,7 +74,7 @@ def kth_largest(values, n, k):
     return values[want]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner_inline
 def add_strip(ints, floats, tally, room, u, top, bottom, support, kind, d, near, sigma, filled):
     """Appends a strip. A column that has `room` strips grows its last one instead: from end to end, at the nearer of
     both distances. Nothing is dropped, and tally[OVERFLOW] says how often that was."""
@@ -97,7 +97,7 @@ def add_strip(ints, floats, tally, room, u, top, bottom, support, kind, d, near,
     tally[OVERFLOW] += 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def homography_area(H):
     """|det(H)|: over w^3 it is the area of a cell of the levelled view in source pixels (its Jacobian)."""
     a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
@@ -106,7 +106,7 @@ def homography_area(H):
     return abs(a - b + c)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner_inline
 def support_of(H, area, u, top, bottom, count):
     """Distinct source pixels, in 1/16, that `count` cells of column u stand for: where cells repeat pixels, fewer.
 
@@ -118,7 +118,7 @@ def support_of(H, area, u, top, bottom, count):
     return max(1, int(PX * count * share + 0.5))
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner_inline
 def kth_closest(codes, first, last, k, best):
     """The k-th largest of codes[first..last - 1], k counted from 1. best: scratch, as long as there are codes."""
     if k <= 3:
@@ -132,7 +132,7 @@ def kth_closest(codes, first, last, k, best):
     return kth_largest(best, last - first, k)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner_inline
 def emit(
     codes, first, last, count, total, top, bottom, filled, rough, kind, u, H, area, fs, si, best, ints, floats, tally
 ):  # fmt: skip
@@ -157,7 +157,7 @@ def emit(
     add_strip(ints, floats, tally, si[I_ROOM], u, top, bottom, support, kind, d, near, np.float32(sigma), filled)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def rows_missed(mark, label, top, bottom, count, gap):
     """Rows top..bottom that lie in gaps of more than `gap` rows without one of the `count` pixels that have this mark:
     they were never seen at this distance."""
@@ -184,7 +184,7 @@ def rows_missed(mark, label, top, bottom, count, gap):
     return missed
 
 
-@njit(cache=True, nogil=True)
+@inner
 def running_sums(line, mark, label, first, last, seen, own):
     """Sums over the rows of first..last before a row, (V + 1,) int64: of what is open in `seen`, of what has this mark in
     `own`. Each holds the number of pixels, times 2^32, and the sum of their codes: the difference of two is that of the
@@ -199,7 +199,7 @@ def running_sums(line, mark, label, first, last, seen, own):
     seen[last + 1], own[last + 1] = open_sum, own_sum
 
 
-@njit(cache=True, nogil=True)
+@inner
 def split_bands(own, top, bottom, least, fs, si, parts):
     """Where a run of pixels steps in depth: returns the number of its parts. own: see `running_sums`. parts: (3, > rows
     / band_rows) int64 out: first row, number of pixels, sum of their codes.
@@ -241,7 +241,7 @@ def split_bands(own, top, bottom, least, fs, si, parts):
     return k + 1
 
 
-@njit(cache=True, nogil=True)
+@inner
 def band_tolerance(part_sum, part_n, c, fs):
     """How far the mean of a band of c pixels may be off that of the part so far, as |s part_n - part_sum c| in codes."""
     mean = part_sum / (fs[S_QUANTUM] * part_n)
@@ -249,7 +249,7 @@ def band_tolerance(part_sum, part_n, c, fs):
     return max(fs[S_BAND_STEP] * mean * mean / fs[S_F], noise) * fs[S_QUANTUM] * (c * part_n)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner_inline
 def window_half_rows(d, fs, si, rows):
     """Half the window's length (Eq. 7, 8): Hs * g(x) px with Z_near = max(Z/2, Z - ke Z^2), in [least, V].
 
@@ -260,7 +260,7 @@ def window_half_rows(d, fs, si, rows):
     return max(1, int(length / 2.0 + 0.5))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def slide_windows(
     line, mark, first, last, label, d, low_code, high_code, rough, u, H, area, fs, si, seen, own, best, parts, ints,
     floats, tally,
@@ -299,7 +299,7 @@ def slide_windows(
                 break
 
 
-@njit(cache=True, nogil=True)
+@inner
 def finish_segment(
     line, mark, top, bottom, label, low_code, high_code, rough, u, H, area, fs, si, own, best, parts, ints, floats, tally
 ):  # fmt: skip
@@ -335,7 +335,7 @@ def finish_segment(
         mark[v] = TAKEN if (mark[v] <= NO_PEAK) & (line[v] <= tail) else mark[v]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def emit_paper(line, mark, top, bottom, rough, u, fs, si, ints, floats, tally):
     """Eq. 9 as printed: the mean or the one-pixel maximum over all measured pixels between both ends."""
     count, total, most = 0, np.int64(0), np.int64(0)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from .kernels import copy_row, inner, kernel
 from .level import outside_source
 from .strips import (
     BOTTOM,
@@ -33,7 +33,7 @@ from .strips import (
 )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, lowest, keep):
     """Removes strips that too few pixels stand for; returns how many stay, moved to the front in order.
 
@@ -61,7 +61,7 @@ def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, lowest, kee
     return n
 
 
-@njit(cache=True, nogil=True)
+@inner
 def lowest_rows(ints, cols, first_of_column, lowest):
     """lowest[i]: the greatest BOTTOM of the strips up to i in its column. Strips that end above a row can so be passed
     over, as those that begin below one can."""
@@ -72,7 +72,7 @@ def lowest_rows(ints, cols, first_of_column, lowest):
             lowest[i] = least
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, cursor):
     """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0.
 
@@ -115,7 +115,7 @@ def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, curs
     return 1 if total >= least else 0
 
 
-@njit(cache=True, nogil=True)
+@inner
 def index_columns(ints, n, cols, first_of_column):
     """first_of_column[u]..first_of_column[u + 1]: the strips of column u (strips are in column order)."""
     i = 0
@@ -127,20 +127,20 @@ def index_columns(ints, n, cols, first_of_column):
         first_of_column[u] = i
 
 
-@njit(cache=True, nogil=True)
+@inner
 def compact(ints, floats, n, keep):
     """Moves the strips with keep != 0 to the front; returns their number."""
     m = 0
     for i in range(n):
         if keep[i]:
             if m != i:
-                ints[m] = ints[i]
-                floats[m] = floats[i]
+                copy_row(ints, m, i)
+                copy_row(floats, m, i)
             m += 1
     return m
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sort_columns(ints, floats, cols, first_of_column):
     """Orders the strips of every column by top row, then from near to far (by insertion: they are few and nearly so)."""
     row, value = np.zeros(ints.shape[1], ints.dtype), np.zeros(floats.shape[1], floats.dtype)
@@ -161,7 +161,7 @@ def sort_columns(ints, floats, cols, first_of_column):
             ints[at], floats[at] = row, value
 
 
-@njit(cache=True, nogil=True)
+@inner
 def mark_cuts(ints, n, H, cols, rows, si):
     """Sets CUT where the cell cut_rows above (1) or below (2) a strip is outside the source image (cols x rows)."""
     beyond = si[I_CUT]
@@ -174,7 +174,7 @@ def mark_cuts(ints, n, H, cols, rows, si):
         ints[i, CUT] = cut
 
 
-@njit(cache=True, nogil=True)
+@inner
 def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
     """Near edge as the median over three columns of touching strips, so that one column alone moves no plane.
 
@@ -195,7 +195,7 @@ def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
                 floats[i, NEAR] = max(min(x, y), min(max(x, y), z))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _touching(ints, floats, i, fs, first, last, lowest):
     """(The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1; the
     first that may overlap this one or a lower one)."""

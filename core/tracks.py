@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from .clusters import Z_BOTTOM, Z_TOP
+from .kernels import inner
 from .level import ViewGeometry
 from .lines import SS, TS, TT, S, T, W
 from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
@@ -51,13 +51,13 @@ def grow_tracks(
     return int(count), table
 
 
-@njit(cache=True, nogil=True)
+@inner
 def tangent(ints, i, cu, f, lateral):
     """t = y/x of strip i."""
     return (ints[i, U] - cu) / f * lateral[(ints[i, TOP] + ints[i, BOTTOM]) // 2]
 
 
-@njit(cache=True, nogil=True)
+@inner
 def strip_variance(disparity, sigma, f, rough_m):
     """Variance of s = 1/x of a strip, with some roughness of the surface, so that near strips do not rule alone."""
     s = disparity / f
@@ -65,7 +65,7 @@ def strip_variance(disparity, sigma, f, rough_m):
     return noise * noise + rough * rough
 
 
-@njit(cache=True, nogil=True)
+@inner
 def is_jump(d, last_d, sigma, last_sigma, jump, jump_sigmas):
     """Whether two disparities are too far apart for one surface: by more than a share of the first plus noise."""
     step, share = abs(d - last_d), jump * d
@@ -74,7 +74,7 @@ def is_jump(d, last_d, sigma, last_sigma, jump, jump_sigmas):
     return step > share + jump_sigmas * math.hypot(sigma, last_sigma)
 
 
-@njit(cache=True, nogil=True)
+@inner
 def heights_go_on(cut, top, bottom, top_min, top_max, bottom_min, bottom_max, hs):
     """Whether a strip from top to bottom (m) continues a track's heights: tops within hs of each other, and bottoms.
 
@@ -85,14 +85,14 @@ def heights_go_on(cut, top, bottom, top_min, top_max, bottom_min, bottom_max, hs
     return lowest_top - min(top_min, top) <= hs and max(bottom_max, bottom) - highest_bottom <= hs
 
 
-@njit(cache=True, nogil=True)
+@inner
 def misfit_share(t, s, variance, a, b, mean, scatter, mean_variance, line_m, sigmas):
     """Misfit of the point (t, s) to a line, seen along the ray, over what the tolerance and the noise of both allow."""
     spread = mean_variance + (t - mean) ** 2 / scatter
     return abs(s - a - b * t) / (line_m * s * s + sigmas * math.sqrt(variance + spread))
 
 
-@njit(cache=True, nogil=True)
+@inner
 def grow(
     ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link, rough_m, jump,
     jump_sigmas, edge_px, masks, frame, moments, table, front, touches, near,
@@ -183,7 +183,7 @@ def grow(
     return tracks
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _go_on(u, link, ints, front, size):
     """Keeps what may go on in column u of the front, with the rows of the last strips; returns its size."""
     kept = 0
@@ -197,7 +197,7 @@ def _go_on(u, link, ints, front, size):
     return kept
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _add_to_line(moments, table, k, t, s, weight, prior):
     """Adds the point (t, s) to the moments of track k and fits its line anew, as lines.py does."""
     moments[k, W] += weight

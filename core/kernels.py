@@ -1,0 +1,29 @@
+"""How the kernels are compiled: to plain machine code, kept on disk, without Python's lock.
+
+Numba counts the references to every array that a compiled function is given, at each call, by atomic operations: more
+time than most of our small functions take for their work. `inner` leaves that out. Such a function may take arrays and
+look at parts of them, but it neither makes nor returns one, not even in passing (`table[i] = table[j]` copies a row by way
+of a new one: see `copy_row`), and calls none that does. The compiler refuses the former, a test the latter.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+# both say it, since a function that does not would take it over from whoever calls it first
+kernel = njit(cache=True, nogil=True, _nrt=True)
+"""For functions that make arrays, or call one that does."""
+inner = njit(cache=True, nogil=True, _nrt=False)
+"""For all others."""
+inner_inline = njit(cache=True, nogil=True, _nrt=False, forceinline=True)
+"""`inner`, made part of its caller whatever its size."""
+kernel_ieee = njit(cache=True, nogil=True, _nrt=True, error_model="numpy")
+inner_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+"""The same where a division by zero gives infinity, and no look at the divisor hinders many divisions at a time."""
+
+
+@inner
+def copy_row(table, to, row):
+    """Makes row `to` of a table (N, C) the same as row `row`."""
+    for c in range(table.shape[1]):
+        table[to, c] = table[row, c]
