@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import zmq
 
@@ -52,6 +53,9 @@ from .run_info import run_info
 from .service_folders import Folders
 from .surround import SurroundKeeper, surround_message
 
+if TYPE_CHECKING:
+    from .metrics import MetricsServer
+
 NS = 1_000_000_000
 HEALTH_NS = NS
 HEARTBEAT_STATES = {
@@ -82,6 +86,7 @@ class Service:
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.session, self.link = self._autopilot()
         self.recorder = self._recorder()
+        self.metrics = self._metrics()
         self._pipeline = Pipeline((), lambda info: Extractor(config.extractor), config.sync)
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
         self.loop = PipelineLoop(
@@ -126,6 +131,14 @@ class Service:
         folder = Path(record.folder) if record.folder else self._folders.state / "logs"
         return Recorder(folder, run_info("live", config_text(self.config)), record)
 
+    def _metrics(self) -> MetricsServer | None:
+        port = self.config.service.metrics_port
+        if port == 0:
+            return None
+        from .metrics import MetricsServer  # a web server: only where it is asked for
+
+        return MetricsServer(port)
+
     def _clock(self) -> tuple[ClockEstimate, int]:
         if self.session is None:
             return ClockEstimate(ClockSource.NONE), 0
@@ -149,6 +162,8 @@ class Service:
                 self._publishers[name] = Publisher(Stream(name, address), self._context, keys)
         if self.recorder is not None:
             self.recorder.open()
+        if self.metrics is not None:
+            self.metrics.open()
         self.loop.open()
         if self.link is not None:
             self.link.open()
@@ -164,6 +179,8 @@ class Service:
         self.loop.close()
         if self.recorder is not None:
             self.recorder.close()
+        if self.metrics is not None:
+            self.metrics.close()
         for publisher in self._publishers.values():
             publisher.close()
         if self._allow is not None:
@@ -206,6 +223,8 @@ class Service:
         autopilot = self._autopilot_view(now_ns)
         recording = self.recorder.status if self.recorder is not None else None
         self.troubles = troubles_of(views, autopilot, recording, self.hung())
+        if self.metrics is not None and self.metrics.trouble:
+            self.troubles.append(self.metrics.trouble)
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
         state = state_of(views, self.troubles, self.started)
@@ -297,5 +316,7 @@ class Service:
             for cause, count in self.loop.dropped.items():
                 report.frames_dropped[cause] = count
         self._machine.fill(report)
+        if self.metrics is not None:
+            self.metrics.update(report)
         if publisher is not None:
             publisher.publish(report)
