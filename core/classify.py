@@ -184,7 +184,7 @@ def quantile_of_tiles(tiles, share, least):
     return known[below] + (at - below) * (known[above] - known[below])
 
 
-@inner
+@kernel
 def agreeing_tiles(tiles, value, within):
     """How many tiles are known and at most `within` times greater or less than value."""
     return ((tiles >= value / within) & (tiles <= value * within)).sum()
