@@ -1,0 +1,142 @@
+"""All that concerns the autopilot's braking, as one part of the service: what is told, whether it is taken, what is wrong."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from core.types import AttitudeSample, CameraInfo, PoseSample
+from drivers.mavlink import Vehicle
+from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+
+from .autopilot_parameters import ParameterReader, advice
+from .config_avoid import AvoidParams
+from .echo_check import EchoCheck
+from .obstacle_distance import clear_cm
+from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told
+from .pipeline import PrismsResult
+from .status_text import StatusTexts
+
+NS = 1_000_000_000
+ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
+ECHOES = {"PX4": 330, "ArduPilot": 132}
+"""The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
+SET_MESSAGE_INTERVAL = 511
+PX4_POSITION_MODE = 3
+
+
+class Avoidance:
+    """vehicle: the autopilot that is heard now, None: none. post: sends it a message."""
+
+    def __init__(
+        self,
+        avoid: AvoidParams,
+        cameras: tuple[str, ...],
+        stale_s: float,
+        vehicle: Callable[[], Vehicle | None],
+        post: Callable[[Any], None],
+    ) -> None:
+        self._avoid, self._vehicle, self._post = avoid, vehicle, post
+        self._cameras = cameras
+        self._next_ask_ns = 0
+        self.parameters = ParameterReader()
+        self._echo = EchoCheck()
+        self._texts = StatusTexts()
+        self._teller = ObstacleTeller(avoid, cameras, stale_s)
+        self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
+
+    def open(self) -> None:
+        """Starts to send, as soon as an autopilot is heard."""
+        self.sender.open()
+
+    def close(self) -> None:
+        """Stops. May be called twice."""
+        self.sender.close()
+
+    # ---- in ---------------------------------------------------------------------------------------------------------
+
+    def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        """Attitudes and positions of the autopilot, as they come."""
+        self._teller.samples(samples)
+
+    def announce(self, info: CameraInfo) -> None:
+        """A camera that was opened."""
+        self._teller.announce(info)
+
+    def result(self, result: PrismsResult) -> None:
+        """What a frame said."""
+        self._teller.result(result)
+
+    def message(self, message: Any, arrival_ns: int) -> None:
+        """Every message of the autopilot."""
+        self.parameters.take(message)
+        self._echo.take(message, arrival_ns)
+
+    # ---- out --------------------------------------------------------------------------------------------------------
+
+    def tick(self, now_ns: int) -> None:
+        """Asks for parameters and tells people what has changed; ten times a second or so."""
+        vehicle = self._vehicle()
+        if vehicle is None:
+            return
+        self.parameters.begin(vehicle.autopilot)
+        for request in self.parameters.due(now_ns, vehicle.system_id):
+            self._post(request)
+        if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
+            self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
+            self._post(
+                dialect.MAVLink_command_long_message(
+                    vehicle.system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0,
+                    ECHOES[vehicle.autopilot], 1e6 / ECHO_HZ, 0, 0, 0, 0, 0,
+                )
+            )  # fmt: skip
+        told = self.sender.told
+        if told is not None:
+            text = self._texts.due({c: told.blind.get(c, "") for c in self._cameras}, now_ns)
+            if text is not None:
+                self._post(text)
+
+    def troubles(self, now_ns: int) -> list[str]:
+        """What keeps the vehicle from braking, in words."""
+        vehicle = self._vehicle()
+        if vehicle is None:
+            return []
+        trouble = self._echo.trouble(vehicle.autopilot, now_ns) if echoes(vehicle) else ""
+        values, silent = self.parameters.values(), self.parameters.silent()
+        said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
+        if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:
+            said.append(
+                f"AVOID_MARGIN is not known: when blind, the wall stands at {self._avoid.avoid_margin_m:g} m and more; set "
+                "[avoid] avoid_margin_m to the autopilot's"
+            )
+        return [trouble, *said] if trouble else said
+
+    @property
+    def told(self) -> Told | None:
+        """The newest decision."""
+        return self.sender.told
+
+    def hung(self, limit_ns: int) -> bool:
+        """Whether the sender has not gone round for so long, or has ended."""
+        return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
+
+    def _autopilot(self) -> AutopilotNow:
+        vehicle = self._vehicle()
+        if vehicle is None:
+            return AutopilotNow()
+        return AutopilotNow(kind=vehicle.autopilot, margin_m=self.parameters.value("AVOID_MARGIN"))
+
+    def _send(self, message: Any) -> None:
+        told = self.sender.told
+        if told is not None and told.values is not None:
+            self._echo.sent(told.values, clear_cm(self._avoid), told.t_ns)
+        self._post(message)
+
+
+def echoes(vehicle: Vehicle) -> bool:
+    """Whether this autopilot should be sending obstacles back now: PX4 looks at them in Position mode alone, and its map
+    goes out only then."""
+    if vehicle.autopilot != "PX4":
+        return True
+    return vehicle.armed and (vehicle.custom_mode >> 16) & 0xFF == PX4_POSITION_MODE

@@ -1,0 +1,204 @@
+"""Tells the autopilot of obstacles, 15 times a second, whatever the cameras and the pipeline do.
+
+The thread looks at what the newest frames said and how old they are at the moment of sending. Nothing that another
+thread does or fails to do makes an old word go out as a new one: when nobody hands it anything any more, the exposures
+it holds grow old, and what is sent is what the blind policy says.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import AttitudeSample, CameraInfo, PoseSample
+
+from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
+from .config_avoid import AvoidParams
+from .obstacle_distance import obstacle_distance_message
+from .obstacle_memory import Here, ObstacleMemory
+from .pipeline import PrismsResult
+from .reframe import LevelTransform, reframed
+from .sectors import SECTORS, View, covered, scan
+from .surround import joined, step_to_level
+from .sync import AttitudeAt, PoseAt, Synchroniser, SyncParams
+
+NS = 1_000_000_000
+MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
+"""How far attitude and position may be carried to the moment of sending; beyond it the vehicle's heading is unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
+
+    policy: unknown or stop, as the autopilot needs it."""
+
+    t_ns: int
+    values: NDArray[np.uint16] | None
+    blind: dict[str, str]
+    policy: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotNow:
+    """What is known of the autopilot. kind: "" before it was heard. margin_m: AVOID_MARGIN, None: not told."""
+
+    kind: str = ""
+    margin_m: float | None = None
+
+
+class ObstacleTeller:
+    """What to send at an instant; without thread, clock or line. `decide` and the others may be called from different
+    threads."""
+
+    def __init__(self, avoid: AvoidParams, cameras: tuple[str, ...], stale_s: float) -> None:
+        self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
+        self._lock = threading.Lock()
+        self._motion = Synchroniser(MOTION)
+        self._newest: dict[str, PrismsResult] = {}
+        self._infos: dict[str, CameraInfo] = {}
+        self._recovery = Recovery(cameras, avoid.recover_frames)
+        self._policy = BlindPolicy(avoid)
+        self._memory = ObstacleMemory(avoid)
+        self._newest_good_ns: int | None = None
+
+    def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        """Attitudes and positions, as they come."""
+        with self._lock:
+            for sample in samples:
+                if isinstance(sample, AttitudeSample):
+                    self._motion.attitudes.add(sample)
+                else:
+                    self._motion.poses.add(sample)
+
+    def announce(self, info: CameraInfo) -> None:
+        """A camera that was opened: where it looks."""
+        with self._lock:
+            self._infos[info.camera] = info
+
+    def result(self, result: PrismsResult) -> None:
+        """What a frame said, valid or not."""
+        with self._lock:
+            self._newest[result.camera] = result
+            self._recovery.frame(result.camera, result.valid)
+            if result.valid:
+                self._newest_good_ns = max(self._newest_good_ns or 0, result.t_exposure_ns)
+
+    def decide(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+        """What to send now."""
+        with self._lock:
+            here = self._here(now_ns)
+            causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
+            self._recovery.blind(causes)
+            seeing = [c for c in self._cameras if not causes[c] and self._recovery.believed(c)]
+            causes.update(
+                {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
+            )
+            views = [self._view(self._newest[c], here) for c in seeing] if here is not None else []
+            found = scan(views, self._avoid)
+            recalled = np.full(SECTORS, np.inf)
+            if here is not None:
+                recalled = self._memory.recall(found, views, here, now_ns)
+            sight = Sight(
+                found, recalled, self._coverage([c for c in self._cameras if c not in seeing]), self._coverage(seeing),
+                self._newest_good_ns,
+            )  # fmt: skip
+            policy = policy_of(self._avoid, autopilot.kind)
+            margin_m = self._avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
+            values = self._policy.values(sight, policy, margin_m, now_ns)
+            return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy)
+
+    def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
+        """Why a camera is blind at this instant; empty: it sees."""
+        newest = self._newest.get(camera)
+        if newest is None:
+            return "no frame yet"
+        if not newest.valid:
+            return newest.cause_text
+        age_ns = now_ns - newest.t_exposure_ns
+        if age_ns > self._stale_ns:
+            return f"its newest exposure is {age_ns / NS:.1f} s old"
+        return "the attitude is lost" if here is None else ""
+
+    def _here(self, now_ns: int) -> Here | None:
+        attitude = self._motion.attitude_at(now_ns)
+        if not isinstance(attitude, AttitudeAt):
+            return None
+        w, x, y, z = attitude.q_ned_frd_wxyz
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        pose = self._motion.pose_at(now_ns)
+        if isinstance(pose, PoseAt):
+            return Here(heading, pose.position_ned_m, pose.reset_counter)
+        return Here(heading)
+
+    def _view(self, result: PrismsResult, here: Here) -> View:
+        """A result in level at the moment of sending."""
+        assert result.model is not None
+        assert result.transform is not None
+        same = result.pose is not None and result.pose.reset_counter == here.section
+        if result.frame == "ned" and here.position_ned_m is not None and same:
+            step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
+        else:
+            step = step_to_level(result, here.heading_rad)
+        return View(reframed(replace(result.model, prisms=()), step), joined(step, result.transform))
+
+    def _coverage(self, cameras: list[str]) -> NDArray[np.bool_]:
+        """(72,) sectors that any of these looks into. One that was never opened may look anywhere: nobody knows."""
+        out = np.zeros(SECTORS, bool)
+        for camera in cameras:
+            info = self._infos.get(camera)
+            if info is None:
+                return np.ones(SECTORS, bool)
+            half_view = math.atan(0.5 * info.intrinsics.width / info.intrinsics.fx)
+            out |= covered(info.mount.yaw_rad, half_view)
+        return out
+
+
+class ObstacleSender:
+    """Runs a teller on the line, in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
+
+    def __init__(
+        self, teller: ObstacleTeller, avoid: AvoidParams, ask: Callable[[], AutopilotNow], post: Callable[[Any], None]
+    ) -> None:
+        self._teller, self._avoid, self._ask, self._post = teller, avoid, ask, post
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
+        self.told: Told | None = None
+        self.sent = 0
+        self.alive_ns = time.monotonic_ns()
+
+    def open(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends it. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+
+    @property
+    def running(self) -> bool:
+        """False once the thread has ended, told or not."""
+        return self._thread.is_alive()
+
+    def _run(self) -> None:
+        step_ns = round(NS / self._avoid.rate_hz)
+        next_ns = time.monotonic_ns()
+        while not self._stop.wait(max(0.0, (next_ns - time.monotonic_ns()) / NS)):
+            now_ns = time.monotonic_ns()
+            next_ns = max(next_ns + step_ns, now_ns)
+            autopilot = self._ask()
+            if autopilot.kind:  # which policy is right is known only then
+                self.told = self._teller.decide(autopilot, now_ns)
+                if self.told.values is not None:
+                    self._post(obstacle_distance_message(self.told.values, now_ns // 1000, self._avoid))
+                    self.sent += 1
+            self.alive_ns = time.monotonic_ns()
