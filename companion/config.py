@@ -23,6 +23,7 @@ from pydantic import Field as Bounds
 
 from core.params import Params
 
+from .config_avoid import AvoidParams
 from .config_camera import CameraConfig, OutputConfig
 from .config_live import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .sync import SyncParams
@@ -33,6 +34,7 @@ SECTIONS: dict[str, type] = {
     "camera": CameraConfig,
     "output": OutputConfig,
     "autopilot": AutopilotConfig,
+    "avoid": AvoidParams,
     "publish": PublishConfig,
     "record": RecordParams,
     "supervision": SupervisorParams,
@@ -50,6 +52,7 @@ class Config:
     cameras: tuple[CameraConfig, ...] = ()
     output: OutputConfig = field(default_factory=OutputConfig)
     autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)
+    avoid: AvoidParams = field(default_factory=AvoidParams)
     publish: PublishConfig = field(default_factory=PublishConfig)
     record: RecordParams = field(default_factory=RecordParams)
     supervision: SupervisorParams = field(default_factory=SupervisorParams)

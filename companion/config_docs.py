@@ -16,6 +16,7 @@ TITLES = {
     "camera": "`[[camera]]`: one for each camera",
     "output": "`[output]`: what a replay writes",
     "autopilot": "`[autopilot]`: the line to it",
+    "avoid": "`[avoid]`: what the autopilot is told of obstacles",
     "publish": "`[publish]`: the streams for planners",
     "record": "`[record]`: the flight's log",
     "supervision": "`[supervision]`: when a camera is ill",

@@ -9,12 +9,12 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import zmq
 
 from core.extractor import Extractor
-from core.types import CameraInfo
+from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
 from drivers.mavlink import (
     MAV_STATE_ACTIVE,
@@ -22,11 +22,13 @@ from drivers.mavlink import (
     MAV_STATE_STANDBY,
     MavlinkParams,
     MavlinkSession,
+    Vehicle,
 )
 from drivers.mavlink_link import MavlinkLink
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
 
+from .avoidance import Avoidance
 from .blindness import Blindness
 from .camera_supervisor import CameraSupervisor
 from .config import Config, config_text
@@ -84,6 +86,7 @@ class Service:
         self._surround = SurroundKeeper(names)
         self._required = frozenset(c.name for c in config.cameras if c.required)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
+        self.avoidance: Avoidance | None = None
         self.session, self.link = self._autopilot()
         self.recorder = self._recorder()
         self.metrics = self._metrics()
@@ -109,6 +112,8 @@ class Service:
     def _supervisor(self, name: str) -> CameraSupervisor:
         def opened(info: CameraInfo) -> None:
             self.inbox.put([info])
+            if self.avoidance is not None:
+                self.avoidance.announce(info)
 
         return CameraSupervisor(self.config.camera(name), opened, self.inbox.put_frame, self.config.supervision)
 
@@ -121,8 +126,26 @@ class Service:
         )
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
         keep = (lambda data, t_ns: self.inbox.put([RawFrame(data, t_ns)])) if log_raw else None
-        session = MavlinkSession(params, on_frame=keep)
-        return session, MavlinkLink(parse_address(a.address), session, self.inbox.put)
+        session = MavlinkSession(params, on_frame=keep, on_message=self._autopilot_says)
+        link = MavlinkLink(parse_address(a.address), session, self._deliver)
+        if self.config.avoid.send:
+            names = tuple(self.cameras)
+            stale_s = self.config.service.stale_s
+            self.avoidance = Avoidance(self.config.avoid, names, stale_s, lambda: self._vehicle(session), link.post)
+        return session, link
+
+    def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        self.inbox.put(samples)
+        if self.avoidance is not None:
+            self.avoidance.samples(samples)
+
+    def _autopilot_says(self, message: Any, arrival_ns: int) -> None:
+        if self.avoidance is not None:
+            self.avoidance.message(message, arrival_ns)
+
+    def _vehicle(self, session: MavlinkSession) -> Vehicle | None:
+        """The autopilot, while its heartbeat is fresh."""
+        return session.vehicle if session.heard(time.monotonic_ns()) else None
 
     def _recorder(self) -> Recorder | None:
         record = self.config.record
@@ -167,6 +190,8 @@ class Service:
         self.loop.open()
         if self.link is not None:
             self.link.open()
+        if self.avoidance is not None:
+            self.avoidance.open()
         for camera in self.cameras.values():
             camera.open()
 
@@ -174,6 +199,8 @@ class Service:
         """Stops everything and finishes the log. May be called twice."""
         for camera in self.cameras.values():
             camera.close()
+        if self.avoidance is not None:
+            self.avoidance.close()
         if self.link is not None:
             self.link.close()
         self.loop.close()
@@ -204,6 +231,8 @@ class Service:
             return "the pipeline"
         if self.link is not None and now_ns - self.link.line.alive_ns > limit_ns + 2 * NS:  # opening may take 2 s
             return "the autopilot's line"
+        if self.avoidance is not None and self.avoidance.hung(round(limit_ns)):
+            return "the sender of obstacles"
         for name, camera in self.cameras.items():
             if camera.status.alive_ns and now_ns - camera.status.alive_ns > limit_ns + 2 * NS:
                 return f"the supervision of camera {name}"
@@ -225,6 +254,9 @@ class Service:
         self.troubles = troubles_of(views, autopilot, recording, self.hung())
         if self.metrics is not None and self.metrics.trouble:
             self.troubles.append(self.metrics.trouble)
+        if self.avoidance is not None:
+            self.avoidance.tick(now_ns)
+            self.troubles += self.avoidance.troubles(now_ns)
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
         state = state_of(views, self.troubles, self.started)
@@ -267,6 +299,8 @@ class Service:
 
     def _publish(self, result: PrismsResult) -> None:
         self._send("prisms", prisms_message(result), result.t_exposure_ns)
+        if self.avoidance is not None:
+            self.avoidance.result(result)
         with self.loop.lock:
             self._surround.result(result)
         self._publish_surround(time.monotonic_ns())

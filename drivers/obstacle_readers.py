@@ -26,23 +26,23 @@ class Px4Reader:
         self.bin_deg, self.cp_dist_m, self.go_no_data = bin_deg, cp_dist_m, go_no_data
         count = 360 // bin_deg
         self._cm = [UNKNOWN] * count
-        self._range_cm = [0] * count
+        self.ranges_cm = [0] * count
         self._at_ns = [0] * count
         self._seen = [False] * count
         self._newest_ns: int | None = None
-        self._min_cm = UNKNOWN
+        self.min_cm = UNKNOWN
 
     def read(self, message: Any, now_ns: int) -> None:
         """Takes a message; one in a frame that it does not know is ignored."""
         if message.frame != BODY_FRD or message.increment_f <= 0.0:
             return
         self._newest_ns = now_ns
-        self._min_cm = min(self._min_cm, message.min_distance)
+        self.min_cm = min(self.min_cm, message.min_distance)
         for i in range(len(self._cm)):
             at = (i * self.bin_deg - message.angle_offset) % 360.0
             value = message.distances[math.ceil(at / message.increment_f)]
             if value != UNKNOWN and self._accepts(i, value, message.max_distance):
-                self._cm[i], self._range_cm[i], self._at_ns[i], self._seen[i] = (
+                self._cm[i], self.ranges_cm[i], self._at_ns[i], self._seen[i] = (
                     value,
                     message.max_distance,
                     now_ns,
@@ -52,7 +52,7 @@ class Px4Reader:
     def _accepts(self, i: int, value: int, range_cm: int) -> bool:
         """An obstacle replaces a nearer one only of the same or a longer range of the sensor; clear replaces an obstacle
         only of the same range. So a sensor must never change its range."""
-        held, held_range = self._cm[i], self._range_cm[i]
+        held, held_range = self._cm[i], self.ranges_cm[i]
         if value < range_cm:
             return held >= held_range or range_cm <= held_range
         return (held >= held_range and range_cm >= held_range) or (held < held_range and range_cm == held_range)
@@ -81,11 +81,11 @@ class Px4Reader:
         own = math.floor(direction_deg % 360.0 / self.bin_deg)
         if bins[own] == UNKNOWN and not (self.go_no_data and not self._seen[own]):
             return 0.0
-        keep_m = max(self._min_cm / 100.0, self.cp_dist_m)
+        keep_m = max(self.min_cm / 100.0, self.cp_dist_m)
         room_m = math.inf
         for i, cm in enumerate(bins):
             towards = math.cos(math.radians(i * self.bin_deg - direction_deg))
-            if cm > self._min_cm and cm < self._range_cm[i] and towards > 0.1:
+            if cm > self.min_cm and cm < self.ranges_cm[i] and towards > 0.1:
                 room_m = min(room_m, max(0.0, cm / 100.0 - keep_m) / towards)
         return room_m
 

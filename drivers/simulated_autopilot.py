@@ -7,6 +7,7 @@ TIMESYNC at 10 Hz; ArduPilot sends nothing but heartbeats until it is asked and 
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,12 +15,15 @@ from typing import Any
 from .flight_path import VehicleState
 from .mavlink_dialect import dialect
 from .mavlink_frames import MessageSplitter
+from .obstacle_readers import UNKNOWN, ArduPilotReader, Px4Reader
 
 NS = 1_000_000_000
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
 _SET_MESSAGE_INTERVAL = 511
+_INT32, _REAL32 = 6, 9
 _HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
+_DISTANCE_SENSOR, _OBSTACLE_DISTANCE = 132, 330
 _ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
 _STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
@@ -60,13 +64,19 @@ class Personality:
 class SimulatedAutopilot:
     """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
 
-    parameters: name -> value, answered to PARAM_REQUEST_READ. received: the good messages that came, newest last."""
+    parameters: name -> value, answered to PARAM_REQUEST_READ (PX4 puts whole numbers, here ints, into the float's bytes).
+    received: the good messages that came, newest last; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back
+    when asked for it; obstacle_times_ns: when each came. deaf: it takes none of them."""
 
     def __init__(self, personality: Personality | None = None) -> None:
         self.personality = personality or Personality()
         self.parameters: dict[str, float] = {}
         self.received: list[Any] = []
-        self.silent = False
+        self.obstacles: Px4Reader | ArduPilotReader = (
+            ArduPilotReader() if self.personality.kind == ARDUPILOT else Px4Reader()
+        )
+        self.obstacle_times_ns: list[int] = []
+        self.silent = self.deaf = False
         self._next_ns: dict[int, int] = {}
         self._intervals: dict[int, float] = {}
         self._answers: list[bytes] = []
@@ -102,6 +112,10 @@ class SimulatedAutopilot:
                     self._intervals[number] = float(message.req_message_rate)
             elif kind == "PARAM_REQUEST_READ":
                 self._read_parameter(message)
+            elif kind == "OBSTACLE_DISTANCE":
+                self.obstacle_times_ns.append(now_ns)
+                if not self.deaf:
+                    self.obstacles.read(message, now_ns)
 
     def of_kind(self, kind: str) -> list[Any]:
         """The messages of one kind that came."""
@@ -121,13 +135,13 @@ class SimulatedAutopilot:
 
     def _read_parameter(self, request: Any) -> None:
         name = request.param_id
-        if name in self.parameters:
-            index = list(self.parameters).index(name)
-            self._answer(
-                dialect.MAVLink_param_value_message(
-                    name.encode(), self.parameters[name], 9, len(self.parameters), index
-                )
-            )
+        if name not in self.parameters:
+            return
+        value, kind = self.parameters[name], _REAL32
+        if self.personality.kind == PX4 and isinstance(value, int):
+            value, kind = struct.unpack("<f", struct.pack("<i", value))[0], _INT32
+        index = list(self.parameters).index(name)
+        self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
 
     def _answer(self, message: Any) -> None:
         self._answers.append(self._pack(message))
@@ -144,7 +158,7 @@ class SimulatedAutopilot:
         hidden = _ATTITUDES if self.personality.hides_attitude(now_ns) else ()
         for number, hz in list(self._intervals.items()):
             if number in _SENDERS and number not in hidden and self._is_due(number, hz, now_ns):
-                out.append(self._pack(_SENDERS[number](self, now_ns)))
+                out += [self._pack(message) for message in _SENDERS[number](self, now_ns)]
         hz = self.personality.timesync_asks_hz if self.personality.kind == PX4 else 0.1
         if self._is_due(_TIMESYNC, hz, now_ns):
             out.append(self._pack(dialect.MAVLink_timesync_message(0, self.boot_ns(now_ns))))
@@ -162,19 +176,51 @@ class SimulatedAutopilot:
         p = self.personality
         return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, 0, 4, 3)
 
-    def _attitude(self, now_ns: int) -> Any:
+    def _attitude(self, now_ns: int) -> list[Any]:
         m = self.personality.motion(now_ns)
-        return dialect.MAVLink_attitude_message(self.boot_ns(now_ns) // 1_000_000, *m.euler_rad, *m.rates_frd_rad_s)
+        return [dialect.MAVLink_attitude_message(self.boot_ns(now_ns) // 1_000_000, *m.euler_rad, *m.rates_frd_rad_s)]
 
-    def _attitude_quaternion(self, now_ns: int) -> Any:
+    def _attitude_quaternion(self, now_ns: int) -> list[Any]:
         m = self.personality.motion(now_ns)
         boot_ms = self.boot_ns(now_ns) // 1_000_000
-        return dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)
+        return [dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)]
 
-    def _local_position(self, now_ns: int) -> Any:
+    def _local_position(self, now_ns: int) -> list[Any]:
         m = self.personality.motion(now_ns)
         boot_ms = self.boot_ns(now_ns) // 1_000_000
-        return dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)
+        return [dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)]
+
+    def _fused_obstacles(self, now_ns: int) -> list[Any]:
+        """PX4's own map, once it has heard of any obstacle."""
+        if not isinstance(self.obstacles, Px4Reader) or not self.obstacles.has_data(now_ns):
+            return []
+        bins, step = self.obstacles.bins_cm(now_ns), self.obstacles.bin_deg
+        values = bins + [UNKNOWN] * (72 - len(bins))
+        return [
+            dialect.MAVLink_obstacle_distance_message(
+                now_ns // 1000,
+                0,
+                values,
+                step,
+                self.obstacles.min_cm,
+                max(self.obstacles.ranges_cm),
+                float(step),
+                0.0,
+                12,
+            )
+        ]
+
+    def _face_distances(self, now_ns: int) -> list[Any]:
+        """One DISTANCE_SENSOR for each of ArduPilot's faces that holds something."""
+        if not isinstance(self.obstacles, ArduPilotReader):
+            return []
+        return [
+            dialect.MAVLink_distance_sensor_message(
+                self.boot_ns(now_ns) // 1_000_000, 20, 1200, round(100 * m), 0, 10 + face, face, 0
+            )
+            for face, m in enumerate(self.obstacles.faces_m(now_ns))
+            if m < 1e6
+        ]
 
     def _pack(self, message: Any) -> bytes:
         data = bytes(message.pack(self._mavlink))
@@ -182,8 +228,10 @@ class SimulatedAutopilot:
         return data
 
 
-_SENDERS: dict[int, Callable[[SimulatedAutopilot, int], Any]] = {
+_SENDERS: dict[int, Callable[[SimulatedAutopilot, int], list[Any]]] = {
     _ATTITUDE: SimulatedAutopilot._attitude,
     _ATTITUDE_QUATERNION: SimulatedAutopilot._attitude_quaternion,
     _LOCAL_POSITION: SimulatedAutopilot._local_position,
+    _OBSTACLE_DISTANCE: SimulatedAutopilot._fused_obstacles,
+    _DISTANCE_SENSOR: SimulatedAutopilot._face_distances,
 }

@@ -1,0 +1,178 @@
+"""The parts around the sender: parameters in words, the echo, words to the ground station."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from companion.autopilot_parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice
+from companion.avoidance import echoes
+from companion.config_avoid import AvoidParams
+from companion.echo_check import PATIENCE_NS, EchoCheck
+from companion.obstacle_distance import clear_cm, obstacle_distance_message
+from companion.status_text import MOST_CHARACTERS, StatusTexts, shortened
+from drivers.mavlink import Vehicle
+from drivers.mavlink_frames import MessageSplitter
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+
+AVOID = AvoidParams(max_distance_m=12.0)
+NS = 1_000_000_000
+
+
+def answers(autopilot: SimulatedAutopilot, requests: list, now_ns: int) -> list:
+    """What the autopilot says to some messages, decoded from its bytes."""
+    for request in requests:
+        autopilot.receive(bytes(request.pack(autopilot._mavlink)), now_ns)
+    return MessageSplitter().feed(b"".join(autopilot.due(now_ns)))
+
+
+# ---- parameters -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [
+        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": -1}),
+        (ARDUPILOT, {"PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 0}),
+    ],
+)  # fmt: skip
+def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: dict[str, float]) -> None:
+    autopilot, reader = SimulatedAutopilot(Personality(kind=kind)), ParameterReader()
+    autopilot.parameters = dict(parameters)
+    reader.begin(kind)
+    for message in answers(autopilot, reader.due(NS, 1), NS):
+        reader.take(message)
+    assert reader.values() == parameters
+    assert reader.due(NS + ASK_AGAIN_NS, 1) == []
+    autopilot.parameters |= {"CP_DIST": 5.0} if kind == PX4 else {"AVOID_MARGIN": 5.0}
+    for message in answers(autopilot, reader.due(NS + RENEW_NS, 1), NS + RENEW_NS):
+        reader.take(message)
+    assert 5.0 in reader.values().values()
+
+
+def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
+    reader = ParameterReader()
+    reader.begin(ARDUPILOT)
+    asked = [len(reader.due(NS + k * ASK_AGAIN_NS, 1)) for k in range(TRIES + 3)]
+    assert asked == [6] * TRIES + [0] * 3
+    assert "AVOID_MARGIN" in reader.silent()
+    assert any("did not tell AVOID_MARGIN" in line for line in advice(ARDUPILOT, {}, reader.silent(), 12.0))
+    reader.begin(PX4)
+    assert reader.silent() == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "word"),
+    [
+        (PX4, {"CP_DIST": -1.0}, "will not brake: CP_DIST = -1"),
+        (PX4, {"CP_DIST": 12.0}, "never fly on"),
+        (PX4, {"CP_DIST": 3.0, "CP_GO_NO_DATA": 1.0}, "CP_GO_NO_DATA"),
+        (PX4, {"CP_DIST": 3.0, "MPC_POS_MODE": 1.0}, "MPC_POS_MODE = 1"),
+        (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not listen: PRX1_TYPE = 0"),
+        (ARDUPILOT, {"AVOID_ENABLE": 1.0}, "AVOID_ENABLE = 1 is without 2"),
+        (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
+        (ARDUPILOT, {"AVOID_BEHAVE": 0.0}, "AVOID_BEHAVE = 0"),
+        (ARDUPILOT, {"AVOID_BACKUP_SPD": 0.75}, "backs away"),
+    ],
+)
+def test_what_keeps_the_vehicle_from_braking_is_said(kind: str, values: dict[str, float], word: str) -> None:
+    said = advice(kind, values, (), 12.0)
+    assert len(said) == 1
+    assert word in said[0]
+
+
+def test_nothing_is_said_of_good_parameters() -> None:
+    assert advice(PX4, {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}, (), 12.0) == []
+    good = {"PRX1_TYPE": 2.0, "AVOID_ENABLE": 7.0, "AVOID_MARGIN": 2.0, "AVOID_BEHAVE": 1.0, "AVOID_BACKUP_SPD": 0.0}
+    assert advice(ARDUPILOT, good, (), 12.0) == []
+
+
+# ---- echo -------------------------------------------------------------------------------------------------------------
+
+
+def scene(nearest_cm: int | None, at: int = 0) -> np.ndarray:
+    values = np.full(72, clear_cm(AVOID), np.uint16)
+    if nearest_cm is not None:
+        values[at : at + 2] = nearest_cm
+    return values
+
+
+def echoed(kind: str, deaf: bool, seconds: float, values: np.ndarray, own: np.ndarray | None = None) -> EchoCheck:
+    """Messages at 10 Hz to an autopilot that was asked to send its obstacles back at 2 Hz; own: what it is told
+    instead by somebody else."""
+    streams = {330: 2.0} if kind == PX4 else {132: 2.0}
+    autopilot = SimulatedAutopilot(Personality(kind=kind, streams=streams))
+    autopilot.deaf = deaf
+    check = EchoCheck()
+    for step in range(round(10 * seconds)):
+        now_ns = NS + step * NS // 10
+        check.sent(values, clear_cm(AVOID), now_ns)
+        message = obstacle_distance_message(values if own is None else own, 0, AVOID)
+        for answer in answers(autopilot, [message], now_ns):
+            check.take(answer, now_ns)
+    return check
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("at", [0, 20, 70])
+def test_an_autopilot_that_takes_our_obstacles_is_believed(kind: str, at: int) -> None:
+    check = echoed(kind, False, 12.0, scene(400, at))
+    assert check.trouble(kind, NS + 12 * NS) == ""
+
+
+@pytest.mark.parametrize(("kind", "word"), [(PX4, "CP_DIST"), (ARDUPILOT, "PRX1_TYPE")])
+def test_one_that_does_not_is_said_with_the_likely_cause(kind: str, word: str) -> None:
+    check = echoed(kind, True, 8.0, scene(400))
+    assert word in check.trouble(kind, NS + 8 * NS)
+    assert echoed(kind, True, 3.0, scene(400)).trouble(kind, 4 * NS) == ""  # patience
+    assert echoed(kind, True, 20.0, scene(None)).trouble(kind, 21 * NS) == ""  # nothing was there to be sent back
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_other_obstacles_than_ours_are_said(kind: str) -> None:
+    check = echoed(kind, False, 12.0, scene(400), own=scene(150))
+    assert "other obstacles than ours" in check.trouble(kind, NS + 12 * NS)
+
+
+def test_px4_sends_its_map_in_position_mode_alone() -> None:
+    def px4(armed: bool, mode: int) -> Vehicle:
+        return Vehicle(1, PX4, 2, armed, mode << 16, 0)
+
+    assert echoes(px4(True, 3))
+    assert not echoes(px4(False, 3))
+    assert not echoes(px4(True, 4))
+    assert echoes(Vehicle(1, ARDUPILOT, 2, False, 5, 0))
+    assert PATIENCE_NS > 2 * NS
+
+
+# ---- words ------------------------------------------------------------------------------------------------------------
+
+
+def test_one_text_for_a_change_and_never_a_stream() -> None:
+    texts = StatusTexts()
+    said = []
+    for tenth in range(600):  # blind every other tenth of a second for half a minute, then for good
+        blind = (tenth < 300 and tenth % 2 == 0) or tenth >= 300
+        message = texts.due({"front": "silent: its process says nothing" if blind else ""}, NS + tenth * NS // 10)
+        if message is not None:
+            said.append((tenth, message.severity, message.text))
+    assert 1 <= len(said) <= 16
+    assert said[-1][2].startswith("OA: front blind: silent")
+    assert all(b[0] - a[0] >= 20 for a, b in itertools.pairwise(said))
+
+
+def test_opening_cameras_are_no_news() -> None:
+    texts = StatusTexts()
+    assert texts.due({"front": "starting"}, NS) is None
+    assert texts.due({"front": ""}, 20 * NS) is None
+    assert texts.due({"front": "silent"}, 21 * NS).severity == 2
+    assert "sees again" in texts.due({"front": ""}, 30 * NS).text
+
+
+@pytest.mark.parametrize("cause", ["x" * 200, "the newest attitude is too old to be carried forward", "zu heiß " * 9])
+def test_texts_fit_their_field(cause: str) -> None:
+    text = shortened(f"OA: front blind: {cause}")
+    assert len(text.encode()) <= MOST_CHARACTERS
+    assert text.startswith("OA: front blind:")

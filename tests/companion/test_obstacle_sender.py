@@ -1,0 +1,211 @@
+"""What is on the wire when a link of the chain fails: blind by 0.4 s after the newest exposure, whoever noticed what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.config_avoid import AvoidParams
+from companion.obstacle_distance import UNKNOWN
+from companion.obstacle_sender import AutopilotNow, ObstacleTeller, Told
+from companion.pipeline import Pipeline, PrismsResult
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
+
+from .made_up import MS, frame
+from .test_sectors import model, wall_at
+
+NS = 1_000_000_000
+CAMERA = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraMount())
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, recover_frames=3, avoid_margin_m=2.0)
+PX4, ARDUPILOT = AutopilotNow(kind="PX4"), AutopilotNow(kind="ArduPilot", margin_m=3.0)
+WALL = 320
+"""AVOID_MARGIN and 0.2 m, cm."""
+
+
+class Sees:
+    """An extractor that finds what it is told."""
+
+    def __init__(self, found: FrameModel) -> None:
+        self.found = found
+
+    def extract(
+        self, depth: np.ndarray, info: CameraInfo, R_level_optical: np.ndarray, state: ExtractorState | None = None,
+        *, keep_strips: bool = False,
+    ) -> tuple[FrameModel, ExtractorState]:  # fmt: skip
+        return self.found, state or ExtractorState()
+
+
+class Chain:
+    """Frames at 10 Hz and attitudes at 100 Hz through the pipeline to a teller, in time that the test makes."""
+
+    def __init__(self, found: FrameModel, avoid: AvoidParams = AVOID) -> None:
+        self.sees = Sees(found)
+        self.pipeline = Pipeline((CAMERA,), lambda info: self.sees)
+        self.teller = ObstacleTeller(avoid, ("front",), 0.3)
+        self.teller.announce(CAMERA)
+        self.now_ns, self.sequence, self.yaw_rad = 10 * NS, 0, 0.0
+        self.position: tuple[float, float, float] | None = None
+        self.speed = (0.0, 0.0, 0.0)
+
+    def fly(self, seconds: float, frames: bool = True, attitudes: bool = True, deliver: bool = True) -> None:
+        for _ in range(round(100 * seconds)):
+            self.now_ns += 10 * MS
+            if attitudes:
+                q = quaternion_from_euler(0.0, 0.0, self.yaw_rad)
+                samples: list[AttitudeSample | PoseSample] = [
+                    AttitudeSample(self.now_ns, self.now_ns, q, (0.0, 0.0, 0.0))
+                ]
+                if self.position is not None:
+                    x, y, z = self.position
+                    self.position = (x + 0.01 * self.speed[0], y + 0.01 * self.speed[1], z)
+                    samples.append(PoseSample(self.now_ns, self.now_ns, self.position, self.speed, 1))
+                for sample in samples:
+                    self.pipeline.handle(sample)
+                self.teller.samples(samples)
+            if frames and self.now_ns // (10 * MS) % 10 == 0:
+                self.sequence += 1
+                for output in self.pipeline.handle(frame(self.sequence, self.now_ns, self.now_ns)):
+                    if isinstance(output, PrismsResult) and deliver:
+                        self.teller.result(output)
+
+    def told(self, autopilot: AutopilotNow = PX4) -> Told:
+        return self.teller.decide(autopilot, self.now_ns)
+
+    def ahead(self, autopilot: AutopilotNow = PX4) -> int | None:
+        values = self.told(autopilot).values
+        return None if values is None else int(values[0])
+
+
+CLEAR = model(free_to_m=13.0, view_deg=72.0)
+
+
+def test_it_sees_after_good_frames_in_a_row() -> None:
+    chain = Chain(CLEAR)
+    assert chain.ahead() == UNKNOWN
+    chain.fly(0.2)
+    assert chain.ahead() == UNKNOWN
+    assert "not enough good frames" in chain.told().blind["front"]
+    chain.fly(0.2)
+    assert chain.ahead() == 1201
+    assert chain.told().blind == {}
+
+
+def broken(chain: Chain, fault: str, seconds: float) -> None:
+    if fault == "no frames":
+        chain.fly(seconds, frames=False)
+    elif fault == "results are lost":
+        chain.fly(seconds, deliver=False)
+    elif fault == "no attitude":
+        chain.fly(seconds, attitudes=False)
+    elif fault == "everything stands still":
+        chain.now_ns += round(seconds * NS)
+    else:
+        chain.sees.found = replace(CLEAR, valid=False)
+        chain.fly(seconds)
+
+
+FAULTS = ["no frames", "results are lost", "no attitude", "everything stands still", "invalid frames"]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("found", [CLEAR, model(wall_at(0.0, 8.0), free_to_m=7.0, view_deg=72.0)])
+def test_blind_is_on_the_wire_by_0_4_s_for_both_autopilots(fault: str, found: FrameModel) -> None:
+    chain = Chain(found)
+    chain.fly(1.0)
+    assert chain.ahead() not in (UNKNOWN, None)
+    broken(chain, fault, 0.4)
+    assert chain.ahead(PX4) == UNKNOWN
+    assert chain.ahead(ARDUPILOT) == WALL
+    assert chain.told().blind["front"]
+    broken(chain, fault, 1.9)
+    assert chain.told(PX4).values is None
+    assert chain.ahead(ARDUPILOT) == WALL
+    broken(chain, fault, 600.0 if fault == "everything stands still" else 5.0)
+    assert chain.told(PX4).values is None
+    assert chain.ahead(ARDUPILOT) == WALL
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_it_comes_back_with_good_frames(fault: str) -> None:
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    broken(chain, fault, 3.0)
+    assert chain.told(PX4).values is None
+    chain.sees.found = CLEAR
+    chain.fly(0.2)
+    assert chain.ahead(ARDUPILOT) == WALL
+    chain.fly(0.3)
+    assert chain.ahead(PX4) == 1201
+    assert chain.ahead(ARDUPILOT) == 1201
+
+
+def test_a_near_obstacle_stays_while_it_is_blind_and_the_wall_is_farther() -> None:
+    chain = Chain(model(wall_at(0.0, 2.0), free_to_m=1.6, view_deg=72.0))
+    chain.fly(1.0)
+    assert chain.ahead(ARDUPILOT) == 170
+    chain.fly(1.0, frames=False)
+    assert chain.ahead(ARDUPILOT) == 170
+    assert chain.ahead(PX4) == 170
+    chain.fly(3.0, frames=False)
+    assert chain.ahead(ARDUPILOT) == WALL
+
+
+def test_an_autopilot_whose_margin_is_unknown_gets_the_configured_wall() -> None:
+    chain = Chain(CLEAR)
+    assert chain.ahead(AutopilotNow(kind="ArduPilot")) == 220
+    assert chain.ahead(AutopilotNow(kind="autopilot 99")) == 220
+
+
+def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> None:
+    """Exposed at a position 8 m from the wall; 0.2 s later, at 5 m/s, it is 1 m nearer, and turned by 20 degrees."""
+    chain = Chain(model(wall_at(0.0, 8.0), free_to_m=7.5, view_deg=72.0))
+    chain.position, chain.speed = (3.0, 4.0, -2.0), (5.0, 0.0, 0.0)
+    chain.fly(1.0)
+    exposed = chain.position
+    assert chain.ahead() == 770
+    chain.yaw_rad = math.radians(20.0)
+    chain.fly(0.2, frames=False)
+    assert chain.position is not None
+    assert chain.position[0] - exposed[0] == pytest.approx(1.0)
+    values = chain.told().values
+    assert values is not None
+    obstacles = np.flatnonzero(values < 1200)
+    assert values[68] == pytest.approx(670, abs=2)
+    assert set(obstacles) <= {66, 67, 68, 69, 70}
+
+
+def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
+    chain = Chain(model(wall_at(0.0, 8.0), free_to_m=7.5, view_deg=72.0))
+    chain.fly(1.0)
+    chain.yaw_rad = math.radians(-30.0)
+    chain.fly(0.2, frames=False)
+    values = chain.told().values
+    assert values is not None
+    assert values[6] == pytest.approx(770, abs=2)
+    assert values[0] >= 1200
+
+
+def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
+    teller = ObstacleTeller(AVOID, ("front",), 0.3)
+    values = teller.decide(ARDUPILOT, NS).values
+    assert values is not None
+    assert (values == WALL).all()
+
+
+def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
+    right = replace(CAMERA, camera="right", mount=CameraMount(yaw_rad=math.radians(60.0)))
+    teller = ObstacleTeller(AVOID, ("front", "right"), 0.3)
+    chain = Chain(CLEAR)
+    chain.teller = teller
+    teller.announce(CAMERA)
+    teller.announce(right)
+    chain.fly(1.0)
+    values = chain.told(ARDUPILOT).values
+    assert values is not None
+    assert (values[0:7] == 1201).all()
+    assert (values[9:19] == WALL).all()
+    assert (values[22:60] == UNKNOWN).all()
