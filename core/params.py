@@ -193,6 +193,9 @@ class Params:
     max_column_strips: int = _number(
         128, 8, 1024, "", "strips of one column; what would be more is merged into its last, at the nearest distance"
     )
+    max_strips_per_column: float = _number(
+        24.0, 4.0, 1024.0, "", "with more strips a column, on average, the image is noise in blocks, no measurement"
+    )
     support_columns: int = _number(6, 0, 16, "px", "columns on either side that may support a strip")
     support_rows: int = _number(
         2, 0, 16, "px", "rows that may lie between it and such a strip, one more for each column"

@@ -205,7 +205,9 @@ def test_random_pictures_of_other_sizes_and_steps_never_raise(seed: int, width: 
 def test_noise_of_full_width_stays_within_its_buffers() -> None:
     rng = np.random.default_rng(5)
     info = camera_info(640, 64, focal_px=450.0)
-    model = extract(rng.integers(300, 20000, (64, 640)).astype(np.uint16), info, max_flying_share=1.0)
+    model = extract(
+        rng.integers(300, 20000, (64, 640)).astype(np.uint16), info, max_flying_share=1.0, max_strips_per_column=1024.0
+    )
     assert len(model.planes) > 0
     sound(model, info)
 
@@ -323,3 +325,30 @@ def test_an_image_of_pure_noise_is_blind_in_no_time() -> None:
     model = extract(depth, info)
     assert model.stats.flying_px > 0.05 * depth.size
     assert says_nothing(model, InvalidCause.NO_MEASUREMENT)
+
+
+@pytest.mark.parametrize("pixels", [2, 3, 4])
+@pytest.mark.parametrize("pitch", [0.0, -0.4])
+def test_noise_in_blocks_is_blind_and_teaches_nothing(pixels: int, pitch: float) -> None:
+    """No pixel of a block flies by itself; but no scene falls into so many pieces."""
+    rng = np.random.default_rng(pixels)
+    coarse = rng.integers(500, 15000, (240 // pixels, -(-320 // pixels)))
+    depth = np.kron(coarse, np.ones((pixels, pixels), int))[:240, :320].astype(np.uint16)
+    before = ExtractorState(2.0, 0.002)
+    model, state = Extractor(Params()).extract(depth, VIEW, level(pitch), before)
+    assert model.stats.flying_px == 0
+    assert says_nothing(model, InvalidCause.NO_MEASUREMENT)
+    assert model.stats.dropped_strips > 24 * 320
+    assert state == before
+    loud = extract(depth, VIEW, level(pitch), max_strips_per_column=1024.0)
+    assert loud.valid  # it is this that tells it, and nothing else does
+
+
+def test_leaves_all_over_the_picture_are_no_noise() -> None:
+    """Leaves of 6 px, each at a depth of its own within two metres of a hedge that fills the view."""
+    rng = np.random.default_rng(4)
+    hedge = rng.uniform(4.0, 6.0, (40, 54))
+    depth = noisy((1000.0 * np.kron(hedge, np.ones((6, 6))))[:240, :320].astype(np.uint16), 0.0015, 4)
+    model = extract(depth, VIEW)
+    assert model.valid
+    assert len(model.planes) > 0
