@@ -29,13 +29,18 @@ class Replay:
 def problems_of(result: Replay) -> list[str]:
     """What keeps the command from success, in words with a remedy."""
     problems = [result.damage] if result.damage else []
-    if result.tally.first_dropped is not None:
+    if result.tally.first_dropped is not None and not _as_in_flight(result.comparison):
         problems.append(_drop_problem(result.tally, result.tally.first_dropped))
     elif result.tally.frames == 0 and not result.damage:
         problems.append("no depth image in the input: nothing was computed")
     if result.comparison is not None and not result.comparison.passed:
         problems.append(_check_problem(result.comparison))
     return problems
+
+
+def _as_in_flight(comparison: Comparison | None) -> bool:
+    """Whether the log holds the same, frame by frame: what was dropped then is dropped again, and is no news."""
+    return comparison is not None and comparison.passed and not comparison.only_computed
 
 
 def _drop_problem(tally: Tally, first: FrameDecision) -> str:

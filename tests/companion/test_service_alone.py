@@ -1,0 +1,207 @@
+"""Services that begin with little or end badly: no camera, no autopilot, one camera of two, a second service, kill -9."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from companion.simulate_autopilot import simulated
+from drivers.mcap_file import McapRecording
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot import ARDUPILOT
+from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd
+
+from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, until
+
+CAMERA = """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+device = "{cable}"
+"""
+RIGHT = """
+[[camera]]
+name = "right"
+kind = "simulated"
+flight = "street"
+width_px = 160
+yaw_deg = 90.0
+required = false
+"""
+AUTOPILOT = """
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+"""
+QUICK = """
+[supervision]
+first_backoff_s = 0.1
+longest_backoff_s = 0.5
+"""
+NO_LOG = """
+[record]
+record = "off"
+"""
+
+
+@contextmanager
+def service(folder: Path, sections: str, renders: Path) -> Iterator[Live]:
+    live = Live(folder, sections, renders)
+    try:
+        yield live
+    finally:
+        live.close()
+
+
+def ready(live: Live) -> bool:
+    return "ready: the loops run" in live.said()
+
+
+def test_with_neither_camera_nor_autopilot_it_stays_up_and_says_so(tmp_path: Path, renders: Path) -> None:
+    """Then both come, and all is well."""
+    with service(tmp_path, CAMERA + AUTOPILOT + QUICK + NO_LOG, renders) as live:
+        live.cable.unlink()
+        prisms, health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
+        live.start()
+        assert until(lambda: ready(live))
+        begun_ns = time.monotonic_ns()
+        said = health.wait(lambda h: h.state == pb.Health.STATE_BLIND and "unplugged" in " ".join(h.troubles), 5.0)
+        assert any("camera front is blind" in t for t in said.troubles)
+        assert any(f"no heartbeat of an autopilot on udpin:127.0.0.1:{live.port}" in t for t in said.troubles)
+        assert until(lambda: len(prisms.since(begun_ns)) >= 40, 6.0)
+        dark_s = (time.monotonic_ns() - begun_ns) / NS
+        assert not any(m.valid for m in prisms.since(0))
+        assert all(m.camera == "front" and m.cause == pb.CAUSE_CAMERA for m in prisms.since(begun_ns))
+        assert len(prisms.since(begun_ns)) / dark_s >= 8.0  # 12.5 wanted, on a busy machine
+        assert longest_silence_s(prisms, begun_ns) < 0.5
+        status = live.command("status", "-c", str(live.config))
+        assert status.returncode == 1
+        assert status.stdout.startswith("BLIND")
+        assert "autopilot: none heard" in status.stdout
+        live.cable.touch()
+        with flown(live):
+            prisms.wait(lambda m: m.valid, 20.0)
+            health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 10.0)
+        assert live.stop() == 0
+
+
+def test_with_nothing_configured_it_says_what_to_configure(tmp_path: Path, renders: Path) -> None:
+    with service(tmp_path, NO_LOG, renders) as live:
+        health = live.ear("health", pb.Health)
+        live.start()
+        said = health.wait(lambda h: h.state == pb.Health.STATE_BLIND, PATIENCE_S)
+        assert list(said.troubles) == [
+            "no camera is configured: add a [[camera]] to the configuration",
+            "no autopilot is configured: set [autopilot] address",
+        ]
+        assert live.stop() == 0
+
+
+def test_of_two_cameras_each_fails_alone_and_the_required_one_blinds_the_whole(tmp_path: Path, renders: Path) -> None:
+    with service(tmp_path, CAMERA + RIGHT + AUTOPILOT + QUICK + NO_LOG, renders) as live, flown(live):
+        prisms, health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
+        surround = live.ear("surround", pb.SurroundFrame)
+        live.start()
+        health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE, PATIENCE_S)
+        surround.wait(lambda m: m.valid and all(c.valid for c in m.cameras), 5.0)
+
+        begun_ns = time.monotonic_ns()
+        right = live.camera_pids()["right"]
+        os.kill(right, signal.SIGSTOP)
+        health.wait(lambda h: "camera right (not required) is blind: silent" in " ".join(h.troubles), 4.0)
+        assert {h.state for h in health.since(begun_ns)} <= {pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED}
+        prisms.wait(lambda m: m.camera == "right" and not m.valid, 2.0)
+        partly = surround.wait(lambda m: [c.valid for c in m.cameras] == [True, False], 2.0)
+        assert partly.valid
+        dark_ns = time.monotonic_ns()
+        assert until(lambda: sum(m.camera == "front" for m in prisms.since(dark_ns)) > 30, 5.0)
+        assert all(m.valid for m in prisms.since(begun_ns) if m.camera == "front")
+        assert not any(m.valid for m in prisms.since(dark_ns) if m.camera == "right")
+
+        live.cable.unlink()
+        said = health.wait(lambda h: h.state == pb.Health.STATE_BLIND, 3.0)
+        assert "camera front is blind" in said.troubles[0]
+        assert not surround.wait(lambda m: not m.valid, 2.0).cameras[0].valid
+        live.cable.touch()
+        health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE, 20.0)
+        assert live.stop() == 0
+
+
+def test_whatever_breaks_in_a_flight_is_said(tmp_path: Path, renders: Path) -> None:
+    """The flight `broken`: blind pixels, a frozen image, no attitude, no frames, on the way there and back."""
+    sections = CAMERA.replace('"street"', '"broken"') + AUTOPILOT + QUICK + NO_LOG
+    with service(tmp_path, sections, renders) as live, flown(live):
+        prisms = live.ear("prisms", pb.PrismsFrame)
+        live.start()
+        prisms.wait(lambda m: m.valid, PATIENCE_S)
+        begun_ns = time.monotonic_ns()
+        for cause in ("too few pixels hold a measurement", "frozen: the same image", "attitude is too old"):
+            prisms.wait(lambda m, cause=cause: not m.valid and cause in m.cause_text, 14.0, begun_ns)
+        flight = live.flight()
+        valid = [m for m in prisms.since(begun_ns) if m.valid]
+        assert max(attitude_error_deg(m, flight) for m in valid) < 1.0
+        lost = [m for m in valid if any(a <= flight.on_path(m.t_exposure_ns)[0] / NS < b for a, b in ((1.05, 1.75),))]
+        assert not lost  # nothing but unknown pixels was in view
+        assert live.stop() == 0
+
+
+def test_an_ardupilot_on_a_serial_line(tmp_path: Path, renders: Path) -> None:
+    end = PtyEnd()
+    sections = CAMERA + f'\n[autopilot]\naddress = "serial:{end.device}:921600"\n' + NO_LOG
+    with service(tmp_path, sections, renders) as live:
+        autopilot = simulated(live.flight(), ARDUPILOT)
+        with AutopilotLine(autopilot, end):
+            prisms, health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
+            live.start()
+            said = health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
+            assert said.autopilot.autopilot == "ArduPilot"
+            frame = prisms.wait(lambda m: m.valid, 5.0)
+            assert attitude_error_deg(frame, live.flight()) < 1.0
+            assert live.stop() == 0
+
+
+def test_a_second_service_is_refused_and_the_first_goes_on(tmp_path: Path, renders: Path) -> None:
+    with service(tmp_path, CAMERA + NO_LOG, renders) as live:
+        live.start()
+        assert until(lambda: ready(live))
+        second = live.command("run", "-c", str(live.config))
+        assert second.returncode == 1
+        assert live.process is not None
+        assert f"another service (process {live.process.pid}) publishes on" in second.stderr
+        prisms = live.ear("prisms", pb.PrismsFrame)
+        prisms.wait(lambda m: m.camera == "front", 5.0)
+        assert live.stop(signal.SIGINT) == 0
+
+
+def test_after_kill_minus_nine_the_next_start_repairs_the_log(tmp_path: Path, renders: Path) -> None:
+    with service(tmp_path, CAMERA + AUTOPILOT, renders) as live, flown(live):
+        prisms = live.ear("prisms", pb.PrismsFrame)
+        live.start()
+        prisms.wait(lambda m: m.valid, PATIENCE_S)
+        begun_ns = time.monotonic_ns()
+        assert until(lambda: sum(m.valid for m in prisms.since(begun_ns)) > 90, 15.0)
+        cameras = live.camera_pids()
+        live.stop(signal.SIGKILL)
+        (left,) = live.logs
+        assert left.name.endswith(".mcap.active")
+        assert until(
+            lambda: not any(Path(f"/proc/{pid}").exists() for pid in cameras.values()), 5.0
+        )  # none outlives it
+        killed_ns = time.monotonic_ns()
+        live.start()
+        prisms.wait(lambda m: m.valid, PATIENCE_S, killed_ns)
+        assert until(lambda: not left.exists(), 10.0)
+        assert live.stop() == 0
+        first, second = live.logs
+        assert first.name == left.name.removesuffix(".active")
+        for log in (first, second):
+            check = live.command("replay", str(log), "--check")
+            assert "equal" in check.stdout, check.stderr
+            assert check.returncode == 0
+        with McapRecording(first) as recording:
+            assert sum(1 for _ in recording.messages("decision")) > 30

@@ -1,0 +1,160 @@
+"""The log of a live run: whatever befell it, each of its files replays to the same prisms, bit for bit."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+from companion.blindness import Blindness
+from companion.config import Config, config_text
+from companion.config_camera import CameraConfig
+from companion.config_live import RecordParams
+from companion.inbox import Inbox
+from companion.pipeline import Pipeline, PrismsResult
+from companion.pipeline_loop import Clockwork, PipelineLoop
+from companion.recorder import Recorder
+from companion.replay import Options, replay
+from companion.run_info import run_info
+from core.extractor import Extractor
+from core.types import DepthFrame
+from drivers.clock import ClockEstimate, ClockSource
+from drivers.mcap_file import McapRecording
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated import camera_info
+from drivers.simulated_flight import Rates, SimulatedFlight
+
+from .live import Live, flown, until
+
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+
+[[camera]]
+name = "right"
+kind = "simulated"
+flight = "street"
+width_px = 160
+fps = 10.0
+yaw_deg = 90.0
+required = false
+
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+
+[record]
+file_mb = 2.0
+
+[supervision]
+restart_s = 1.5
+first_backoff_s = 0.1
+"""
+
+
+def kinds(path: Path) -> Counter[str]:
+    """What a log holds, by the schema's short names and by cause of decisions."""
+    found: Counter[str] = Counter()
+    with McapRecording(path) as source:
+        for key in ("state", "clock", "mavlink", "decision"):
+            for item in source.messages(key):
+                found[key] += 1
+                if isinstance(item.message, pb.FrameDecision) and not item.message.used:
+                    found[pb.Cause.Name(item.message.cause)] += 1
+    return found
+
+
+def checked(live: Live, path: Path) -> dict[str, object]:
+    """What `companion replay --check` says of a log; that it holds nothing which cannot be compared."""
+    done = live.command("replay", str(path), "--check", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    check: dict[str, object] = told["check"]
+    assert check["passed"], check
+    assert check["missing_from_log"] == []
+    assert check["without_depth"] == []
+    return check
+
+
+def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, renders: Path) -> None:
+    """Two cameras; one is killed, the autopilot falls silent and reboots, files rotate meanwhile."""
+    live = Live(tmp_path, CONFIG, renders)
+    prisms = live.ear("prisms", pb.PrismsFrame)
+    try:
+        with flown(live) as line:
+            live.start()
+            prisms.wait(lambda m: m.valid and m.camera == "right", 60.0)
+            os.kill(live.camera_pids()["front"], signal.SIGKILL)
+            prisms.wait(lambda m: not m.valid and m.camera == "front", 5.0)
+            prisms.wait(lambda m: m.valid and m.camera == "front", 15.0)
+            line.change(lambda a: setattr(a, "silent", True))
+            prisms.wait(lambda m: not m.valid and m.camera == "right" and m.cause == pb.CAUSE_ATTITUDE_TOO_OLD, 5.0)
+            line.change(lambda a: setattr(a, "silent", False))
+            prisms.wait(lambda m: m.valid, 5.0)
+            line.change(lambda a: a.reboot(time.monotonic_ns()))
+            assert until(lambda: len(live.logs) >= 4, 40.0), live.logs
+            assert live.stop() == 0
+    finally:
+        live.close()
+    assert not [p for p in live.logs if p.suffix != ".mcap"]
+    compared = [checked(live, path)["compared"] for path in live.logs]
+    assert all(isinstance(n, int) and n > 0 for n in compared[:-1])
+    held = [kinds(path) for path in live.logs]
+    assert all(k["state"] == 1 for k in held)
+    assert all(k["clock"] >= 1 for k in held[:-1])
+    whole = sum(held, Counter())
+    assert whole["mavlink"] > 500
+    assert whole["CAUSE_ATTITUDE_TOO_OLD"] >= 1
+
+
+def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_again(tmp_path: Path) -> None:
+    flight = SimulatedFlight("trees", width=160, height=120, duration_s=1.0, rates=Rates(depth_hz=20.0))
+    config = Config(cameras=(CameraConfig(name="front", kind="simulated"),))
+    recorder = Recorder(tmp_path / "logs", run_info("live", config_text(config)), RecordParams())
+    inbox, held = Inbox(), threading.Event()
+    said: list[int] = []
+
+    def publish(result: PrismsResult) -> None:
+        said.append(result.sequence)
+        if len(said) == 3:
+            assert held.wait(30.0)
+
+    def said_up_to(frames: int) -> bool:
+        return until(lambda: len(said) >= frames, 30.0)
+
+    loop = PipelineLoop(
+        Pipeline((), lambda info: Extractor(config.extractor), config.sync),
+        inbox,
+        Blindness(("front",), 0.3),
+        publish,
+        recorder,
+        "always",
+        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        lambda: None,
+    )
+    recorder.open()
+    loop.open()
+    inbox.put([camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m)])
+    for event in flight.events():
+        if not isinstance(event, DepthFrame):
+            inbox.put([event])
+            continue
+        assert said_up_to(min(event.sequence, 3))
+        inbox.put_frame(event)
+    held.set()
+    assert until(lambda: said[-1] == 20, 30.0)
+    loop.close()
+    recorder.close()
+    (log,) = (tmp_path / "logs").iterdir()
+    assert kinds(log)["CAUSE_BUSY"] == 17
+    result = replay(log, Options(check=True))
+    assert result.comparison is not None
+    assert result.comparison.passed
+    assert result.comparison.compared == len(said) == 4
+    assert said == [0, 1, 2, 20]
