@@ -13,7 +13,7 @@ SOURCES := $(wildcard core drivers companion tests benchmarks examples)
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help env demo test bench soak golden golden-recordings proto lint config-docs clean
+.PHONY: help env demo test bench soak vm-test golden golden-recordings proto lint config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
@@ -47,7 +47,7 @@ test: lint ## all checks, at most 10 minutes on two cores
 	@echo "== the core with bounds checks"
 	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
 	@echo "== everything"
-	@$(BIN)/pytest -n 2 -m "not soak" tests
+	@$(BIN)/pytest -n 2 -m "not soak and not vm" tests
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt
@@ -59,6 +59,14 @@ bench: $(STAMP) $(if $(NEEDS_PEERS),$(PEERS)) ## all figures of docs/benchmarks 
 
 soak: $(STAMP) ## the long runs (hours)
 	@$(BIN)/pytest -m soak tests
+
+# A kernel is only downloaded and unpacked, never installed. Debian and Ubuntu; needs apt-get.
+VM_KERNEL ?= $(CURDIR)/.vm-kernel
+$(VM_KERNEL):
+	@bash .ci/fetch-kernel "$@"
+
+vm-test: $(STAMP) | $(VM_KERNEL) ## the service under a real systemd in a virtual machine (some minutes; needs qemu)
+	@VM_KERNEL="$(VM_KERNEL)" $(BIN)/pytest -m vm tests/system
 
 golden: $(STAMP) ## rewrite the golden results and show what changed
 	@$(BIN)/pytest --update-golden tests/test_golden.py tests/benchmarks/test_regression.py

@@ -19,17 +19,34 @@ class Folders:
 
 
 def folders() -> Folders:
-    """Raises OSError where they cannot be made. A user's command finds the system's service by /run/osape-companion."""
-    given, state = os.environ.get("RUNTIME_DIRECTORY"), os.environ.get("STATE_DIRECTORY")
-    if given:
-        run = Path(given)
-    else:
-        own = Path(os.environ.get("XDG_RUNTIME_DIR") or Path.home() / ".cache") / NAME
-        run = own if own.exists() or not SYSTEM_RUN.is_dir() else SYSTEM_RUN
+    """Of a service that starts here: those that systemd gives, else the user's own. Raises OSError where they cannot be
+    made."""
+    state = os.environ.get("STATE_DIRECTORY")
+    run = _given() or _own()
     keep = Path(state) if state else Path.home() / ".local" / "state" / NAME
     run.mkdir(parents=True, exist_ok=True, mode=0o750)
     keep.mkdir(parents=True, exist_ok=True)
     return Folders(run, keep)
+
+
+def run_folder() -> Path:
+    """Where the service that runs has its sockets: one that this user started by hand, else the system's."""
+    given = _given()
+    if given is not None:
+        return given
+    own = _own()
+    return SYSTEM_RUN if SYSTEM_RUN.is_dir() and not (own / "health").exists() else own
+
+
+def _given() -> Path | None:
+    given = os.environ.get("RUNTIME_DIRECTORY")
+    return Path(given) if given else None
+
+
+def _own() -> Path:
+    """The user's; not the cache itself, which is there though no service ever ran."""
+    session = os.environ.get("XDG_RUNTIME_DIR")
+    return Path(session) / NAME if session else Path.home() / ".cache" / NAME / "run"
 
 
 def cache_folder() -> Path:

@@ -15,7 +15,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from .config import load_config
 from .console import say, say_json
 from .health import STATES
-from .service_folders import folders
+from .service_folders import run_folder
 
 MS, S = 1e6, 1e9
 
@@ -101,7 +101,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """0: it sees; 1: it is blind or starting, or there is no report."""
     default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
-    report = newest_health(default.replace("{run}", str(folders().run)), args.timeout)
+    report = newest_health(default.replace("{run}", str(run_folder())), args.timeout)
     if args.json:
         say_json(MessageToDict(report, preserving_proto_field_name=True, always_print_fields_with_no_presence=True))
     else:

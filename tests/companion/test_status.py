@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import zmq
 
+import companion.service_folders as service_folders
 from companion.camera_supervisor import CameraCondition, CameraStatus
 from companion.cli import main
 from companion.health import CameraView, state_of, troubles_of
@@ -162,3 +163,22 @@ def test_troubles_name_the_worst_first() -> None:
 def test_the_folders_are_those_that_systemd_gives(run_folder: Path) -> None:
     assert folders().run == run_folder
     assert os.environ["STATE_DIRECTORY"] == str(folders().state)
+
+
+def test_the_system_s_service_is_found_unless_the_user_runs_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled kernels in the user's cache are no service."""
+    for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY", "XDG_RUNTIME_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(service_folders, "SYSTEM_RUN", tmp_path / "system")
+    cache = tmp_path / ".cache" / "osape-companion"
+    cache.mkdir(parents=True)
+    assert service_folders.run_folder() == cache / "run"
+    (tmp_path / "system").mkdir()
+    assert service_folders.run_folder() == tmp_path / "system"
+    assert folders().run == cache / "run"
+    assert service_folders.run_folder() == tmp_path / "system"
+    (cache / "run" / "health").write_text("")
+    assert service_folders.run_folder() == cache / "run"

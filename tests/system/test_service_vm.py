@@ -1,0 +1,78 @@
+"""The service under a real systemd: installed, started, killed, hung, stopped, taken away again.
+
+Times are told, not judged closely: the emulated processor is slower than any board by an unknown factor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .vm import prepare, run_machine
+
+pytestmark = pytest.mark.vm
+
+TIMEOUT_S = 900.0
+WATCHDOG_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config) -> dict[str, Any]:
+    """What the script in the machine found out."""
+    machine = prepare(tmp_path_factory.mktemp("machine"), Path(__file__).with_name("vm_checks.py"))
+    findings, console = run_machine(machine, TIMEOUT_S)
+    assert findings, console[-3000:]
+    failed = {key: value for key, value in findings.items() if key.endswith("_failed")}
+    assert failed == {}, f"{failed}\n{findings.get('journal', '')}\n{findings.get('install_said', '')}"
+    terminal = pytestconfig.get_terminal_writer()
+    terminal.line()
+    for name in ("install_s", "start_to_ready_s", "killed_to_ready_s", "hung_to_end_s", "hung_to_ready_s", "stop_s"):
+        terminal.line(f"{name.removesuffix('_s'):16s} {findings[name]:7.2f} s (emulated processor)")
+    return findings
+
+
+def test_installed_once(found: dict[str, Any]) -> None:
+    assert found["install_status"] == 0
+    assert len(found["install_again_would"]) == 2  # a look at the kernels, a new start
+
+
+def test_ready_without_camera_and_autopilot_and_saying_so(found: dict[str, Any]) -> None:
+    assert found["ready"]
+    assert found["NRestarts"] == "0"
+    assert found["status"] == 1  # it is blind
+    for words in ("BLIND", "camera front is blind", "no line to the autopilot"):
+        assert words in found["status_said"]
+    assert "camera front is blind" in found["StatusText"]
+
+
+def test_in_its_sandbox(found: dict[str, Any]) -> None:
+    assert found["uid"] != 0
+    assert int(found["capabilities"], 16) == 0
+    assert found["no_new_privileges"] == "1"
+
+
+def test_ready_again_after_kill_9(found: dict[str, Any]) -> None:
+    assert found["killed_ready"]
+
+
+def test_a_hang_is_ended_by_the_watchdog_with_its_stacks_in_the_journal(found: dict[str, Any]) -> None:
+    assert found["hung_ended"]
+    assert found["hung_to_end_s"] < WATCHDOG_S + 5.0
+    assert found["watchdog_named"]
+    assert found["stacks"]
+    assert found["hung_ready"]
+
+
+def test_stopped_as_told(found: dict[str, Any]) -> None:
+    assert found["stop_status"] == 0
+    assert (found["ActiveState"], found["Result"]) == ("inactive", "success")
+    assert found["left_processes"] == []
+
+
+def test_taken_away_but_for_the_logs_until_asked_for(found: dict[str, Any]) -> None:
+    assert found["uninstall_status"] == 0
+    assert found["unit_left"] == "not-found"
+    assert found["logs_left"]
+    assert found["purge_status"] == 0
+    assert found["purge_left"] == []

@@ -1,0 +1,159 @@
+"""Runs in the virtual machine, as root, under its systemd: one finding a line, behind a mark, on the console.
+
+Times are systemd's own stamps, microseconds of CLOCK_MONOTONIC, so that asking costs nothing of what is measured."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+NAME = "osape-companion"
+HOME = Path("/opt/osape-companion")
+COMPANION = str(HOME / "bin" / "companion")
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "v4l2"
+device = "/dev/v4l/by-id/usb-not-plugged-in"
+width_px = 640
+height_px = 480
+fx_px = 383.0
+fy_px = 383.0
+cx_px = 320.0
+cy_px = 240.0
+[autopilot]
+address = "serial:/dev/serial/by-id/usb-not-plugged-in:921600"
+"""
+PATIENCE_S = 120.0
+
+
+def tell(**found: Any) -> None:
+    with open("/dev/ttyS0", "w") as console:
+        console.write("\n@@RESULT " + json.dumps(found) + "\n")
+
+
+def ran(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def unit(*names: str) -> dict[str, str]:
+    out = ran("systemctl", "show", NAME, *(f"--property={n}" for n in names)).stdout
+    return dict(line.split("=", 1) for line in out.splitlines() if "=" in line)
+
+
+def wait(condition: Callable[[], bool]) -> bool:
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > until_s:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def pid() -> int:
+    return int(unit("MainPID")["MainPID"])
+
+
+def ready_again(restarts: int) -> bool:
+    state = unit("ActiveState", "NRestarts")
+    return state["ActiveState"] == "active" and int(state["NRestarts"]) == restarts
+
+
+def seconds_since(us: int) -> float:
+    return round((int(unit("ActiveEnterTimestampMonotonic")["ActiveEnterTimestampMonotonic"]) - us) / 1e6, 2)
+
+
+def now_us() -> int:
+    return time.monotonic_ns() // 1000
+
+
+def install() -> None:
+    config = Path("/run/service.toml")
+    config.write_text(CONFIG)
+    ran("systemd-sysusers", str(HOME / "share/osape-companion/systemd/osape-companion.sysusers"))
+    shutil.copytree("/opt/kernels", f"/var/cache/{NAME}")
+    ran("chown", "-R", f"{NAME}:{NAME}", f"/var/cache/{NAME}")
+    begun_us = now_us()
+    done = ran(COMPANION, "install", "-c", str(config))
+    tell(
+        install_status=done.returncode, install_said=done.stdout[-3000:] + done.stderr[-2000:],
+        install_s=round((now_us() - begun_us) / 1e6, 1),
+    )  # fmt: skip
+    if done.returncode != 0:
+        raise ValueError("not installed")
+    again = ran(COMPANION, "install", "--dry-run")
+    would = [line for line in again.stdout.splitlines() if line.startswith("would")]
+    tell(install_again_would=would)
+
+
+def first_start() -> None:
+    tell(ready=wait(lambda: ready_again(0)), start_to_ready_s=start_to_ready_s())
+    status = Path(f"/proc/{pid()}/status").read_text()
+    words = {line.split(":")[0]: line.split(":")[1].split() for line in status.splitlines()}
+    tell(uid=int(words["Uid"][0]), capabilities=words["CapBnd"][0], no_new_privileges=words["NoNewPrivs"][0])
+    time.sleep(5.0)  # two watchdogs long: waiting for a camera and an autopilot is living
+    report = ran(COMPANION, "status")
+    tell(status=report.returncode, status_said=report.stdout + report.stderr, **unit("NRestarts", "StatusText"))
+
+
+def start_to_ready_s() -> float:
+    return seconds_since(int(unit("ExecMainStartTimestampMonotonic")["ExecMainStartTimestampMonotonic"]))
+
+
+def killed() -> None:
+    begun_us = now_us()
+    os.kill(pid(), signal.SIGKILL)
+    tell(killed_ready=wait(lambda: ready_again(1)), killed_to_ready_s=seconds_since(begun_us))
+
+
+def hung() -> None:
+    process = pid()
+    begun_us = now_us()
+    os.kill(process, signal.SIGSTOP)
+    gone = wait(lambda: not Path(f"/proc/{process}").exists())
+    gone_s = round((now_us() - begun_us) / 1e6, 2)
+    tell(hung_ended=gone, hung_to_end_s=gone_s, hung_ready=wait(lambda: ready_again(2)))
+    tell(hung_to_ready_s=seconds_since(begun_us))
+    journal = ran("journalctl", "-u", NAME, "-o", "cat", "--no-pager").stdout
+    tell(stacks="most recent call first" in journal, watchdog_named="Watchdog timeout" in journal)
+
+
+def stopped() -> None:
+    begun_us = now_us()
+    done = ran("systemctl", "stop", NAME)
+    tell(stop_status=done.returncode, stop_s=round((now_us() - begun_us) / 1e6, 2), **unit("Result", "ActiveState"))
+    left = ran("pgrep", "-u", NAME).stdout.split()
+    tell(left_processes=left)
+
+
+def uninstalled() -> None:
+    logs = Path(f"/var/lib/{NAME}/logs")
+    logs.mkdir(exist_ok=True)
+    (logs / "flight.mcap").write_text("a flight")
+    done = ran(COMPANION, "uninstall")
+    tell(uninstall_status=done.returncode, uninstall_said=done.stdout[-2000:] + done.stderr[-2000:])
+    tell(unit_left=unit("LoadState")["LoadState"], logs_left=(logs / "flight.mcap").exists())
+    purged = ran(COMPANION, "uninstall", "--purge")
+    tell(purge_status=purged.returncode, purge_left=[str(p) for p in (logs, Path(f"/etc/{NAME}")) if p.exists()])
+
+
+def main() -> None:
+    for check in (install, first_start, killed, hung, stopped, uninstalled):
+        try:
+            check()
+        except (OSError, KeyError, ValueError, IndexError) as error:
+            tell(**{f"{check.__name__}_failed": repr(error)})
+            break  # what follows would only wait for what cannot come
+    journal = ran("journalctl", "-u", NAME, "-o", "short-monotonic", "--no-pager").stdout
+    tell(journal=journal[-6000:])
+    ran("systemctl", "poweroff", "-f", "-f")
+
+
+main()
