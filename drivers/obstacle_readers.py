@@ -9,6 +9,7 @@ faces of 45 degrees, the nearest value of each counts; 0, 65535 and what lies ou
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 NS = 1_000_000_000
@@ -128,6 +129,23 @@ class ArduPilotReader:
     def room_m(self, direction_deg: float, now_ns: int) -> float:
         """How far the vehicle may still go in a direction; inf where nothing stops it, less than 0 where it backs away."""
         return self.faces_m(now_ns)[face_of(direction_deg)] - self.margin_m
+
+
+LOITER_SPEED_M_S = ((-3.0, -0.77), (0.0, -0.3), (0.1, -0.05), (0.2, 0.02), (0.35, 0.11), (0.5, 0.21))
+"""What ArduCopter 4.6 flew in LOITER with the stick forward at so much room to a constant obstacle: room in m, m/s."""
+
+
+def loiter_speed_m_s(room_m: float) -> float:
+    """The speed towards an obstacle that ArduPilot allows at a room (distance less AVOID_MARGIN), by the measured points;
+    beyond them as the last two go on, before them as the first."""
+    points = LOITER_SPEED_M_S
+    if room_m <= points[0][0]:
+        return points[0][1]
+    for (x0, v0), (x1, v1) in pairwise(points):
+        if room_m <= x1:
+            return v0 + (v1 - v0) * (room_m - x0) / (x1 - x0)
+    (x0, v0), (x1, v1) = points[-2:]
+    return v1 + (v1 - v0) / (x1 - x0) * (room_m - x1)
 
 
 def face_of(angle_deg: float) -> int:

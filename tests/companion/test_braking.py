@@ -1,0 +1,163 @@
+"""The whole chain in a closed loop: rendered depth, the extractor, sectors, the message, an autopilot's reader, and a
+vehicle that flies as the reader lets it. Time is made by the test; nothing but camera and vehicle is simulated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from companion.config_avoid import AvoidParams
+from companion.obstacle_distance import obstacle_distance_message
+from companion.obstacle_sender import AutopilotNow, ObstacleTeller
+from companion.pipeline import Pipeline, PrismsResult
+from core.extractor import Extractor
+from core.params import Params
+from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.obstacle_readers import ArduPilotReader, Px4Reader, loiter_speed_m_s
+from drivers.scenes import Scene, SceneBuilder
+from drivers.sensor_model import SensorModel
+from drivers.simulated import camera_info, render
+
+MS = 1_000_000
+NS = 1_000_000_000
+MARGIN_M = 2.0
+CAMERA = camera_info(160, 120)
+SENSOR = SensorModel(ke_per_m=0.0015, sky_is_far=True)
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=10.0, avoid_margin_m=MARGIN_M)
+BRAKE_M_S2, FASTEST_M_S = 2.0, 3.0
+
+
+def facade(gap_m: float = 0.0) -> Scene:
+    """A wall across the way at 20 m, 6 m high, with a gap in the middle."""
+    b = SceneBuilder("facade")
+    b.ground()
+    for side in (-1.0, 1.0):
+        b.box("wall", 20.15, side * (gap_m / 2 + 15.0), 0.3, 30.0, 6.0)
+    b.box("horizon", 60.0, 0.0, 0.3, 120.0, 12.0)
+    return b.build()
+
+
+def tree() -> Scene:
+    """A trunk of 12 cm on the way, and a wall far behind."""
+    b = SceneBuilder("trunk")
+    b.ground()
+    b.pole("trunk", 20.0, 0.1, 0.12, 5.0)
+    b.box("horizon", 60.0, 0.0, 0.3, 120.0, 12.0)
+    return b.build()
+
+
+@dataclass
+class Flight:
+    """A vehicle that wants north at 3 m/s, 1.5 m up. dies_at_m: the camera's last frame is taken there."""
+
+    scene: Scene
+    reader: Px4Reader | ArduPilotReader
+    dies_at_m: float = math.inf
+    silent_at_m: float = math.inf
+    x_m: float = 5.0
+    speed_m_s: float = 0.0
+    now_ns: int = 100 * NS
+    track: list[tuple[float, float]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        extractor = Extractor(Params(passable_width_m=1.0))
+        self.pipeline = Pipeline((CAMERA,), lambda info: extractor)
+        self.teller = ObstacleTeller(AVOID, ("front",), 0.3)
+        self.teller.announce(CAMERA)
+        px4 = isinstance(self.reader, Px4Reader)
+        self.autopilot = AutopilotNow(kind="PX4") if px4 else AutopilotNow(kind="ArduPilot", margin_m=MARGIN_M)
+
+    def fly(self, seconds: float) -> None:
+        """Steps of 20 ms: attitude and position in each, a frame and a message in every fifth."""
+        for step in range(round(50 * seconds)):
+            self.now_ns += 20 * MS
+            position = (self.x_m, 0.0, -1.5)
+            samples: list[AttitudeSample | PoseSample] = [
+                AttitudeSample(self.now_ns, self.now_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+                PoseSample(self.now_ns, self.now_ns, position, (self.speed_m_s, 0.0, 0.0)),
+            ]
+            if self.x_m < self.silent_at_m:
+                for sample in samples:
+                    self.pipeline.handle(sample)
+                self.teller.samples(samples)
+            if step % 5 == 0:
+                if self.x_m < self.dies_at_m:
+                    self._see(step // 5, position)
+                told = self.teller.decide(self.autopilot, self.now_ns)
+                if told.values is not None:
+                    self.reader.read(obstacle_distance_message(told.values, 0, AVOID), self.now_ns)
+            self._move(0.02)
+            self.track.append((self.x_m, self.speed_m_s))
+
+    def _see(self, n: int, position: tuple[float, float, float]) -> None:
+        seen = render(self.scene, CAMERA, position_ned_m=position, sensor=SENSOR, seed=7, frame=n)
+        frame = DepthFrame(
+            camera="front", sequence=n, t_exposure_ns=self.now_ns, t_arrival_ns=self.now_ns, depth_mm=seen.depth_mm
+        )
+        for output in self.pipeline.handle(frame):
+            if isinstance(output, PrismsResult):
+                self.teller.result(output)
+
+    def _move(self, dt_s: float) -> None:
+        """PX4: as fast as it can still stop within the room that it believes in; ArduPilot: as it was measured."""
+        room_m = self.reader.room_m(0.0, self.now_ns)
+        if isinstance(self.reader, ArduPilotReader):
+            wanted = min(FASTEST_M_S, loiter_speed_m_s(room_m))
+        else:
+            wanted = min(FASTEST_M_S, math.sqrt(2.0 * BRAKE_M_S2 * max(0.0, room_m - 0.3 * self.speed_m_s)))
+        change = max(-BRAKE_M_S2 * 1.5 * dt_s, min(BRAKE_M_S2 * dt_s, wanted - self.speed_m_s))
+        self.speed_m_s += change
+        self.x_m += self.speed_m_s * dt_s
+
+
+def px4() -> Px4Reader:
+    return Px4Reader(cp_dist_m=MARGIN_M)
+
+
+def coarse_px4() -> Px4Reader:
+    return Px4Reader(bin_deg=10, cp_dist_m=MARGIN_M)
+
+
+def ardupilot() -> ArduPilotReader:
+    return ArduPilotReader(margin_m=MARGIN_M)
+
+
+ALL = pytest.mark.parametrize("reader", [px4, coarse_px4, ardupilot])
+
+
+@ALL
+@pytest.mark.parametrize("scene", [facade, tree])
+def test_it_stops_before_what_stands_in_its_way(reader: type, scene: type) -> None:
+    flight = Flight(scene(), reader())
+    flight.fly(16.0)
+    assert max(speed for _, speed in flight.track) > 2.0  # it flew
+    assert max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
+    assert 20.0 - flight.x_m < MARGIN_M + 1.5  # and came near
+    assert abs(flight.speed_m_s) < 0.1
+
+
+@ALL
+def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(reader: type) -> None:
+    flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader())
+    flight.fly(20.0)
+    assert flight.x_m > 23.0
+
+
+@pytest.mark.parametrize("fault", ["camera", "autopilot's motion"])
+@pytest.mark.parametrize("reader", [px4, ardupilot])
+def test_it_stops_when_the_chain_breaks(reader: type, fault: str) -> None:
+    """Towards a wall that nobody sees any more."""
+    flight = Flight(facade(), reader())
+    if fault == "camera":
+        flight.dies_at_m = 9.0
+    else:
+        flight.silent_at_m = 9.0
+    flight.fly(20.0)
+    assert max(speed for _, speed in flight.track) > 2.0
+    assert flight.x_m < 15.0
+    assert (
+        abs(flight.speed_m_s) < 0.35
+    )  # ArduPilot may settle at its margin from the wall of the policy, no farther back
+    assert flight.x_m > 7.0
