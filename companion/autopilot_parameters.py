@@ -18,7 +18,7 @@ WANTED = {
 ASK_AGAIN_NS = NS
 TRIES = 5
 """So often a parameter is asked for; one that is never told does not exist in that firmware, or the line is bad."""
-RENEW_NS = 30 * NS
+RENEW_NS = 10 * NS
 """People change parameters in flight: they are read again so often."""
 _WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as PX4 puts their bytes into the float."""

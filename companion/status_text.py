@@ -9,7 +9,7 @@ from drivers.mavlink_dialect import dialect
 
 NS = 1_000_000_000
 MOST_CHARACTERS = 50
-LEAST_APART_NS = 2 * NS
+LEAST_APART_NS, OPENING_NS = 2 * NS, 10 * NS
 CRITICAL, INFO = 2, 6
 """MAV_SEVERITY."""
 
@@ -19,19 +19,23 @@ class StatusTexts:
 
     def __init__(self) -> None:
         self._told: dict[str, bool] = {}
+        self._begun_ns: int | None = None
         self._last_ns: int | None = None
 
     def due(self, blind: Mapping[str, str], now_ns: int) -> Any | None:
         """The message to send now, if any. blind: why each camera is blind, in words; empty: it sees.
 
-        At the start only blindness that lasts is a change: cameras take some seconds to open."""
-        if self._last_ns is None:
-            self._last_ns = now_ns + 8 * NS
-        if now_ns - self._last_ns < LEAST_APART_NS:
+        A camera that has not seen yet is no news before OPENING_NS: it takes some seconds to open."""
+        self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
+        if self._last_ns is not None and now_ns - self._last_ns < LEAST_APART_NS:
             return None
         for camera, cause in blind.items():
             is_blind = bool(cause)
-            if self._told.get(camera, False) != is_blind:
+            if camera not in self._told and (not is_blind or now_ns - self._begun_ns < OPENING_NS):
+                if not is_blind:
+                    self._told[camera] = False
+                continue
+            if self._told.get(camera) != is_blind:
                 self._told[camera], self._last_ns = is_blind, now_ns
                 text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} sees again"
                 return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())

@@ -57,6 +57,7 @@ class Personality:
     answers_timesync: bool = True
     timesync_asks_hz: float = 10.0
     armed: bool = False
+    custom_mode: int = 0
     motion: Callable[[int], VehicleState] = field(default=hovering)
     hides_attitude: Callable[[int], bool] = field(default=never)
 
@@ -174,7 +175,7 @@ class SimulatedAutopilot:
 
     def _heartbeat(self) -> Any:
         p = self.personality
-        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, 0, 4, 3)
+        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, p.custom_mode, 4, 3)
 
     def _attitude(self, now_ns: int) -> list[Any]:
         m = self.personality.motion(now_ns)

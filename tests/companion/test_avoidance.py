@@ -166,9 +166,17 @@ def test_one_text_for_a_change_and_never_a_stream() -> None:
 def test_opening_cameras_are_no_news() -> None:
     texts = StatusTexts()
     assert texts.due({"front": "starting"}, NS) is None
-    assert texts.due({"front": ""}, 20 * NS) is None
-    assert texts.due({"front": "silent"}, 21 * NS).severity == 2
+    assert texts.due({"front": ""}, 9 * NS) is None
+    assert texts.due({"front": "silent"}, 10 * NS).severity == 2
     assert "sees again" in texts.due({"front": ""}, 30 * NS).text
+
+
+def test_a_camera_that_never_opens_is_told() -> None:
+    texts = StatusTexts()
+    assert [texts.due({"front": "no such device"}, t * NS) is None for t in (1, 5, 10, 11, 12)] == [True] * 3 + [
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("cause", ["x" * 200, "the newest attitude is too old to be carried forward", "zu heiß " * 9])

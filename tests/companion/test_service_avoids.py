@@ -1,0 +1,159 @@
+"""The service as a process tells a simulated autopilot of obstacles over UDP, and what when it is blind, and when."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot import ARDUPILOT, PX4
+from drivers.simulated_autopilot_line import AutopilotLine
+
+from .live import NS, Live, flown, until
+
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+fps = 30.0
+device = "{cable}"
+
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+
+[avoid]
+send = true
+remember_s = 0.0
+
+[record]
+record = "off"
+"""
+PARAMETERS = {
+    PX4: {"CP_DIST": 3.0, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
+    ARDUPILOT: {
+        "PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0, "OA_TYPE": 0,
+    },
+}  # fmt: skip
+FRONT = [*range(66, 72), *range(7)]
+
+
+class Told:
+    """A service, and what its autopilot was told."""
+
+    def __init__(self, live: Live, line: AutopilotLine, kind: str) -> None:
+        self.live, self.line, self.kind = live, line, kind
+        self.prisms, self.health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
+
+    def messages(self) -> list[tuple[int, list[int]]]:
+        """(arrival, values) of every OBSTACLE_DISTANCE so far."""
+
+        def those(a: object) -> list[tuple[int, list[int]]]:
+            messages = self.line.autopilot.of_kind("OBSTACLE_DISTANCE")
+            return [
+                (t, list(m.distances)) for t, m in zip(self.line.autopilot.obstacle_times_ns, messages, strict=True)
+            ]
+
+        found: list[tuple[int, list[int]]] = self.line.change(those)
+        return found
+
+    def texts(self) -> list[str]:
+        return [m.text for m in self.line.change(lambda a: a.of_kind("STATUSTEXT"))]
+
+    def sees(self) -> bool:
+        """Whether something ahead was told in the newest message that no policy says."""
+        told = self.messages()
+        return bool(told) and any(v not in (65535, 270) for v in (told[-1][1][i] for i in FRONT))
+
+
+@pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
+def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
+    live = Live(tmp_path_factory.mktemp("avoid"), CONFIG, renders)
+    with flown(live, request.param) as line:
+        line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
+        told = Told(live, line, request.param)
+        try:
+            live.start()
+            yield told
+            assert live.stop() == 0
+        finally:
+            live.close()
+
+
+def test_obstacles_are_told_at_ten_hertz_and_more(told: Told) -> None:
+    assert until(told.sees)
+    begun_ns = time.monotonic_ns()
+    assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 40, 10.0)
+    times = [t for t, _ in told.messages() if t > begun_ns]
+    assert len(times) / ((times[-1] - times[0]) / NS) > 10.0
+    assert max(b - a for a, b in pairwise(times)) < NS // 2  # a machine that is busy; both readers wait so long
+    message = told.line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))[-1]
+    assert (message.increment, message.increment_f, message.angle_offset, message.frame) == (5, 5.0, 0.0, 12)
+    assert message.get_srcSystem() == told.line.autopilot.personality.system_id
+
+
+def test_parameters_are_read_and_what_they_keep_from_braking_is_said(told: Told) -> None:
+    told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    bad = {"CP_DIST": -1.0} if told.kind == PX4 else {"PRX1_TYPE": 0}
+    told.line.change(lambda a: a.parameters.update(bad))
+    word = "CP_DIST = -1" if told.kind == PX4 else "PRX1_TYPE = 0"
+    try:
+        told.health.wait(lambda h: any(word in t for t in h.troubles), 40.0)
+    finally:
+        told.line.change(lambda a: a.parameters.update(PARAMETERS[told.kind]))
+
+
+def test_a_dead_camera_is_blind_on_the_wire_in_time(told: Told) -> None:
+    assert until(told.sees)
+    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # it says nothing and nobody is told that it ended
+    stopped_ns = time.monotonic_ns()
+    assert until(lambda: told.messages()[-1][0] > stopped_ns + NS, 3.0)
+    newest_ns = max(m.t_exposure_ns for m in told.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
+    blind = [
+        (t, [values[i] for i in FRONT])
+        for t, values in told.messages()
+        if newest_ns + 400_000_000 < t < stopped_ns + NS
+    ]
+    assert blind
+    allowed = {65535} if told.kind == PX4 else {270}
+    wrong = [(round((t - newest_ns) / 1e6), values) for t, values in blind if not set(values) <= allowed]
+    assert not wrong, wrong[:3]
+    assert until(told.sees, 15.0)
+    assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()), 10.0)
+
+
+def test_px4_hears_nothing_after_two_blind_seconds_and_ardupilot_a_wall_for_good(told: Told) -> None:
+    assert until(told.sees)
+    told.live.cable.unlink()
+    try:
+        begun_ns = time.monotonic_ns()
+        assert until(lambda: time.monotonic_ns() > begun_ns + 6 * NS, 10.0)
+        late = [values for t, values in told.messages() if t > begun_ns + 5 * NS]
+        if told.kind == PX4:
+            assert late == []
+        else:
+            assert len(late) > 5
+            assert all(values[i] == 270 for values in late for i in FRONT)
+    finally:
+        told.live.cable.touch()
+    assert until(told.sees, 20.0)
+
+
+def test_an_autopilot_that_takes_no_obstacles_is_named(told: Told) -> None:
+    assert until(told.sees)
+    if told.kind == PX4:
+        told.line.change(lambda a: setattr(a.personality, "armed", True))
+        told.line.change(lambda a: setattr(a.personality, "custom_mode", 3 << 16))
+    told.line.change(lambda a: setattr(a, "deaf", True))
+    try:
+        told.health.wait(lambda h: any("does not take our obstacles" in t for t in h.troubles), 30.0)
+    finally:
+        told.line.change(lambda a: setattr(a, "deaf", False))
+    told.health.wait(lambda h: not any("does not take our obstacles" in t for t in h.troubles), 15.0)
