@@ -19,6 +19,7 @@ inner_inline = njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 """`inner`, made part of its caller whatever its size."""
 kernel_ieee = njit(cache=True, nogil=True, _nrt=True, error_model="numpy")
 inner_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+inline_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
 """The same where a division by zero gives infinity, and no look at the divisor hinders many divisions at a time."""
 
 

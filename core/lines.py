@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from .kernels import inner
+from .kernels import inline_ieee, inner
 
 W, T, S, TT, TS, SS = range(6)
 
@@ -39,23 +39,9 @@ def fit_line(moments, slope_prior):
     return s_mean - b * t_mean, b, t_mean, scatter
 
 
-@inner
-def fit_pair(moments, i, j, slope_prior):
-    """(a, b, t_mean) of `fit_line` for rows i and j of a table of moments (N, 6) together."""
-    each = 1.0 / (moments[i, W] + moments[j, W])
-    t, s = moments[i, T] + moments[j, T], moments[i, S] + moments[j, S]
-    t_mean, s_mean = t * each, s * each
-    scatter = max(0.0, moments[i, TT] + moments[j, TT] - t * t_mean)
-    b = (moments[i, TS] + moments[j, TS] - t * s_mean) / (scatter + slope_prior)
-    return s_mean - b * t_mean, b, t_mean
-
-
-@inner
-def misfit_pair(moments, i, j, a, b):
-    """Weighted mean square of s - a - b*t over what rows i and j of a table of moments stand for, in 1/x squared."""
-    w = moments[i, W] + moments[j, W]
-    t, s = moments[i, T] + moments[j, T], moments[i, S] + moments[j, S]
-    tt, ts, ss = moments[i, TT] + moments[j, TT], moments[i, TS] + moments[j, TS], moments[i, SS] + moments[j, SS]
+@inline_ieee
+def misfit(w, t, s, tt, ts, ss, a, b):
+    """Weighted mean square of s - a - b*t over what these moments stand for, in 1/x squared."""
     return max(0.0, ss - 2.0 * a * s - 2.0 * b * ts + a * a * w + 2.0 * a * b * t + b * b * tt) / w
 
 

@@ -278,6 +278,40 @@ def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, f
 # ---- free space -------------------------------------------------------------------------------------------------
 
 
+def pair_cost(pieces, p, sigma_s, gap_m):
+    """Cost of one line for two pieces (points (t, s, weight), their own line (a, b), front_m); 2 where refused.
+
+    p: Params with merge_noise_cap = 0; sigma_s: noise of the least strip. Ends of a piece: its first and last point."""
+    t, s, w = np.concatenate([points for points, _, _ in pieces]).T
+    mean = np.average(t, weights=w)
+    off = t - mean
+    b = np.sum(w * off * (s - np.average(s, weights=w))) / (np.sum(w * off**2) + p.link_slope_px**-2)
+    a = np.average(s, weights=w) - b * mean
+    at = a + b * mean
+    ends = [(points[:, 0].min(), points[:, 0].max()) for points, _, _ in pieces]
+    if min(a + b * e for pair in ends for e in pair) < 0.5 * at:
+        return 2.0
+    (left0, left1), (right0, right1) = ends
+    t0, t1 = min(left1, right1), max(left0, right0)
+    x0, x1 = 1 / (a + b * t0), 1 / (a + b * t1)
+    if t0 < t1 and math.hypot(x0 - x1, x0 * t0 - x1 * t1) > gap_m:
+        return 2.0
+    long = p.merge_long_share * p.passable_width_m * at
+    turn = abs(np.subtract(*(math.atan2(slope, first) for _, (first, slope), _ in pieces)))
+    if min(left1 - left0, right1 - right0) > long and turn > math.radians(p.plane_angle_deg):
+        return 2.0
+    worst, shift = 0.0, 0.0
+    for (points, own, front), pair in zip(pieces, ends, strict=True):
+        t_k, _, w_k = points.T
+        allowed = p.merge_distance_m * (own[0] + own[1] * np.average(t_k, weights=w_k)) ** 2
+        worst = max(worst, math.sqrt(np.average((a + b * t_k - own[0] - own[1] * t_k) ** 2, weights=w_k)) / allowed)
+        shift = max(shift, front + max(1 / (a + b * e) - 1 / (own[0] + own[1] * e) for e in pair))
+    weightier = max(pieces, key=lambda piece: piece[0][:, 2].sum())
+    moved = (shift - max(0.0, weightier[2])) * at**2 / (p.merge_shift_m * at**2 + sigma_s)
+    spread = math.sqrt(np.average((s - a - b * t) ** 2, weights=w)) / (p.merge_spread_m * at**2 + sigma_s)
+    return 2.0 if max(worst, moved) >= 1.0 else max(0.0, worst, moved, spread)
+
+
 def free_walk(codes, ring_of_code, weight, direction, d, z0, z1, ring_m, cv, f, block, share):
     """(first, last) index of the rings of one direction and layer that are seen free, -1, -1: none. weight: what a cell
     counts, like codes."""

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import evidence, lines
+from core import cheapest, evidence, lines, pairs
 from core import merge as mg
 from core import planes as pl
 from core import strips as s
@@ -61,13 +61,14 @@ def merge(
     """The planes that are left of rectangles; no other thing is in view."""
     planes, ints, moments = pieces_of(rows)
     n, p = len(rows), Params(**changed)
-    scratch = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
-    room = p.merge_partners * len(planes)
+    size, room = len(planes), p.merge_partners * len(planes)
+    tiles = np.zeros(-(-size // pairs.TILE) * pairs.TRAITS * pairs.TILE)
     parent = np.arange(len(planes), dtype=np.int32)
     mg.join_planes(
-        n, planes, ints, moments, parent, mg.merge_rules(view(), 0.0005, p), p.merge_rounds, p.merge_candidates,
+        n, planes, ints, moments, parent, pairs.merge_rules(view(), 0.0005, p), p.merge_rounds, p.merge_candidates,
         p.merge_partners, grid_of(rows) if grid is None else grid, FRAME, masks, MASK_FRAME,
-        np.zeros((len(planes), 6)), *scratch, np.zeros(room), np.zeros((room, 3), np.int32),
+        np.zeros((size, pairs.TRAITS)), np.zeros(size, np.int32), np.zeros(size, np.int32), tiles, np.zeros(size),
+        np.zeros(room), np.zeros((room, 3), np.int32), np.zeros(room, np.int32), np.zeros(room, np.int32),
     )  # fmt: skip
     plane_of = np.arange(n, dtype=np.int32)
     alive = pl.compact_planes(n, planes, ints, moments, parent, plane_of, n)
@@ -210,44 +211,96 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
 # ---- pairs ------------------------------------------------------------------------------------------------------
 
 
-@given(SEED, st.integers(1, 200))
-def test_the_heap_gives_back_all_pairs_cheapest_first(seed: int, n: int) -> None:
+@given(SEED, st.integers(1, 200), st.sampled_from([1.0, 2e-3, 0.0]))
+def test_the_cheapest_pair_comes_first_also_of_what_was_put_in_later(seed: int, n: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
-    cost, pair = np.zeros(n), np.zeros((n, 3), np.int32)
-    given_pairs = [(float(rng.integers(0, 9)), int(rng.integers(0, 50)), k, k % 7) for k in range(n)]
-    size = 0
-    for entry in given_pairs:
-        size = mg.push(cost, pair, size, *entry)
-    assert size == n
-    out = []
-    while size:
-        out.append((cost[0], *pair[0].tolist()))
-        size = mg.drop_first(cost, pair, size)
-    assert out == sorted(given_pairs)
+    cost, pair = rng.integers(0, 9, n) / 9.0 * spread, np.zeros((n, 3), np.int32)
+    pair[:, 0], pair[:, 1] = rng.integers(0, 50, n), np.arange(n)
+    queue = np.zeros(cheapest.STEPS, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(2, np.int64)
+    cheapest.begin(queue[0], queue[3])
+    for k in range(n):
+        cheapest.put(cost, pair, *queue, k)
+    waiting = {(cost[k], *pair[k, :2].tolist()) for k in range(n)}
+    for _ in range(3 * n):
+        k = int(cheapest.take(cost, pair, *queue))
+        if not waiting:
+            break
+        assert (cost[k], *pair[k, :2].tolist()) == min(waiting)
+        waiting.remove(min(waiting))
+        if rng.random() < 0.5:  # dearer than before, now and then by nothing at all
+            cost[k] = min(cost[k] + rng.choice([0.0, 1e-4, 0.3]), 0.999)
+            cheapest.put(cost, pair, *queue, k)
+            waiting.add((cost[k], *pair[k, :2].tolist()))
+    while waiting:
+        k = int(cheapest.take(cost, pair, *queue))
+        assert (cost[k], *pair[k, :2].tolist()) == min(waiting)
+        waiting.remove(min(waiting))
+    assert cheapest.take(cost, pair, *queue) == -1
+
+
+def random_pieces(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, list]:
+    """(planes, moments, pieces as `naive.pair_cost` takes them): short lines at about the same distance."""
+    planes, moments, pieces = np.zeros((n, 8)), np.zeros((n, 6)), []
+    for k in range(n):
+        t = rng.uniform(-0.3, 0.2) + np.sort(rng.uniform(0.0, 0.15, 8))
+        a, b = rng.uniform(0.17, 0.19), rng.uniform(-0.1, 0.1)
+        points = np.column_stack([t, a + b * t + 1e-3 * rng.standard_normal(8), rng.uniform(1e4, 1e6, 8)])
+        for point in points:
+            lines.add_point(moments[k], *point)
+        a, b, _, _ = lines.fit_line(moments[k], 1.0)
+        planes[k, [pl.A, pl.B, pl.T0, pl.T1]] = a, b, t[0], t[-1]
+        planes[k, pl.Z0], planes[k, pl.Z1], planes[k, pl.FRONT] = -1.0, 1.0, rng.uniform(-0.2, 0.3)
+        pieces.append((points, (a, b), planes[k, pl.FRONT]))
+    return planes, moments, pieces
 
 
 @given(SEED)
-def test_the_fit_of_a_pair_is_the_fit_of_both_together(seed: int) -> None:
+def test_what_a_pair_costs_against_a_fit_to_all_of_its_points(seed: int) -> None:
+    p = Params(merge_noise_cap=0.0)
+    rules = pairs.merge_rules(view(), 0.0005, p)
+    planes, moments, pieces = random_pieces(np.random.default_rng(seed), 40)
+    traits = np.zeros((40, pairs.TRAITS))
+    for k in range(40):
+        pairs.weigh(planes, moments, traits, k, rules)
+    for k in range(0, 40, 2):
+        got, a, b = pairs.pair_cost(pairs.of_piece(traits, k), pairs.of_piece(traits, k + 1), rules)
+        want = naive.pair_cost(pieces[k : k + 2], p, rules[pairs.R_SIGMA_S], rules[pairs.R_GAP])
+        assert got == pytest.approx(want, rel=1e-4) or min(got, want) >= 0.9999
+        if got < 1.0:
+            assert (a, b) == pytest.approx(lines.fit_line(moments[k] + moments[k + 1], rules[pairs.R_PRIOR])[:2])
+
+
+@given(SEED, st.integers(2, 150))
+def test_costs_side_by_side_are_those_of_each_pair(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
-    moments = np.zeros((3, 6))
-    points = [
-        (k % 2, *rng.uniform(-0.5, 0.5, 1), *rng.uniform(0.1, 0.3, 1), *rng.uniform(1e4, 1e6, 1)) for k in range(9)
-    ]
-    for k, t, v, w in points:
-        lines.add_point(moments[k], t, v, w)
-        lines.add_point(moments[2], t, v, w)
-    a, b, mean = lines.fit_pair(moments, 0, 1, 0.7)
-    assert (a, b, mean) == pytest.approx(lines.fit_line(moments[2], 0.7)[:3])
-    misfit = np.average([(v - a - b * t) ** 2 for _, t, v, _ in points], weights=[w for *_, w in points])
-    assert lines.misfit_pair(moments, 0, 1, a, b) == pytest.approx(misfit, rel=1e-6, abs=1e-12)
+    planes, moments, _ = random_pieces(rng, n)
+    planes[:, pl.Z0] += rng.choice([0.0, 3.0], n)
+    planes[:, pl.Z1] = planes[:, pl.Z0] + 1.0
+    rules = pairs.merge_rules(view(), 0.0005, Params())
+    traits, order = np.zeros((n, pairs.TRAITS)), rng.permutation(n).astype(np.int32)
+    for k in range(n):
+        pairs.weigh(planes, moments, traits, k, rules)
+    tiles, costs = np.zeros(-(-n // pairs.TILE) * pairs.TRAITS * pairs.TILE), np.zeros(n)
+    pairs.fill_tiles(order, n, traits, tiles)
+    k = int(rng.integers(0, n - 1))
+    end = int(rng.integers(k + 2, n + 1))
+    pairs.costs_of_next(tiles, k, end, rules, costs)
+    for m in range(k + 1, end):
+        p, q = pairs.of_piece(traits, order[k]), pairs.of_piece(traits, order[m])
+        t0, t1 = max(p[pairs.Q_T0], q[pairs.Q_T0]), min(p[pairs.Q_T1], q[pairs.Q_T1])
+        off = abs(p[pairs.Q_A] - q[pairs.Q_A] + (p[pairs.Q_B] - q[pairs.Q_B]) * 0.5 * (t0 + t1))
+        apart = p[pairs.Q_Z0] != q[pairs.Q_Z0] or (t0 < t1 and off > 2.0 * (p[pairs.Q_ALLOWED] + q[pairs.Q_ALLOWED]))
+        assert costs[m] == (pairs.REFUSED if apart else pairs.pair_cost(p, q, rules)[0])
 
 
 def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
     planes, _, moments = pieces_of([(6.0, -1.0, 6.0, 1.0, -1, 1)])
-    fits = np.zeros((len(planes), 6))
-    rules = mg.merge_rules(view(), 0.0005, Params(merge_noise_cap=0.0))
-    mg.weigh(planes, moments, fits, 0, rules)
+    traits = np.zeros((len(planes), pairs.TRAITS))
+    rules = pairs.merge_rules(view(), 0.0005, Params(merge_noise_cap=0.0))
+    pairs.weigh(planes, moments, traits, 0, rules)
     t = np.linspace(-1 / 6, 1 / 6, 20)
     for a, b in ((1 / 6.2, 0.0), (1 / 6, 0.01), (0.17, -0.02)):
         off = 36.0 * (a + b * t - 1 / 6)
-        assert mg.deviation_squared(planes, fits, 0, a, b) == pytest.approx(np.mean(off**2) / 0.3**2, rel=1e-6)
+        assert pairs.deviation_squared(pairs.of_piece(traits, 0), a, b) == pytest.approx(
+            np.mean(off**2) / 0.3**2, rel=1e-6
+        )

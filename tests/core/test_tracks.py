@@ -39,9 +39,7 @@ def test_the_fit_is_weighted_least_squares(seed: int, n: int) -> None:
     assert (a, b) == pytest.approx((intercept, slope), rel=1e-4, abs=1e-7)
     assert mean == pytest.approx(np.average(t, weights=w))
     assert scatter == pytest.approx(np.sum(w * (t - mean) ** 2), rel=1e-6, abs=1e-6)
-    assert lines.misfit_pair(np.stack([m, 0.0 * m]), 0, 1, a, b) == pytest.approx(
-        np.average((v - a - b * t) ** 2, weights=w), rel=1e-4, abs=1e-9
-    )
+    assert lines.misfit(*m, a, b) == pytest.approx(np.average((v - a - b * t) ** 2, weights=w), rel=1e-4, abs=1e-9)
 
 
 @given(SEED, st.integers(2, 20), st.integers(2, 20))
@@ -58,7 +56,7 @@ def test_a_wall_along_the_view_axis_is_a_line_like_any_other() -> None:
     m = moments_of(1.5 / x, 1.0 / x, np.full(40, 1e6))
     a, b, _, _ = lines.fit_line(m, 1e-9)
     assert (a, b) == pytest.approx((0.0, 1 / 1.5), abs=1e-6)
-    assert lines.misfit_pair(np.stack([m, 0.0 * m]), 0, 1, a, b) == pytest.approx(0.0, abs=1e-9)
+    assert lines.misfit(*m, a, b) == pytest.approx(0.0, abs=1e-9)
     # the ray (1, 0.1) against the normal (0, 1)
     assert lines.incidence_cosine(0.0, 1 / 1.5, 0.1) == pytest.approx(0.1 / math.hypot(1, 0.1))
 
