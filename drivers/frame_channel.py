@@ -144,7 +144,12 @@ class FrameReader:
             ready, _, _ = select.select([self._socket], [], [], wait_s)
             if not ready:
                 break
-            told = self._receive()
+            try:
+                told = self._receive()
+            except DeviceLost:
+                if newest is None and not words:
+                    raise
+                break  # its last words say why; the next call says that it is gone
             if told["kind"] == "frame":
                 self.dropped += 1 if newest is not None else 0
                 newest = told

@@ -107,6 +107,20 @@ def test_words_come_with_what_they_tell() -> None:
     assert reader.read(1.0) == (None, [Word("opened", {"device": "OAK-D", "baseline_m": 0.075})])
 
 
+def test_the_last_words_of_a_process_are_heard_before_its_end() -> None:
+    reader, writer = pair()
+    writer.write(frame(3))
+    writer.say("failed", cause="the cable is out")
+    reader.close_child()
+    writer.close()
+    got, words = reader.read(1.0)
+    assert got is not None
+    assert got.sequence == 3
+    assert words == [Word("failed", {"cause": "the cable is out"})]
+    with pytest.raises(DeviceLost, match="has ended"):
+        reader.read(1.0)
+
+
 def test_what_nobody_understands_is_refused() -> None:
     reader, writer = pair()
     writer._socket.send(b"\xff\xfe")
