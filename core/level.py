@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import Rotation
-from .kernels import inner, inner_ieee, kernel, kernel_ieee
+from .kernels import inner, inner_ieee, kernel
 from .params import Params
 from .types import FAR_MM, CameraInfo
 
@@ -229,17 +229,19 @@ def level_nearest(marks, H, gain, out, picked):
     marks: (H, W) uint16 of `classify`. gain: f_px * quantum. out: (cols, rows) uint16 codes, one line per column. picked:
     (H * W,) uint8 out, which source pixels were taken. A cell outside the source is unknown. In tiles, whose part of the
     source stays in the nearest cache; arithmetic apart from fetching, so that it is done for many cells at once."""
-    src_rows, src_cols = marks.shape
-    cols, rows = out.shape
-    flat = marks.ravel()
     picked[:] = 0
-    gain = np.float32(gain)
-    seen = np.empty((_TILE_COLS, 2), np.int64)
-    at, forward, mark = (
-        np.empty(_TILE_ROWS, np.uint32),
-        np.empty(_TILE_ROWS, np.float32),
-        np.empty(_TILE_ROWS, np.uint16),
+    seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
+    forward, mark = np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS, np.uint16)
+    fetch_nearest(
+        marks.shape[0], marks.shape[1], marks.ravel(), H, np.float32(gain), out, picked, seen, at, forward, mark
     )
+
+
+@inner
+def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, seen, at, forward, mark):
+    """`level_nearest` of a flat image. Scratch: seen (_TILE_COLS, 2) int64; at, forward, mark (_TILE_ROWS,) uint32, float32,
+    uint16."""
+    cols, rows = out.shape
     for u0 in range(0, cols, _TILE_COLS):
         wide = min(_TILE_COLS, cols - u0)
         for k in range(wide):
@@ -301,21 +303,27 @@ def left_over(marks, picked, want, found):
     return np.int64(n)
 
 
-@kernel_ieee
+@kernel
 def level_pool(marks, picked, R, k, window, out):
     """Source pixels that no cell picked reach theirs all the same, the nearest thing winning: no pole is lost
     where the view minifies, and nothing grows where it does not.
 
     R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. window: (f_px, cu, cv, gain). Adds to `out` of level_nearest.
     Far never overrules a neighbour of which nothing is known: it would call the cell free."""
-    src_rows, src_cols = marks.shape
-    cols, rows = out.shape
-    f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
-    cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
     want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
     mark = np.empty(_TILE_WIDE, np.uint16)
     cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
-    flat = out.ravel()
+    cols, rows = out.shape
+    pool_left_over(marks, picked, R, k, window, out.ravel(), cols, rows, want, found, mark, cell, code)
+
+
+@inner_ieee
+def pool_left_over(marks, picked, R, k, window, flat, cols, rows, want, found, mark, cell, code):
+    """`level_pool` on flat codes of (cols, rows). Scratch: want, found (one more), mark, cell, code (_TILE_WIDE,) uint8, int32,
+    uint16, uint32, int32."""
+    src_rows, src_cols = marks.shape
+    f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
+    cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
     right, bottom, high = np.float32(cols), np.float32(rows), np.int32(rows)
     dx, dy, dz = np.float32(R[0, 0] / k[0]), np.float32(R[1, 0] / k[0]), np.float32(R[2, 0] / k[0])
     for u0 in range(0, src_cols, _TILE_WIDE):

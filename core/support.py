@@ -155,10 +155,17 @@ def sort_columns(ints, floats, cols, first_of_column):
                 at -= 1
             if at == i:
                 continue
-            row[:], value[:] = ints[i], floats[i]
+            for c in range(row.shape[0]):
+                row[c] = ints[i, c]
+            for c in range(value.shape[0]):
+                value[c] = floats[i, c]
             for j in range(i - at):
-                ints[i - j], floats[i - j] = ints[i - j - 1], floats[i - j - 1]
-            ints[at], floats[at] = row, value
+                copy_row(ints, i - j, i - j - 1)
+                copy_row(floats, i - j, i - j - 1)
+            for c in range(row.shape[0]):
+                ints[at, c] = row[c]
+            for c in range(value.shape[0]):
+                floats[at, c] = value[c]
 
 
 @inner
