@@ -153,7 +153,7 @@ class Extractor:
         """The ground, before any density; the paper looks for horizontal surfaces among the rest only."""
         if self.params.paper:
             return NO_GROUND
-        points = self._buffer("points", (self.params.ground_max_samples, 5), np.float32)
+        points = self._buffer("points", (self.params.ground_max_samples, 7), np.float32)
         return find_ground(marks, info, R, ke, state.ground_height_m, self.params, points)
 
     # ---- strips and clusters ------------------------------------------------------------------------------------

@@ -27,12 +27,12 @@ _FAR = np.uint16(FAR_MM)
     V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
     V_SEED_WEIGHT, V_SEED_STEPS, V_TRIES, V_MIN_SAMPLES, V_MIN_SHARE, V_MAX_HEIGHT,
     F_SIGMAS, F_TOLERANCE, F_CAP, F_ROUNDS, F_MIN_PX, F_FLOOR, F_MAX_SLOPE, F_PRIOR, F_BELOW, F_BELOW_FULL, F_BELOW_SHARE,
-    F_CAP_SIGMAS,
-) = range(29)  # fmt: skip
+    F_CAP_SIGMAS, F_RECEDE, F_RECEDE_NOISE,
+) = range(31)  # fmt: skip
 
 
 def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
-    """(29,) float64 for pictures of so many rows, by the V_ and F_ indices."""
+    """(31,) float64 for pictures of so many rows, by the V_ and F_ indices."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
     return np.array(
         [
@@ -43,7 +43,8 @@ def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
             p.ground_max_height_m,
             p.ground_sigmas, min(p.ground_tolerance_m, cap), cap, p.ground_fit_rounds, p.ground_fit_min_px,
             p.ground_fit_floor_m, p.ground_max_slope, p.ground_slope_prior, p.ground_below_m, p.ground_below_full_m,
-            p.ground_max_below_share, p.ground_fit_sigmas,
+            p.ground_max_below_share, p.ground_fit_sigmas, p.ground_recede_share,
+            p.ground_recede_noise,
         ],
         np.float64,
     )  # fmt: skip
@@ -59,8 +60,9 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
 
     marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `ground_settings`. votes: (bins,)
-    int32 over log height. points: (N, 5) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
-    of height, and 1 where they voted. A pair of pixels in one source column votes when what lies between them climbs
+    int32 over log height. points: (N, 7) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
+    of height, and 1 where they voted; then what z/x and 1/x are more than those of the pixel they are paired with, 0 where
+    there is none. A pair of pixels in one source column votes when what lies between them climbs
     little of what a wall would show over the same rows."""
     rows, cols = marks.shape
     least, bin_step = tuning[V_LEAST], tuning[V_STEP]
@@ -84,7 +86,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
                 points[n, 1] = (R[1, 0] * xu + R[1, 1] * yv + R[1, 2]) / d
                 points[n, 2] = z
                 points[n, 3] = d / ke
-                points[n, 4] = 0.0
+                points[n, 4:] = 0.0
                 n += 1
             if z < least or x <= 0.0:
                 continue
@@ -99,6 +101,9 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             d2 = np.float32(1000.0) / np.float32(mark)
             yv2 = (v2 - k[3]) / k[1]
             z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
+            x2 = (R[0, 0] * xu + R[0, 1] * yv2 + R[0, 2]) / d2
+            if x2 > 0.0:
+                points[n - 1, 5], points[n - 1, 6] = z / x - z2 / x2, 1.0 / x - 1.0 / x2
             noise = tuning[V_SIGMAS] * ke * (z / d + abs(z2) / d2) * 0.5
             allowed = min(tuning[V_FLAT] * climb + noise, tuning[V_FLAT_CAP] * climb)
             if abs(z2 - z) < allowed and z2 > tuning[V_LEVEL] * z:
@@ -216,7 +221,8 @@ def fit_cap(sigma, tuning):
 def fit_ground(points, height, tuning):
     """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
 
-    points: (N, 5) of `vote`. Not seen: too few lie on it, or too much below it. share: of the points that lie on it."""
+    points: (N, 7) of `vote`. Not seen: too few lie on it, or too much below it, or those on it do not recede from row to
+    row as it would. share: of the points that lie on it."""
     n = len(points)
     slope_x, slope_y, tolerance_at = 0.0, 0.0, height
     for _ in range(int(tuning[F_ROUNDS])):
@@ -243,14 +249,22 @@ def fit_ground(points, height, tuning):
             sums = (w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr)
             slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, tuning[F_PRIOR], tuning[F_MAX_SLOPE])
     slack = tuning[F_BELOW] * height / (height + tuning[F_BELOW_FULL])
-    on, below = 0, 0
+    on, below, recedes, recede = 0, 0, 0.0, 0.0
     for i in range(n):
         sigma = tolerance_at / points[i, 3]
         tolerance = min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning))
         r = points[i, 2] - (height + slope_x * points[i, 0] + slope_y * points[i, 1])
-        on += abs(r) < tolerance
         below += r > tolerance + slack
+        if abs(r) < tolerance:
+            on += 1
+            # 1/x = (z/x - slopes) / height on the ground, the same in all rows of a wall
+            rows, rise = np.float64(points[i, 5]), np.float64(points[i, 6])
+            if sigma < tuning[F_RECEDE_NOISE] * abs(rows) * points[i, 0]:  # the vote of such a pair is sure
+                rows *= points[i, 4]
+                rise = rows / height
+            recedes, recede = recedes + rows * rise, recede + rows * rows
     seen = below <= tuning[F_BELOW_SHARE] * n and height >= tuning[V_LEAST]
+    seen = seen and recedes * height >= tuning[F_RECEDE] * recede
     return seen, height, slope_x, slope_y, on / n
 
 
@@ -286,7 +300,7 @@ def find_ground(
     """The ground of one frame, or NO_GROUND.
 
     seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
-    points: (ground_max_samples, 5) float32 scratch. The heights are tried from the most voted on; one is taken when
+    points: (ground_max_samples, 7) float32 scratch. The heights are tried from the most voted on; one is taken when
     enough pixels lie on it and few below."""
     k, p = info.intrinsics, params
     across, down = p.ground_column_step, p.ground_row_step

@@ -135,6 +135,12 @@ class Params:
         "sigma",
         "where noise exceeds that cap, a fit takes pixels up to this far off, and those beyond are below",
     )
+    ground_recede_share: float = _number(
+        0.2, 0.0, 1.0, "", "least of what ground recedes from row to row that its pixels must: those of a wall do not"
+    )
+    ground_recede_noise: float = _number(
+        0.1, 0.0, 1.0, "", "with noise of height below this share of what a wall would climb, a pair's vote is sure"
+    )
     ground_fit_min_px: int = _number(20, 3, 10000, "", "sampled pixels that a fit needs")
     ground_fit_floor_m: float = _number(
         0.02, 0.001, 1.0, "m", "added to a pixel's noise in its weight: near pixels do not rule alone"

@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 
 from core import strips as strip_table
 from core.classify import classify, measured_mm
-from core.ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
+from core.ground import (
+    NO_GROUND,
+    doubt_settings,
+    drop_ground_noise,
+    find_ground,
+    ground_gate,
+    ground_settings,
+    height_bins,
+    vote,
+)
 from core.level import view_geometry
 from core.params import Params
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
@@ -39,7 +48,7 @@ def ground_image(
 def find(
     depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
 ) -> Ground:
-    points = np.zeros((p.ground_max_samples, 5), np.float32)
+    points = np.zeros((p.ground_max_samples, 7), np.float32)
     marks = np.empty(depth.shape, np.uint16)
     classify(depth, *measured_mm(info, ke, p), 1e9, 0.0, marks)
     return find_ground(marks, info, R, ke, seed, p, points)
@@ -172,6 +181,72 @@ def test_a_kerb_below_the_least_height_is_ground_and_a_box_above_it_is_not() -> 
         model = extract(depth, VIEW, R)
         assert model.ground.height_m == pytest.approx(2.0, abs=0.05)
         assert len(model.planes) == count
+
+
+def wall_without_ground(pitch: float, seed: int) -> np.ndarray:
+    """A wall 11 m ahead from 3 m above the camera to 1.9 m below it, with nothing below or behind, in noise of 0.01."""
+    wall, k = flat_wall(VIEW, 11.0, pitch), VIEW.intrinsics
+    u, v = pixel_grid(k)
+    rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], -1) @ level(pitch).T
+    low = 11.0 * rays[..., 2] / np.maximum(rays[..., 0], 1e-6)
+    return noisy(np.where((low > -3.0) & (low < 1.9), wall, 0).astype(np.uint16), 0.01, seed)
+
+
+def test_the_lower_part_of_a_wall_is_no_ground_however_noisy() -> None:
+    """Noise hides that a low band of it is upright; that it does not recede from row to row, all of it together tells."""
+    info = camera_info(320, 240, ke_per_m=0.01)
+    invented = 0
+    for seed in range(12):
+        depth = wall_without_ground(-0.5, seed)
+        invented += find(depth, info, level(-0.5), 0.01, p=Params(ground_recede_share=0.0)).seen
+        assert find(depth, info, level(-0.5), 0.01) is NO_GROUND
+    assert invented > 0
+    model = extract(depth, info, level(-0.5))
+    assert model.planes[:, 5].max() > 1.5  # down to its foot
+
+
+@pytest.mark.parametrize("ke", [0.0015, 0.01])
+def test_ground_in_front_of_a_wall_recedes_enough(ke: float) -> None:
+    info = camera_info(320, 240, ke_per_m=ke)
+    for pitch in (0.0, 0.17):
+        for seed in range(3):
+            depth = np.minimum(ground_image(VIEW, 2.0, pitch), flat_wall(VIEW, 8.0, pitch))
+            depth[depth == 0] = flat_wall(VIEW, 8.0, pitch)[depth == 0]
+            g = find(noisy(depth, ke, seed), info, level(pitch), ke)
+            assert g.seen
+            assert g.height_m == pytest.approx(2.0, abs=0.5)
+
+
+@pytest.mark.nojit
+@given(st.integers(0, 2**32 - 1), st.floats(-0.4, 0.2))
+def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -> None:
+    """Each sampled pixel with the one a wall's climb above it: by how much z/x and 1/x differ."""
+    rng = np.random.default_rng(seed)
+    info = CameraInfo("test", Intrinsics(20, 24, 24.0, 24.0, 9.5, 11.5))
+    k, R = info.intrinsics, level(pitch)
+    image = rng.integers(1500, 9000, (24, 20)).astype(np.uint16)
+    image[rng.random(image.shape) < 0.2] = rng.choice([0, FAR_MM])
+    tuning, points = ground_settings(24, P), np.zeros((P.ground_max_samples, 7), np.float32)
+    n, _ = vote(
+        image, R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005, 2, 2, tuning, np.zeros(height_bins(P), np.int32), points
+    )
+    at = [(u, v) for u in range(1, 20, 2) for v in range(1, 24, 2) if image[v, u] not in (0, FAR_MM)]
+    assert n == len(at)
+
+    def place(u: int, v: int) -> np.ndarray:
+        return R @ np.array([(u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0]) * (image[v, u] / 1000.0)
+
+    for (u, v), got in zip(at, points[:n].astype(float), strict=True):
+        x, y, z = place(u, v)
+        assert got[:3] == pytest.approx([x, y, z], rel=1e-5, abs=1e-5)
+        want = (0.0, 0.0)
+        if z >= P.ground_min_height_m and x > 0.0:
+            climb = min(max(P.ground_pair_climb * z, P.ground_pair_climb_min_m), P.ground_pair_climb_max_m)
+            above = v - int(max(4, min(8, climb * k.fy * 1000.0 / float(image[v, u]))))
+            if above >= 0 and image[above, u] not in (0, FAR_MM) and place(u, above)[0] > 0.0:
+                x2, _, z2 = place(u, above)
+                want = (z / x - z2 / x2, 1.0 / x - 1.0 / x2)
+        assert got[5:] == pytest.approx(want, rel=1e-3, abs=1e-5)
 
 
 @pytest.mark.nojit
