@@ -31,7 +31,8 @@ class RawFrame:
     t_arrival_ns: int
 
 
-Item = AttitudeSample | PoseSample | DepthFrame | Overtaken | CameraInfo | RawFrame
+Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame
+Item = Sample | CameraInfo
 MOST = 4096
 """Samples that wait; at 200 Hz those of 20 s. Older ones give way and are counted."""
 

@@ -14,7 +14,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from .blindness import Blindness
 from .health import clock_message
-from .inbox import Inbox, Item, Overtaken, RawFrame
+from .inbox import Inbox, Item, Overtaken, RawFrame, Sample
 from .latency import Latencies
 from .pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from .recorder import Recorder
@@ -50,6 +50,7 @@ class PipelineLoop:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
         self._recording = False
+        self._described: tuple[CameraInfo, ...] = ()
         self._clock = ClockEstimate(ClockSource.NONE)
         self.lock = threading.Lock()
         self.latencies = Latencies()
@@ -90,9 +91,8 @@ class PipelineLoop:
     def _handle(self, item: Item) -> None:
         if isinstance(item, CameraInfo):
             self._pipeline.announce(item)
-            self._recording = False  # a log describes its cameras at its beginning
             return
-        self._open_log(item.t_arrival_ns)
+        self._open_log(item)
         if isinstance(item, RawFrame):
             if self._recorder is not None:
                 self._recorder.message("mavlink", pb.MavlinkFrame(frame=item.data), item.t_arrival_ns)
@@ -143,8 +143,9 @@ class PipelineLoop:
 
     # ---- recording ----------------------------------------------------------------------------------------------------
 
-    def _open_log(self, t_ns: int) -> None:
-        """Begins a file where one is wanted: at the start, after a failure, for a new camera, when the vehicle is armed."""
+    def _open_log(self, item: Sample) -> None:
+        """Begins a file where one is wanted: with the first frame, when the vehicle is armed, when the one before is
+        full or failed, and with a frame after a camera came or changed: a log describes its cameras at its beginning."""
         if self._recorder is None:
             return
         wanted = self._record == "always" or (self._record == "armed" and self._clockwork.armed())
@@ -153,11 +154,14 @@ class PipelineLoop:
                 self._recorder.end()
             self._recording = False
             return
-        due = not self._recording or self._recorder.wants_begin
-        if due and self._pipeline.cameras and self._recorder.may_begin:
-            self._recorder.begin(t_ns, self._pipeline.cameras, self._pipeline.state())
+        frame = isinstance(item, DepthFrame | Overtaken)
+        due = self._recorder.wants_begin if self._recording else frame
+        if frame and self._described != self._pipeline.cameras:
+            due = True
+        if due and self._recorder.may_begin:
+            self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state())
             self._clock = ClockEstimate(ClockSource.NONE)
-            self._recording = True
+            self._recording, self._described = True, self._pipeline.cameras
 
     def _log_clock(self, t_ns: int) -> None:
         """The autopilot's clock, where its estimate has changed."""

@@ -18,6 +18,11 @@ settings.load_profile("house")
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    # not in pyproject.toml: pytest would import numba, which then has chosen its cache, before this file
+    config.addinivalue_line("filterwarnings", "error::numba.core.errors.NumbaPerformanceWarning")
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update-golden", action="store_true", help="rewrite the golden results and show what changed")
 
