@@ -87,6 +87,12 @@ class ParameterReader:
         with self._lock:
             return tuple(name for name, k in self._known.items() if k.value is None and k.tries >= TRIES)
 
+    @property
+    def settled(self) -> bool:
+        """Whether each parameter was told, or asked for in vain."""
+        with self._lock:
+            return all(k.value is not None or k.tries >= TRIES for k in self._known.values())
+
     def values(self) -> dict[str, float]:
         """Those that were told."""
         with self._lock:

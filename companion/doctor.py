@@ -1,0 +1,245 @@
+"""`companion doctor`: before the flight, part by part, what works and what does not, and what to do about it.
+
+Where the service runs it is asked; cameras and line belong to it then. Else each part is tried here as the service would
+use it: every camera in a process of its own, the autopilot over its own line. Nothing is changed anywhere."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from core.types import DepthFrame
+from drivers.base import DriverError
+from drivers.clock import ClockSource
+from drivers.mavlink import LinkStatus, MavlinkParams, MavlinkSession, budget_warning
+from drivers.mavlink_link import MavlinkLink
+from drivers.transport import parse_address
+
+from .autopilot_parameters import ParameterReader, advice
+from .camera_supervisor import CameraSupervisor
+from .config import Config, load_config
+from .config_camera import CameraConfig
+from .console import say, say_json
+from .log_folder import free_bytes
+from .service_folders import folders
+from .status import newest_health
+from .warmup import COMPILED_S, run_kernels
+
+NS = 1_000_000_000
+FAR_MM = 65_534
+LEAST_MEASURED = 0.05
+"""Of the pixels: with fewer, a frame is blind."""
+ATTITUDE_SHARE = 0.8
+"""Of the wanted rate of the attitude: with less, something on the line holds it up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at. good: as it should be; words: what was found, and what to do where it is not."""
+
+    part: str
+    good: bool
+    words: str
+
+
+def examine(config: Config, patience_s: float) -> Iterator[Finding]:
+    """Everything, one after the other. patience_s: for each camera and for the autopilot."""
+    running = running_service(config)
+    if running is not None:
+        yield from running
+    else:
+        yield Finding("service", True, "does not run; its parts are tried here")
+        if not config.cameras:
+            yield Finding("cameras", False, "none is configured: add a [[camera]] to the configuration")
+        for camera in config.cameras:
+            yield camera_finding(camera, config, patience_s)
+        yield from autopilot_findings(config, patience_s)
+    yield from machine_findings(config)
+
+
+def running_service(config: Config) -> list[Finding] | None:
+    """What the running service says of itself; None: none runs."""
+    address = config.publish.health.replace("{run}", str(folders().run))
+    if not address:
+        return None
+    try:
+        health = newest_health(address, 2.5)
+    except DriverError:
+        return None
+    if not health.troubles:
+        return [Finding("service", True, "runs, and nothing is wrong (`companion status` tells more)")]
+    return [Finding("service", False, trouble) for trouble in health.troubles]
+
+
+def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> Finding:
+    """Whether a camera opens, how fast its frames come and how much of them is measured."""
+    part = f"camera {section.name}"
+    if section.kind == "mcap":
+        return Finding(part, False, 'kind = "mcap" is for recordings; name the live one: oak, zed, v4l2 or simulated')
+    frames: list[DepthFrame] = []
+    supervisor = CameraSupervisor(section, lambda info: None, frames.append, config.supervision)
+    supervisor.open()
+    try:
+        _until(lambda: len(frames) > 3 * section.fps, patience_s)
+        status = supervisor.status
+    finally:
+        supervisor.close()
+    if not frames:
+        words = status.last_loss or status.cause or "it opened and gave no frame"
+        return Finding(part, False, f"no frame within {patience_s:g} s: {words}")
+    span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
+    hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
+    depth = frames[-1].depth_mm
+    measured = float(np.mean((depth > 0) & (depth < FAR_MM)))
+    late_ms = float(np.median([f.t_arrival_ns - f.t_exposure_ns for f in frames])) / 1e6
+    words = f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {late_ms:.0f} ms from exposure to here, {100 * measured:.0f} % measured"
+    if measured < LEAST_MEASURED:
+        return Finding(
+            part, False, f"{words}: almost nothing; is the lens covered, is it too dark, is all out of range?"
+        )
+    if hz < 0.8 * section.fps:
+        return Finding(
+            part, False, f"{words}: fps = {section.fps:g} was asked for; is it on USB 3, does another process use it?"
+        )
+    return Finding(part, True, words)
+
+
+def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
+    """The line, the autopilot's heartbeat, attitude and clock, and its parameters."""
+    a = config.autopilot
+    if not a.address:
+        yield Finding("autopilot", False, "none is configured: set [autopilot] address")
+        return
+    params = MavlinkParams(
+        system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz
+    )
+    reader = ParameterReader()
+    session = MavlinkSession(params, on_message=lambda message, _: reader.take(message))
+    link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
+    link.open()
+    try:
+        status = _listened(link, reader, patience_s)
+    finally:
+        link.close()
+    yield from _link_findings(config, link, status, budget_warning(params, None))
+    if status.vehicle is not None:
+        known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"
+        yield Finding("parameters", bool(reader.values()), known)
+        for line in advice(status.vehicle.autopilot, reader.values(), reader.silent(), config.avoid.max_distance_m):
+            yield Finding("parameters", not config.avoid.send, line)
+
+
+def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> LinkStatus:
+    """The link after a while: as soon as all is known, else when patience ends."""
+
+    def known() -> bool:
+        status = link.status()
+        if status.vehicle is None:
+            return False
+        reader.begin(status.vehicle.autopilot)
+        for request in reader.due(time.monotonic_ns(), status.vehicle.system_id):
+            link.post(request)
+        synchronised = status.clock.source is ClockSource.TIMESYNC and status.attitude_hz > 0.0
+        return synchronised and reader.settled and time.monotonic_ns() > settled_ns
+
+    settled_ns = time.monotonic_ns() + 3 * NS  # rates are measured over two seconds
+    _until(known, patience_s)
+    return link.status()
+
+
+def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus, warning: str) -> Iterator[Finding]:
+    line, wanted_hz = link.line, config.autopilot.attitude_hz
+    if line.error or not (line.open or status.received):
+        yield Finding("autopilot", False, f"no line: {line.error}")
+        return
+    if status.vehicle is None:
+        other = f" ({status.received} messages came, none an autopilot's heartbeat)" if status.received else ""
+        yield Finding(
+            "autopilot", False, f"no heartbeat on {config.autopilot.address}{other}: is it on, and sending here?"
+        )
+        return
+    v = status.vehicle
+    yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
+    rate = f"{status.attitude_hz:.0f} Hz of {wanted_hz:g} wanted, position {status.position_hz:.0f} Hz"
+    enough = status.attitude_hz >= ATTITUDE_SHARE * wanted_hz
+    yield Finding(
+        "attitude", enough, rate if enough else f"{rate}: is the line fast enough (921600 baud)? {warning}".strip()
+    )
+    clock = status.clock
+    if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
+        yield Finding("clock", True, f"known to {clock.bound_ns / 1e6:.2f} ms")
+    else:
+        yield Finding(
+            "clock", False, "the autopilot does not answer TIMESYNC: attitudes are late by their delay on the line"
+        )
+
+
+def machine_findings(config: Config) -> Iterator[Finding]:
+    """Room for logs, and kernels that are compiled."""
+    record = config.record
+    if record.record == "off":
+        yield Finding("log", True, "recording is off")
+    else:
+        yield _log_finding(Path(record.folder) if record.folder else folders().state / "logs", record.least_free_mb)
+    begun_s = time.monotonic()
+    run_kernels((config.extractor.mode,), metres=False)
+    took_s = time.monotonic() - begun_s
+    if took_s > COMPILED_S:
+        yield Finding(
+            "kernels", False, f"had to be compiled now ({took_s:.0f} s); run `companion warmup` as the service's user"
+        )
+    else:
+        yield Finding("kernels", True, f"compiled; ready in {took_s:.1f} s")
+
+
+def _log_finding(folder: Path, least_mb: float) -> Finding:
+    place = folder
+    while not place.exists():
+        place = place.parent
+    if not os.access(place, os.W_OK):
+        return Finding("log", False, f"{folder} cannot be written by this user; name another in [record] folder")
+    free_mb = free_bytes(place) / 1e6
+    if free_mb < least_mb:
+        return Finding(
+            "log", False, f"{free_mb:.0f} MB free for {folder}, least_free_mb = {least_mb:g}: nothing would be recorded"
+        )
+    return Finding("log", True, f"{folder}, {free_mb / 1000:.1f} GB free")
+
+
+def _until(condition: Callable[[], bool], seconds: float) -> None:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s and not condition():
+        time.sleep(0.05)
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion doctor`."""
+    parser = subparsers.add_parser("doctor", help="what works and what does not, before the flight")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=True, help="the service's")
+    parser.add_argument(
+        "--patience", type=float, default=25.0, metavar="S", help="for each camera, and the autopilot (25)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: all is as it should be; 1: not."""
+    config = load_config(args.config)
+    findings = []
+    for finding in examine(config, args.patience):
+        findings.append(finding)
+        if not args.json:
+            say(f"{'ok ' if finding.good else ' ! '} {finding.part}: {finding.words}")
+    well = all(f.good for f in findings)
+    if args.json:
+        say_json({"ok": well, "findings": [asdict(f) for f in findings]})
+    elif well:
+        say("all is as it should be")
+    return 0 if well else 1

@@ -1,0 +1,137 @@
+"""`companion doctor`: each part is tried as the service would use it, and what is wrong comes with its remedy."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from companion import doctor
+from companion.cli import main
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot import ARDUPILOT, PX4
+from drivers.simulated_autopilot_line import AutopilotLine
+
+from .live import Live, flown, free_port
+from .test_service_avoids import PARAMETERS
+
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+fps = 30.0
+device = "{cable}"
+
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+
+[avoid]
+send = true
+"""
+
+
+@pytest.fixture
+def live(tmp_path: Path, renders: Path, monkeypatch: pytest.MonkeyPatch) -> Live:
+    live = Live(tmp_path, CONFIG, renders)
+    for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY", "CACHE_DIRECTORY"):
+        monkeypatch.setenv(name, live.environment[name])
+    return live
+
+
+@pytest.fixture(params=[PX4, ARDUPILOT])
+def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLine]:
+    with flown(live, request.param) as line:
+        line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
+        yield line
+
+
+def looked(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20") -> tuple[int, dict[str, dict]]:
+    """(status, part -> the worst finding of it)."""
+    status = main(["doctor", "-c", str(live.config), "--json", "--patience", patience])
+    said = json.loads(capsys.readouterr().out)
+    assert said["ok"] == (status == 0)
+    worst: dict[str, dict] = {}
+    for finding in said["findings"]:
+        if finding["part"] not in worst or not finding["good"]:
+            worst[finding["part"]] = finding
+    return status, worst
+
+
+def test_all_is_well(live: Live, line: AutopilotLine, capsys: pytest.CaptureFixture[str]) -> None:
+    status, said = looked(live, capsys)
+    assert status == 0, said
+    assert said["camera front"]["words"].startswith("160x120, ")
+    assert line.autopilot.personality.kind in said["autopilot"]["words"]
+    assert set(said) == {"service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
+    assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
+    assert main(["doctor", "-c", str(live.config)]) == 0
+    assert "all is as it should be" in capsys.readouterr().out
+
+
+def test_what_keeps_it_from_braking_is_said(
+    live: Live, line: AutopilotLine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = {"CP_DIST": -1.0} if line.autopilot.personality.kind == PX4 else {"PRX1_TYPE": 0}
+    line.change(lambda a: a.parameters.update(bad))
+    status, said = looked(live, capsys)
+    assert status == 1
+    assert next(iter(bad)) in said["parameters"]["words"]
+
+
+def test_without_camera_and_autopilot_both_are_named(
+    live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live.cable.unlink()
+    monkeypatch.setattr(doctor, "COMPILED_S", 0.0)
+    status, said = looked(live, capsys, "2")
+    assert status == 1
+    assert "unplugged" in said["camera front"]["words"]
+    assert "no heartbeat" in said["autopilot"]["words"]
+    assert "companion warmup" in said["kernels"]["words"]
+    assert said["log"]["good"]
+
+
+def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
+    live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live.config.write_text(
+        f'[autopilot]\naddress = "serial:/dev/serial/by-id/none-{free_port()}:921600"\n[record]\nfolder = "/logs"\n'
+    )
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    status, said = looked(live, capsys, "1")
+    assert status == 1
+    assert "no line" in said["autopilot"]["words"]
+    assert "[record] folder" in said["log"]["words"]
+    assert "[[camera]]" in said["cameras"]["words"]
+
+
+def test_a_full_disk_is_said(live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    live.config.write_text("[record]\nleast_free_mb = 100000\n")
+    monkeypatch.setattr(doctor, "free_bytes", lambda folder: 5_000_000)
+    assert "5 MB free" in looked(live, capsys, "1")[1]["log"]["words"]
+
+
+def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
+    """It has no autopilot and says so; the doctor takes neither camera nor line from it."""
+    try:
+        live.start()
+        health = live.ear("health", pb.Health)
+        health.wait(lambda h: h.cameras and h.cameras[0].frames > 0, 60.0)
+        status, said = looked(live, capsys)
+        assert status == 1
+        assert "heartbeat" in said["service"]["words"] or "attitude" in said["service"]["words"]
+        assert "camera front" not in said
+        assert live.stop() == 0
+    finally:
+        live.close()
+
+
+def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["doctor"]) == 2
+    assert main(["doctor", "-c", str(tmp_path / "none.toml")]) == 1
+    assert "configs/default.toml" in capsys.readouterr().err
