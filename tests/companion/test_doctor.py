@@ -88,7 +88,7 @@ def test_without_camera_and_autopilot_both_are_named(
 ) -> None:
     live.cable.unlink()
     monkeypatch.setattr(doctor, "COMPILED_S", 0.0)
-    status, said = looked(live, capsys, "2")
+    status, said = looked(live, capsys, "15")
     assert status == 1
     assert "unplugged" in said["camera front"]["words"]
     assert "no heartbeat" in said["autopilot"]["words"]
