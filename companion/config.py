@@ -115,12 +115,12 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
 def config_of(content: Mapping[str, Any], source: str) -> Config:
     """The configuration of nested tables as TOML and JSON give them. Raises ConfigError with all mistakes."""
     try:
-        valid = _FILE.model_validate(dict(content)).model_dump()
+        valid = _file_model(frozenset(content) & frozenset(SECTIONS)).model_validate(dict(content)).model_dump()
     except ValidationError as error:
         raise ConfigError(source, [_words(e, content) for e in error.errors(include_url=False)]) from error
     try:
-        single = {name: kind(**valid[name]) for name, kind in SECTIONS.items() if name != "camera"}
-        return Config(cameras=tuple(CameraConfig(**section) for section in valid["camera"]), **single)
+        single = {name: kind(**valid.get(name, {})) for name, kind in SECTIONS.items() if name != "camera"}
+        return Config(cameras=tuple(CameraConfig(**section) for section in valid.get("camera", ())), **single)
     except ValueError as error:  # what concerns several keys at once
         raise ConfigError(source, [str(error)]) from error
 
@@ -179,10 +179,14 @@ def _section_model(section: str) -> type[BaseModel]:
     return model
 
 
-_SECTION_MODELS = {name: _section_model(name) for name in SECTIONS}
-_COLUMNS: dict[str, Any] = {name: (model, Bounds(default_factory=model)) for name, model in _SECTION_MODELS.items()}
-_COLUMNS["camera"] = (types.GenericAlias(list, (_SECTION_MODELS["camera"],)), Bounds(default_factory=list))
-_FILE: type[BaseModel] = create_model("file", __config__=ConfigDict(extra="forbid"), **_COLUMNS)
+@functools.cache
+def _file_model(sections: frozenset[str]) -> type[BaseModel]:
+    """A pydantic model of a file with these sections: building those that it lacks would only delay a start."""
+    columns: dict[str, Any] = {name: (_section_model(name), ...) for name in sections}
+    if "camera" in sections:
+        columns["camera"] = (types.GenericAlias(list, (columns["camera"][0],)), ...)
+    model: type[BaseModel] = create_model("file", __config__=ConfigDict(extra="forbid"), **columns)
+    return model
 
 
 def _words(error: Any, content: Mapping[str, Any]) -> str:

@@ -20,6 +20,9 @@ from core.types import SATURATED_MM, CameraInfo, DepthFrame, Intrinsics
 
 from .base import BadData, DeviceLost, DeviceNotFound
 
+AHEAD_NS = 5_000_000
+"""Stamps that the kernel computes of the device's own clock may lie a little ahead of now; they are taken as now."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class V4l2Settings:
@@ -115,12 +118,12 @@ class V4l2Source:
     def _frame(self, buffer: RawBuffer) -> DepthFrame:
         arrival_ns = time.monotonic_ns()
         s = self._settings
-        exposure_ns = buffer.stamp_ns - round(s.exposure_latency_s * 1e9)
-        if not arrival_ns - 2_000_000_000 < buffer.stamp_ns <= arrival_ns:
+        if not arrival_ns - 2_000_000_000 < buffer.stamp_ns <= arrival_ns + AHEAD_NS:
             raise BadData(
                 f"camera {s.camera}: a buffer stamped {(buffer.stamp_ns - arrival_ns) / 1e9:+.3f} s from now; its driver "
                 "does not stamp on the monotonic clock, so its frames cannot be matched with attitudes"
             )
+        exposure_ns = min(buffer.stamp_ns, arrival_ns) - round(s.exposure_latency_s * 1e9)
         return DepthFrame(
             camera=s.camera,
             sequence=buffer.sequence,

@@ -127,6 +127,20 @@ def test_stamps_of_another_clock_are_refused(off_s: float) -> None:
         source.read(1.0)
 
 
+def test_a_stamp_a_little_ahead_is_now() -> None:
+    source, stream = opened()
+    stream.fill(buffer(0, stamp_ns=time.monotonic_ns() + 100_000_000))
+    with pytest.raises(BadData, match="does not stamp on the monotonic clock"):
+        source.read(1.0)
+    source, stream = opened()
+    ahead_ns = time.monotonic_ns() + 4_000_000
+    stream.fill(buffer(0, stamp_ns=ahead_ns))
+    frame = source.read(1.0)
+    assert frame is not None
+    assert frame.t_exposure_ns <= frame.t_arrival_ns - round(SETTINGS.exposure_latency_s * 1e9)
+    assert frame.t_exposure_ns <= ahead_ns - round(SETTINGS.exposure_latency_s * 1e9)
+
+
 def test_padded_lines_are_cut() -> None:
     rows = np.zeros((16, 40), np.uint16)
     rows[:, :32] = pixels()
