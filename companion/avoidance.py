@@ -105,6 +105,8 @@ class Avoidance:
         trouble = self._echo.trouble(vehicle.autopilot, now_ns) if echoes(vehicle) else ""
         values, silent = self.parameters.values(), self.parameters.silent()
         said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
+        if self.told is not None and self.told.fault:
+            said.insert(0, self.told.fault)
         if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:
             said.append(
                 f"AVOID_MARGIN is not known: when blind, the wall stands at {self._avoid.avoid_margin_m:g} m and more; set "

@@ -15,24 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .config_avoid import AvoidParams
-from .obstacle_distance import UNKNOWN, clear_cm, encoded, for_coarse_bins, for_front_face, near_cm
+from .obstacle_distance import PX4, UNKNOWN, clear_cm, encoded, near_cm
 from .sectors import SECTORS, SectorScan, SectorState
 
 NS = 1_000_000_000
-PX4 = "PX4"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
     """What there is to tell. scan: of the cameras that see. recalled_m: (72,) remembered obstacles, inf: none.
 
-    blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do.
+    blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do, with any part of
+    them; whole: (72,) those that seeing ones look into all of.
     newest_ns: the newest exposure of any camera that was good; None: never."""
 
     scan: SectorScan
     recalled_m: NDArray[np.float64]
     blind: NDArray[np.bool_]
     seeing: NDArray[np.bool_]
+    whole: NDArray[np.bool_]
     newest_ns: int | None
 
 
@@ -51,7 +52,7 @@ class BlindPolicy:
         self._all_blind_since_ns: int | None = None
 
     def values(self, sight: Sight, policy: str, avoid_margin_m: float, now_ns: int) -> NDArray[np.uint16] | None:
-        """(72,) centimetres to send, None: nothing may be sent."""
+        """(72,) centimetres to tell, before what single readers need; None: nothing may be sent."""
         any_sees = bool(sight.seeing.any())
         if any_sees:
             self._all_blind_since_ns = None
@@ -63,22 +64,20 @@ class BlindPolicy:
         if policy == "stop":
             self._wall(values, sight, avoid_margin_m)
         values = np.minimum(values, self._recalled(sight))
-        clear = clear_cm(self._avoid)
-        if policy == "stop":
-            return for_front_face(values, clear)
         since_ns = self._all_blind_since_ns
-        if since_ns is not None and now_ns - since_ns > self._avoid.silence_s * NS:
-            return None
-        return for_coarse_bins(values, clear)
+        silent = since_ns is not None and now_ns - since_ns > self._avoid.silence_s * NS
+        return None if silent and policy != "stop" else values
 
     def _wall(self, values: NDArray[np.uint16], sight: Sight, avoid_margin_m: float) -> None:
-        """Puts the wall where a camera looks and nobody knows. Blind and seeing ones together: what one sees, counts."""
+        """Puts the wall where a camera looks and nobody knows. Blind and seeing ones together: what one sees, counts.
+
+        A sector at the border of all views is no reason for a wall: nobody looks into the rest of it in any case."""
         wall_m = np.full(SECTORS, avoid_margin_m + self._avoid.stop_beyond_m)
-        unseen = (sight.scan.state == SectorState.UNSEEN) & sight.seeing
+        unseen = (sight.scan.state == SectorState.UNSEEN) & sight.whole
         if self._avoid.unseen == "unknown":
             unseen[:] = False
         wall_m = np.where(unseen, np.maximum(wall_m, sight.scan.free_m - self._avoid.radius_m), wall_m)
-        wanted = unseen | (sight.blind & ~sight.seeing)
+        wanted = unseen | (sight.blind & ~sight.whole & (values != clear_cm(self._avoid)))
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 
     def _recalled(self, sight: Sight) -> NDArray[np.uint16]:

@@ -18,6 +18,7 @@ from .sectors import SECTORS, SectorScan, SectorState
 
 UNKNOWN = 65535
 BODY_FRD = 12
+PX4, ARDUPILOT = "PX4", "ArduPilot"
 SENSOR_UNKNOWN = 4
 """No kind of sensor means stereo."""
 
@@ -66,6 +67,13 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
     if right.min() < clear and left.min() < clear:
         out[-1] = min(right.min(), left.min())
     return out
+
+
+def for_reader(values: NDArray[np.uint16], clear: int, autopilot: str) -> NDArray[np.uint16]:
+    """As this kind of autopilot needs them, whatever is told: in all ways for one that is not known."""
+    if autopilot != ARDUPILOT:
+        values = for_coarse_bins(values, clear)
+    return values if autopilot == PX4 else for_front_face(values, clear)
 
 
 def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:

@@ -1,7 +1,8 @@
 """Near obstacles that have left the view: a camera looks over what stands beside the vehicle and below its own image.
 
 An obstacle is remembered as a point of ned, or, without a position, of level as it was turned since. It is forgotten
-when a camera sees through its place, when the autopilot's estimate of the position jumps, and after a while.
+when a camera sees through its place and beside it, and after a while. When the autopilot's estimate of the position jumps,
+comes or goes, it stays where it stood beside the vehicle.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from .config_avoid import AvoidParams
 from .reframe import LevelTransform
-from .sectors import SECTORS, SectorScan, SectorState, View, centres_rad, points_free
+from .sectors import SECTORS, STEP_RAD, SectorScan, SectorState, View, points_free
 
 NS = 1_000_000_000
 
@@ -41,12 +42,15 @@ class ObstacleMemory:
         self._avoid = avoid
         self._points = np.zeros((0, 3))  # x, y of the world, instant in s
         self._section: tuple[bool, int | None] = (False, None)
+        self._place_m = np.zeros(2)
 
     def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> NDArray[np.float64]:
         """(72,) distances from the hull to what is remembered and not seen now; inf where nothing is."""
         section = (here.position_ned_m is not None, here.section)
-        if section != self._section:  # other axes: what was remembered stands nowhere in them
-            self._points, self._section = np.zeros((0, 3)), section
+        place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
+        if section != self._section:  # another origin: the vehicle has not moved, or hardly
+            self._points[:, :2] += place_m - self._place_m
+        self._section, self._place_m = section, place_m
         now_s = now_ns / NS
         points = self._points[now_s - self._points[:, 2] <= self._avoid.remember_s]
         xy = _moved(points[:, :2], here.from_world())
@@ -54,7 +58,7 @@ class ObstacleMemory:
         points, xy = points[kept], xy[kept]
         recalled = np.full(SECTORS, np.inf)
         if len(xy):
-            sector = np.round(np.arctan2(xy[:, 1], xy[:, 0]) / (math.tau / SECTORS)).astype(int) % SECTORS
+            sector = np.round(np.arctan2(xy[:, 1], xy[:, 0]) / STEP_RAD).astype(int) % SECTORS
             hull = np.maximum(0.0, np.hypot(xy[:, 0], xy[:, 1]) - self._avoid.radius_m)
             np.minimum.at(recalled, sector, hull)
         self._points = np.concatenate([points, self._seen_now(scan, here, now_s)])
@@ -64,19 +68,23 @@ class ObstacleMemory:
         """(N, 3) points of the world: the near obstacles of a scan."""
         near = (scan.state == SectorState.OBSTACLE) & (scan.distance_m < self._avoid.remember_m)
         middle_m = scan.distance_m[near] + self._avoid.radius_m
-        azimuth = centres_rad()[near]
+        azimuth = scan.azimuth_rad[near]
         xy = np.stack([middle_m * np.cos(azimuth), middle_m * np.sin(azimuth)], axis=1)
         world = _moved(xy, LevelTransform(here.heading_rad, here.position_ned_m or (0.0, 0.0, 0.0)))
         return np.column_stack([world, np.full(len(world), now_s)])
 
     def _seen_through(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.bool_]:
-        """(N,) which places a view calls free over the whole band."""
+        """(N,) which places, with half a sector on either side, views call free over the whole band: a pole that is just
+        out of the view is not taken away by what is seen beside it."""
         half = np.linspace(-self._avoid.band_above_m, self._avoid.band_below_m, self._avoid.slices + 2)[1:-1]
-        free = np.zeros((len(half), len(xy)), bool)
+        c, s = math.cos(0.5 * STEP_RAD), math.sin(0.5 * STEP_RAD)
+        x = np.stack([c * xy[:, 0] + s * xy[:, 1], xy[:, 0], c * xy[:, 0] - s * xy[:, 1]])
+        y = np.stack([c * xy[:, 1] - s * xy[:, 0], xy[:, 1], c * xy[:, 1] + s * xy[:, 0]])
+        free = np.zeros((len(half), *x.shape), bool)
         for view in views:
             if view.model.valid:
-                free |= points_free(view, xy[:, 0], xy[:, 1], half)
-        return np.asarray(free.all(axis=0))
+                free |= points_free(view, x, y, half)
+        return np.asarray(free.all(axis=(0, 1)))
 
 
 def _moved(xy: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:

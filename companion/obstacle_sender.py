@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import AttitudeSample, CameraInfo, PoseSample
+from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
 from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from .config_avoid import AvoidParams
-from .obstacle_distance import obstacle_distance_message
+from .obstacle_distance import clear_cm, for_reader, obstacle_distance_message
 from .obstacle_memory import Here, ObstacleMemory
 from .pipeline import PrismsResult
 from .reframe import LevelTransform, reframed
-from .sectors import SECTORS, View, covered, scan
+from .sectors import PARTS, SECTORS, SectorScan, View, covered, looked_into, scan
 from .surround import joined, step_to_level
 from .sync import AttitudeAt, PoseAt, Synchroniser, SyncParams
 
@@ -33,17 +33,24 @@ NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
 """How far attitude and position may be carried to the moment of sending; beyond it the vehicle's heading is unknown."""
 
+EVERYWHERE = np.ones((SECTORS, PARTS), bool)
+"""A camera that was never opened may look anywhere: nobody knows."""
+NOTHING_REMEMBERED = np.full(SECTORS, np.inf)
+RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
+"""What numbers may lead to that nobody thought of: then all cameras count as blind, and the thread goes on."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Told:
     """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
 
-    policy: unknown or stop, as the autopilot needs it."""
+    policy: unknown or stop, as the autopilot needs it. fault: what went wrong in reckoning, in words; empty: nothing."""
 
     t_ns: int
     values: NDArray[np.uint16] | None
     blind: dict[str, str]
     policy: str
+    fault: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +70,8 @@ class ObstacleTeller:
         self._lock = threading.Lock()
         self._motion = Synchroniser(MOTION)
         self._newest: dict[str, PrismsResult] = {}
-        self._infos: dict[str, CameraInfo] = {}
+        self._looks: dict[str, NDArray[np.bool_]] = {}
+        self._last_here: Here | None = None
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -80,8 +88,9 @@ class ObstacleTeller:
 
     def announce(self, info: CameraInfo) -> None:
         """A camera that was opened: where it looks."""
+        looks = looked_into(info, self._avoid)
         with self._lock:
-            self._infos[info.camera] = info
+            self._looks[info.camera] = looks
 
     def result(self, result: PrismsResult) -> None:
         """What a frame said, valid or not."""
@@ -89,31 +98,53 @@ class ObstacleTeller:
             self._newest[result.camera] = result
             self._recovery.frame(result.camera, result.valid)
             if result.valid:
-                self._newest_good_ns = max(self._newest_good_ns or 0, result.t_exposure_ns)
+                self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
 
     def decide(self, autopilot: AutopilotNow, now_ns: int) -> Told:
         """What to send now."""
         with self._lock:
-            here = self._here(now_ns)
-            causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
+            try:
+                return self._decided(autopilot, now_ns)
+            except RECKONING_ERRORS as error:
+                fault = f"the distances around the vehicle cannot be reckoned: {type(error).__name__}: {error}"
+            causes = dict.fromkeys(self._cameras, "nothing can be reckoned from what it sees")
             self._recovery.blind(causes)
-            seeing = [c for c in self._cameras if not causes[c] and self._recovery.believed(c)]
-            causes.update(
-                {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
-            )
-            views = [self._view(self._newest[c], here) for c in seeing] if here is not None else []
-            found = scan(views, self._avoid)
-            recalled = np.full(SECTORS, np.inf)
-            if here is not None:
-                recalled = self._memory.recall(found, views, here, now_ns)
-            sight = Sight(
-                found, recalled, self._coverage([c for c in self._cameras if c not in seeing]), self._coverage(seeing),
-                self._newest_good_ns,
-            )  # fmt: skip
-            policy = policy_of(self._avoid, autopilot.kind)
-            margin_m = self._avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
-            values = self._policy.values(sight, policy, margin_m, now_ns)
-            return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy)
+            return self._told(autopilot, now_ns, causes, scan([], self._avoid), NOTHING_REMEMBERED, fault)
+
+    def _decided(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+        here = self._here(now_ns)
+        causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
+        self._recovery.blind(causes)
+        seeing = [c for c in self._cameras if not causes[c] and self._recovery.believed(c)]
+        causes.update(
+            {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
+        )
+        views = [self._view(self._newest[c], here) for c in seeing] if here is not None else []
+        # without an attitude what is remembered stands where it stood when there was one
+        self._last_here = here or self._last_here
+        found, recalled = scan(views, self._avoid), NOTHING_REMEMBERED
+        if self._last_here is not None:
+            recalled = self._memory.recall(found, views, self._last_here, now_ns)
+        return self._told(autopilot, now_ns, causes, found, recalled)
+
+    def _told(
+        self,
+        autopilot: AutopilotNow,
+        now_ns: int,
+        causes: dict[str, str],
+        found: SectorScan,
+        recalled_m: NDArray[np.float64],
+        fault: str = "",
+    ) -> Told:
+        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
+        seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
+        sight = Sight(found, recalled_m, blind, seeing, whole, self._newest_good_ns)
+        policy = policy_of(self._avoid, autopilot.kind)
+        margin_m = self._avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
+        values = self._policy.values(sight, policy, margin_m, now_ns)
+        if values is not None:
+            values = for_reader(values, clear_cm(self._avoid), autopilot.kind)
+        return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Why a camera is blind at this instant; empty: it sees."""
@@ -122,7 +153,11 @@ class ObstacleTeller:
             return "no frame yet"
         if not newest.valid:
             return newest.cause_text
-        age_ns = now_ns - newest.t_exposure_ns
+        if camera not in self._looks:
+            return "it was not described: nobody knows where it looks"
+        if newest.model is None or not all_numbers(newest.model):
+            return "its planes are no numbers"
+        age_ns = now_ns - seen_ns(newest)
         if age_ns > self._stale_ns:
             return f"its newest exposure is {age_ns / NS:.1f} s old"
         return "the attitude is lost" if here is None else ""
@@ -149,16 +184,15 @@ class ObstacleTeller:
             step = step_to_level(result, here.heading_rad)
         return View(reframed(replace(result.model, prisms=()), step), joined(step, result.transform))
 
-    def _coverage(self, cameras: list[str]) -> NDArray[np.bool_]:
-        """(72,) sectors that any of these looks into. One that was never opened may look anywhere: nobody knows."""
-        out = np.zeros(SECTORS, bool)
-        for camera in cameras:
-            info = self._infos.get(camera)
-            if info is None:
-                return np.ones(SECTORS, bool)
-            half_view = math.atan(0.5 * info.intrinsics.width / info.intrinsics.fx)
-            out |= covered(info.mount.yaw_rad, half_view)
-        return out
+
+def seen_ns(result: PrismsResult) -> int:
+    """When the frame was exposed; not after it arrived, whatever its stamp says: the future would never be stale."""
+    return min(result.t_exposure_ns, result.t_arrival_ns)
+
+
+def all_numbers(model: FrameModel) -> bool:
+    """Whether the planes can be compared with anything; one that cannot would hide all others."""
+    return bool(np.isfinite(model.planes).all() and np.isfinite(model.margin_m).all())
 
 
 class ObstacleSender:

@@ -15,13 +15,16 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import FrameModel
+from core.frames import rotation_frd_optical
+from core.types import CameraInfo, FrameModel
 
 from .config_avoid import AvoidParams
 from .reframe import LevelTransform
 
 SECTORS = 72
 STEP_RAD = math.tau / SECTORS
+PARTS = 5
+"""Of a sector, one degree each, by which it is told whether a camera looks into all of it."""
 _EDGE_RAD = 1e-3
 """Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
 
@@ -37,11 +40,13 @@ class SectorState(IntEnum):
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorScan:
     """All (72,). state: uint8 SectorState. distance_m: float64 from the vehicle's hull to the nearest obstacle, inf where
-    there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not."""
+    there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not.
+    azimuth_rad: float64, direction of that nearest obstacle, the middle of the sector where there is none."""
 
     state: NDArray[np.uint8]
     distance_m: NDArray[np.float64]
     free_m: NDArray[np.float64]
+    azimuth_rad: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,30 +69,38 @@ def centres_rad() -> NDArray[np.float64]:
 
 def scan(views: Sequence[View], avoid: AvoidParams) -> SectorScan:
     """What the views say together: the nearest obstacle of any, free where any saw it free."""
-    distance_m = np.full(SECTORS, np.inf)
+    distance_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
     for view in views:
         if view.model.valid:
-            distance_m = np.minimum(distance_m, plane_distances(view.model, avoid))
+            distance, azimuth = plane_distances(view.model, avoid)
+            azimuth_rad = np.where(distance < distance_m, azimuth, azimuth_rad)
+            distance_m = np.minimum(distance_m, distance)
     distance_m = np.maximum(0.0, distance_m - avoid.radius_m)
     free_m, clear = seen_free(views, avoid)
     state = np.where(clear, SectorState.CLEAR, SectorState.UNSEEN).astype(np.uint8)
     state[distance_m < avoid.max_distance_m] = SectorState.OBSTACLE
-    return SectorScan(state, distance_m, free_m)
+    return SectorScan(state, distance_m, free_m, azimuth_rad)
 
 
-def plane_distances(model: FrameModel, avoid: AvoidParams) -> NDArray[np.float64]:
+def plane_distances(model: FrameModel, avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(72,) horizontal distance from the origin to the nearest point of any plane in each sector, less the plane's
-    margin; inf where there is none. Only planes that reach into the vehicle's band of height count."""
+    margin, inf where there is none; (72,) azimuth of that point. Only planes that reach into the vehicle's band of
+    height count."""
     planes = model.planes.astype(np.float64)
     inside = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
     if not inside.any():
-        return np.full(SECTORS, np.inf)
-    distance = segment_distances(planes[inside, 0:2], planes[inside, 2:4])
-    return np.asarray((distance - model.margin_m[inside, None]).min(axis=0).clip(0.0))
+        return np.full(SECTORS, np.inf), centres_rad()
+    distance, azimuth = segment_distances(planes[inside, 0:2], planes[inside, 2:4])
+    distance -= model.margin_m[inside, None]
+    nearest = distance.argmin(axis=0), np.arange(SECTORS)
+    return distance[nearest].clip(0.0), azimuth[nearest]
 
 
-def segment_distances(a_m: NDArray[np.float64], b_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 72): distance from the origin to the part of each segment a -> b that lies in each sector; inf: no part does.
+def segment_distances(
+    a_m: NDArray[np.float64], b_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both (N, 72): distance from the origin to the part of each segment a -> b that lies in each sector, inf where no
+    part does; and the azimuth of its nearest point.
 
     A sector is the meeting of two half planes through the origin; each clips the segment at a share of its length."""
     low = centres_rad() - 0.5 * STEP_RAD - _EDGE_RAD
@@ -109,7 +122,9 @@ def segment_distances(a_m: NDArray[np.float64], b_m: NDArray[np.float64]) -> NDA
     nearest = -((a_m * along).sum(axis=1))[:, None] / length2
     share = np.clip(nearest, first, np.maximum(first, last))
     x, y = a_m[:, 0:1] + share * along[:, 0:1], a_m[:, 1:2] + share * along[:, 1:2]
-    return np.where(first <= last, np.hypot(x, y), np.inf)
+    distance = np.where(first <= last, np.hypot(x, y), np.inf)
+    known = np.isfinite(distance) & (distance > 1e-6)  # what goes through the origin lies in no direction
+    return distance, np.where(known, np.arctan2(y, x), centres_rad())
 
 
 def seen_free(views: Sequence[View], avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -160,7 +175,26 @@ def points_free(
     return out
 
 
-def covered(yaw_rad: float, half_view_rad: float) -> NDArray[np.bool_]:
-    """(72,) sectors that a camera looks into with any part of them: its heading in level and half its view."""
-    away = np.abs(np.remainder(centres_rad() - yaw_rad + math.pi, math.tau) - math.pi)
-    return np.asarray(away < half_view_rad + 0.5 * STEP_RAD)
+def looked_into(info: CameraInfo, avoid: AvoidParams) -> NDArray[np.bool_]:
+    """(72, PARTS) which parts of each sector a camera looks into while the vehicle is level: those of the rays of its
+    image that run through the band of height at near_m or farther; of all its rays where none does."""
+    k = info.intrinsics
+    u = (np.linspace(-0.5, k.width - 0.5, 257) - k.cx) / k.fx
+    v = (np.linspace(-0.5, k.height - 0.5, 257) - k.cy) / k.fy
+    optical = np.stack([*np.meshgrid(u, v), np.ones((257, 257))]).reshape(3, -1)
+    x, y, z = rotation_frd_optical(info.mount) @ optical
+    z_m = avoid.near_m * z / np.maximum(np.hypot(x, y), 1e-9)
+    inside = (z_m > -avoid.band_above_m) & (z_m < avoid.band_below_m)
+    if not inside.any():
+        inside[:] = True
+    part_rad = STEP_RAD / PARTS
+    part = np.floor((np.arctan2(y[inside], x[inside]) + 0.5 * STEP_RAD) / part_rad).astype(int)
+    out = np.zeros(SECTORS * PARTS, bool)
+    out[part % (SECTORS * PARTS)] = True
+    return out.reshape(SECTORS, PARTS)
+
+
+def covered(cameras: Sequence[NDArray[np.bool_]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those they see all of."""
+    parts = np.logical_or.reduce([np.zeros((SECTORS, PARTS), bool), *cameras])
+    return parts.any(axis=1), parts.all(axis=1)

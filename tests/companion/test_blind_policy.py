@@ -12,14 +12,17 @@ from companion.blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from companion.config_avoid import AvoidParams
 from companion.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
 from companion.obstacle_memory import Here, ObstacleMemory
-from companion.sectors import SECTORS, SectorScan, SectorState, View, covered, scan
+from companion.sectors import SECTORS, SectorScan, SectorState, View, scan
 from drivers.obstacle_readers import ArduPilotReader, Px4Reader
 
 from .test_sectors import HERE, model, wall_at
 
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, min_distance_m=0.2, avoid_margin_m=2.0)
 NS = 1_000_000_000
-FRONT = covered(0.0, math.radians(36.0))
+SECTOR = np.arange(SECTORS)
+FRONT = np.minimum(SECTOR, SECTORS - SECTOR) <= 7
+EDGES = np.minimum(SECTOR, SECTORS - SECTOR) == 7
+"""Of which the camera in front sees a part."""
 NOWHERE = np.zeros(SECTORS, bool)
 NOTHING = np.full(SECTORS, np.inf)
 
@@ -30,7 +33,8 @@ def sight(
     seeing: np.ndarray = NOWHERE,
     newest_ns: int | None = 0,
 ) -> Sight:
-    return Sight(scan([], AVOID) if found is None else found, NOTHING, blind, seeing, newest_ns)
+    found = scan([], AVOID) if found is None else found
+    return Sight(found, NOTHING, blind, seeing, seeing & ~EDGES, newest_ns)
 
 
 def front_seen(*planes: tuple[float, ...]) -> SectorScan:
@@ -113,11 +117,12 @@ def test_what_is_remembered_nearer_than_the_wall_wins_and_what_is_farther_does_n
 
 
 def test_only_sectors_that_blind_cameras_alone_cover_are_filled() -> None:
-    right = covered(math.radians(45.0), math.radians(36.0))
+    right = np.abs(SECTOR - 9) <= 7
     both = sight(front_seen(), blind=right, seeing=FRONT)
     stop = BlindPolicy(AVOID).values(both, "stop", 2.0, NS)
     assert stop is not None
     assert stop[0] == clear_cm(AVOID)
+    assert stop[7] == 220  # the other one sees a part of it only
     assert (stop[right & ~FRONT] == 220).all()
     assert (stop[~right & ~FRONT] == UNKNOWN).all()
     unknown = BlindPolicy(AVOID).values(both, "unknown", 2.0, 100 * NS)
@@ -194,8 +199,35 @@ def test_what_is_seen_through_is_forgotten() -> None:
     assert np.isinf(memory.recall(scan([], AVOID), [], Here(0.0), 2 * NS)).all()
 
 
-@pytest.mark.parametrize("after", [Here(0.0, (0.0, 0.0, 0.0), 2), Here(0.0)])
-def test_a_jump_of_the_position_forgets(after: Here) -> None:
+@pytest.mark.parametrize("after", [Here(0.0, (40.0, -7.0, -3.0), 2), Here(0.0), Here(0.0, (12.0, 5.0, -3.0), 1)])
+@pytest.mark.parametrize("before", [Here(0.0, (10.0, 5.0, -3.0), 1), Here(0.0)])
+def test_a_jump_of_the_position_does_not_take_away_what_stands_around(before: Here, after: Here) -> None:
+    """The autopilot's estimate jumps, comes or goes; the obstacle beside the vehicle does not."""
     memory = ObstacleMemory(AVOID)
-    memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0, (0.0, 0.0, 0.0), 1), NS)
-    assert np.isinf(memory.recall(scan([], AVOID), [], after, 2 * NS)).all()
+    memory.recall(front_seen(wall_at(0.0, 4.0)), [], before, NS)
+    then = memory.recall(scan([], AVOID), [], after, NS + NS // 15)
+    flown_m = 2.0 if before.section == after.section == 1 else 0.0
+    assert np.flatnonzero(np.isfinite(then)).tolist() == [0]
+    assert then[0] == pytest.approx(4.0 - 0.3 - flown_m, abs=0.01)
+
+
+@pytest.mark.parametrize("at_deg", [36.3, 36.7, 37.2, -36.3, -37.2])
+def test_a_pole_that_just_left_the_view_is_not_seen_through_beside_itself(at_deg: float) -> None:
+    """Its sector's middle lies inside of the view, and free; the pole stands outside."""
+    memory = ObstacleMemory(AVOID)
+    pole = wall_at(at_deg, 4.0, 0.02)
+    memory.recall(scan([View(model(pole), HERE)], AVOID), [], Here(0.0), NS)
+    clear = View(model(free_to_m=13.0, view_deg=72.0), HERE)
+    then = memory.recall(scan([clear], AVOID), [clear], Here(0.0), NS + NS // 15)
+    assert np.isfinite(then).any()
+
+
+def test_a_clear_field_stops_ardupilot_in_no_face_that_the_camera_looks_into() -> None:
+    """It sees a part of its outermost sectors only: a wall there would stand in the faces beside the nose for ever."""
+    field = front_seen()
+    assert field.state[7] == SectorState.UNSEEN
+    values = BlindPolicy(AVOID).values(sight(field, seeing=FRONT), "stop", 2.0, NS)
+    assert values is not None
+    vehicle = ArduPilotReader()
+    vehicle.read(obstacle_distance_message(values, 0, AVOID), NS)
+    assert all(vehicle.room_m(d, NS) == math.inf for d in range(360))

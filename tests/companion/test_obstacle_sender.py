@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import UNKNOWN
+from companion.obstacle_distance import UNKNOWN, obstacle_distance_message
 from companion.obstacle_sender import AutopilotNow, ObstacleTeller, Told
 from companion.pipeline import Pipeline, PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
+from drivers.obstacle_readers import ArduPilotReader, Px4Reader
 
 from .made_up import MS, frame
 from .test_sectors import model, wall_at
@@ -194,6 +195,109 @@ def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
     values = teller.decide(ARDUPILOT, NS).values
     assert values is not None
     assert (values == WALL).all()
+
+
+def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> None:
+    chain = Chain(CLEAR)
+    chain.teller = ObstacleTeller(AVOID, ("front",), 0.3)
+    chain.fly(1.0)
+    assert chain.ahead(PX4) == UNKNOWN
+    assert chain.ahead(ARDUPILOT) == WALL
+    assert "not described" in chain.told().blind["front"]
+
+
+@pytest.mark.parametrize("blind", ["stop", "unknown", "auto"])
+@pytest.mark.parametrize(
+    "policy_and_autopilot", [("PX4", Px4Reader), ("autopilot 0", Px4Reader), ("ArduPilot", ArduPilotReader)]
+)
+def test_what_a_reader_needs_goes_by_the_reader_and_not_by_the_policy(
+    blind: str, policy_and_autopilot: tuple[str, type]
+) -> None:
+    """A pole in an odd sector, and one on the other side of the nose: old PX4 and old ArduPilot must not lose them."""
+    kind, reader = policy_and_autopilot
+    poles = model(wall_at(5.0, 3.0, 0.02), wall_at(350.0, 8.0, 0.02), free_to_m=13.0, view_deg=72.0)
+    chain = Chain(poles, replace(AVOID, blind=blind))
+    chain.fly(1.0)
+    told = chain.told(AutopilotNow(kind=kind))
+    assert told.values is not None
+    message = obstacle_distance_message(told.values, 0, AVOID)
+    if reader is Px4Reader:
+        old = Px4Reader(10)
+        old.read(message, NS)
+        assert min(old.bins_cm(NS)[:2]) < 300
+    else:
+        older = ArduPilotReader(one_pass=True)
+        older.read(message, NS)
+        assert older.faces_m(NS)[0] < 3.0
+
+
+@pytest.mark.parametrize("place", [0, 3, "margin"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float) -> None:
+    """One such plane must not take the others with it, nor leave the view clear."""
+    found = model(wall_at(0.0, 5.0), wall_at(10.0, 6.0), free_to_m=13.0, view_deg=72.0)
+    if place == "margin":
+        found = replace(found, margin_m=np.array([0.0, value], np.float32))
+    else:
+        planes = found.planes.copy()
+        planes[1, place] = value
+        found = replace(found, planes=planes)
+    chain = Chain(found)
+    chain.fly(1.0)
+    assert chain.ahead(PX4) == UNKNOWN
+    assert chain.ahead(ARDUPILOT) == WALL
+    assert "no numbers" in chain.told().blind["front"]
+
+
+def test_a_frame_stamped_in_the_future_ages_from_its_arrival() -> None:
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    pipeline_result = chain.teller._newest["front"]
+    for k in range(3):
+        late = chain.now_ns + 100 * MS * k
+        chain.teller.result(replace(pipeline_result, t_exposure_ns=late + 3600 * NS, t_arrival_ns=late))
+    chain.fly(0.6, frames=False)
+    assert chain.ahead(PX4) == UNKNOWN
+    assert chain.ahead(ARDUPILOT) == WALL
+    chain.fly(2.0, frames=False)
+    assert chain.told(PX4).values is None
+
+
+def test_a_remembered_obstacle_outlives_the_attitude() -> None:
+    chain = Chain(model(wall_at(0.0, 2.0), free_to_m=1.6, view_deg=72.0))
+    chain.fly(1.0)
+    assert chain.ahead(ARDUPILOT) == 170
+    chain.fly(1.0, attitudes=False)
+    assert "attitude" in chain.told().blind["front"]
+    assert chain.ahead(ARDUPILOT) == 170
+
+
+def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> None:
+    """Directions without an end, such as no extractor makes: whatever goes wrong, both autopilots are told of blindness,
+    and a good frame ends it."""
+    edges = np.zeros(1, np.float32)
+    nothing = np.zeros((0, 3), np.float32)
+    bad = replace(
+        CLEAR,
+        free=replace(
+            CLEAR.free, azimuth_edges_rad=edges, free_from_m=nothing, free_to_m=nothing, end=np.zeros((0, 3), np.uint8)
+        ),
+    )
+    chain = Chain(CLEAR)
+    chain.fly(1.0)
+    chain.sees.found = bad
+    chain.fly(0.5)
+    told = chain.told(PX4)
+    assert "cannot be reckoned" in told.fault
+    assert told.values is not None
+    assert (told.values == UNKNOWN).all()
+    assert chain.ahead(ARDUPILOT) == WALL
+    chain.sees.found = CLEAR
+    chain.fly(0.1)
+    assert chain.ahead(ARDUPILOT) == WALL
+    chain.fly(0.4)
+    assert chain.ahead(ARDUPILOT) == 1201
+    assert not chain.told().fault
 
 
 def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:

@@ -17,12 +17,21 @@ from companion.obstacle_distance import (
     clear_cm,
     encoded,
     for_coarse_bins,
-    for_front_face,
+    for_reader,
     obstacle_distance_message,
 )
 from companion.reframe import LevelTransform
-from companion.sectors import SECTORS, SectorScan, SectorState, View, covered, scan, segment_distances
-from core.types import FrameModel, FreeEnd, FreeProfile
+from companion.sectors import (
+    SECTORS,
+    SectorScan,
+    SectorState,
+    View,
+    covered,
+    looked_into,
+    scan,
+    segment_distances,
+)
+from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Intrinsics
 from drivers.obstacle_readers import ArduPilotReader, Px4Reader, face_of
 
 from .made_up import easy_model
@@ -64,9 +73,8 @@ def wall_at(angle_deg: float, distance_m: float, width_m: float = 0.12) -> tuple
     return (x + w * s, y - w * c, x - w * s, y + w * c, -2.0, 2.0)
 
 
-def message_of(found: SectorScan, avoid: AvoidParams = AVOID) -> Any:
-    values = for_coarse_bins(encoded(found, avoid), clear_cm(avoid))
-    return obstacle_distance_message(for_front_face(values, clear_cm(avoid)), 0, avoid)
+def message_of(found: SectorScan, avoid: AvoidParams = AVOID, autopilot: str = "") -> Any:
+    return obstacle_distance_message(for_reader(encoded(found, avoid), clear_cm(avoid), autopilot), 0, avoid)
 
 
 # ---- geometry ---------------------------------------------------------------------------------------------------------
@@ -82,7 +90,7 @@ def test_segments_against_walking_along_them(seed: int) -> None:
     np.minimum.at(expected, np.round(azimuth / math.radians(5.0)).astype(int) % SECTORS, distance)
     for beside in (-1.1e-3, 0.0, 1.1e-3):  # sectors overlap by a hair
         np.minimum.at(least, np.round((azimuth + beside) / math.radians(5.0)).astype(int) % SECTORS, distance)
-    found = segment_distances(a, b)[0]
+    found = segment_distances(a, b)[0][0]
     hit = np.isfinite(expected)
     assert np.isfinite(found[hit]).all()  # nothing is lost
     assert (found[hit] <= expected[hit] + 1e-6).all()
@@ -90,7 +98,7 @@ def test_segments_against_walking_along_them(seed: int) -> None:
 
 
 def test_a_plane_through_the_vehicle_is_at_no_distance() -> None:
-    found = segment_distances(np.array([[-1.0, 0.0]]), np.array([[1.0, 0.0]]))[0]
+    found = segment_distances(np.array([[-1.0, 0.0]]), np.array([[1.0, 0.0]]))[0][0]
     assert found[0] == pytest.approx(0.0, abs=1e-9)
     assert found[36] == pytest.approx(0.0, abs=1e-9)
 
@@ -164,31 +172,71 @@ def test_free_seen_from_another_place_is_looked_up_from_there() -> None:
     assert found.free_m[0] == pytest.approx(10.0, abs=AVOID.step_m)
 
 
+def camera(mount: CameraMount, cx: float = 31.5) -> CameraInfo:
+    """71 degrees wide and 56 high."""
+    return CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, cx, 23.5), mount)
+
+
+def sectors_of(info: CameraInfo, avoid: AvoidParams = AVOID) -> tuple[list[int], list[int]]:
+    """Numbers from -36 to 35 of the sectors that it looks into in part, and wholly."""
+    part, whole = covered([looked_into(info, avoid)])
+    return tuple(sorted((int(i) + 36) % 72 - 36 for i in np.flatnonzero(found)) for found in (part, whole))
+
+
 def test_coverage_of_a_camera_takes_in_sectors_it_looks_into_in_part() -> None:
-    found = covered(math.radians(90.0), math.radians(36.0))
-    assert np.flatnonzero(found).tolist() == list(range(11, 26))
+    assert sectors_of(camera(CameraMount())) == (list(range(-7, 8)), list(range(-6, 7)))
+    assert sectors_of(camera(CameraMount(yaw_rad=math.pi / 2)))[0] == list(range(11, 26))
+    part, whole = covered([])
+    assert not part.any()
+    assert not whole.any()
+
+
+def test_two_cameras_side_by_side_cover_the_sector_between_them_wholly() -> None:
+    both = [looked_into(camera(CameraMount(yaw_rad=math.radians(a))), AVOID) for a in (-35.0, 35.0)]
+    assert covered(both)[1][0]
+    assert not covered(both[:1])[1][0]
+
+
+def test_coverage_of_a_camera_on_its_side_of_one_that_looks_down_and_of_one_that_looks_aside() -> None:
+    upright = sectors_of(camera(CameraMount(roll_rad=math.pi / 2)))[0]
+    assert upright == list(range(-6, 7))  # its height lies across
+    down = camera(CameraMount(pitch_rad=math.radians(-40.0)))
+    assert sectors_of(down)[0] == list(range(-7, 8))  # the upper edge of its image
+    # near below the horizon an image takes in more of the compass
+    assert sectors_of(down, replace(AVOID, near_m=1.0))[0] == list(range(-9, 10))
+    aside = sectors_of(camera(CameraMount(), cx=47.5))[0]
+    assert min(aside) == -9
+    assert max(aside) == 4
+    straight_down = sectors_of(camera(CameraMount(pitch_rad=math.radians(-90.0))))[0]
+    assert straight_down == list(range(-36, 36))  # who knows
+
+
+def test_the_nearest_point_of_a_sector_has_its_own_direction() -> None:
+    found = scan([View(model(wall_at(7.0, 3.0, 0.02)), HERE)], AVOID)
+    assert math.degrees(found.azimuth_rad[1]) == pytest.approx(7.0, abs=0.25)
+    assert found.azimuth_rad[20] == pytest.approx(math.radians(100.0))
 
 
 # ---- both autopilots --------------------------------------------------------------------------------------------------
 
 
 @given(
-    st.floats(0.0, 360.0, exclude_max=True), st.floats(0.31, 12.2), st.sampled_from([0.02, 0.12, 2.0]), st.booleans()
-)
+    st.floats(0.0, 360.0, exclude_max=True), st.floats(0.31, 12.2), st.sampled_from([0.02, 0.12, 2.0]), st.booleans(),
+    st.booleans(),
+)  # fmt: skip
 def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
-    angle_deg: float, distance_m: float, width_m: float, clear: bool
+    angle_deg: float, distance_m: float, width_m: float, clear: bool, known: bool
 ) -> None:
     pole = wall_at(angle_deg, distance_m, width_m)
     around = scan([View(model(pole, free_to_m=13.0 if clear else 0.0), HERE)], AVOID)
-    message = message_of(around)
     least = min(distance_m, math.hypot(*pole[:2]), math.hypot(*pole[2:4])) - 0.3
     for px4 in (Px4Reader(5), Px4Reader(10)):
-        px4.read(message, NS)
+        px4.read(message_of(around, autopilot="PX4" if known else ""), NS)
         bins = px4.bins_cm(NS)
         nearest = min(bins[int(angle_deg // px4.bin_deg)], bins[int(-(-angle_deg // px4.bin_deg)) % len(bins)])
         assert 21 <= nearest <= max(22, 100 * least + 1)
     for ardupilot in (ArduPilotReader(), ArduPilotReader(one_pass=True)):
-        ardupilot.read(message, NS)
+        ardupilot.read(message_of(around, autopilot="ArduPilot" if known else ""), NS)
         assert ardupilot.faces_m(NS)[face_of(round(angle_deg / 5.0) * 5.0)] <= max(0.22, least + 0.01)
 
 
@@ -234,7 +282,7 @@ def test_golden_vectors() -> None:
     state[4:8] = SectorState.OBSTACLE
     distance = np.full(SECTORS, np.inf)
     distance[4:8] = (0.0, 5.239, 11.9999, 11.0)
-    message = message_of(SectorScan(state, distance, np.zeros(SECTORS)))
+    message = message_of(SectorScan(state, distance, np.zeros(SECTORS), np.zeros(SECTORS)))
     fields = message.to_dict()
     assert fields["distances"][:9] == [UNKNOWN, 1201, 1201, 1201, 21, 523, 523, 1100, 1100]
     assert set(fields["distances"][9:]) == {UNKNOWN}
