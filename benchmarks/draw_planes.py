@@ -82,7 +82,7 @@ def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -
         *call.after[:2],
         call.after[3],
         call.before[5],
-        call.after[7],
+        call.after[9],
         call.result[0],
     )
     on = np.flatnonzero((ints[:n, SUPPORT] > 0) & (ints[:n, TRACK] >= 0))
