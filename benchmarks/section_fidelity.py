@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
 import sys
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from benchmarks import fidelity_plots as plots
 from benchmarks import fidelity_tables as tables
-from benchmarks.matrix import FEW_TILTS_DEG, PARTS, Settings, quick, run
+from benchmarks.machine import stamp
+from benchmarks.matrix import FEW_TILTS_DEG, PARTS, Settings, quick, run, spread
 from benchmarks.measures import MEASURES, Summary, summary
+from benchmarks.pages import INDEX, SECTIONS, index, page
 from benchmarks.rows import Case, Row
-from benchmarks.scenes import FAMILIES, HELD_OUT_SEEDS, TUNING_SEEDS
+from benchmarks.scenes import FAMILIES, HELD_OUT_SEEDS, SCENES, TUNING_SEEDS
 
 BASE_SEEDS = 2
 """Of the base part, at each tilt; the others take one."""
@@ -42,28 +47,39 @@ def section(out: Path, quick_look: bool) -> str:
         base = _run("base", list(quick(held[:1])), Settings(jobs=jobs))
         _write(out, {"base": base})
         return "\n\n".join([_what("--quick --held-out"), *_goals(out, base), *_things(out, base)])
+    base = _run("base", list(PARTS["base"].make(held)), _settings("base", jobs))
+    tuned = _run("tuning", list(PARTS["base"].make(tuning[:1])), _settings("base", jobs))
+    seeds = [
+        "## Tuning and held-out seeds",
+        f"The base part on {len({r.case.seed for r in tuned})} tuning seeds and {len({r.case.seed for r in base})} "
+        "held-out ones. Were the parameters fitted to the scenes that they were chosen by, the right column would "
+        "be worse throughout.",
+        tables.seeds_table(tuned, base),
+    ]
+    return "\n\n".join(
+        [_what("--part base --held-out --seeds 2"), *_all_of(out, base, held[:1], {"tuning": tuned}), *seeds]
+    )
+
+
+def brief(out: Path) -> str:
+    """The page with one held-out seed and three tilts in its base part, an eighth of the work: all scenes all the same."""
+    held = HELD_OUT_SEEDS[:1]
+    base = _run("base", list(spread(SCENES, held, FEW_TILTS_DEG)), _settings("base", os.cpu_count() or 1))
+    few = ",".join(f"{roll:g}:{pitch:g}" for roll, pitch in FEW_TILTS_DEG)
+    told = "Shortened: one held-out seed, level, rolled by 30 and pitched down by 30 degrees; no comparison with tuning seeds."
+    return "\n\n".join([told, _what(f"--part base --held-out --tilts {few}"), *_all_of(out, base, held, {})])
+
+
+def _all_of(out: Path, base: Sequence[Row], seeds: Sequence[int], more: dict[str, list[Row]]) -> list[str]:
+    """What the base part says, and the parts in which one thing is varied, by these seeds."""
+    jobs = os.cpu_count() or 1
     parts = {
-        name: _run(name, list(part.make(held[:1])), _settings(name, jobs))
+        name: _run(name, list(part.make(seeds)), _settings(name, jobs))
         for name, part in PARTS.items()
         if name != "base"
     }
-    base = _run("base", list(PARTS["base"].make(held)), _settings("base", jobs))
-    tuned = _run("tuning", list(PARTS["base"].make(tuning[:1])), _settings("base", jobs))
-    _write(out, {"base": base, "tuning": tuned, **parts})
-    return "\n\n".join(
-        [
-            _what("--part base --held-out --seeds 2"),
-            *_goals(out, base),
-            *_things(out, base),
-            *_noise(out, base, parts["noise"]),
-            *_varied(parts),
-            "## Tuning and held-out seeds",
-            f"The base part on {len({r.case.seed for r in tuned})} tuning seeds and {len({r.case.seed for r in base})} "
-            "held-out ones. Were the parameters fitted to the scenes that they were chosen by, the right column would "
-            "be worse throughout.",
-            tables.seeds_table(tuned, base),
-        ]
-    )
+    _write(out, {"base": list(base), **more, **parts})
+    return [*_goals(out, base), *_things(out, base), *_noise(out, base, parts["noise"]), *_varied(parts)]
 
 
 def _run(name: str, todo: list[Case], settings: Settings) -> list[Row]:
@@ -183,3 +199,24 @@ def _finite(s: Summary) -> dict[str, float | int | None]:
     shares = {"worst": s.worst, "median": s.median, "pooled": s.pooled}
     rounded = {key: float(f"{v:.6g}") if math.isfinite(v) else None for key, v in shares.items()}
     return {**rounded, "count": s.count, "over": s.over}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """`python -m benchmarks.section_fidelity --brief`: the shortened page in docs/benchmarks."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.section_fidelity", description=main.__doc__)
+    parser.add_argument("--brief", action="store_true", required=True, help="an eighth of the work; else: make bench")
+    parser.add_argument("--out", type=Path, default=Path("docs/benchmarks"), help="folder of the page and its pictures")
+    args = parser.parse_args(arguments)
+    args.out.mkdir(parents=True, exist_ok=True)
+    begun = time.monotonic()
+    text = brief(args.out)
+    minutes = (time.monotonic() - begun) / 60.0
+    told = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
+    section_of = next(s for s in SECTIONS if s.name == "fidelity")
+    (args.out / "fidelity.md").write_text(page(section_of, text, told))
+    (args.out / INDEX).write_text(index(args.out))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
