@@ -82,6 +82,7 @@ class PipelineLoop:
 
     def _run(self) -> None:
         self._warm_up()
+        self.alive_ns = time.monotonic_ns()  # warming up may have taken minutes, and was no hang
         self.begun.set()
         while not self._stop.is_set():
             for item in self._inbox.take(TAKE_S):

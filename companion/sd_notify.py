@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import socket
 
+STOPPING_S = 15.0
+"""More than the unit's TimeoutStopSec, which is what bounds the end."""
+
 
 class Notifier:
     """READY, STATUS and WATCHDOG of a unit of Type=notify. watchdog_s: how often systemd wants a sign of life."""
@@ -39,8 +42,10 @@ class Notifier:
         self._send(f"EXTEND_TIMEOUT_USEC={round(seconds * 1e6)}")
 
     def stopping(self) -> None:
-        """We end because we were told to."""
-        self._send("STOPPING=1")
+        """We end because we were told to. Nobody feeds the watchdog while a log is finished on a slow disk: it is
+        given more time than the unit gives us to stop."""
+        patience = f"\nWATCHDOG_USEC={round(STOPPING_S * 1e6)}" if self.watchdog_s is not None else ""
+        self._send("STOPPING=1" + patience)
 
     def _send(self, text: str) -> None:
         if self._socket is None:

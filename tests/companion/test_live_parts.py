@@ -138,6 +138,9 @@ def test_what_ails_the_camera_is_told_first_once_its_frames_are_old() -> None:
 # ---- systemd --------------------------------------------------------------------------------------------------------------
 
 
+STOPPING = "STOPPING=1\nWATCHDOG_USEC=15000000"
+
+
 def test_words_to_systemd(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(str(tmp_path / "notify"))
@@ -151,7 +154,7 @@ def test_words_to_systemd(tmp_path: Path) -> None:
         notifier.needs_longer(1.5)
         notifier.stopping()
         said = [systemd.recv(100).decode() for _ in range(5)]
-    assert said == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", "STOPPING=1"]
+    assert said == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", STOPPING]
 
 
 def test_without_systemd_nothing_is_said(tmp_path: Path) -> None:

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
+from pathlib import Path
+
+from companion.config import config_of
+from companion.service import Service
+from companion.service_folders import Folders
 
 NOT_NEEDED = ("asyncio", "cv2", "depthai", "linuxpy", "matplotlib", "rich", "scipy.interpolate", "scipy.spatial")
 LOADED = f"""
@@ -16,3 +22,17 @@ print([m for m in {NOT_NEEDED!r} if m in sys.modules])
 def test_the_service_loads_no_camera_library_and_nothing_that_draws() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
+    """Kernels that are compiled take longer than a loop may stand still."""
+    (tmp_path / "run").mkdir()
+    config = config_of({"service": {"hang_s": 0.5}, "record": {"record": "off"}}, "test")
+    service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: time.sleep(0.7))
+    try:
+        service.open()
+        assert service.hung() == ""
+        assert service.loop.begun.wait(10.0)
+        assert service.hung() == ""
+    finally:
+        service.close()

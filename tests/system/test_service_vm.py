@@ -72,6 +72,21 @@ def test_stopped_as_told(found: dict[str, Any]) -> None:
     assert found["left_processes"] == []
 
 
+def test_depth_of_a_video_device_of_the_kernel(found: dict[str, Any]) -> None:
+    assert found.get("camera_frames") == 12, found["camera_said"]
+    assert found["camera_shape"] == [180, 320]
+    assert found["camera_type"] == "uint16"
+    assert found["camera_levels"] > 3  # a test picture, no empty buffer
+    assert found["camera_stamps_rise"]
+    assert found["camera_sequences_rise"]
+    assert 0.0 < found["camera_oldest_ms"] < 2000.0
+
+
+def test_a_video_device_that_is_unplugged_is_lost_and_not_found_again(found: dict[str, Any]) -> None:
+    assert "/dev/video0 is gone" in found["camera_unplugged"]
+    assert "is it plugged in" in found["camera_gone"]
+
+
 def test_taken_away_but_for_the_logs_until_asked_for(found: dict[str, Any]) -> None:
     assert found["uninstall_status"] == 0
     assert found["unit_left"] == "not-found"
