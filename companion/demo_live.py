@@ -56,7 +56,7 @@ def live_config(config: Config, folder: Path, run: Path) -> Config:
         config.record, record="always", folder=str(folder), file_mb=4096.0, budget_mb=8192.0, file_s=7200.0
     )
     publish = replace(config.publish, prisms=f"ipc://{run}/prisms", health=f"ipc://{run}/health", keys="")
-    autopilot = replace(config.autopilot, address=f"udpin:127.0.0.1:{_free_port()}")
+    autopilot = replace(config.autopilot, address=f"udpin:127.0.0.1:{free_port()}")
     return replace(config, record=record, publish=publish, autopilot=autopilot)
 
 
@@ -166,7 +166,8 @@ class Processes:
         self._of.clear()
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A UDP port of this machine that nobody has."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: Any = probe.getsockname()[1]
