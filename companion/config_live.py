@@ -61,6 +61,9 @@ class RecordParams:
     queue_items: int = number(5000, 100, 100_000, "", "and so many items")
     depth: bool = switch(True, "the depth images too: without them nothing can be replayed")
     mavlink: bool = switch(True, "the autopilot's messages as they came")
+    drawings: bool = switch(
+        False, "the prisms drawn, for viewers; costs time in flight, `companion replay -o` adds them"
+    )
 
     def __post_init__(self) -> None:
         check("record", self)

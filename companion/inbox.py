@@ -10,6 +10,8 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from google.protobuf.message import Message
+
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 
@@ -31,7 +33,16 @@ class RawFrame:
     t_arrival_ns: int
 
 
-Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame
+@dataclass(frozen=True, slots=True, eq=False)
+class Note:
+    """For the log alone: a message of the table of topics by its key."""
+
+    key: str
+    message: Message
+    t_arrival_ns: int
+
+
+Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame | Note
 Item = Sample | CameraInfo
 MOST = 4096
 """Samples that wait; at 200 Hz those of 20 s. Older ones give way and are counted."""
@@ -50,9 +61,14 @@ class Inbox:
         """Samples, raw frames or a camera's description."""
         with self._changed:
             self._items.extend(items)
+            kept: list[Item] = []
             while len(self._items) > self._most:
-                self._items.popleft()
-                self.lost += 1
+                oldest = self._items.popleft()
+                if isinstance(oldest, CameraInfo):
+                    kept.append(oldest)  # without it, no frame of the camera could be understood
+                else:
+                    self.lost += 1
+            self._items.extendleft(reversed(kept))
             self._changed.notify()
 
     def put_frame(self, frame: DepthFrame) -> None:

@@ -14,7 +14,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from .blindness import Blindness
 from .health import clock_message
-from .inbox import Inbox, Item, Overtaken, RawFrame, Sample
+from .inbox import Inbox, Item, Note, Overtaken, RawFrame, Sample
 from .latency import Latencies
 from .pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from .recorder import Recorder
@@ -97,6 +97,10 @@ class PipelineLoop:
         if isinstance(item, RawFrame):
             if self._recorder is not None:
                 self._recorder.message("mavlink", pb.MavlinkFrame(frame=item.data), item.t_arrival_ns)
+            return
+        if isinstance(item, Note):
+            if self._recorder is not None:
+                self._recorder.message(item.key, item.message, item.t_arrival_ns)
             return
         if isinstance(item, Overtaken):
             decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)

@@ -127,7 +127,8 @@ class Recorder:
 
     def output(self, output: Output) -> None:
         """What the pipeline said."""
-        self._take(lambda log: log.output(output), _RESULT)
+        drawn = self._params.drawings
+        self._take(lambda log: log.output(output, scene=drawn, transforms=drawn), _RESULT)
 
     def message(self, key: str, message: Message, t_ns: int) -> None:
         """Another message of the table of topics."""

@@ -45,7 +45,7 @@ from .health import (
     state_of,
     troubles_of,
 )
-from .inbox import Inbox, RawFrame
+from .inbox import Inbox, Note, RawFrame
 from .messages import blind_message, prisms_message
 from .pipeline import Pipeline, PrismsResult
 from .pipeline_loop import Clockwork, PipelineLoop
@@ -352,5 +352,7 @@ class Service:
         self._machine.fill(report)
         if self.metrics is not None:
             self.metrics.update(report)
+        if self.recorder is not None:
+            self.inbox.put([Note("health", report, report.t_ns)])
         if publisher is not None:
             publisher.publish(report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 from pathlib import Path
 
@@ -69,6 +70,19 @@ def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:
     inbox.put([attitude(k) for k in range(25)])
     assert inbox.lost == 15
     assert inbox.take(0.0) == [attitude(k) for k in range(15, 25)]
+
+
+def test_what_gives_way_is_never_the_description_of_a_camera() -> None:
+    """As at a first start, when kernels are compiled for a minute and nobody takes anything out."""
+    inbox = Inbox(most=10)
+    other = dataclasses.replace(INFO, camera="right")
+    inbox.put([attitude(0), INFO, attitude(1), other])
+    for k in range(2, 40):
+        inbox.put([attitude(k)])
+    taken = inbox.take(0.0)
+    assert taken[:2] == [INFO, other]
+    assert taken[2:] == [attitude(k) for k in range(30, 40)]
+    assert inbox.lost == 30
 
 
 # ---- latencies ----------------------------------------------------------------------------------------------------------

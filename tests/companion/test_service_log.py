@@ -62,7 +62,7 @@ def kinds(path: Path) -> Counter[str]:
     """What a log holds, by the schema's short names and by cause of decisions."""
     found: Counter[str] = Counter()
     with McapRecording(path) as source:
-        for key in ("state", "clock", "mavlink", "decision"):
+        for key in ("state", "clock", "mavlink", "decision", "health"):
             for item in source.messages(key):
                 found[key] += 1
                 if isinstance(item.message, pb.FrameDecision) and not item.message.used:
@@ -112,6 +112,7 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
     assert all(k["clock"] >= 1 for k in held)
     whole = sum(held, Counter())
     assert whole["mavlink"] > 500
+    assert whole["health"] >= 5
     assert whole["CAUSE_ATTITUDE_TOO_OLD"] >= 1
 
 
