@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import threading
 from dataclasses import dataclass
@@ -57,7 +58,7 @@ class ParameterReader:
             name = str(message.param_id)
             known = self._known.get(name)
             value = value_of(message, self._kind)
-            if known is not None and value == value:  # not NaN
+            if known is not None and math.isfinite(value):
                 self._known[name] = Known(value, 0, known.asked_ns, known.asked_ns)
 
     def due(self, now_ns: int, system_id: int) -> list[Any]:

@@ -41,11 +41,14 @@ SECTIONS: dict[str, type] = {
     "service": ServiceParams,
 }
 """TOML section -> the dataclass it fills; `camera` may stand several times."""
+BLIND_TOLD_S = 0.4
+"""After the newest exposure, so late at most: no setting may make it later."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """The effective configuration. Raises ValueError when two cameras have the same name."""
+    """The effective configuration. Raises ValueError when two cameras have the same name, and where autopilots would not be
+    told of blindness in time."""
 
     extractor: Params = field(default_factory=Params)
     sync: SyncParams = field(default_factory=SyncParams)
@@ -62,6 +65,13 @@ class Config:
         names = [c.name for c in self.cameras]
         for name in sorted({n for n in names if names.count(n) > 1}):
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
+        if self.avoid.send and not self.autopilot.address:
+            raise ValueError("[avoid] send = true, but [autopilot] address is empty: nobody would be told; give one")
+        if self.avoid.send and self.service.stale_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
+            raise ValueError(
+                f"[service] stale_s = {self.service.stale_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "
+                f"must know of blindness within {BLIND_TOLD_S:g} s; set stale_s to 0.3 or less"
+            )
 
     def camera(self, name: str) -> CameraConfig:
         """The section of a camera; one that changes nothing where there is none."""

@@ -51,6 +51,10 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         if not service.loop.running:
             log.critical("the pipeline has ended: its cause stands above")
             return 1
+        if service.avoidance is not None and not service.avoidance.sender.running:
+            # an autopilot that flies on without our word must not wait for the watchdog
+            log.critical("the sender of obstacles has ended: its cause stands above")
+            return 1
         if service.started and not ready:
             ready = True
             notifier.ready()

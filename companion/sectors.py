@@ -142,7 +142,7 @@ def seen_free(views: Sequence[View], avoid: AvoidParams) -> tuple[NDArray[np.flo
     free = np.zeros((len(slices), *x.shape), bool)
     for view in views:
         if view.model.valid:
-            free |= points_free(view, x, y, slices)
+            free |= points_free(view, x, y, slices, along_rays=True)
     unbroken = np.logical_and.accumulate(free, axis=2)
     reached = unbroken.sum(axis=2)  # (slices, rays): samples seen free from near_m on
     each = reached.reshape(len(slices), SECTORS, avoid.rays).transpose(1, 0, 2).reshape(SECTORS, -1)
@@ -154,24 +154,31 @@ def seen_free(views: Sequence[View], avoid: AvoidParams) -> tuple[NDArray[np.flo
 
 
 def points_free(
-    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
+    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], along_rays: bool = False
 ) -> NDArray[np.bool_]:
-    """(len(z), *x.shape): which points of level the view's free-range profile calls free."""
+    """(len(z), *x.shape): which points of level the view's free-range profile calls free.
+
+    A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
+    was seen through it there was seen through on the way, too: along_rays takes in the points on these rays."""
     profile = view.model.free
-    cx, cy, _ = view.place_m
+    cx, cy, cz = view.place_m
     edges = profile.azimuth_edges_rad.astype(np.float64)
-    range_m = np.hypot(x - cx, y - cy)
     # edges are not wrapped to one turn: the azimuth is taken within a turn from the first edge
     azimuth = edges[0] + np.mod(np.arctan2(y - cy, x - cx) - edges[0], math.tau)
-    direction = np.searchsorted(edges, azimuth, side="right") - 1
-    inside = (direction >= 0) & (direction < len(edges) - 1)
-    direction = np.clip(direction, 0, len(edges) - 2)
-    layer = np.searchsorted(profile.layer_edges_m.astype(np.float64), z, side="right") - 1
+    inside = azimuth < edges[-1]
+    range_m = np.hypot(x[inside] - cx, y[inside] - cy)
+    direction = np.searchsorted(edges, azimuth[inside], side="right") - 1
+    layers = profile.layer_edges_m.astype(np.float64)
+    layer = np.searchsorted(layers, z, side="right") - 1
     out = np.zeros((len(z), *x.shape), bool)
-    for i, row in enumerate(layer):
-        if 0 <= row < len(profile.layer_edges_m) - 1:
-            begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
-            out[i] = inside & (range_m >= begins) & (range_m <= ends)
+    for row in np.unique(layer[(layer >= 0) & (layer < len(layers) - 1)]):
+        begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
+        known, past = (ends > begins) & (range_m <= ends), range_m >= begins
+        top, bottom = (layers[row] - cz) * range_m, (layers[row + 1] - cz) * range_m
+        for i in np.flatnonzero(layer == row):
+            height_m = (z[i] - cz) * begins
+            on_rays = (height_m >= top) & (height_m <= bottom) & along_rays
+            out[i][inside] = known & (past | on_rays)
     return out
 
 

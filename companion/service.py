@@ -320,7 +320,10 @@ class Service:
         statuses = {name: camera.status for name, camera in self.cameras.items()}
         with self._sending:  # an older model must not go out after a newer one
             with self.loop.lock:
-                model = self._surround.model(lambda name: self._blindness.cause(name, now_ns, statuses[name]))
+                oldest_ns = now_ns - round(self.config.service.stale_s * NS)
+                model = self._surround.model(
+                    lambda name: self._blindness.cause(name, now_ns, statuses[name]), oldest_ns
+                )
             self._send("surround", surround_message(model, self._required), model.t_ns or now_ns)
 
     def _send(self, stream: str, message: pb.PrismsFrame | pb.SurroundFrame, t_exposure_ns: int) -> None:

@@ -59,10 +59,13 @@ class SurroundKeeper:
         """What a frame said, valid or not."""
         self._newest[result.camera] = result
 
-    def model(self, blind: Callable[[str], str]) -> Surround:
-        """The model now. blind: why a camera is blind, in words; empty where it is not."""
+    def model(self, blind: Callable[[str], str], oldest_ns: int = 0) -> Surround:
+        """The model now. blind: why a camera is blind, in words; empty where it is not.
+
+        What was exposed before oldest_ns says nothing, whatever blind says: it may know of a newer frame already whose
+        result is not here yet."""
         words = {camera: blind(camera) for camera in self._cameras}
-        seeing = [self._newest[c] for c in self._cameras if not words[c] and self._sees(c)]
+        seeing = [self._newest[c] for c in self._cameras if not words[c] and self._sees(c, oldest_ns)]
         frame, target = common_frame(seeing)
         parts: list[PrismsResult | Blind] = []
         for camera in self._cameras:
@@ -70,15 +73,17 @@ class SurroundKeeper:
             if newest is not None and newest in seeing:
                 parts.append(moved(newest, frame, target))
                 continue
-            cause = words[camera] or ("no frame yet" if newest is None else newest.cause_text)
+            cause = words[camera] or (
+                "no frame yet" if newest is None else newest.cause_text or "its newest frame is old"
+            )
             sequence, t_ns = (0, 0) if newest is None else (newest.sequence, newest.t_exposure_ns)
             parts.append(Blind(camera=camera, sequence=sequence, t_exposure_ns=t_ns, cause_text=cause))
         newest_ns = max((r.t_exposure_ns for r in seeing), default=0)
         return Surround(t_ns=newest_ns, frame=frame, parts=tuple(parts))
 
-    def _sees(self, camera: str) -> bool:
+    def _sees(self, camera: str, oldest_ns: int) -> bool:
         newest = self._newest.get(camera)
-        return newest is not None and newest.valid
+        return newest is not None and newest.valid and newest.t_exposure_ns >= oldest_ns
 
 
 def common_frame(results: list[PrismsResult]) -> tuple[str, float]:

@@ -30,6 +30,7 @@ AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 SILENT_NS = 3 * NS
 """An autopilot that sent no heartbeat for this long is gone; another one may take its place."""
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
+OBSTACLE_DISTANCE_ID = 330
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,7 +190,12 @@ class MavlinkSession:
         return self.vehicle is not None and now_ns - self.vehicle.heartbeat_ns < SILENT_NS
 
     def post(self, message: Any) -> None:
-        """A message to send with the next `due`; without a fresh heartbeat it is dropped and counted."""
+        """A message to send with the next `due`; without a fresh heartbeat it is dropped and counted. Of distances to
+        obstacles the newest alone waits: after a gap of the line older ones would tell of what is true no more."""
+        if message.get_msgId() == OBSTACLE_DISTANCE_ID:
+            waiting = [m for m in self._outbox if m.get_msgId() != OBSTACLE_DISTANCE_ID]
+            self._outbox.clear()
+            self._outbox.extend(waiting)
         self._outbox.append(message)
 
     def due(self, now_ns: int, speaks_first: bool = False) -> list[bytes]:

@@ -14,6 +14,7 @@ from companion.echo_check import PATIENCE_NS, EchoCheck
 from companion.obstacle_distance import clear_cm, obstacle_distance_message
 from companion.status_text import MOST_CHARACTERS, StatusTexts, shortened
 from drivers.mavlink import Vehicle
+from drivers.mavlink_dialect import dialect
 from drivers.mavlink_frames import MessageSplitter
 from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
 
@@ -87,6 +88,18 @@ def test_nothing_is_said_of_good_parameters() -> None:
     assert advice(PX4, {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}, (), 12.0) == []
     good = {"PRX1_TYPE": 2.0, "AVOID_ENABLE": 7.0, "AVOID_MARGIN": 2.0, "AVOID_BEHAVE": 1.0, "AVOID_BACKUP_SPD": 0.0}
     assert advice(ARDUPILOT, good, (), 12.0) == []
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_a_value_that_is_no_number_is_no_value(value: float) -> None:
+    """A damaged or forged message must neither end the service nor move the wall."""
+    reader = ParameterReader()
+    reader.begin(ARDUPILOT)
+    reader.due(NS, 1)
+    for name in ("AVOID_ENABLE", "AVOID_MARGIN"):
+        reader.take(dialect.MAVLink_param_value_message(name.encode(), value, 9, 1, 0))
+    assert reader.values() == {}
+    assert advice(ARDUPILOT, reader.values(), (), 12.0) == []
 
 
 # ---- echo -------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from companion.obstacle_distance import obstacle_distance_message
 from companion.obstacle_sender import AutopilotNow, ObstacleTeller
 from companion.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
+from core.frames import quaternion_from_euler
 from core.params import Params
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.obstacle_readers import ArduPilotReader, Px4Reader, loiter_speed_m_s
@@ -50,7 +51,8 @@ def tree() -> Scene:
 
 @dataclass
 class Flight:
-    """A vehicle that wants north at 3 m/s, 1.5 m up. dies_at_m: the camera's last frame is taken there."""
+    """A vehicle that wants north at 3 m/s, 1.5 m up. dies_at_m: the camera's last frame is taken there;
+    lean_rad: roll, pitch."""
 
     scene: Scene
     reader: Px4Reader | ArduPilotReader
@@ -59,6 +61,7 @@ class Flight:
     x_m: float = 5.0
     speed_m_s: float = 0.0
     now_ns: int = 100 * NS
+    lean_rad: tuple[float, float] = (0.0, 0.0)
     track: list[tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -75,7 +78,7 @@ class Flight:
             self.now_ns += 20 * MS
             position = (self.x_m, 0.0, -1.5)
             samples: list[AttitudeSample | PoseSample] = [
-                AttitudeSample(self.now_ns, self.now_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+                AttitudeSample(self.now_ns, self.now_ns, quaternion_from_euler(*self.lean_rad, 0.0), (0.0, 0.0, 0.0)),
                 PoseSample(self.now_ns, self.now_ns, position, (self.speed_m_s, 0.0, 0.0)),
             ]
             if self.x_m < self.silent_at_m:
@@ -92,7 +95,11 @@ class Flight:
             self.track.append((self.x_m, self.speed_m_s))
 
     def _see(self, n: int, position: tuple[float, float, float]) -> None:
-        seen = render(self.scene, CAMERA, position_ned_m=position, sensor=SENSOR, seed=7, frame=n)
+        roll_rad, pitch_rad = self.lean_rad
+        seen = render(
+            self.scene, CAMERA, roll_rad=roll_rad, pitch_rad=pitch_rad, position_ned_m=position, sensor=SENSOR, seed=7,
+            frame=n,
+        )  # fmt: skip
         frame = DepthFrame(
             camera="front", sequence=n, t_exposure_ns=self.now_ns, t_arrival_ns=self.now_ns, depth_mm=seen.depth_mm
         )
@@ -161,3 +168,19 @@ def test_it_stops_when_the_chain_breaks(reader: type, fault: str) -> None:
         abs(flight.speed_m_s) < 0.35
     )  # ArduPilot may settle at its margin from the wall of the policy, no farther back
     assert flight.x_m > 7.0
+
+
+@pytest.mark.parametrize("reader", [px4, ardupilot])
+@pytest.mark.parametrize("roll_deg", [0.0, 10.0])
+@pytest.mark.parametrize("pitch_deg", [-10.0, -6.0, -3.0, 0.0, 8.0])
+def test_a_clear_field_stops_nobody_who_leans(reader: type, pitch_deg: float, roll_deg: float) -> None:
+    """Whoever flies forward leans forward, and whoever brakes backward: the camera then sees the whole height of the band
+    only from some metres on."""
+    b = SceneBuilder("field")
+    b.ground()
+    b.box("horizon", 60.0, 0.0, 0.3, 200.0, 12.0)
+    vehicle = reader()
+    flight = Flight(b.build(), vehicle)
+    flight.lean_rad = (math.radians(roll_deg), math.radians(pitch_deg))
+    flight.fly(1.0)
+    assert all(vehicle.room_m(d, flight.now_ns) == math.inf for d in (-20.0, 0.0, 20.0))

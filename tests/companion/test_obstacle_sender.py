@@ -273,26 +273,15 @@ def test_a_remembered_obstacle_outlives_the_attitude() -> None:
 
 
 def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> None:
-    """Directions without an end, such as no extractor makes: whatever goes wrong, both autopilots are told of blindness,
-    and a good frame ends it."""
-    edges = np.zeros(1, np.float32)
-    nothing = np.zeros((0, 3), np.float32)
-    bad = replace(
-        CLEAR,
-        free=replace(
-            CLEAR.free, azimuth_edges_rad=edges, free_from_m=nothing, free_to_m=nothing, end=np.zeros((0, 3), np.uint8)
-        ),
-    )
+    """Whatever goes wrong, both autopilots are told of blindness, and good frames end it."""
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    chain.sees.found = bad
-    chain.fly(0.5)
+    chain.teller.result(replace(chain.teller._newest["front"], transform=None))
     told = chain.told(PX4)
     assert "cannot be reckoned" in told.fault
     assert told.values is not None
     assert (told.values == UNKNOWN).all()
     assert chain.ahead(ARDUPILOT) == WALL
-    chain.sees.found = CLEAR
     chain.fly(0.1)
     assert chain.ahead(ARDUPILOT) == WALL
     chain.fly(0.4)

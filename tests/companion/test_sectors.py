@@ -135,6 +135,31 @@ def test_free_but_not_to_the_end_is_not_clear(free_to_m: float) -> None:
     assert found.free_m[0] >= (free_to_m - AVOID.step_m if free_to_m > AVOID.near_m else 0.0)
 
 
+@pytest.mark.parametrize(("free_from_m", "clear"), [(2.0, True), (4.0, True), (5.0, False), (8.0, False)])
+def test_what_was_seen_through_from_afar_on_was_seen_through_on_the_way(free_from_m: float, clear: bool) -> None:
+    """A layer of 2 m wholly in view from 4 m on was seen 1.25 m high at 2.5 m, which is enough of the band; from 5 m on,
+    1 m, which is not."""
+    whole = model(free_to_m=13.0)
+    later = replace(whole, free=replace(whole.free, free_from_m=np.full((36, 3), free_from_m, np.float32)))
+    found = scan([View(later, HERE)], AVOID)
+    assert (found.state == (SectorState.CLEAR if clear else SectorState.UNSEEN)).all()
+    ended = replace(later.free, free_to_m=np.full((36, 3), free_from_m, np.float32))
+    found = scan([View(replace(later, free=ended), HERE)], AVOID)
+    assert (found.free_m == 0.0).all()  # nothing was seen free
+
+
+def test_height_counts_from_the_camera() -> None:
+    """The same layer, of a camera 0.6 m above the vehicle's middle: at 2.5 m its rays are too high."""
+    whole = model(free_to_m=13.0)
+    to = np.zeros((36, 3), np.float32)
+    to[:, 1] = 13.0
+    free = replace(whole.free, free_from_m=np.full((36, 3), 3.5, np.float32), free_to_m=to)
+    higher = replace(free, layer_edges_m=free.layer_edges_m - np.float32(0.6))
+    above = View(replace(whole, free=higher), LevelTransform(0.0, (0.0, 0.0, -0.6)))
+    assert (scan([above], AVOID).state == SectorState.UNSEEN).all()
+    assert (scan([View(replace(whole, free=free), HERE)], AVOID).state == SectorState.CLEAR).all()
+
+
 def test_an_invalid_model_says_nothing_whatever_it_holds() -> None:
     blind = replace(model(wall_at(0.0, 5.0), free_to_m=13.0), valid=False)
     found = scan([View(blind, HERE)], AVOID)
@@ -145,7 +170,7 @@ def test_an_invalid_model_says_nothing_whatever_it_holds() -> None:
 def test_a_band_seen_in_part_is_not_clear() -> None:
     """A third of the height unseen is more than the share that may be."""
     whole = model(free_to_m=13.0)
-    layers = np.array([-3.0, -0.4, 1.0, 3.0], np.float32)
+    layers = np.array([-3.0, -0.27, 1.0, 3.0], np.float32)
     to = whole.free.free_to_m.copy()
     to[:, 0] = 0.0
     part = replace(whole, free=replace(whole.free, layer_edges_m=layers, free_to_m=to))

@@ -126,6 +126,14 @@ def test_a_blind_camera_is_said_and_keeps_no_planes() -> None:
     assert message.cameras[1].cause == pb.CAUSE_CAMERA
 
 
+def test_a_result_of_long_ago_is_not_taken_for_the_frame_that_ended_the_blindness() -> None:
+    """Whoever judges blindness may know of a good frame before its result is here."""
+    surround = keeper(results()).model(sees, oldest_ns=START_NS + 30 * MS)
+    assert isinstance(surround.parts[0], Blind)
+    assert surround.parts[0].cause_text
+    assert isinstance(surround.parts[1], PrismsResult)
+
+
 @pytest.mark.parametrize("required", [frozenset(), frozenset({"front"}), frozenset({"right"})])
 def test_without_a_required_camera_or_without_any_it_is_not_valid(required: frozenset[str]) -> None:
     only_front = SurroundKeeper(("front", "right"))

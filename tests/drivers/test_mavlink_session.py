@@ -88,6 +88,18 @@ def test_nothing_is_sent_before_a_heartbeat_of_the_autopilot() -> None:
     assert c.session.counts["messages without an autopilot to hear them"] == 1
 
 
+def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
+    """After a gap of the line a row of old ones would stand before what is true now, and tell of free ways."""
+    c = talk(PX4, boot_at_ns=90 * NS)
+    c.run(2.0)
+    for cm in (1201, 900, 300):
+        c.session.post(dialect.MAVLink_statustext_message(6, f"at {cm}".encode()))
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [cm] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.run(0.2)
+    assert [m.distances[0] for m in c.autopilots[0].of_kind("OBSTACLE_DISTANCE")] == [300]
+    assert [m.text for m in c.autopilots[0].of_kind("STATUSTEXT")] == ["at 1201", "at 900", "at 300"]
+
+
 def test_a_hello_goes_out_on_a_line_whose_other_end_waits_for_it() -> None:
     session = MavlinkSession()
     (hello,) = session.due(NS, speaks_first=True)

@@ -1,0 +1,51 @@
+"""The loop of `companion run`: it ends, to be started anew, when a part that it cannot do without has ended."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from companion.config import Config
+from companion.config_avoid import AvoidParams
+from companion.config_live import AutopilotConfig, RecordParams
+from companion.obstacle_sender import AutopilotNow
+from companion.run import serve
+from companion.sd_notify import Notifier
+from companion.service import Service
+from companion.service_folders import Folders
+
+from .live import free_port
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_it_ends_at_once_when_nobody_tells_the_autopilot_any_more(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """ArduPilot flies on when the words stop: the sooner the service starts anew, the better."""
+    config = Config(
+        autopilot=AutopilotConfig(address=f"udpin:127.0.0.1:{free_port()}"),
+        avoid=AvoidParams(send=True),
+        record=RecordParams(record="off"),
+    )
+    service = Service(config, Folders(tmp_path, tmp_path), lambda: None)
+
+    def broken() -> AutopilotNow:
+        raise OSError("an error that nobody thought of")
+
+    try:
+        service.open()
+        assert service.avoidance is not None
+        stop, ended = threading.Event(), []
+        loop = threading.Thread(target=lambda: ended.append(serve(service, Notifier(), stop, 0.02)))
+        loop.start()
+        loop.join(0.5)
+        assert ended == []  # it runs
+        service.avoidance.sender._ask = broken
+        loop.join(1.0)
+        assert ended == [1]
+        assert "the sender of obstacles has ended" in caplog.text
+    finally:
+        stop.set()
+        service.close()
