@@ -40,14 +40,14 @@ class ParameterReader:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kind = ""
+        self._kind, self._system_id = "", 0
         self._known: dict[str, Known] = {}
 
-    def begin(self, kind: str) -> None:
-        """An autopilot of this kind is there; another kind than before begins anew."""
+    def begin(self, kind: str, system_id: int = 1) -> None:
+        """An autopilot of this kind is there; another one than before begins anew."""
         with self._lock:
-            if kind != self._kind:
-                self._kind = kind
+            if (kind, system_id) != (self._kind, self._system_id):
+                self._kind, self._system_id = kind, system_id
                 self._known = {name: Known() for name in WANTED.get(kind, ())}
 
     def take(self, message: Any) -> None:

@@ -80,7 +80,7 @@ class Avoidance:
         vehicle = self._vehicle()
         if vehicle is None:
             return
-        self.parameters.begin(vehicle.autopilot)
+        self.parameters.begin(vehicle.autopilot, vehicle.system_id)
         for request in self.parameters.due(now_ns, vehicle.system_id):
             self._post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:

@@ -22,7 +22,7 @@ class AvoidParams:
     )
     near_m: float = number(2.5, 0.5, 10.0, "m", "from here on a clear sector must have been seen; nearer is remembered")
     clear_share: float = number(0.8, 0.5, 1.0, "", "share of a sector's rays and heights seen free to call it clear")
-    rays: int = number(3, 1, 15, "", "rays looked along in each sector")
+    rays: int = number(3, 2, 15, "", "rays looked along in each sector, from side to side")
     slices: int = number(10, 1, 20, "", "heights looked along in the band")
     step_m: float = number(0.25, 0.05, 2.0, "m", "step along the rays")
     remember_s: float = number(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is told for so long")

@@ -144,7 +144,7 @@ class Service:
             self.avoidance.message(message, arrival_ns)
 
     def _vehicle(self, session: MavlinkSession) -> Vehicle | None:
-        """The autopilot, while its heartbeat is fresh."""
+        """The autopilot, while it is heard."""
         return session.vehicle if session.heard(time.monotonic_ns()) else None
 
     def _recorder(self) -> Recorder | None:

@@ -28,7 +28,7 @@ MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
 MAV_MODE_FLAG_SAFETY_ARMED = 128
 AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 SILENT_NS = 3 * NS
-"""An autopilot that sent no heartbeat for this long is gone; another one may take its place."""
+"""An autopilot that said nothing for this long is gone; another one may take its place."""
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 OBSTACLE_DISTANCE_ID = 330
 
@@ -105,6 +105,7 @@ class MavlinkSession:
         self._encoder = dialect.MAVLink(None)
         self._encoder.srcComponent = self.params.component_id
         self._next_heartbeat_ns = 0
+        self._heard_ns = 0
         self._clock_restarts = 0
         self._outbox: deque[Any] = deque(maxlen=64)
 
@@ -136,6 +137,7 @@ class MavlinkSession:
             self._timesync.take(message, arrival_ns, from_autopilot=own)
         if not own:
             return None
+        self._heard_ns = arrival_ns
         self.rates.heard(message.get_msgId(), arrival_ns)
         if kind == "COMMAND_ACK":
             self.rates.acknowledged(int(message.command), int(message.result))
@@ -164,7 +166,7 @@ class MavlinkSession:
             return
         old = self.vehicle
         if old is not None and old.system_id != system:
-            if arrival_ns - old.heartbeat_ns < SILENT_NS:
+            if self.heard(arrival_ns):
                 self.counts["heartbeats of other vehicles"] += 1
                 return
             self.clock.restart()  # another autopilot, another clock
@@ -186,11 +188,11 @@ class MavlinkSession:
     # ---- out ----------------------------------------------------------------------------------------------------
 
     def heard(self, now_ns: int) -> bool:
-        """Whether the autopilot's heartbeat is fresh."""
-        return self.vehicle is not None and now_ns - self.vehicle.heartbeat_ns < SILENT_NS
+        """Whether the autopilot, known by a heartbeat, said anything lately: on a bad line heartbeats alone are soon lost."""
+        return self.vehicle is not None and now_ns - self._heard_ns < SILENT_NS
 
     def post(self, message: Any) -> None:
-        """A message to send with the next `due`; without a fresh heartbeat it is dropped and counted. Of distances to
+        """A message to send with the next `due`; without an autopilot that is heard it is dropped and counted. Of distances to
         obstacles the newest alone waits: after a gap of the line older ones would tell of what is true no more."""
         if message.get_msgId() == OBSTACLE_DISTANCE_ID:
             waiting = [m for m in self._outbox if m.get_msgId() != OBSTACLE_DISTANCE_ID]

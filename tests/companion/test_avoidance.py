@@ -102,6 +102,18 @@ def test_a_value_that_is_no_number_is_no_value(value: float) -> None:
     assert advice(ARDUPILOT, reader.values(), (), 12.0) == []
 
 
+def test_another_vehicle_has_parameters_of_its_own() -> None:
+    reader = ParameterReader()
+    reader.begin(ARDUPILOT, 1)
+    reader.due(NS, 1)
+    reader.take(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", 5.0, 9, 1, 0))
+    reader.begin(ARDUPILOT, 1)
+    assert reader.value("AVOID_MARGIN") == 5.0
+    reader.begin(ARDUPILOT, 2)
+    assert reader.value("AVOID_MARGIN") is None
+    assert reader.due(NS, 2)
+
+
 # ---- echo -------------------------------------------------------------------------------------------------------------
 
 

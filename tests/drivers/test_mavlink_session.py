@@ -37,12 +37,17 @@ class Conversation:
     samples: list[AttitudeSample | PoseSample] = field(default_factory=list)
     sent: list[bytes] = field(default_factory=list)
     noise: bytes = b""
+    lost: frozenset[int] | None = frozenset()
+    """Ids of messages that do not arrive here; None: none arrives."""
 
     def run(self, seconds: float) -> None:
         for _ in range(int(seconds * 1000)):
             self.now_ns += MS
             chunks = [
-                (self.noise + d, self.now_ns + self.delay_ns) for a in self.autopilots for d in a.due(self.now_ns)
+                (self.noise + d, self.now_ns + self.delay_ns)
+                for a in self.autopilots
+                for d in a.due(self.now_ns)
+                if self.lost is not None and int.from_bytes(d[7:10], "little") not in self.lost
             ]
             self.samples += self.session.receive(chunks)
             for data in self.session.due(self.now_ns):
@@ -86,6 +91,22 @@ def test_nothing_is_sent_before_a_heartbeat_of_the_autopilot() -> None:
     c.run(3.0)
     assert c.sent == []
     assert c.session.counts["messages without an autopilot to hear them"] == 1
+
+
+def test_an_autopilot_whose_heartbeats_are_lost_but_not_its_other_words_goes_on_being_told() -> None:
+    """On a bad line three heartbeats in a row are soon lost; ArduPilot would fly on without our obstacles."""
+    c = talk(ARDUPILOT, boot_at_ns=90 * NS)
+    c.run(4.0)
+    c.lost = frozenset({0})  # HEARTBEAT
+    for _ in range(20):
+        c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+        c.run(0.5)
+    assert len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) == 20
+    c.lost = None  # and now everything
+    c.run(4.0)
+    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.run(0.5)
+    assert len(c.autopilots[0].of_kind("OBSTACLE_DISTANCE")) == 20
 
 
 def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
