@@ -86,6 +86,24 @@ def serve(socket: zmq.Socket[bytes], keys: ServerKeys) -> None:
     socket.setsockopt(zmq.ZAP_DOMAIN, b"osape")
 
 
+def use_client_keys(socket: zmq.Socket[bytes], folder: Path) -> None:
+    """Makes a socket one that talks to the service whose server.public lies in the folder, as the client whose
+    NAME.secret lies beside it. Raises DeviceNotFound and BadData."""
+    secrets = [f for f in sorted(folder.glob("*.secret")) if f.name != SECRET]
+    if len(secrets) != 1:
+        raise DeviceNotFound(
+            f"{folder}: {len(secrets)} client secrets there, expected one NAME.secret beside {PUBLIC}, both as "
+            "`companion keys` made them"
+        )
+    try:
+        secret, server = _read(secrets[0]), _read(folder / PUBLIC)
+    except OSError as error:
+        raise DeviceNotFound(f"{error.filename}: {error.strerror}; copy it from where `companion keys` ran") from error
+    socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
+    socket.setsockopt(zmq.CURVE_PUBLICKEY, zmq.curve_public(secret))
+    socket.setsockopt(zmq.CURVE_SERVERKEY, server)
+
+
 class AllowList:
     """Answers, for the sockets of a context, whether a client is known. Hold it as long as they live."""
 

@@ -1,0 +1,259 @@
+"""A planner's client over real sockets: the newest message, its age, what it says when nothing comes."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+from google.protobuf.message import Message
+
+from companion.client import Client
+from companion.curve import AllowList, load_keys, make_keys
+from companion.messages import blind_message, prisms_message
+from companion.pipeline import Pipeline, PrismsResult
+from companion.publisher import Publisher, Stream
+from companion.surround import SurroundKeeper, surround_message
+from core.queries import Answer
+from drivers.base import DriverError
+from drivers.proto import osape_v1_pb2 as pb
+
+from .live import free_port, until
+from .made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
+from .test_surround import keeper, results, sees
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Service:
+    """A publisher as the service has it."""
+
+    def __init__(self, address: str) -> None:
+        self.context: zmq.Context = zmq.Context()
+        self.address = address
+        self.publisher = Publisher(Stream("prisms", address), self.context)
+
+    def say(self, message: Message, age_ms: float = 20.0, boot: str = "boot", number: int | None = None) -> None:
+        copy = type(message).FromString(message.SerializeToString())
+        copy.publication.boot_id, copy.publication.age_ns = boot, round(age_ms * MS)
+        copy.publication.number = self.publisher.published if number is None else number
+        self.publisher.publish(copy)
+
+    def close(self) -> None:
+        self.publisher.close()
+        self.context.term()
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    service = Service(f"ipc://{tmp_path}/s")
+    yield service
+    service.close()
+
+
+def a_frame() -> pb.PrismsFrame:
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    for t in range(START_NS - 40 * MS, START_NS + 1, 20 * MS):
+        pipeline.handle(attitude(t))
+    result = pipeline.handle(frame(1, START_NS))[1]
+    assert isinstance(result, PrismsResult)
+    return prisms_message(result)
+
+
+def joined(client: Client, service: Service, message: Message | None = None) -> None:
+    """A subscriber takes a moment to be known."""
+    assert until(lambda: (service.say(message or a_frame()), client.wait(0.05))[1] is not None, 10.0)
+    assert until(lambda: client.wait(0.05) is None, 10.0)
+
+
+def test_the_newest_message_with_its_age(service: Service) -> None:
+    with Client(service.address) as client:
+        assert client.latest() is None
+        joined(client, service)
+        for sequence in range(5):
+            message = a_frame()
+            message.sequence = sequence
+            service.say(message, age_ms=20.0)
+        assert until(lambda: (n := client.latest()) is not None and n.message.sequence == 4, 5.0)
+        news = client.latest()
+        assert news is not None
+        assert news.valid
+        assert news.frame == "level"
+        assert 0.02 <= news.age_s < 5.0
+        assert news.space.knows
+        assert news.cause == ""
+
+
+def test_news_that_grow_old_are_stale(service: Service) -> None:
+    with Client(service.address, stale_s=0.3) as client:
+        joined(client, service)
+        service.say(a_frame(), age_ms=1.0)
+        news = client.wait(5.0)
+        assert news is not None
+        assert until(lambda: news.stale, 2.0)
+        assert client.wait(0.05) is None
+        assert client.latest() is news
+        service.say(a_frame(), age_ms=301.0)
+        old = client.wait(5.0)
+        assert old is not None
+        assert old.stale
+
+
+def test_blind_is_told_and_leaves_nothing_free(service: Service) -> None:
+    with Client(service.address) as client:
+        joined(client, service)
+        service.say(blind_message("front", 7, 1, "silent: unplugged"))
+        news = client.wait(5.0)
+        assert news is not None
+        assert not news.valid
+        assert news.cause == "silent: unplugged"
+        assert not news.space.knows
+        assert news.space.points([[2, 0, 0]]).tolist() == [Answer.UNKNOWN]
+
+
+def test_several_cameras_as_one(service: Service) -> None:
+    found = results({"front": None, "right": None})
+    both = surround_message(keeper(found).model(sees), frozenset())
+    only = SurroundKeeper(("front", "right"))
+    only.result(found["front"])
+    with Client(service.address, surround=True) as client:
+        joined(client, service, both)
+        service.say(both)
+        news = client.wait(5.0)
+        assert news is not None
+        assert news.cause == ""
+        many = news.space._rectangles.corner.shape[0]
+        service.say(surround_message(only.model(sees), frozenset({"right"})))
+        news = client.wait(5.0)
+        assert news is not None
+        assert not news.valid
+        assert news.cause == "right: no frame yet"
+        assert news.space._rectangles.corner.shape[0] == many // 2
+
+
+def test_foreign_late_and_doubled_messages_are_counted_and_passed_over(service: Service) -> None:
+    with Client(service.address, stale_s=60.0) as client:
+        joined(client, service)
+        service.say(a_frame(), number=1000)
+        assert client.wait(5.0) is not None
+        for number in (1000, 999):
+            service.say(a_frame(), number=number)
+            assert client.wait(0.3) is None
+        assert client.heard.late == 2
+        service.publisher._socket.send(b"\xff\xfe nonsense")
+        assert client.wait(0.3) is None
+        service.publisher._socket.send(pb.PrismsFrame(schema_version=9).SerializeToString())
+        assert client.wait(0.3) is None
+        assert client.heard.foreign == 2
+        assert "schema version 9" in client.heard.last_error
+        service.say(a_frame(), boot="another boot", number=3)
+        assert client.wait(5.0) is not None
+
+
+def test_numbers_that_do_not_fit_together_leave_all_unknown(service: Service) -> None:
+    broken = a_frame()
+    del broken.planes.corners_m[-1]
+    with Client(service.address) as client:
+        joined(client, service)
+        service.say(broken)
+        news = client.wait(5.0)
+        assert news is not None
+        assert not news.space.knows
+
+
+def test_a_service_that_starts_again_is_heard_again(tmp_path: Path) -> None:
+    address = f"ipc://{tmp_path}/s"
+    first = Service(address)
+    with Client(address, stale_s=0.2) as client:
+        joined(client, first)
+        for _ in range(20):
+            first.say(a_frame(), age_ms=0.0)
+        assert until(lambda: client.latest() is not None, 5.0)
+        first.close()
+        news = client.latest()
+        assert news is not None
+        assert until(lambda: news.stale, 2.0)
+        second = Service(address)
+        try:
+            joined(client, second)  # its numbers begin at 0 again
+        finally:
+            second.close()
+
+
+def test_silence_is_told_with_the_last_news_and_a_planner_can_end(service: Service) -> None:
+    with Client(service.address, stale_s=0.1) as client:
+        joined(client, service)
+        seen: list[bool] = []
+        client.run(lambda news: seen.append(news.stale) or len(seen) < 3, silence_s=0.15)
+        assert seen[1:] == [True, True]
+
+
+def test_with_keys_over_tcp_and_without_them_nothing(tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys", "planner")
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    with pytest.raises(DriverError, match="0 client secrets"):
+        Client("tcp://127.0.0.1:1", keys=mine)
+    (mine / "planner.secret").write_bytes((tmp_path / "keys" / "planner.secret").read_bytes())
+    with pytest.raises(DriverError, match=r"server\.public"):
+        Client("tcp://127.0.0.1:1", keys=mine)
+    (mine / "server.public").write_bytes((tmp_path / "keys" / "server.public").read_bytes())
+    keys, context = load_keys(tmp_path / "keys"), zmq.Context()
+    allow = AllowList(context, keys)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    publisher = Publisher(Stream("prisms", address), context, keys)
+    message = a_frame()
+    try:
+        with Client(address, keys=mine) as known, Client(address) as unknown:
+            assert until(lambda: (publisher.publish(message), known.wait(0.05))[1] is not None, 10.0)
+            assert unknown.wait(0.3) is None
+    finally:
+        publisher.close()
+        allow.close()
+        context.destroy(linger=0)
+
+
+def test_nothing_heavy_is_imported() -> None:
+    heavy = "numba scipy cv2 mcap depthai pydantic pymavlink"
+    code = f"import sys, companion.client; print([m for m in '{heavy}'.split() if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True, env=environment()
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_example_says_when_nothing_is_free(service: Service) -> None:
+    example = ROOT / "examples" / "subscriber.py"
+    stop = threading.Event()
+
+    def speak() -> None:
+        for k in itertools.count():
+            if stop.wait(0.05):
+                return
+            service.say(a_frame() if k // 10 % 2 else blind_message("front", 1, 1, "unplugged"))
+
+    speaker = threading.Thread(target=speak)
+    with subprocess.Popen(
+        [sys.executable, str(example), service.address], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment()
+    ) as run:
+        speaker.start()
+        try:
+            assert run.stdout is not None
+            lines = [run.stdout.readline() for _ in range(25)]
+            assert any(line.startswith("level, ") and "nearest" in line for line in lines), lines
+            assert any("nothing may be taken as free: unplugged" in line for line in lines), lines
+        finally:
+            stop.set()
+            speaker.join()
+            run.kill()
+
+
+def environment() -> dict[str, str]:
+    """With the modules of this checkout."""
+    return os.environ | {"PYTHONPATH": str(ROOT)}

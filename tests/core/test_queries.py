@@ -1,0 +1,184 @@
+"""Free, occupied, unknown: exact against dense sampling, and never free where nobody looked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.model import blind_model
+from core.params import Params
+from core.queries import Answer, SeenFrom, Space, balls_free
+from core.rectangles import between_segments, rectangles
+from core.types import CameraInfo, FrameModel, FreeEnd, FreeProfile, Intrinsics, InvalidCause
+
+SEED = st.integers(0, 2**32 - 1)
+INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5))
+HERE = (0.0, 0.0, 0.0)
+
+
+def profile(free_from: float, free_to: float, view_deg: float = 80.0, around_deg: float = 0.0) -> FreeProfile:
+    edges = np.radians(np.linspace(around_deg - view_deg / 2, around_deg + view_deg / 2, 17)).astype(np.float32)
+    return FreeProfile(
+        azimuth_edges_rad=edges, layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
+        free_from_m=np.full((16, 3), free_from, np.float32), free_to_m=np.full((16, 3), free_to, np.float32),
+        end=np.full((16, 3), FreeEnd.MAX_RANGE, np.uint8),
+    )  # fmt: skip
+
+
+def model(*planes: tuple[float, ...], margin: float = 0.0, free: FreeProfile | None = None) -> FrameModel:
+    n = len(planes)
+    return replace(
+        blind_model(INFO, InvalidCause.NONE, Params()), valid=True,
+        planes=np.array(planes, np.float32).reshape(-1, 6), support_px=np.ones(n, np.int32),
+        margin_m=np.full(n, margin, np.float32), flags=np.zeros(n, np.uint8), cluster=np.zeros(n, np.int32),
+        free=profile(0.0, 0.0) if free is None else free,
+    )  # fmt: skip
+
+
+def some_planes(rng: np.random.Generator, n: int) -> np.ndarray:
+    xy = rng.uniform(-6.0, 6.0, (n, 4))
+    top = rng.uniform(-4.0, 2.0, n)
+    return np.column_stack([xy, top, top + rng.uniform(0.1, 4.0, n)])
+
+
+def sampled_distance(plane: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+    """From a way to a rectangle, by points all over both: too great by no more than the grid's step."""
+    u, v = np.meshgrid(np.linspace(0, 1, 81), np.linspace(0, 1, 41))
+    rectangle = np.stack(
+        [
+            plane[0] + u * (plane[2] - plane[0]),
+            plane[1] + u * (plane[3] - plane[1]),
+            plane[4] + v * (plane[5] - plane[4]),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    way = a + np.linspace(0, 1, 61)[:, None] * (b - a)
+    return float(np.sqrt(((rectangle[:, None] - way[None]) ** 2).sum(axis=-1)).min())
+
+
+# ---- distances --------------------------------------------------------------------------------------------------------
+
+
+@given(SEED)
+def test_distances_against_points_all_over_both(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    plane, a, b = some_planes(rng, 1), rng.uniform(-6, 6, (1, 3)), rng.uniform(-6, 6, (1, 3))
+    found = rectangles(plane, np.zeros(1))._distance(a, b, np.zeros(1, np.intp))[0]
+    sampled = sampled_distance(plane[0], a[0], b[0])
+    assert found <= sampled + 1e-9
+    assert sampled - found < 0.25
+
+
+@given(SEED)
+def test_segments_that_are_parallel_short_or_crossing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, u = rng.normal(size=(1, 3)), rng.normal(size=(1, 3))
+    beside = np.cross(u, rng.normal(size=(1, 3)))
+    beside /= np.linalg.norm(beside)
+    assert between_segments(a, a + u, a + beside, a + u + beside)[0] == pytest.approx(1.0)
+    assert between_segments(a, a, a + beside, a + beside)[0] == pytest.approx(1.0)
+    middle = a + 0.3 * u
+    assert between_segments(a, a + u, middle - beside, middle + beside)[0] == pytest.approx(0.0, abs=1e-7)
+
+
+# ---- occupied ---------------------------------------------------------------------------------------------------------
+
+
+@given(SEED, st.sampled_from([0.0, 0.3, 1.0]))
+def test_many_ways_among_many_planes_against_each_alone(seed: int, radius: float) -> None:
+    rng = np.random.default_rng(seed)
+    planes = some_planes(rng, 12)
+    space = Space([SeenFrom(model(*planes, margin=0.1), HERE)])
+    a, b = rng.uniform(-8, 8, (40, 3)), rng.uniform(-8, 8, (40, 3))
+    answers = space.segments(a, b, radius)
+    for i in range(40):
+        sampled = min(sampled_distance(plane, a[i], b[i]) for plane in planes)
+        if sampled <= radius + 0.1:
+            assert answers[i] == Answer.OCCUPIED
+        elif sampled > radius + 0.1 + 0.25:
+            assert answers[i] == Answer.UNKNOWN
+
+
+@given(SEED)
+def test_the_nearest_plane(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    planes, p = some_planes(rng, 6), rng.uniform(-8, 8, (5, 3))
+    distance, towards, number = Space([SeenFrom(model(*planes), HERE)]).nearest(p)
+    for i in range(5):
+        each = [sampled_distance(plane, p[i], p[i]) for plane in planes]
+        assert distance[i] <= min(each) + 1e-6
+        assert distance[i] == pytest.approx(min(each), abs=0.2)
+        foot = p[i] + distance[i] * towards[i]
+        assert sampled_distance(planes[number[i]], foot, foot) < 0.2
+
+
+def test_nothing_there() -> None:
+    distance, towards, number = Space([]).nearest([1.0, 2.0, 3.0])
+    assert (distance[0], number[0], towards.tolist()) == (math.inf, -1, [[0.0, 0.0, 0.0]])
+    assert not Space([]).knows
+    assert Space([]).points(np.zeros((0, 3))).shape == (0,)
+    assert Space([]).segments([0, 0, 0], [9, 0, 0]).tolist() == [Answer.UNKNOWN]
+
+
+# ---- free and unknown -------------------------------------------------------------------------------------------------
+
+
+def test_a_wall_the_free_space_before_it_and_the_unknown_behind() -> None:
+    wall = (8.0, -6.0, 8.0, 6.0, -3.0, 3.0)
+    space = Space([SeenFrom(model(wall, margin=0.2, free=profile(1.0, 7.5)), HERE)])
+    assert space.points([[5, 0, 0], [7.9, 0, 0], [9, 0, 0], [0.5, 0, 0], [0, 5, 0]]).tolist() == [
+        Answer.FREE, Answer.OCCUPIED, Answer.UNKNOWN, Answer.UNKNOWN, Answer.UNKNOWN,
+    ]  # fmt: skip
+    assert space.points([[7.0, 0, 0]], 0.4).tolist() == [Answer.FREE]
+    assert space.points([[7.0, 0, 0]], 0.6).tolist() == [Answer.UNKNOWN]
+    assert space.points([[7.0, 0, 0]], 0.8).tolist() == [Answer.OCCUPIED]
+    ways = space.segments([[2, 0, 0]] * 4, [[6, 1, 0], [9, 0, 0], [2, 9, 0], [6, 1, -3.5]], 0.3)
+    assert ways.tolist() == [Answer.FREE, Answer.OCCUPIED, Answer.UNKNOWN, Answer.UNKNOWN]
+
+
+@given(SEED)
+def test_a_free_ball_has_free_points_only(seed: int) -> None:
+    """Every point of a ball that is called free is free by itself, wherever the camera stands and looks."""
+    rng = np.random.default_rng(seed)
+    free = profile(0.5, 6.0, 80.0, float(rng.uniform(-360, 360)))
+    holes = rng.random((16, 3)) < 0.1
+    free = replace(free, free_to_m=np.where(holes, 0.0, free.free_to_m).astype(np.float32))
+    place = tuple(rng.uniform(-2, 2, 3))
+    p, radius = rng.uniform(-6, 6, (60, 3)), rng.uniform(0.05, 0.8, 60)
+    called = balls_free(free, place, p, radius)
+    inside = rng.normal(size=(200, 3))
+    inside *= (rng.random(200) ** (1 / 3) / np.linalg.norm(inside, axis=1))[:, None]
+    for i in np.flatnonzero(called):
+        assert balls_free(free, place, p[i] + 0.999 * radius[i] * inside, np.zeros(200)).all()
+
+
+def test_blind_parts_free_nothing_and_keep_no_planes() -> None:
+    blind = replace(model((8.0, -6.0, 8.0, 6.0, -3.0, 3.0), free=profile(1.0, 7.5)), valid=False)
+    space = Space([SeenFrom(blind, HERE)])
+    assert not space.knows
+    assert space.points([[5, 0, 0], [8, 0, 0]]).tolist() == [Answer.UNKNOWN] * 2
+
+
+def test_an_obstacle_of_one_camera_outranks_what_another_calls_free() -> None:
+    seen = SeenFrom(model(free=profile(1.0, 7.5)), HERE)
+    other = SeenFrom(model((5.0, -1.0, 5.0, 1.0, -1.0, 1.0)), (0.0, 1.0, 0.0))
+    assert Space([seen]).points([[5, 0, 0]]).tolist() == [Answer.FREE]
+    assert Space([seen, other]).points([[5, 0, 0]]).tolist() == [Answer.OCCUPIED]
+
+
+def test_what_is_no_number_may_not_be_passed() -> None:
+    space = Space([SeenFrom(model(free=profile(1.0, 7.5)), HERE)])
+    assert space.points([[math.nan, 0, 0], [5, 0, 0]]).tolist() == [Answer.OCCUPIED, Answer.FREE]
+    assert space.segments([[5, 0, 0]], [[math.inf, 0, 0]]).tolist() == [Answer.OCCUPIED]
+
+
+def test_wrong_shapes() -> None:
+    with pytest.raises(ValueError, match=r"expected \(M, 3\)"):
+        Space([]).points(np.zeros((4, 2)))
+    with pytest.raises(ValueError, match="as many of each"):
+        Space([]).segments(np.zeros((4, 3)), np.zeros((3, 3)))
