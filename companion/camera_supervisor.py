@@ -27,6 +27,8 @@ from .config_live import SupervisorParams
 
 NS = 1_000_000_000
 _POLL_S = 0.05
+_RAN_WELL_S = 3.0
+"""A camera that gave frames so long after its start is started again without delay; one that did not, later and later."""
 _SAMPLED_ROWS = 16
 """Every so many rows are compared to tell a frozen image: enough, since noise changes any of them."""
 
@@ -114,8 +116,8 @@ class CameraSupervisor:
                 break
             self._say(CameraCondition.LOST, cause)
             self._change(last_loss=cause)
-            if _now() - begun_ns > 4.0 * self._params.longest_backoff_s * NS:
-                backoff_s = self._params.first_backoff_s  # it ran well for long
+            if (self._status.last_arrival_ns or begun_ns) - begun_ns > _RAN_WELL_S * NS:
+                backoff_s = self._params.first_backoff_s  # in flight every second without it counts
             self._wait(backoff_s)
             backoff_s = min(max(2.0 * backoff_s, 0.1), self._params.longest_backoff_s)
         self._say(CameraCondition.STOPPED, "the service stops")

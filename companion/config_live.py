@@ -79,8 +79,8 @@ class SupervisorParams:
     restart_s: float = number(3.0, 0.5, 60.0, "s", "silent or frozen for this long, its process is started anew")
     open_s: float = number(30.0, 1.0, 300.0, "s", "a process without a first frame by then is started anew")
     frozen_frames: int = number(4, 2, 1000, "", "the same image so many times again is a frozen camera")
-    first_backoff_s: float = number(0.5, 0.0, 60.0, "s", "wait before the first new start; doubled each time")
-    longest_backoff_s: float = number(10.0, 0.1, 600.0, "s", "longest wait before a new start")
+    first_backoff_s: float = number(0.5, 0.0, 60.0, "s", "wait before a new start; doubled while it gives no frames")
+    longest_backoff_s: float = number(5.0, 0.1, 600.0, "s", "longest wait before a new start")
 
     def __post_init__(self) -> None:
         check("supervision", self)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion import camera_supervisor
 from companion.camera_process import info_from_json, info_to_json
 from companion.camera_supervisor import CameraCondition, CameraSupervisor, FrozenJudge
 from companion.config_camera import CameraConfig
@@ -60,7 +61,7 @@ CAMERA = textwrap.dedent("""
 class Watched:
     """A supervisor with a camera of a given habit, and all that came of it."""
 
-    def __init__(self, folder: Path, habit: str) -> None:
+    def __init__(self, folder: Path, habit: str, params: SupervisorParams = QUICK) -> None:
         script = folder / "camera.py"
         script.write_text(CAMERA)
         self.frames: list[DepthFrame] = []
@@ -68,7 +69,7 @@ class Watched:
         self.causes: list[str] = []
         command = (sys.executable, str(script), habit)
         section = CameraConfig(name="front", kind="simulated")
-        self.supervisor = CameraSupervisor(section, self.infos.append, self.frames.append, QUICK, command)
+        self.supervisor = CameraSupervisor(section, self.infos.append, self.frames.append, params, command)
 
     def __enter__(self) -> Watched:
         self.supervisor.open()
@@ -119,6 +120,25 @@ def test_the_cause_that_a_camera_gives_is_told(tmp_path: Path) -> None:
     with Watched(tmp_path, "ends:5") as w:
         assert w.until(lambda: w.supervisor.status.last_loss == "the cable is out")
         assert w.until(lambda: w.supervisor.status.starts >= 2)
+
+
+def starts_of(folder: Path, habit: str, monkeypatch: pytest.MonkeyPatch, starts: int) -> list[float]:
+    """How long a camera of this habit was waited with before each new start, in order; nobody really waits."""
+    waits: list[float] = []
+    monkeypatch.setattr(CameraSupervisor, "_wait", lambda self, seconds: waits.append(seconds))
+    slow = SupervisorParams(first_backoff_s=0.5, longest_backoff_s=4.0)
+    with Watched(folder, habit, slow) as w:
+        assert w.until(lambda: w.supervisor.status.starts >= starts, 40.0)
+    return waits[: starts - 1]
+
+
+def test_one_that_gives_no_frames_is_tried_later_and_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert starts_of(tmp_path, "ends:0", monkeypatch, 6) == [0.5, 1.0, 2.0, 4.0, 4.0]
+
+
+def test_one_that_ran_well_is_started_again_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera_supervisor, "_RAN_WELL_S", 0.05)
+    assert starts_of(tmp_path, "ends:20", monkeypatch, 4) == [0.5, 0.5, 0.5]
 
 
 @pytest.mark.parametrize(
