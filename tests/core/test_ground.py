@@ -149,10 +149,10 @@ def test_the_gate_against_its_definition(height: float, slope_x: float, slope_y:
     gate = np.empty(65536, np.float32)
     shift = ground_gate(Ground(seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y), view, 0.005, P, gate)
     for _ in range(20):
-        x, u = rng.uniform(1.0, 20.0), int(rng.integers(0, view.cols))
+        q, u = round(view.f_px * view.quantum / rng.uniform(1.0, 20.0)), int(rng.integers(0, view.cols))
+        x = view.f_px * view.quantum / q  # the gate is one for each code, so a code's own distance is asked for
         y = x * (u - view.cu) / view.f_px
         tolerance = min(max(4 * 0.005 * x * height, 0.25), 0.9 * 0.6)
-        q = round(view.f_px * view.quantum / x)
         for above, expected in ((tolerance + 0.03, False), (tolerance - 0.03, True), (-5.0, True)):
             z = height + slope_x * x + slope_y * y - above
             assert bool(z / x - shift[u] > gate[q]) == expected
