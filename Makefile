@@ -40,14 +40,15 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 	@$(BIN)/lint-imports
 
 # The core runs twice more: without the JIT and with bounds checks (their kernels are cached apart, a cached kernel
-# without checks must not stand in for one with them). The whole suite comes last: its summary closes the run.
+# without checks must not stand in for one with them). The whole suite comes last: its summary closes the run; a file of
+# it stays with one worker, which so renders and compiles what its tests share but once.
 test: lint ## all checks, at most 10 minutes on two cores
 	@echo "== the core without the JIT"
 	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
 	@echo "== the core with bounds checks"
 	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
 	@echo "== everything"
-	@$(BIN)/pytest -n 2 -m "not soak and not vm" tests
+	@$(BIN)/pytest -n 2 --dist loadfile -m "not soak and not vm" tests
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt
