@@ -152,7 +152,7 @@ def _ardupilot_advice(v: dict[str, float], max_distance_m: float) -> list[str]:
         said.append(
             f"ArduPilot will not brake: AVOID_ENABLE = {v['AVOID_ENABLE']:g} is without 2 (proximity sensors); 7 is all"
         )
-    if v.get("AVOID_MARGIN", 2.0) + 0.2 >= max_distance_m:
+    if v.get("AVOID_MARGIN", 2.0) / 0.92 >= max_distance_m:
         said.append(
             f"AVOID_MARGIN = {v['AVOID_MARGIN']:g} m leaves no room below [avoid] max_distance_m = {max_distance_m:g} m"
         )

@@ -2,12 +2,13 @@
 
 PX4 stands still in Position mode when it knows nothing, so it is told that nothing is known (`unknown`), and after a
 while nothing at all. ArduPilot takes unknown, clear and silence for the same and flies on, so it is shown a wall (`stop`)
-a little beyond AVOID_MARGIN in every sector that a blind camera should look into: at that distance it was measured to
+in every sector that a blind camera should look into, such that its fence comes to AVOID_MARGIN: there it was measured to
 hold its place, nearer it backs away without end, farther it creeps on.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,6 +20,10 @@ from .obstacle_distance import PX4, UNKNOWN, clear_cm, encoded, near_cm
 from .sectors import SECTORS, SectorScan, SectorState
 
 NS = 1_000_000_000
+FENCE_SHARE = math.cos(math.pi / 8.0)
+"""ArduPilot's fence before a wall in one of its faces of 45 degrees runs from corner to corner: in the middle it is nearer
+than the wall by this factor. It holds its place while that middle is within AVOID_BACKUP_DZ (0.1 m) inside AVOID_MARGIN:
+of the walls measured at a margin of 3 m, that is the one at 3.20 m, and neither 3.10 nor 3.35 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +77,7 @@ class BlindPolicy:
         """Puts the wall where a camera looks and nobody knows. Blind and seeing ones together: what one sees, counts.
 
         A sector at the border of all views is no reason for a wall: nobody looks into the rest of it in any case."""
-        wall_m = np.full(SECTORS, avoid_margin_m + self._avoid.stop_beyond_m)
+        wall_m = np.full(SECTORS, (avoid_margin_m - self._avoid.stop_inside_m) / FENCE_SHARE)
         unseen = (sight.scan.state == SectorState.UNSEEN) & sight.whole
         if self._avoid.unseen == "unknown":
             unseen[:] = False

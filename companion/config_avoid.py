@@ -32,7 +32,13 @@ class AvoidParams:
         "stop", ("stop", "unknown"), "sectors in view nobody saw clear, where the autopilot takes unknown as clear"
     )
     silence_s: float = number(2.0, 0.5, 10.0, "s", "policy unknown: so long blind, then silence, which stops PX4")
-    stop_beyond_m: float = number(0.2, 0.05, 1.0, "m", "policy stop: the wall stands so far beyond AVOID_MARGIN")
+    stop_inside_m: float = number(
+        0.04,
+        0.0,
+        0.09,
+        "m",
+        "policy stop: the wall's fence comes so far within AVOID_MARGIN; less than AVOID_BACKUP_DZ",
+    )
     avoid_margin_m: float = number(
         2.0, 0.5, 20.0, "m", "AVOID_MARGIN to believe in until the autopilot has told its own"
     )

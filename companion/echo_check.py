@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.obstacle_readers import face_of
+from drivers.ardupilot_reader import face_of
 
 from .obstacle_distance import UNKNOWN
 

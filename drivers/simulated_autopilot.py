@@ -12,10 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from .ardupilot_reader import ArduPilotReader
 from .flight_path import VehicleState
 from .mavlink_dialect import dialect
 from .mavlink_frames import MessageSplitter
-from .obstacle_readers import UNKNOWN, ArduPilotReader, Px4Reader
+from .px4_reader import UNKNOWN, Px4Reader
 
 NS = 1_000_000_000
 PX4, ARDUPILOT = "PX4", "ArduPilot"

@@ -16,7 +16,8 @@ from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.params import Params
 from core.types import AttitudeSample, DepthFrame, PoseSample
-from drivers.obstacle_readers import ArduPilotReader, Px4Reader, loiter_speed_m_s
+from drivers.ardupilot_reader import ArduPilotReader
+from drivers.px4_reader import Px4Reader
 from drivers.scenes import Scene, SceneBuilder
 from drivers.sensor_model import SensorModel
 from drivers.simulated import camera_info, render
@@ -109,10 +110,10 @@ class Flight:
 
     def _move(self, dt_s: float) -> None:
         """PX4: as fast as it can still stop within the room that it believes in; ArduPilot: as it was measured."""
-        room_m = self.reader.room_m(0.0, self.now_ns)
         if isinstance(self.reader, ArduPilotReader):
-            wanted = min(FASTEST_M_S, loiter_speed_m_s(room_m))
+            wanted = self.reader.velocity_m_s((FASTEST_M_S, 0.0), self.now_ns)[0]
         else:
+            room_m = self.reader.room_m(0.0, self.now_ns)
             wanted = min(FASTEST_M_S, math.sqrt(2.0 * BRAKE_M_S2 * max(0.0, room_m - 0.3 * self.speed_m_s)))
         change = max(-BRAKE_M_S2 * 1.5 * dt_s, min(BRAKE_M_S2 * dt_s, wanted - self.speed_m_s))
         self.speed_m_s += change
@@ -150,6 +151,13 @@ def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(reader: type) -> None:
     flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader())
     flight.fly(20.0)
     assert flight.x_m > 23.0
+
+
+def test_ardupilots_low_pass_as_delivered_brakes_in_time() -> None:
+    """PRX_FILT of 0.25 Hz sees a wall that comes nearer where it was 0.6 s ago."""
+    flight = Flight(facade(), ArduPilotReader(margin_m=MARGIN_M, filter_hz=0.25))
+    flight.fly(16.0)
+    assert 19.0 - MARGIN_M < max(x for x, _ in flight.track) <= 20.0 - MARGIN_M + 0.1
 
 
 @pytest.mark.parametrize("fault", ["camera", "autopilot's motion"])

@@ -14,7 +14,8 @@ from companion.obstacle_sender import AutopilotNow, ObstacleTeller, Told
 from companion.pipeline import Pipeline, PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
-from drivers.obstacle_readers import ArduPilotReader, Px4Reader
+from drivers.ardupilot_reader import ArduPilotReader
+from drivers.px4_reader import Px4Reader
 
 from .made_up import MS, frame
 from .test_sectors import model, wall_at
@@ -24,7 +25,7 @@ CAMERA = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraM
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, recover_frames=3, avoid_margin_m=2.0)
 PX4, ARDUPILOT = AutopilotNow(kind="PX4"), AutopilotNow(kind="ArduPilot", margin_m=3.0)
 WALL = 320
-"""AVOID_MARGIN and 0.2 m, cm."""
+"""Its fence comes to AVOID_MARGIN less 4 cm; cm."""
 
 
 class Sees:
@@ -157,8 +158,8 @@ def test_a_near_obstacle_stays_while_it_is_blind_and_the_wall_is_farther() -> No
 
 def test_an_autopilot_whose_margin_is_unknown_gets_the_configured_wall() -> None:
     chain = Chain(CLEAR)
-    assert chain.ahead(AutopilotNow(kind="ArduPilot")) == 220
-    assert chain.ahead(AutopilotNow(kind="autopilot 99")) == 220
+    assert chain.ahead(AutopilotNow(kind="ArduPilot")) == 212
+    assert chain.ahead(AutopilotNow(kind="autopilot 99")) == 212
 
 
 def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> None:

@@ -32,7 +32,8 @@ from companion.sectors import (
     segment_distances,
 )
 from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Intrinsics
-from drivers.obstacle_readers import ArduPilotReader, Px4Reader, face_of
+from drivers.ardupilot_reader import ArduPilotReader, face_of
+from drivers.px4_reader import Px4Reader
 
 from .made_up import easy_model
 
@@ -260,9 +261,12 @@ def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
         bins = px4.bins_cm(NS)
         nearest = min(bins[int(angle_deg // px4.bin_deg)], bins[int(-(-angle_deg // px4.bin_deg)) % len(bins)])
         assert 21 <= nearest <= max(22, 100 * least + 1)
-    for ardupilot in (ArduPilotReader(), ArduPilotReader(one_pass=True)):
+    for one_pass, slides in ((False, False), (True, False), (False, True), (True, True)):
+        ardupilot = ArduPilotReader(one_pass=one_pass, slides=slides)
         ardupilot.read(message_of(around, autopilot="ArduPilot" if known else ""), NS)
         assert ardupilot.faces_m(NS)[face_of(round(angle_deg / 5.0) * 5.0)] <= max(0.22, least + 0.01)
+        # its fence has no corner nearer than 0.6 m
+        assert ardupilot.room_m(angle_deg, NS) <= max(0.6, least + 0.02) - ardupilot.margin_m
 
 
 def test_a_second_obstacle_in_the_front_face_does_not_hide_the_nearer_one() -> None:
@@ -283,10 +287,12 @@ def test_a_clear_field_stops_nobody_and_an_unseen_one_lets_px4_not_go() -> None:
         px4.read(message_of(scan([View(model(free_to_m=13.0, view_deg=80.0), HERE)], AVOID)), NS)
         assert px4.room_m(0.0, NS) == math.inf
         assert px4.room_m(180.0, NS) == 0.0
-    ardupilot = ArduPilotReader()
-    ardupilot.read(message_of(scan([View(model(free_to_m=13.0), HERE)], AVOID)), NS)
-    assert ardupilot.healthy(NS)
-    assert all(ardupilot.room_m(d, NS) == math.inf for d in range(360))
+    for one_pass in (False, True):
+        ardupilot = ArduPilotReader(one_pass=one_pass)
+        ardupilot.read(message_of(scan([View(model(free_to_m=13.0), HERE)], AVOID)), NS)
+        assert ardupilot.healthy(NS)
+        assert all(ardupilot.room_m(d, NS) == math.inf for d in range(360))
+        assert ardupilot.velocity_m_s((3.0, -2.0), NS) == (3.0, -2.0)
 
 
 def test_clear_beside_unknown_is_not_clear_in_the_coarse_bins() -> None:

@@ -70,7 +70,7 @@ class Told:
     def sees(self) -> bool:
         """Whether something ahead was told in the newest message that no policy says."""
         told = self.messages()
-        return bool(told) and any(v not in (65535, 270) for v in (told[-1][1][i] for i in FRONT))
+        return bool(told) and any(v not in (65535, 266) for v in (told[-1][1][i] for i in FRONT))
 
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
@@ -122,7 +122,7 @@ def test_a_dead_camera_is_blind_on_the_wire_in_time(told: Told) -> None:
         if newest_ns + 400_000_000 < t < stopped_ns + NS
     ]
     assert blind
-    allowed = {65535} if told.kind == PX4 else {270}
+    allowed = {65535} if told.kind == PX4 else {266}
     wrong = [(round((t - newest_ns) / 1e6), values) for t, values in blind if not set(values) <= allowed]
     assert not wrong, wrong[:3]
     assert until(told.sees, 15.0)
@@ -140,7 +140,7 @@ def test_px4_hears_nothing_after_two_blind_seconds_and_ardupilot_a_wall_for_good
             assert late == []
         else:
             assert len(late) > 5
-            assert all(values[i] == 270 for values in late for i in FRONT)
+            assert all(values[i] == 266 for values in late for i in FRONT)
     finally:
         told.live.cable.touch()
     assert until(told.sees, 20.0)

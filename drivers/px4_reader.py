@@ -1,15 +1,13 @@
-"""What autopilots make of OBSTACLE_DISTANCE, by what their documentation says and what was measured: for tests and for
-the simulated autopilot. They answer what the vehicle would be told, not how it flies.
+"""What PX4 makes of OBSTACLE_DISTANCE, by what its documentation says: for tests and for the simulated autopilot. It
+answers what the vehicle would be told, not how it flies. ArduPilot's counterpart is in ardupilot_reader.py.
 
-PX4 (collision prevention, Position mode): bins of 5 degrees, in older versions of 10, each reading the element at its own
-angle alone; 65535 leaves a bin as it was until it is half a second old. ArduPilot (proximity, simple avoidance): eight
-faces of 45 degrees, the nearest value of each counts; 0, 65535 and what lies outside of min..max count as nothing there.
+Collision prevention, Position mode: bins of 5 degrees, in older versions of 10, each reading the element at its own
+angle alone; 65535 leaves a bin as it was until it is half a second old.
 """
 
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any
 
 NS = 1_000_000_000
@@ -17,7 +15,6 @@ UNKNOWN = 65535
 STALE_NS = NS // 2
 HOLD_NS = 5 * NS
 BODY_FRD = 12
-_FACES = 8
 
 
 class Px4Reader:
@@ -89,65 +86,3 @@ class Px4Reader:
             if cm > self.min_cm and cm < self.ranges_cm[i] and towards > 0.1:
                 room_m = min(room_m, max(0.0, cm / 100.0 - keep_m) / towards)
         return room_m
-
-
-class ArduPilotReader:
-    """The proximity boundary of one ArduPilot. one_pass: an older one, whose front face is visited twice in a message,
-    the second visit replacing the first. margin_m: AVOID_MARGIN."""
-
-    def __init__(self, one_pass: bool = False, margin_m: float = 2.0) -> None:
-        self.one_pass, self.margin_m = one_pass, margin_m
-        self._m: list[float] = [math.inf] * _FACES
-        self._newest_ns: int | None = None
-
-    def read(self, message: Any, now_ns: int) -> None:
-        """Takes a message; its frame is ignored."""
-        step = message.increment_f or float(message.increment)
-        if step == 0.0:
-            return
-        self._newest_ns = now_ns
-        faces = [math.inf] * _FACES
-        visited = -1
-        for i, cm in enumerate(message.distances[: min(72, int(360.0 / abs(step) + 0.5))]):
-            if cm in (0, UNKNOWN) or not message.min_distance <= cm <= message.max_distance:
-                continue
-            face = face_of(i * step + message.angle_offset)
-            if self.one_pass and face != visited:
-                faces[face] = math.inf
-            visited = face
-            faces[face] = min(faces[face], cm / 100.0)
-        self._m = faces
-
-    def healthy(self, now_ns: int) -> bool:
-        """Whether it has proximity data. Without them it flies on."""
-        return self._newest_ns is not None and now_ns - self._newest_ns <= STALE_NS
-
-    def faces_m(self, now_ns: int) -> list[float]:
-        """Distance of each face; inf: none, which to it is the same as clear."""
-        return list(self._m) if self.healthy(now_ns) else [math.inf] * _FACES
-
-    def room_m(self, direction_deg: float, now_ns: int) -> float:
-        """How far the vehicle may still go in a direction; inf where nothing stops it, less than 0 where it backs away."""
-        return self.faces_m(now_ns)[face_of(direction_deg)] - self.margin_m
-
-
-LOITER_SPEED_M_S = ((-3.0, -0.77), (0.0, -0.3), (0.1, -0.05), (0.2, 0.02), (0.35, 0.11), (0.5, 0.21))
-"""What ArduCopter 4.6 flew in LOITER with the stick forward at so much room to a constant obstacle: room in m, m/s."""
-
-
-def loiter_speed_m_s(room_m: float) -> float:
-    """The speed towards an obstacle that ArduPilot allows at a room (distance less AVOID_MARGIN), by the measured points;
-    beyond them as the last two go on, before them as the first."""
-    points = LOITER_SPEED_M_S
-    if room_m <= points[0][0]:
-        return points[0][1]
-    for (x0, v0), (x1, v1) in pairwise(points):
-        if room_m <= x1:
-            return v0 + (v1 - v0) * (room_m - x0) / (x1 - x0)
-    (x0, v0), (x1, v1) = points[-2:]
-    return v1 + (v1 - v0) / (x1 - x0) * (room_m - x1)
-
-
-def face_of(angle_deg: float) -> int:
-    """The face a direction belongs to: 0 ahead, then clockwise."""
-    return int(((angle_deg + 22.5) % 360.0) / 45.0)

@@ -1,0 +1,217 @@
+"""What ArduPilot makes of OBSTACLE_DISTANCE, by its documented behaviour and by what was measured: for tests and for the
+simulated autopilot.
+
+Proximity: eight faces of 45 degrees, the nearest value of each counts; 0, 65535 and what lies outside of min..max is
+nothing there. Between two faces, 22.5 degrees beside their middles, stands a corner at the nearer one's distance; the
+fence of simple avoidance is the lines between neighbouring corners. So a wall told in one face comes nearer in its
+middle (by the cosine of 22.5 degrees) and closes the faces beside it as a cup does; that of two faces closes the one
+between them. Each face is smoothed by a low pass, PRX_FILT, 0.25 Hz as delivered.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+NS = 1_000_000_000
+UNKNOWN = 65535
+STALE_NS = NS // 2
+FACES = 8
+HALF_FACE_RAD = math.pi / FACES
+FILTER_FORGETS_NS = NS
+NEAREST_CORNER_M = 0.6
+BACKUP_DEADZONE_M = 0.1
+"""AVOID_BACKUP_DZ as delivered: so far within the margin it does not back away yet."""
+
+Point = tuple[float, float]
+Line = tuple[Point, Point]
+
+LOITER_SPEED_M_S = ((-2.45, -0.77), (-0.23, -0.3), (-0.14, -0.05), (-0.04, 0.02), (0.1, 0.11), (0.23, 0.21))
+"""What ArduCopter 4.6 flew in LOITER with the stick forward, AVOID_MARGIN 3 m, before constant walls of 0.6 to 3.5 m in
+its front faces: room to the fence in m, m/s."""
+
+
+def loiter_speed_m_s(room_m: float) -> float:
+    """The speed towards the fence that ArduPilot allows at a room (distance less AVOID_MARGIN), by the measured points;
+    beyond them as the last two go on, before them as the first."""
+    points = LOITER_SPEED_M_S
+    if room_m <= points[0][0]:
+        return points[0][1]
+    for (x0, v0), (x1, v1) in pairwise(points):
+        if room_m <= x1:
+            return v0 + (v1 - v0) * (room_m - x0) / (x1 - x0)
+    (x0, v0), (x1, v1) = points[-2:]
+    return v1 + (v1 - v0) / (x1 - x0) * (room_m - x1)
+
+
+def face_of(angle_deg: float) -> int:
+    """The face a direction belongs to: 0 ahead, then clockwise."""
+    return int(((angle_deg + 22.5) % 360.0) / 45.0)
+
+
+class ArduPilotReader:
+    """The proximity boundary of one ArduPilot. one_pass: an older one, whose front face is visited twice in a message,
+    the second visit replacing the first. margin_m: AVOID_MARGIN. filter_hz: PRX_FILT, 0: none. slides: AVOID_BEHAVE 0;
+    else it stops. backs_up: AVOID_BACKUP_SPD is above 0."""
+
+    def __init__(
+        self,
+        one_pass: bool = False,
+        margin_m: float = 2.0,
+        filter_hz: float = 0.0,
+        slides: bool = False,
+        backs_up: bool = True,
+    ) -> None:
+        self.one_pass, self.margin_m = one_pass, margin_m
+        self.filter_hz, self.slides, self.backs_up = filter_hz, slides, backs_up
+        self._told_m: list[float] = [math.inf] * FACES
+        self._smooth_m: list[float] = [math.inf] * FACES
+        self._at_ns: list[int | None] = [None] * FACES
+        self._newest_ns: int | None = None
+
+    # ---- what it was told ---------------------------------------------------------------------------------------------
+
+    def read(self, message: Any, now_ns: int) -> None:
+        """Takes a message; its frame is ignored."""
+        step = message.increment_f or float(message.increment)
+        if step == 0.0:
+            return
+        faces = [math.inf] * FACES
+        visited = -1
+        for i, cm in enumerate(message.distances[: min(72, int(360.0 / abs(step) + 0.5))]):
+            if cm in (0, UNKNOWN) or not message.min_distance <= cm <= message.max_distance:
+                continue
+            face = face_of(i * step + message.angle_offset)
+            if self.one_pass and face != visited:
+                faces[face] = math.inf
+            visited = face
+            faces[face] = min(faces[face], cm / 100.0)
+        self.take_faces(faces, now_ns)
+
+    def take_faces(self, faces_m: list[float], now_ns: int) -> None:
+        """The nearest of each face, as one message or scan told them; inf: nothing there."""
+        self._newest_ns = now_ns
+        self._told_m = faces_m
+        for face, told_m in enumerate(faces_m):
+            if math.isfinite(told_m):
+                self._smooth_m[face] = self._smoothed(face, told_m, now_ns)
+                self._at_ns[face] = now_ns
+
+    def _smoothed(self, face: int, told_m: float, now_ns: int) -> float:
+        before_ns = self._at_ns[face]
+        if before_ns is None or now_ns - before_ns >= FILTER_FORGETS_NS or self.filter_hz <= 0.0:
+            return told_m
+        dt_s = (now_ns - before_ns) / NS
+        share = dt_s / (dt_s + 1.0 / (math.tau * self.filter_hz))
+        return self._smooth_m[face] + share * (told_m - self._smooth_m[face])
+
+    def healthy(self, now_ns: int) -> bool:
+        """Whether it has proximity data. Without them it flies on."""
+        return self._newest_ns is not None and now_ns - self._newest_ns <= STALE_NS
+
+    def faces_m(self, now_ns: int) -> list[float]:
+        """Distance of each face as it was told; inf: none, which to it is the same as clear."""
+        return list(self._told_m) if self.healthy(now_ns) else [math.inf] * FACES
+
+    # ---- the fence ----------------------------------------------------------------------------------------------------
+
+    def fence(self, now_ns: int) -> list[Line]:
+        """The lines it keeps AVOID_MARGIN from, x ahead and y to the right."""
+        if not self.healthy(now_ns):
+            return []
+        d = [
+            smooth if math.isfinite(told) else math.inf
+            for smooth, told in zip(self._smooth_m, self._told_m, strict=True)
+        ]
+        corners = [_corner(k, _corner_m(d, k)) for k in range(FACES)]
+        lines = []
+        for k in range(FACES):  # the line over face k + 1
+            if any(math.isfinite(d[(k + step) % FACES]) for step in range(3)):
+                lines.append((corners[k], corners[(k + 1) % FACES]))
+        return lines
+
+    def room_m(self, direction_deg: float, now_ns: int) -> float:
+        """How far the vehicle may still go in a direction; inf where nothing stops it, less than 0 where it backs away."""
+        towards = _unit(math.radians(direction_deg))
+        room_m = math.inf
+        for line in self.fence(now_ns):
+            nearest = _nearest(line)
+            breach_m = math.hypot(*nearest) - self.margin_m
+            if self.backs_up and breach_m < -BACKUP_DEADZONE_M and _dot(nearest, towards) > 0.0:
+                room_m = min(room_m, breach_m)
+            point = nearest if self.slides else _hit(towards, line)
+            if point is not None and _dot(point, towards) > 1e-9:
+                distance_m = math.hypot(*point)
+                room_m = min(room_m, (distance_m - self.margin_m) * distance_m / _dot(point, towards))
+        return room_m
+
+    def velocity_m_s(self, wanted_m_s: Point, now_ns: int) -> Point:
+        """What becomes of a wanted horizontal velocity in LOITER, forward and right: limited towards every line of the fence,
+        and away from those within the margin."""
+        x, y = wanted_m_s
+        speed = math.hypot(x, y)
+        most, least = [0.0, 0.0], [0.0, 0.0]  # of backing away, along each axis either way: opposite ones cancel out
+        for line in self.fence(now_ns):
+            nearest = _nearest(line)
+            breach_m = math.hypot(*nearest) - self.margin_m
+            if self.backs_up and breach_m < -BACKUP_DEADZONE_M:
+                back = _scaled(nearest, loiter_speed_m_s(breach_m))
+                most = [max(m, b) for m, b in zip(most, back, strict=True)]
+                least = [min(m, b) for m, b in zip(least, back, strict=True)]
+            point = nearest if self.slides else _hit((x / speed, y / speed), line) if speed > 0.0 else None
+            if point is None:
+                continue
+            towards = _scaled(point, 1.0)
+            excess = _dot((x, y), towards) - max(0.0, loiter_speed_m_s(math.hypot(*point) - self.margin_m))
+            if excess > 0.0:
+                x, y = x - excess * towards[0], y - excess * towards[1]
+        return x + most[0] + least[0], y + most[1] + least[1]
+
+
+def _corner_m(d: list[float], k: int) -> float:
+    """Distance of the corner between faces k and k + 1: the nearer of both; of neither, that of the ones beside them."""
+    both = min(d[k], d[(k + 1) % FACES])
+    beside = min(d[(k - 1) % FACES], d[(k + 2) % FACES])
+    return max(NEAREST_CORNER_M, both if math.isfinite(both) else beside)
+
+
+def _corner(k: int, distance_m: float) -> Point:
+    along = _unit(2.0 * HALF_FACE_RAD * k + HALF_FACE_RAD)
+    return (distance_m * along[0], distance_m * along[1]) if math.isfinite(distance_m) else (math.inf, math.inf)
+
+
+def _unit(angle_rad: float) -> Point:
+    return math.cos(angle_rad), math.sin(angle_rad)
+
+
+def _dot(a: Point, b: Point) -> float:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def _scaled(a: Point, length: float) -> Point:
+    size = math.hypot(*a)
+    return a[0] / size * length, a[1] / size * length
+
+
+def _nearest(line: Line) -> Point:
+    """The point of a line that is nearest to the origin."""
+    (ax, ay), (bx, by) = line
+    dx, dy = bx - ax, by - ay
+    length2 = dx * dx + dy * dy
+    share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, -(ax * dx + ay * dy) / length2))
+    return ax + share * dx, ay + share * dy
+
+
+def _hit(towards: Point, line: Line) -> Point | None:
+    """Where the way in a direction crosses a line."""
+    (ax, ay), (bx, by) = line
+    dx, dy = bx - ax, by - ay
+    across = towards[0] * dy - towards[1] * dx
+    if abs(across) < 1e-12:
+        return None
+    distance = (ax * dy - ay * dx) / across
+    share = (ax * towards[1] - ay * towards[0]) / across
+    if distance <= 0.0 or not -1e-9 <= share <= 1.0 + 1e-9:
+        return None
+    return distance * towards[0], distance * towards[1]

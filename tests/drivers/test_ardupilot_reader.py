@@ -1,0 +1,102 @@
+"""The fence that ArduPilot makes of eight faces, against what a running one was measured to do."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.ardupilot_reader import FACES, ArduPilotReader, face_of, loiter_speed_m_s
+
+NS = 1_000_000_000
+FRONT = (7, 0, 1)
+
+
+def told(faces: dict[int, float], margin_m: float = 2.0, slides: bool = False) -> ArduPilotReader:
+    reader = ArduPilotReader(margin_m=margin_m, slides=slides)
+    reader.take_faces([faces.get(face, math.inf) for face in range(FACES)], NS)
+    return reader
+
+
+@pytest.mark.parametrize(
+    ("wall_m", "least", "most"),
+    [
+        (0.6, -0.78, -0.5), (1.5, -0.78, -0.4), (2.5, -0.78, -0.3), (3.0, -0.77, -0.2), (3.05, -0.3, -0.02), (3.1, -0.2, -0.02),
+        (3.2, -0.02, 0.03), (3.35, 0.08, 0.13), (3.5, 0.18, 0.24),
+    ],
+)  # fmt: skip
+def test_constant_walls_ahead_as_they_were_measured(wall_m: float, least: float, most: float) -> None:
+    """AVOID_MARGIN 3 m, stick forward."""
+    reader = told(dict.fromkeys(FRONT, wall_m), margin_m=3.0)
+    assert least <= loiter_speed_m_s(reader.room_m(0.0, NS)) <= most
+    forward, right = reader.velocity_m_s((2.0, 0.0), NS)
+    assert least <= forward <= most
+    assert abs(right) < 1e-9
+
+
+@given(
+    st.floats(0.0, 360.0, exclude_max=True), st.floats(0.65, 12.0), st.booleans(),
+    st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
+)  # fmt: skip
+def test_the_fence_is_nowhere_beyond_what_was_told(
+    angle_deg: float, distance_m: float, slides: bool, others: dict[int, float]
+) -> None:
+    face = face_of(angle_deg)
+    reader = told({**others, face: min(distance_m, others.get(face, math.inf))}, slides=slides)
+    assert reader.room_m(angle_deg, NS) <= distance_m - reader.margin_m + 1e-6
+    wanted = (3.0 * math.cos(math.radians(angle_deg)), 3.0 * math.sin(math.radians(angle_deg)))
+    forward, right = reader.velocity_m_s(wanted, NS)
+    towards = (forward * wanted[0] + right * wanted[1]) / 3.0
+    assert towards <= max(0.0, loiter_speed_m_s(distance_m - reader.margin_m)) + 0.03
+
+
+def test_one_face_closes_the_two_beside_it_and_leaves_the_rest() -> None:
+    reader = told({0: 3.0})
+    assert reader.room_m(0.0, NS) == pytest.approx(3.0 * math.cos(math.radians(22.5)) - 2.0)
+    for angle_deg in (-60.0, -30.0, 30.0, 60.0):
+        assert math.isfinite(reader.room_m(angle_deg, NS))
+    for angle_deg in (75.0, 120.0, 180.0, 270.0):
+        assert reader.room_m(angle_deg, NS) == math.inf
+
+
+def test_two_faces_close_the_one_between_them() -> None:
+    assert told({7: 5.0, 1: 5.0}).room_m(0.0, NS) == pytest.approx(5.0 * math.cos(math.radians(22.5)) - 2.0)
+    assert told({6: 5.0, 2: 5.0}).room_m(0.0, NS) == math.inf
+
+
+def test_sliding_and_stopping_take_away_what_leads_towards_a_wall() -> None:
+    """A wall to the right, half a metre beyond the margin."""
+    wall = {2: 2.5 / math.cos(math.radians(22.5))}
+    slides, stops = (told(wall, slides=s).velocity_m_s((0.5, 2.0), NS) for s in (True, False))
+    for forward, right in (slides, stops):
+        assert right < 0.6
+        assert math.hypot(forward, right) < 0.7
+
+
+def test_nothing_told_is_nothing_there_and_so_is_silence() -> None:
+    reader = told({})
+    assert reader.healthy(NS)
+    assert all(reader.room_m(d, NS) == math.inf for d in range(0, 360, 5))
+    reader = told({0: 1.0})
+    assert reader.room_m(0.0, NS) < 0.0
+    assert reader.room_m(0.0, NS + NS // 2 + 1) == math.inf  # it fails open
+    assert reader.velocity_m_s((3.0, 0.0), 2 * NS) == (3.0, 0.0)
+
+
+def test_its_low_pass_sees_a_new_obstacle_late_and_one_after_nothing_at_once() -> None:
+    far, near = [12.0] + [math.inf] * 7, [3.0] + [math.inf] * 7
+    reader = ArduPilotReader(filter_hz=0.25)
+    reader.take_faces(far, NS)
+    late = []
+    for tenth in range(1, 40):
+        reader.take_faces(near, NS + tenth * NS // 10)
+        late.append(reader.room_m(0.0, NS + tenth * NS // 10))
+    settled = 3.0 * math.cos(math.radians(22.5)) - 2.0
+    assert late[4] > settled + 3.0  # half a second later it still thinks of 7 m
+    assert late[-1] == pytest.approx(settled, abs=0.1)
+    fresh = ArduPilotReader(filter_hz=0.25)
+    fresh.take_faces([math.inf] * 8, NS)
+    fresh.take_faces(near, 2 * NS)
+    assert fresh.room_m(0.0, 2 * NS) == pytest.approx(settled)
