@@ -75,8 +75,12 @@ class Avoidance:
 
     # ---- out --------------------------------------------------------------------------------------------------------
 
-    def tick(self, now_ns: int) -> None:
-        """Asks for parameters and tells people what has changed; ten times a second or so."""
+    def tick(self, now_ns: int, signing_trouble: str = "") -> None:
+        """Asks for parameters and tells people what has changed; ten times a second or so. signing_trouble: what is wrong
+        with the line's signatures, in words; an autopilot that is not believed for it is told that, and nothing else."""
+        text = self._texts.due(self._blind(), now_ns, {"signing": signing_trouble})
+        if text is not None:
+            self._post(text)
         vehicle = self._vehicle()
         if vehicle is None:
             return
@@ -91,11 +95,14 @@ class Avoidance:
                     ECHOES[vehicle.autopilot], 1e6 / ECHO_HZ, 0, 0, 0, 0, 0,
                 )
             )  # fmt: skip
+
+    def _blind(self) -> dict[str, str]:
+        """Why each camera is blind, in words; empty: it sees. Nothing before the first decision, or without anybody to
+        decide for."""
         told = self.sender.told
-        if told is not None:
-            text = self._texts.due({c: told.blind.get(c, "") for c in self._cameras}, now_ns)
-            if text is not None:
-                self._post(text)
+        if told is None or self._vehicle() is None:
+            return {}
+        return {c: told.blind.get(c, "") for c in self._cameras}
 
     def troubles(self, now_ns: int) -> list[str]:
         """What keeps the vehicle from braking, in words."""

@@ -14,7 +14,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "status": ("status", "how the running service is, in words"),
     "simulate-autopilot": ("simulate_autopilot", "an autopilot that is not there, for `run` without hardware"),
     "doctor": ("doctor", "before the flight: what works, what does not, and what to do"),
-    "keys": ("keys", "make keys for streams that leave this machine"),
+    "keys": ("keys", "make keys for streams that leave this machine, and of signatures"),
     "demo": ("demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
     "import": ("import_recording", "make a log of a folder of depth images, or of a ROS 2 recording"),
     "replay": ("replay", "run a recorded flight through the pipeline; compare with what was recorded"),

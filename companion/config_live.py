@@ -18,6 +18,9 @@ class AutopilotConfig:
     component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
     attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
     position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+    signing_key: str = text(
+        "", "file of the key of MAVLink 2 signatures (`companion keys --signing FILE`); empty: nothing is signed"
+    )
 
     def __post_init__(self) -> None:
         check("autopilot", self)

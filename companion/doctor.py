@@ -29,6 +29,7 @@ from .config_camera import CameraConfig
 from .console import say, say_json
 from .log_folder import free_bytes
 from .service_folders import folders
+from .signed_line import signing_of
 from .status import newest_health
 from .warmup import COMPILED_S, run_kernels
 
@@ -120,14 +121,24 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     params = MavlinkParams(
         system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz
     )
+    try:
+        signing = signing_of(a, folders().state)
+    except DriverError as error:
+        yield Finding("signing", False, str(error))
+        return
     reader = ParameterReader()
-    session = MavlinkSession(params, on_message=lambda message, _: reader.take(message))
+    session = MavlinkSession(params, on_message=lambda message, _: reader.take(message), signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
     try:
         status = _listened(link, reader, patience_s)
     finally:
         link.close()
+        signing.close()
+    if status.signing_trouble:
+        yield Finding("signing", False, status.signing_trouble)
+    elif status.signed:
+        yield Finding("signing", True, "both ends sign with the same key")
     yield from _link_findings(config, link, status, budget_warning(params, None))
     if status.vehicle is not None:
         known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"

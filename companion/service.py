@@ -53,6 +53,7 @@ from .publisher import Publisher, Stream, boot_id
 from .recorder import Recorder
 from .run_info import run_info
 from .service_folders import Folders
+from .signed_line import signing_of
 from .surround import SurroundKeeper, surround_message
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ class Service:
         self._required = frozenset(c.name for c in config.cameras if c.required)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.avoidance: Avoidance | None = None
+        self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self.recorder = self._recorder()
         self.metrics = self._metrics()
@@ -126,7 +128,7 @@ class Service:
         )
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
         keep = (lambda data, t_ns: self.inbox.put([RawFrame(data, t_ns)])) if log_raw else None
-        session = MavlinkSession(params, on_frame=keep, on_message=self._autopilot_says)
+        session = MavlinkSession(params, on_frame=keep, on_message=self._autopilot_says, signing=self.signing)
         link = MavlinkLink(parse_address(a.address), session, self._deliver)
         if self.config.avoid.send:
             names = tuple(self.cameras)
@@ -203,6 +205,7 @@ class Service:
             self.avoidance.close()
         if self.link is not None:
             self.link.close()
+        self.signing.close()
         self.loop.close()
         if self.recorder is not None:
             self.recorder.close()
@@ -255,7 +258,7 @@ class Service:
         if self.metrics is not None and self.metrics.trouble:
             self.troubles.append(self.metrics.trouble)
         if self.avoidance is not None:
-            self.avoidance.tick(now_ns)
+            self.avoidance.tick(now_ns, autopilot.link.signing_trouble if autopilot is not None else "")
             self.troubles += self.avoidance.troubles(now_ns)
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]

@@ -10,7 +10,7 @@ from drivers.mavlink_dialect import dialect
 NS = 1_000_000_000
 MOST_CHARACTERS = 50
 LEAST_APART_NS, OPENING_NS = 2 * NS, 10 * NS
-CRITICAL, INFO = 2, 6
+CRITICAL, WARNING, INFO = 2, 4, 6
 """MAV_SEVERITY."""
 
 
@@ -19,11 +19,13 @@ class StatusTexts:
 
     def __init__(self) -> None:
         self._told: dict[str, bool] = {}
+        self._noted: dict[str, str] = {}
         self._begun_ns: int | None = None
         self._last_ns: int | None = None
 
-    def due(self, blind: Mapping[str, str], now_ns: int) -> Any | None:
-        """The message to send now, if any. blind: why each camera is blind, in words; empty: it sees.
+    def due(self, blind: Mapping[str, str], now_ns: int, notes: Mapping[str, str] | None = None) -> Any | None:
+        """The message to send now, if any. blind: why each camera is blind, in words; empty: it sees. notes: other
+        troubles, topic -> words (told up to their first colon); empty: none.
 
         A camera that has not seen yet is no news before OPENING_NS: it takes some seconds to open."""
         self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
@@ -39,6 +41,16 @@ class StatusTexts:
                 self._told[camera], self._last_ns = is_blind, now_ns
                 text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} sees again"
                 return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())
+        return self._note(notes or {}, now_ns)
+
+    def _note(self, notes: Mapping[str, str], now_ns: int) -> Any | None:
+        for topic, words in notes.items():
+            now, before = words.split(":")[0], self._noted.get(topic, "")
+            if now == before:
+                continue
+            self._noted[topic], self._last_ns = now, now_ns
+            text = f"OA: {now}" if now else f"OA: no longer: {before}"
+            return dialect.MAVLink_statustext_message(WARNING if now else INFO, shortened(text).encode())
         return None
 
 

@@ -20,6 +20,7 @@ from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dial
 from .mavlink_frames import MessageSplitter
 from .mavlink_motion import MotionDecoder
 from .mavlink_rates import RateKeeper, Wish, link_budget_bytes_per_s
+from .mavlink_signing import Signing, for_the_log
 from .mavlink_timesync import TimeSync
 from .transport import Chunk
 
@@ -30,7 +31,7 @@ AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 SILENT_NS = 3 * NS
 """An autopilot that said nothing for this long is gone; another one may take its place."""
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
-OBSTACLE_DISTANCE_ID = 330
+OBSTACLE_DISTANCE_ID, STATUSTEXT_ID = 330, 253
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +78,9 @@ class LinkStatus:
     position_hz: float
     received: int
     counts: dict[str, int]
+    signed: bool = False
+    """The autopilot's messages are signed with our key."""
+    signing_trouble: str = ""
 
 
 class MavlinkSession:
@@ -88,9 +92,11 @@ class MavlinkSession:
         clock: ClockParams | None = None,
         on_frame: Callable[[bytes, int], None] | None = None,
         on_message: Callable[[Any, int], None] | None = None,
+        signing: Signing | None = None,
     ) -> None:
-        """on_frame: is given every good frame as it came, with its arrival, for the log. on_message: every good
-        message of the autopilot."""
+        """on_frame: is given every good frame as it came (but without a signature), with its arrival, for the log.
+        on_message: every good message of the autopilot. signing: with our key; without it nothing is signed, and
+        everything is believed."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
@@ -102,6 +108,7 @@ class MavlinkSession:
         self._motion = MotionDecoder(self.clock)
         self.rates = RateKeeper(self.params.wishes())
         self._splitter = MessageSplitter()
+        self._signing = signing or Signing()
         self._encoder = dialect.MAVLink(None)
         self._encoder.srcComponent = self.params.component_id
         self._next_heartbeat_ns = 0
@@ -128,8 +135,10 @@ class MavlinkSession:
     def _take(self, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
         kind = message.get_type()
         self.received += 1
-        if self._on_frame is not None:
-            self._on_frame(bytes(message.get_msgbuf()), arrival_ns)
+        ours = self.vehicle.system_id if self.vehicle else self.params.system_id
+        if not self._signing.believes(message, arrival_ns, ours):
+            return None
+        self._keep(message, arrival_ns)
         if kind == "HEARTBEAT":
             self._heartbeat(message, arrival_ns)
         own = self._from_autopilot(message)
@@ -148,6 +157,12 @@ class MavlinkSession:
             self._clock_restarts = self.clock.restarts
             self._begin_anew()
         return sample
+
+    def _keep(self, message: Any, arrival_ns: int) -> None:
+        if self._on_frame is not None:
+            frame = for_the_log(message)
+            if frame is not None:
+                self._on_frame(frame, arrival_ns)
 
     def _from_autopilot(self, message: Any) -> bool:
         v = self.vehicle
@@ -204,11 +219,13 @@ class MavlinkSession:
         """What to send now, ready for the line. speaks_first: the other end waits for a hello."""
         messages: list[Any] = []
         if not self.heard(now_ns):
-            self.counts["messages without an autopilot to hear them"] += len(self._outbox)
+            unbelieved = self._signing.unbelieved_autopilot(now_ns)
+            words = [m for m in self._outbox if unbelieved and m.get_msgId() == STATUSTEXT_ID]
+            self.counts["messages without an autopilot to hear them"] += len(self._outbox) - len(words)
             self._outbox.clear()
-            if speaks_first and now_ns >= self._next_heartbeat_ns:
+            if (speaks_first or unbelieved) and now_ns >= self._next_heartbeat_ns:
                 messages.append(self._own_heartbeat(now_ns))
-            return [self._pack(m) for m in messages]
+            return [self._pack(m) for m in messages + words]
         assert self.vehicle is not None
         if now_ns >= self._next_heartbeat_ns:
             messages.append(self._own_heartbeat(now_ns))
@@ -226,7 +243,9 @@ class MavlinkSession:
 
     def _pack(self, message: Any) -> bytes:
         # a companion shares the vehicle's system id; before it is known, 1 is what autopilots are delivered with
-        self._encoder.srcSystem = self.vehicle.system_id if self.vehicle else (self.params.system_id or 1)
+        system = self.vehicle.system_id if self.vehicle else self.params.system_id or self._signing.claimed_system
+        self._encoder.srcSystem = system or 1
+        self._signing.prepare(self._encoder)
         data = bytes(message.pack(self._encoder))
         self._encoder.seq = (self._encoder.seq + 1) % 256
         return data
@@ -236,7 +255,7 @@ class MavlinkSession:
     def status(self, now_ns: int) -> LinkStatus:
         """For the health report."""
         rate = self.rates.rate_hz
-        counts = self.counts + self._motion.counts + self._splitter.counts
+        counts = self.counts + self._motion.counts + self._splitter.counts + self._signing.counts
         counts.update({"timesync answers to nobody": self._timesync.unpaired} if self._timesync.unpaired else {})
         return LinkStatus(
             vehicle=self.vehicle,
@@ -246,6 +265,8 @@ class MavlinkSession:
             position_hz=rate(LOCAL_POSITION_ID, now_ns),
             received=self.received,
             counts=dict(counts),
+            signed=self._signing.good(now_ns),
+            signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
         )
 
 

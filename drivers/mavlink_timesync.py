@@ -16,6 +16,8 @@ FAST_NS, SLOW_NS = NS // 10, NS // 2
 """Between requests: until the clock is synchronised and for FAST_FOR_NS after that, and from then on."""
 FAST_FOR_NS = 3 * NS
 _PENDING = 64
+UNANSWERED_NS = 4 * NS
+"""Without any answer for so long nobody answers."""
 
 
 class TimeSync:
@@ -26,6 +28,8 @@ class TimeSync:
         self._pending: OrderedDict[int, None] = OrderedDict()
         self._next_ns = 0
         self._synchronised_ns: int | None = None
+        self._waits_since_ns: int | None = None
+        self._asked_ns = 0
         self.asked = self.answered = self.unpaired = self.others = 0
 
     def due(self, now_ns: int) -> list[Any]:
@@ -39,6 +43,9 @@ class TimeSync:
         settled = self._synchronised_ns is not None and now_ns - self._synchronised_ns > FAST_FOR_NS
         self._next_ns = now_ns + (SLOW_NS if settled else FAST_NS)
         self._pending[now_ns] = None
+        if self._waits_since_ns is None or now_ns - self._asked_ns > NS:  # nobody was there to be asked
+            self._waits_since_ns = now_ns
+        self._asked_ns = now_ns
         if len(self._pending) > _PENDING:
             self._pending.popitem(last=False)
         self.asked += 1
@@ -57,10 +64,15 @@ class TimeSync:
             return
         del self._pending[ts1]
         self.answered += 1
+        self._waits_since_ns = arrival_ns
         self._clock.exchange(ts1, int(message.tc1), arrival_ns)
+
+    def answers(self, now_ns: int) -> bool:
+        """Whether what we ask is answered, or it is too early to say."""
+        return self._waits_since_ns is None or now_ns - self._waits_since_ns < UNANSWERED_NS
 
     def restart(self) -> None:
         """Another autopilot, or the same one booted: what was asked before is void."""
         self._pending.clear()
         self._next_ns = 0
-        self._synchronised_ns = None
+        self._synchronised_ns = self._waits_since_ns = None

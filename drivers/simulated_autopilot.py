@@ -27,6 +27,8 @@ _HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30,
 _DISTANCE_SENSOR, _OBSTACLE_DISTANCE = 132, 330
 _ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
 _STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
+_TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
+"""By one that signs: heartbeats (PX4 alone), radios, and what may save from a collision."""
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
 
@@ -46,7 +48,8 @@ def never(_: int) -> bool:
 class Personality:
     """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
     knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
-    which instants it sends all but the attitude."""
+    which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
+    time at boot, in units of signatures; 0 is that of one that has no clock."""
 
     kind: str = PX4
     system_id: int = 1
@@ -61,13 +64,15 @@ class Personality:
     custom_mode: int = 0
     motion: Callable[[int], VehicleState] = field(default=hovering)
     hides_attitude: Callable[[int], bool] = field(default=never)
+    key: bytes | None = None
+    signing_ticks: int = 0
 
 
 class SimulatedAutopilot:
     """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
 
     parameters: name -> value, answered to PARAM_REQUEST_READ (PX4 puts whole numbers, here ints, into the float's bytes).
-    received: the good messages that came, newest last; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back
+    received: the good messages that came, newest last; dropped: those whose signature was not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back
     when asked for it; obstacle_times_ns: when each came. deaf: it takes none of them."""
 
     def __init__(self, personality: Personality | None = None) -> None:
@@ -84,6 +89,8 @@ class SimulatedAutopilot:
         self._answers: list[bytes] = []
         self._mavlink = dialect.MAVLink(None, self.personality.system_id, self.personality.component_id)
         self._splitter = MessageSplitter()
+        self.dropped: list[Any] = []
+        self.sign(self.personality.key)
         self.reboot(self.personality.boot_at_ns)
 
     def reboot(self, now_ns: int) -> None:
@@ -93,6 +100,14 @@ class SimulatedAutopilot:
         self._intervals = dict(_STREAMED_UNASKED[p.kind] if p.streams is None else p.streams)
         self._next_ns.clear()
         self._answers.clear()
+
+    def sign(self, key: bytes | None) -> None:
+        """With this key from now on; None: no more. It knows of no signatures from before."""
+        self.personality.key = key
+        signing = self._mavlink.signing
+        signing.secret_key, signing.sign_outgoing = key, key is not None
+        signing.timestamp = self.personality.signing_ticks
+        signing.stream_timestamps.clear()
 
     def boot_ns(self, now_ns: int) -> int:
         """Time since boot on its own crystal."""
@@ -104,6 +119,9 @@ class SimulatedAutopilot:
         """What the companion sent."""
         for message in self._splitter.feed(data):
             kind = message.get_type()
+            if not self._takes(message):
+                self.dropped.append(message)
+                continue
             self.received.append(message)
             if kind == "TIMESYNC" and message.tc1 == 0 and self.personality.answers_timesync:
                 self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
@@ -118,6 +136,15 @@ class SimulatedAutopilot:
                 self.obstacle_times_ns.append(now_ns)
                 if not self.deaf:
                     self.obstacles.read(message, now_ns)
+
+    def _takes(self, message: Any) -> bool:
+        """By the library's own check, which knows the time by what it hears, too."""
+        frame = message.get_msgbuf()
+        if self.personality.key is None:
+            return True
+        if frame[0] != 0xFD or not frame[2] & 1:
+            return message.get_msgId() in _TAKEN_UNSIGNED[self.personality.kind]
+        return bool(self._mavlink.check_signature(frame, message.get_srcSystem(), message.get_srcComponent()))
 
     def of_kind(self, kind: str) -> list[Any]:
         """The messages of one kind that came."""

@@ -1,0 +1,170 @@
+"""A signed line from end to end: the service as a process, the autopilot over UDP, the commands around it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from companion.status_text import MOST_CHARACTERS
+from drivers.mavlink_signing import Signing, Verdict
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.signing_clock import SigningClock
+from drivers.signing_key import SigningKey, load_key
+from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+
+from .live import Live, flown, free_port, until
+from .test_service_avoids import CONFIG, PARAMETERS, Told
+
+KEY = bytes(range(1, 33))
+
+
+@pytest.fixture(params=[PX4, ARDUPILOT])
+def told(request: pytest.FixtureRequest, tmp_path: Path, renders: Path) -> Iterator[Told]:
+    """A service with a key; its autopilot has it too, and no clock."""
+    key = tmp_path / "signing.key"
+    key.write_bytes(KEY)
+    key.chmod(0o600)
+    live = Live(tmp_path, CONFIG.replace("[avoid]", f'signing_key = "{key}"\n\n[avoid]'), renders)
+    with flown(live, request.param) as line:
+        line.change(lambda a: (a.sign(KEY), a.parameters.update(PARAMETERS[request.param])))
+        try:
+            yield Told(live, line, request.param)
+        finally:
+            live.close()
+
+
+def sign(line: AutopilotLine, key: bytes | None) -> None:
+    line.change(lambda a: a.sign(key))
+
+
+def test_obstacles_are_told_signed_and_an_autopilot_that_ceases_to_sign_is_named(told: Told) -> None:
+    told.live.start()
+    assert until(told.sees)
+    told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    assert told.line.change(lambda a: a.dropped) == []
+    sign(told.line, None)
+    told.health.wait(lambda h: any("does not sign and we have a key" in t for t in h.troubles), 15.0)
+    assert until(lambda: "OA: the autopilot does not sign and we have a key" in told.texts())
+    silent_from = len(told.messages())
+    health = told.health.wait(lambda h: h.state == pb.Health.STATE_BLIND, 10.0)  # without an attitude it sees nothing
+    assert any("not believed: unsigned" in word for word in health.autopilot.counts)
+    assert len(told.messages()) == silent_from
+    sign(told.line, bytes(reversed(KEY)))
+    told.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), 15.0)
+    sign(told.line, KEY)
+    told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+    assert until(lambda: any(t.startswith("OA: no longer: the autopilot") for t in told.texts()))
+    assert until(lambda: len(told.messages()) > silent_from)
+    assert told.live.stop() == 0
+    assert KEY.hex() not in told.live.said()
+
+
+def test_after_kill_minus_nine_its_timestamps_go_on(told: Told) -> None:
+    """The autopilot remembers the newest; an older one would be dropped."""
+    told.live.start()
+    assert until(told.sees)
+    told.live.stop(9)
+    before = len(told.messages())
+    assert until(lambda: (told.live.folder / "state" / "signing-clock").exists())
+    told.live.start()
+    assert until(lambda: len(told.messages()) > before + 30)
+    assert told.line.change(lambda a: a.dropped) == []
+    assert told.live.stop() == 0
+
+
+def test_without_the_key_it_is_said_that_nothing_is_taken(tmp_path: Path, renders: Path) -> None:
+    live = Live(tmp_path, CONFIG, renders)
+    with flown(live, PX4) as line:
+        sign(line, KEY)
+        told = Told(live, line, PX4)
+        try:
+            live.start()
+            words = "signs and we have no key: it drops what we send"
+            told.health.wait(lambda h: any(words in t for t in h.troubles), 60.0)
+            assert told.messages() == []
+            assert line.change(lambda a: len(a.of_kind("HEARTBEAT"))) > 0  # to it we look alive
+            text = "OA: the autopilot signs and we have no key"
+            assert until(lambda: text in [m.text for m in line.change(lambda a: a.dropped) if m.get_msgId() == 253])
+            assert live.stop() == 0
+        finally:
+            live.close()
+
+
+def test_a_key_that_others_can_read_stops_the_start(tmp_path: Path, renders: Path) -> None:
+    key = tmp_path / "signing.key"
+    key.write_bytes(KEY)
+    key.chmod(0o644)
+    live = Live(tmp_path, CONFIG.replace("[avoid]", f'signing_key = "{key}"\n\n[avoid]'), renders)
+    live.start()
+    try:
+        assert live.process is not None
+        assert live.process.wait(60) == 1
+        assert "others can read it (mode 644)" in live.said()
+    finally:
+        live.close()
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "good", "word"),
+    [
+        (KEY, KEY, True, "both ends sign"),
+        (None, KEY, False, "we have no key"),
+        (KEY, None, False, "does not sign"),
+        (KEY, bytes(32 * [7]), False, "another key"),
+    ],
+)
+def test_the_doctor_says_how_it_is_signed(
+    ours: bytes | None, theirs: bytes | None, good: bool, word: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    signing = ""
+    if ours is not None:
+        key = tmp_path / "signing.key"
+        key.write_text(ours.hex())
+        key.chmod(0o600)
+        signing = f'signing_key = "{key}"'
+    for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    port, config = free_port(), tmp_path / "doctor.toml"
+    config.write_text(
+        f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n{signing}\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
+    )
+    with AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line:
+        line.change(lambda a: (a.sign(theirs), a.parameters.update(PARAMETERS[PX4])))
+        main(["doctor", "-c", str(config), "--json", "--patience", "7"])
+    said = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "signing"]
+    assert len(said) == 1
+    assert said[0]["good"] == good
+    assert word in said[0]["words"]
+
+
+def test_keys_of_signatures_by_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "signing.key"
+    assert main(["keys", "--signing", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert f'signing_key = "{file}"' in said
+    assert load_key(file).secret.hex() not in said
+    monkeypatch.setattr("sys.stdin", io.StringIO("open sesame\n"))
+    assert main(["keys", "--signing", str(tmp_path / "phrase"), "--passphrase"]) == 0
+    assert load_key(tmp_path / "phrase").secret == hashlib.sha256(b"open sesame").digest()
+    assert main(["keys", "--signing", str(file)]) == 1
+    assert main(["keys"]) == 1
+
+
+def test_what_is_said_of_signatures_fits_a_text_up_to_its_colon() -> None:
+    for key in (SigningKey(KEY), None):
+        for verdict in Verdict:
+            s = Signing(key, SigningClock(None, lambda: 1_800_000_000 * 10**9))
+            s._autopilot_ns[verdict] = 10**9
+            for answered in (True, False):
+                words = s.trouble(2 * 10**9, answered=answered)
+                assert len("OA: " + words.split(":")[0]) <= MOST_CHARACTERS
