@@ -18,6 +18,7 @@ from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
 from .level import (
     ViewGeometry,
+    is_rotation,
     level_paper,
     level_safe,
     pool_columns,
@@ -85,12 +86,14 @@ class Extractor:
         codes, view, exact = self._level(marks, info, R)
         ground = self._ground(marks, info, R, ke, state)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
-        ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, info, ke)
+        sigma_d = max(ke * view.f_px, self.params.min_sigma_px)
+        settings = float_settings(view, ke, sigma_d, self.params), int_settings(self.params)
+        ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, ke, sigma_d, settings)
         if self._is_shreds(found, view):
             return blind_model(
                 info, InvalidCause.NO_MEASUREMENT, self.params, replace(stats, dropped_strips=found)
             ), state
-        ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, ke)
+        ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, settings)
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info, ke)
 
         return self._model(
@@ -159,10 +162,15 @@ class Extractor:
     # ---- strips and clusters ------------------------------------------------------------------------------------
 
     def _strips(
-        self, codes: NDArray[np.uint16], view: ViewGeometry, ground: Ground, info: CameraInfo, ke: float
+        self,
+        codes: NDArray[np.uint16],
+        view: ViewGeometry,
+        ground: Ground,
+        ke: float,
+        sigma_d: float,
+        settings: tuple[NDArray[np.float64], NDArray[np.int64]],
     ) -> tuple[NDArray[np.int32], NDArray[np.float32], int, int, int]:
         """Sections 4.1-4.3: tables of strips, their number, the ground pixels taken out, and strips merged for room."""
-        sigma_d = max(ke * view.f_px, self.params.min_sigma_px)
         key = (view.f_px, view.quantum, sigma_d)
         if self._bins is None or self._bins[0] != key:
             self._bins = (key, bin_table(*key, self.params))
@@ -175,8 +183,7 @@ class Extractor:
         tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
         found, ground_px, overflow = extract_strips(
             codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
-            bins.weights, bins.first_code, float_settings(view, ke, sigma_d, self.params), int_settings(self.params), ints,
-            floats,
+            bins.weights, bins.first_code, *settings, ints, floats,
         )  # fmt: skip
         if ground.seen and not self.params.paper:
             doubt = doubt_settings(ground, view, ke, self.params)
@@ -191,13 +198,12 @@ class Extractor:
         n: int,
         view: ViewGeometry,
         info: CameraInfo,
-        ke: float,
+        settings: tuple[NDArray[np.float64], NDArray[np.int64]],
     ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], int]:
         """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
-        p, k = self.params, info.intrinsics
+        p, k, (fs, si) = self.params, info.intrinsics, settings
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
         place = self._buffer("place", (len(ints), 4), np.float32)
-        fs, si = float_settings(view, ke, max(ke * view.f_px, p.min_sigma_px), p), int_settings(p)
         support.index_columns(ints, n, view.cols, columns)
         support.sort_columns(ints, floats, view.cols, columns)
         lowest = self._buffer("lowest", (len(ints),), np.int32)
@@ -298,15 +304,15 @@ class Extractor:
             valid=True, cause=InvalidCause.NONE, planes=rows,
             support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,
             flags=plane_flags(used, used_ints, view, self.params), cluster=cluster, prisms=prisms, free=free, ground=ground,
-            stats=replace(counted, clusters=len(np.unique(cluster)), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
+            stats=replace(counted, clusters=len(set(cluster.tolist())), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
             strips=strip_table(ints, place, n) if keep_strips else None,
         )  # fmt: skip
 
 
 def rotation_cause(R: Rotation, params: Params) -> InvalidCause:
     """Why this rotation gives no model, NONE if it does."""
-    if R.shape != (3, 3) or not np.all(np.isfinite(R)) or np.abs(R @ R.T - np.eye(3)).max() > 1e-3:
+    if R.shape != (3, 3) or not is_rotation(R, 1e-3):
         return InvalidCause.BAD_ROTATION
-    if np.linalg.det(R) < 0.0 or abs(R[1, 2]) > 0.02 or R[0, 2] < -0.02:
+    if abs(R[1, 2]) > 0.02 or R[0, 2] < -0.02:
         return InvalidCause.BAD_ROTATION  # level_cam's x is the optical axis' own heading
     return InvalidCause.TOO_STEEP if tilt_rad(R) > math.radians(params.max_tilt_deg) else InvalidCause.NONE

@@ -199,8 +199,8 @@ def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
     """(L + 1,) float32 edges of the profile's layers in z: Hd tall, one centred on the camera."""
-    half = 0.5 * params.profile_layers * params.segment_height_m
-    return np.linspace(-half, half, params.profile_layers + 1).astype(np.float32)
+    from_middle = np.arange(params.profile_layers + 1) - 0.5 * params.profile_layers
+    return (params.segment_height_m * from_middle).astype(np.float32)
 
 
 def nothing_known(params: Params) -> FreeProfile:

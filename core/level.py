@@ -81,6 +81,20 @@ def window_of_border(R, k, width, height, limit):
     return low_y, high_y, low_z, high_z
 
 
+@inner
+def is_rotation(R, tolerance):
+    """Whether R (3, 3) is finite, each element of R R^T within tolerance of the unit matrix, and no reflection."""
+    for i in range(3):
+        for j in range(3):
+            dot = R[i, 0] * R[j, 0] + R[i, 1] * R[j, 1] + R[i, 2] * R[j, 2]
+            if not abs(dot - (1.0 if i == j else 0.0)) <= tolerance:  # nor is what is not a number
+                return False
+    a = R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
+    b = R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
+    c = R[0, 2] * (R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0])
+    return a - b + c > 0.0
+
+
 def tilt_rad(R_level_optical: Rotation) -> float:
     """Angle between the optical axis and the horizontal, >= 0."""
     return math.asin(min(1.0, abs(float(R_level_optical[2, 2]))))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from . import planes as pl
 from . import strips
 from .free_space import nothing_known
 from .ground import NO_GROUND
+from .kernels import inner
 from .level import ViewGeometry
 from .params import Params
 from .types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
@@ -17,6 +20,13 @@ _OUTWARD = 1e-6
 """Not tuning: tangent by which outlines grow, so that rounding to float32 takes no ray that runs along an edge."""
 _LEAST_HEIGHT_M = 1e-3
 """Not tuning: a plane's top must differ from its bottom in float32."""
+_INFERRED, _UNKNOWN_BEHIND, _IRREGULAR = (
+    int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BEHIND), int(PlaneFlags.IRREGULAR),
+)  # fmt: skip
+_CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = (
+    int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT), int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM),
+)  # fmt: skip
+"""The flags as numbers for the kernels."""
 
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
@@ -41,12 +51,19 @@ def end_at_ground(planes: NDArray[np.float64], ground: Ground, params: Params) -
     """Cuts planes that reach below the ground seen at their feet, in place; one wholly below keeps min_plane_height_m.
 
     A strip's rows reach below it where noise puts the strip too far away."""
-    if not ground.seen:
-        return
-    middle = 0.5 * (planes[:, pl.T0] + planes[:, pl.T1])
-    x = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * middle, pl.LEAST_S)
-    floor = ground.height_m + (ground.slope_x + ground.slope_y * middle) * x + params.ground_tolerance_m
-    planes[:, pl.Z1] = np.minimum(planes[:, pl.Z1], np.maximum(floor, planes[:, pl.Z0] + params.min_plane_height_m))
+    if ground.seen:
+        at_feet = ground.height_m, ground.slope_x, ground.slope_y, params.ground_tolerance_m, params.min_plane_height_m
+        _cut_at_ground(planes, *at_feet)
+
+
+@inner
+def _cut_at_ground(planes, height_m, slope_x, slope_y, tolerance_m, least_m):
+    for k in range(planes.shape[0]):
+        p = planes[k]
+        middle = 0.5 * (p[pl.T0] + p[pl.T1])
+        x = 1.0 / max(p[pl.A] + p[pl.B] * middle, pl.LEAST_S)
+        floor = height_m + (slope_x + slope_y * middle) * x + tolerance_m
+        p[pl.Z1] = min(p[pl.Z1], max(floor, p[pl.Z0] + least_m))
 
 
 def plane_rows(
@@ -56,36 +73,53 @@ def plane_rows(
 
     a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the near edge
     still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
-    t0, t1 = planes[:, pl.T0] - _OUTWARD, planes[:, pl.T1] + _OUTWARD
-    x0 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * t0, pl.LEAST_S)
-    x1 = 1.0 / np.maximum(planes[:, pl.A] + planes[:, pl.B] * t1, pl.LEAST_S)
-    top, bottom = planes[:, pl.Z0] - _OUTWARD * x0, planes[:, pl.Z1] + _OUTWARD * x0
-    rows = np.stack([x0, x0 * t0, x1, x1 * t1, top, bottom], axis=1).astype(np.float32)
-    rows[:, 5] = np.maximum(rows[:, 5], rows[:, 4] + _LEAST_HEIGHT_M)
-    noise = np.maximum(x0, x1) ** 2 / np.sqrt(np.maximum(moments[:, 0], 1e-9))
-    front = np.clip(planes[:, pl.FRONT] + params.safe_distance_m, 0.0, params.safe_distance_m)
-    return rows, (front + params.margin_sigmas * noise).astype(np.float32)
+    rows, margin = np.empty((len(planes), 6), np.float32), np.empty(len(planes), np.float32)
+    _write_rows(planes, moments, params.safe_distance_m, params.margin_sigmas, rows, margin)
+    return rows, margin
+
+
+@inner
+def _write_rows(planes, moments, safe_m, sigmas, rows, margin):
+    for k in range(planes.shape[0]):
+        p, row = planes[k], rows[k]
+        t0, t1 = p[pl.T0] - _OUTWARD, p[pl.T1] + _OUTWARD
+        x0 = 1.0 / max(p[pl.A] + p[pl.B] * t0, pl.LEAST_S)
+        x1 = 1.0 / max(p[pl.A] + p[pl.B] * t1, pl.LEAST_S)
+        row[0], row[1], row[2], row[3] = x0, x0 * t0, x1, x1 * t1
+        row[4], row[5] = p[pl.Z0] - _OUTWARD * x0, p[pl.Z1] + _OUTWARD * x0
+        row[5] = max(row[5], row[4] + np.float32(_LEAST_HEIGHT_M))
+        noise = max(x0, x1) ** 2 / math.sqrt(max(moments[k, 0], 1e-9))
+        margin[k] = min(max(p[pl.FRONT] + safe_m, 0.0), safe_m) + sigmas * noise
 
 
 def plane_flags(
     planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view: ViewGeometry, params: Params
 ) -> NDArray[np.uint8]:
     """(N,) uint8 PlaneFlags."""
+    flags = np.empty(len(planes), np.uint8)
     column_t = float(view.lateral[0]) / view.f_px
-    inferred = plane_ints[:, pl.P_INFERRED] > 0
-    filled = plane_ints[:, pl.P_FILL] > params.inferred_share * plane_ints[:, pl.P_ROWS]
-    columns = (planes[:, pl.T1] - planes[:, pl.T0]) / column_t
-    spanned = plane_ints[:, pl.P_COLUMNS] < (1.0 - params.inferred_share) * columns - params.inferred_columns
-    flags = np.where(inferred | filled | spanned, int(PlaneFlags.INFERRED), 0)
-    flags |= np.where(inferred, 0, int(PlaneFlags.UNKNOWN_BEHIND))
-    flags |= np.where(planes[:, pl.T0] <= (params.cut_columns - view.cu) * column_t, int(PlaneFlags.CUT_LEFT), 0)
-    flags |= np.where(
-        planes[:, pl.T1] >= (view.cols - 1 - params.cut_columns - view.cu) * column_t, int(PlaneFlags.CUT_RIGHT), 0
-    )
-    flags |= np.where(plane_ints[:, pl.P_CUT] & 1, int(PlaneFlags.CUT_TOP), 0)
-    flags |= np.where(plane_ints[:, pl.P_CUT] & 2, int(PlaneFlags.CUT_BOTTOM), 0)
-    flags |= np.where(plane_ints[:, pl.P_KIND] >= strips.IRREGULAR, int(PlaneFlags.IRREGULAR), 0)
-    return flags.astype(np.uint8)
+    left_t = (params.cut_columns - view.cu) * column_t
+    right_t = (view.cols - 1 - params.cut_columns - view.cu) * column_t
+    _write_flags(planes, plane_ints, column_t, left_t, right_t, params.inferred_share, params.inferred_columns, flags)
+    return flags
+
+
+@inner
+def _write_flags(planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags):
+    for k in range(planes.shape[0]):
+        p, ints = planes[k], plane_ints[k]
+        inferred = ints[pl.P_INFERRED] > 0
+        filled = ints[pl.P_FILL] > inferred_share * ints[pl.P_ROWS]
+        columns = (p[pl.T1] - p[pl.T0]) / column_t
+        spanned = ints[pl.P_COLUMNS] < (1.0 - inferred_share) * columns - inferred_columns
+        found = _INFERRED if inferred or filled or spanned else 0
+        found |= 0 if inferred else _UNKNOWN_BEHIND
+        found |= _CUT_LEFT if p[pl.T0] <= left_t else 0
+        found |= _CUT_RIGHT if p[pl.T1] >= right_t else 0
+        found |= _CUT_TOP if ints[pl.P_CUT] & 1 else 0
+        found |= _CUT_BOTTOM if ints[pl.P_CUT] & 2 else 0
+        found |= _IRREGULAR if ints[pl.P_KIND] >= strips.IRREGULAR else 0
+        flags[k] = found
 
 
 def strip_table(ints: NDArray[np.int32], place: NDArray[np.float32], n: int) -> StripTable:

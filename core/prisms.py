@@ -194,6 +194,7 @@ def layered_prisms(
     tails[heads] = False
     vertices[heads] = planes[plane_of[starts[:size]], AX : AY + 1]
     vertices[tails] = planes[plane_of[:edges], BX : BY + 1]
+    vertices.flags.writeable = plane_of.flags.writeable = False  # once, not for each prism
     return tuple(
         Prism(
             cluster=c, top_m=top, bottom_m=bottom, closed=False, margin_m=margin,

@@ -26,11 +26,19 @@ SATURATED_MM = 65535
 def readonly(
     a: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int | None, ...], name: str
 ) -> NDArray[np.generic]:
-    """A read-only C-contiguous view of `a` after checking dtype and shape (None: any length). Raises ValueError."""
+    """A read-only C-contiguous view of `a` after checking dtype and shape (None: any length); `a` itself where it is one.
+    Raises ValueError."""
     if a.dtype != dtype:
         raise ValueError(f"{name}: dtype {a.dtype}, expected {np.dtype(dtype)}")
-    if a.ndim != len(shape) or any(want is not None and want != got for want, got in zip(shape, a.shape, strict=False)):
-        raise ValueError(f"{name}: shape {a.shape}, expected {shape}")
+    got = a.shape
+    fits = len(got) == len(shape)
+    for want, length in zip(shape, got, strict=False):
+        fits = fits and (want is None or want == length)
+    if not fits:
+        raise ValueError(f"{name}: shape {got}, expected {shape}")
+    flags = a.flags
+    if flags.c_contiguous and not flags.writeable:
+        return a
     view = np.ascontiguousarray(a).view()
     view.flags.writeable = False
     return view
