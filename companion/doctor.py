@@ -18,10 +18,11 @@ import numpy as np
 from core.types import DepthFrame
 from drivers.base import DriverError
 from drivers.clock import ClockSource
-from drivers.mavlink import LinkStatus, MavlinkParams, MavlinkSession, budget_warning
+from drivers.mavlink import LinkStatus, MavlinkSession
 from drivers.mavlink_link import MavlinkLink
 from drivers.transport import parse_address
 
+from .autopilot_line import params_of, signing_of
 from .autopilot_parameters import ParameterReader, advice
 from .camera_supervisor import CameraSupervisor
 from .config import Config, load_config
@@ -29,7 +30,6 @@ from .config_camera import CameraConfig
 from .console import say, say_json
 from .log_folder import free_bytes
 from .service_folders import folders
-from .signed_line import signing_of
 from .status import newest_health
 from .warmup import COMPILED_S, run_kernels
 
@@ -118,16 +118,13 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     if not a.address:
         yield Finding("autopilot", False, "none is configured: set [autopilot] address")
         return
-    params = MavlinkParams(
-        system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz
-    )
     try:
         signing = signing_of(a, folders().state)
     except DriverError as error:
         yield Finding("signing", False, str(error))
         return
     reader = ParameterReader()
-    session = MavlinkSession(params, on_message=lambda message, _: reader.take(message), signing=signing)
+    session = MavlinkSession(params_of(config), on_message=lambda message, _: reader.take(message), signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
     try:
@@ -139,7 +136,10 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         yield Finding("signing", False, status.signing_trouble)
     elif status.signed:
         yield Finding("signing", True, "both ends sign with the same key")
-    yield from _link_findings(config, link, status, budget_warning(params, None))
+    if link.budget is not None:
+        words, warning = link.budget.words(), link.budget.warning()
+        yield Finding("line", not warning, f"{words}: {warning}" if warning else words)
+    yield from _link_findings(config, link, status)
     if status.vehicle is not None:
         known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"
         yield Finding("parameters", bool(reader.values()), known)
@@ -165,7 +165,7 @@ def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> 
     return link.status()
 
 
-def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus, warning: str) -> Iterator[Finding]:
+def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iterator[Finding]:
     line, wanted_hz = link.line, config.autopilot.attitude_hz
     if line.error or not (line.open or status.received):
         yield Finding("autopilot", False, f"no line: {line.error}")
@@ -180,9 +180,7 @@ def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus, warnin
     yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
     rate = f"{status.attitude_hz:.0f} Hz of {wanted_hz:g} wanted, position {status.position_hz:.0f} Hz"
     enough = status.attitude_hz >= ATTITUDE_SHARE * wanted_hz
-    yield Finding(
-        "attitude", enough, rate if enough else f"{rate}: is the line fast enough (921600 baud)? {warning}".strip()
-    )
+    yield Finding("attitude", enough, rate if enough else f"{rate}: is the line fast enough (921600 baud)?")
     clock = status.clock
     if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
         yield Finding("clock", True, f"known to {clock.bound_ns / 1e6:.2f} ms")

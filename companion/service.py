@@ -20,7 +20,6 @@ from drivers.mavlink import (
     MAV_STATE_ACTIVE,
     MAV_STATE_CRITICAL,
     MAV_STATE_STANDBY,
-    MavlinkParams,
     MavlinkSession,
     Vehicle,
 )
@@ -28,6 +27,7 @@ from drivers.mavlink_link import MavlinkLink
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
 
+from .autopilot_line import params_of, signing_of
 from .avoidance import Avoidance
 from .blindness import Blindness
 from .camera_supervisor import CameraSupervisor
@@ -53,7 +53,6 @@ from .publisher import Publisher, Stream, boot_id
 from .recorder import Recorder
 from .run_info import run_info
 from .service_folders import Folders
-from .signed_line import signing_of
 from .surround import SurroundKeeper, surround_message
 
 if TYPE_CHECKING:
@@ -123,12 +122,11 @@ class Service:
         a = self.config.autopilot
         if not a.address:
             return None, None
-        params = MavlinkParams(
-            system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz
-        )
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
         keep = (lambda data, t_ns: self.inbox.put([RawFrame(data, t_ns)])) if log_raw else None
-        session = MavlinkSession(params, on_frame=keep, on_message=self._autopilot_says, signing=self.signing)
+        session = MavlinkSession(
+            params_of(self.config), on_frame=keep, on_message=self._autopilot_says, signing=self.signing
+        )
         link = MavlinkLink(parse_address(a.address), session, self._deliver)
         if self.config.avoid.send:
             names = tuple(self.cameras)

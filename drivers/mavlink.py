@@ -6,7 +6,6 @@ Nothing but a hello (on lines whose other end waits for one) is sent before the 
 
 from __future__ import annotations
 
-import math
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,10 +15,11 @@ from core.types import AttitudeSample, PoseSample
 
 from .checked import check, number
 from .clock import NS, ClockEstimate, ClockFilter, ClockParams
+from .link_budget import LinkBudget, link_budget
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .mavlink_frames import MessageSplitter
 from .mavlink_motion import MotionDecoder
-from .mavlink_rates import RateKeeper, Wish, link_budget_bytes_per_s
+from .mavlink_rates import RateKeeper, Wish
 from .mavlink_signing import Signing, for_the_log
 from .mavlink_timesync import TimeSync
 from .transport import Chunk
@@ -42,6 +42,7 @@ class MavlinkParams:
     component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
     attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
     position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+    obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
 
     def __post_init__(self) -> None:
         check("mavlink", self)
@@ -49,9 +50,9 @@ class MavlinkParams:
     def wishes(self) -> tuple[Wish, ...]:
         """The messages we ask for."""
         return (
-            Wish(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz, 32),
-            Wish(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, 28, instead_of=ATTITUDE_QUATERNION_ID),
-            Wish(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz, 28),
+            Wish(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
+            Wish(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
+            Wish(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
         )
 
 
@@ -252,6 +253,10 @@ class MavlinkSession:
 
     # ---- what is told of it -------------------------------------------------------------------------------------
 
+    def budget(self, bytes_per_s: float | None) -> LinkBudget | None:
+        """What is asked for and sent against what a line carries; None for a line without a bound."""
+        return budget_of(self.params, bytes_per_s, signed=self._signing.on)
+
     def status(self, now_ns: int) -> LinkStatus:
         """For the health report."""
         rate = self.rates.rate_hz
@@ -270,15 +275,8 @@ class MavlinkSession:
         )
 
 
-def budget_warning(params: MavlinkParams, bytes_per_s: float | None) -> str:
-    """What to say of a line too slow for what we ask for; empty when it is fast enough."""
+def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
+    """What a conversation with these parameters needs of a line; None for a line without a bound."""
     if bytes_per_s is None:
-        return ""
-    need = link_budget_bytes_per_s(params.wishes())
-    if need <= 0.5 * bytes_per_s:
-        return ""
-    fitting = math.floor(0.5 * bytes_per_s * params.attitude_hz / need)
-    return (
-        f"the line carries {bytes_per_s:.0f} bytes/s and the attitude and position asked for need {need:.0f}: "
-        f"set a faster line (921600 baud), or attitude_hz = {max(5, fitting)}"
-    )
+        return None
+    return link_budget(params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed)

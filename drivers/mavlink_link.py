@@ -11,7 +11,8 @@ from typing import Any
 from core.types import AttitudeSample, PoseSample
 
 from .base import DriverError
-from .mavlink import LinkStatus, MavlinkSession, budget_warning
+from .link_budget import LinkBudget
+from .mavlink import LinkStatus, MavlinkSession
 from .transport import Address, Chunk, Transport, open_transport
 
 NS = 1_000_000_000
@@ -47,6 +48,7 @@ class MavlinkLink:
         self._deliver = deliver
         self._lock = threading.Lock()
         self._stop = threading.Event()
+        self.budget: LinkBudget | None = None
         self._state = LineState(False, "not opened yet", "", 0, time.monotonic_ns())
         self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
 
@@ -86,7 +88,8 @@ class MavlinkLink:
             transport: Transport | None = None
             try:
                 transport = open_transport(self._address)
-                warning = budget_warning(self._session.params, transport.bytes_per_s)
+                self.budget = self._session.budget(transport.bytes_per_s)
+                warning = self.budget.warning() if self.budget is not None else ""
                 self._state = LineState(True, "", warning, losses, time.monotonic_ns())
                 opened_ns = time.monotonic_ns()
                 self._talk(transport, warning, losses)

@@ -19,8 +19,6 @@ ENOUGH = 0.8
 """Share of the wanted rate that is enough."""
 MAV_CMD_SET_MESSAGE_INTERVAL = 511
 MAV_RESULT_UNSUPPORTED = 3
-FRAME_OVERHEAD = 12
-"""Bytes of a MAVLink 2 frame around its payload, unsigned."""
 STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
 """Message -> data stream of the old request: MAV_DATA_STREAM_EXTRA1, MAV_DATA_STREAM_POSITION."""
 
@@ -32,7 +30,6 @@ class Wish:
     message_id: int
     name: str
     hz: float
-    payload_bytes: int
     instead_of: int | None = None
 
 
@@ -119,11 +116,6 @@ class RateKeeper:
             dialect.MAVLink_request_data_stream_message(system, component, stream, hz, 1)
             for stream, hz in rates.items()
         ]
-
-
-def link_budget_bytes_per_s(wishes: tuple[Wish, ...]) -> float:
-    """What the wished messages need; substitutes do not come on top."""
-    return sum(w.hz * (w.payload_bytes + FRAME_OVERHEAD) for w in wishes if w.instead_of is None)
 
 
 def _interval(w: Wish, system: int, component: int) -> Any:

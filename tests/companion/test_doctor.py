@@ -12,8 +12,8 @@ import pytest
 from companion import doctor
 from companion.cli import main
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_autopilot import ARDUPILOT, PX4
-from drivers.simulated_autopilot_line import AutopilotLine
+from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd
 
 from .live import Live, flown, free_port
 from .test_service_avoids import PARAMETERS
@@ -135,3 +135,19 @@ def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["doctor"]) == 2
     assert main(["doctor", "-c", str(tmp_path / "none.toml")]) == 1
     assert "configs/default.toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("baud", "good"), [(57_600, False), (115_200, False), (921_600, True)])
+def test_the_line_s_budget_is_told(
+    baud: int, good: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    end, config = PtyEnd(), tmp_path / "doctor.toml"
+    config.write_text(f'[autopilot]\naddress = "serial:{end.device}:{baud}"\n[avoid]\nsend = true\n')
+    with AutopilotLine(SimulatedAutopilot(), end):
+        main(["doctor", "-c", str(config), "--json", "--patience", "3"])
+    (line,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "line"]
+    assert line["good"] == good
+    assert f"of {baud / 10_000:.1f} each way" in line["words"]
+    assert ("set 921600 baud" in line["words"]) != good

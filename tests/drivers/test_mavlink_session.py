@@ -11,7 +11,7 @@ import pytest
 from core.types import AttitudeSample, PoseSample
 from drivers.clock import ClockSource
 from drivers.flight_path import VehicleState
-from drivers.mavlink import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_warning
+from drivers.mavlink import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_of
 from drivers.mavlink_dialect import dialect
 from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot, hovering
 
@@ -294,12 +294,60 @@ def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     assert [type(s) for s in samples] == [type(s) for s in c.samples]
 
 
+def warning(bytes_per_s: float | None, params: MavlinkParams | None = None, *, signed: bool = False) -> str:
+    budget = budget_of(params or MavlinkParams(), bytes_per_s, signed=signed)
+    return budget.warning() if budget is not None else ""
+
+
 def test_a_slow_line_is_told_with_the_rate_that_would_fit() -> None:
-    assert budget_warning(MavlinkParams(), None) == ""
-    assert budget_warning(MavlinkParams(), 92_160.0) == ""
-    warning = budget_warning(MavlinkParams(), 5_760.0)
-    assert "5760 bytes/s" in warning
-    assert "attitude_hz = 51" in warning
+    assert warning(None) == ""
+    assert warning(92_160.0) == ""
+    said = warning(5_760.0)
+    assert "the line of 57600 baud carries 5760 bytes/s" in said
+    hz = int(said.rsplit("attitude_hz = ", 1)[1])
+    assert 10 < hz < 40
+    assert "attitude_hz" not in warning(5_760.0, MavlinkParams(attitude_hz=float(hz)))
+
+
+@pytest.mark.parametrize("params", [MavlinkParams(attitude_hz=10, position_hz=5), MavlinkParams(attitude_hz=50)])
+def test_a_line_below_230400_baud_is_told_even_where_all_fits(params: MavlinkParams) -> None:
+    assert "set 921600 baud" in warning(11_520.0, params)
+    assert warning(23_040.0, params) == ""
+
+
+def test_what_we_send_and_its_signatures_count() -> None:
+    quiet, telling = (
+        MavlinkParams(attitude_hz=5, position_hz=1),
+        MavlinkParams(attitude_hz=5, position_hz=1, obstacles_hz=20),
+    )
+    budgets = [budget_of(p, 5_760.0, signed=s) for p, s in ((quiet, False), (telling, False), (telling, True))]
+    out = [b.need_out for b in budgets if b is not None]
+    assert out[1] - out[0] == pytest.approx(20 * (167 + 12))
+    assert out[2] > out[1] + 20 * 13
+    assert "one way" in warning(5_760.0, telling)
+
+
+def test_the_budget_holds_what_a_line_carries() -> None:
+    """The bytes that a session has sent to it and sends, against the figures."""
+    some = (0.1, 0.2, 0.3)  # zeros at the end of a message are not sent
+    moving = VehicleState(position_ned_m=some, velocity_ned_m_s=some, euler_rad=some, rates_frd_rad_s=some)
+    c = talk(PX4, MavlinkParams(obstacles_hz=10.0), streams={}, boot_at_ns=90 * NS, motion=lambda _: moving)
+    c.run(5.0)
+    sent_before, received = len(b"".join(c.sent)), 0
+    for step in range(1000):
+        if step % 100 == 0:
+            c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+        c.now_ns += MS
+        chunks = [(d, c.now_ns) for d in c.autopilots[0].due(c.now_ns)]
+        received += sum(len(d) for d, _ in chunks)
+        c.session.receive(chunks)
+        for data in c.session.due(c.now_ns):
+            c.sent.append(data)
+            c.autopilots[0].receive(data, c.now_ns)
+    budget = c.session.budget(92_160.0)
+    assert budget is not None
+    assert 0.75 * budget.need_in < received <= budget.need_in
+    assert 0.5 * budget.need_out < len(b"".join(c.sent)) - sent_before <= budget.need_out
 
 
 def test_parameters_out_of_range_are_named() -> None:

@@ -1,0 +1,70 @@
+"""What we ask for and send, in bytes a second, against what a line carries. Serial lines carry both ways at once, each
+way at the line's rate; UDP and TCP have no bound worth speaking of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+SLOW_BAUD = 230_400
+BITS_PER_BYTE = 10
+"""8 bits, start and stop."""
+SHARE = 0.5
+"""Of the line, for us: autopilots send more than what we ask for, and in bursts."""
+FRAME, SIGNATURE = 12, 13
+"""Bytes around a payload."""
+ATTITUDE, POSITION, OBSTACLES, FACE, HEARTBEAT, TIMESYNC = 32, 28, 167, 39, 9, 16
+"""Payloads in bytes."""
+TIMESYNC_HZ, ECHO_HZ, FACES = 10.0, 2.0, 8
+"""While the clock is learned, and PX4 asks as often for itself; eight faces come back from ArduPilot."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkBudget:
+    """In: from the autopilot to us. Bytes a second; line: what the line carries each way."""
+
+    need_in: float
+    need_out: float
+    line: float
+    attitude_hz: float
+    attitude_bytes: float
+
+    def words(self) -> str:
+        """The figures."""
+        return f"needs {self.need_in / 1000:.1f} kB/s in and {self.need_out / 1000:.1f} out of {self.line / 1000:.1f} each way"
+
+    def warning(self) -> str:
+        """What to say of a line too slow; empty when it is fast enough."""
+        most, baud = max(self.need_in, self.need_out), round(self.line * BITS_PER_BYTE)
+        if most > SHARE * self.line:
+            # what remains for the attitude once all else has its share
+            room = SHARE * self.line - (self.need_in - self.attitude_hz * self.attitude_bytes)
+            hz = max(5, math.floor(room / self.attitude_bytes))
+            remedy = f", or attitude_hz = {hz}" if self.need_in > SHARE * self.line and hz < self.attitude_hz else ""
+            return (
+                f"the line of {baud} baud carries {self.line:.0f} bytes/s, and of what we ask for and send {most:.0f} go one "
+                f"way: set 921600 baud{remedy}"
+            )
+        if baud < SLOW_BAUD:
+            return (
+                f"the line of {baud} baud is slow: we need {most:.0f} of its {self.line:.0f} bytes/s, and what else the "
+                "autopilot sends makes attitudes late; set 921600 baud"
+            )
+        return ""
+
+
+def link_budget(
+    attitude_hz: float, position_hz: float, obstacles_hz: float, line: float, *, signed: bool = False
+) -> LinkBudget:
+    """The budget of a line. obstacles_hz: how often we tell of obstacles, 0: never; line: bytes a second."""
+    around = FRAME + (SIGNATURE if signed else 0)
+    attitude_bytes = ATTITUDE + around
+    always = (HEARTBEAT + around) + TIMESYNC_HZ * (TIMESYNC + around)
+    echo = ECHO_HZ * FACES * (FACE + around) if obstacles_hz else 0.0
+    return LinkBudget(
+        need_in=attitude_hz * attitude_bytes + position_hz * (POSITION + around) + 2.0 * always + echo,
+        need_out=obstacles_hz * (OBSTACLES + around) + 2.0 * always,
+        line=line,
+        attitude_hz=attitude_hz,
+        attitude_bytes=attitude_bytes,
+    )
