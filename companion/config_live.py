@@ -58,7 +58,7 @@ class RecordParams:
     folder: str = text("", "of the logs; empty: the service's state folder")
     file_mb: float = number(512.0, 1.0, 4096.0, "MB", "a file is closed and a new one begun at this size")
     file_s: float = number(600.0, 5.0, 7200.0, "s", "or at this age")
-    budget_mb: float = number(8192.0, 10.0, 1e6, "MB", "all logs together; the oldest finished flights go first")
+    budget_mb: float = number(16384.0, 10.0, 1e6, "MB", "all logs together; the oldest finished flights go first")
     least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "with less free space on the disk nothing is recorded")
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "waiting for the disk, at most")
     queue_items: int = number(5000, 100, 100_000, "", "and so many items")

@@ -44,6 +44,8 @@ class Note:
 
 Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame | Note
 Item = Sample | CameraInfo
+TOGETHER = 8
+"""Samples that wait together before the pipeline is woken for them: they matter to the next frame, which wakes it too."""
 MOST = 4096
 """Samples that wait; at 200 Hz those of 20 s. Older ones give way and are counted."""
 
@@ -69,7 +71,8 @@ class Inbox:
                 else:
                     self.lost += 1
             self._items.extendleft(reversed(kept))
-            self._changed.notify()
+            if len(self._items) >= TOGETHER:
+                self._changed.notify()
 
     def put_frame(self, frame: DepthFrame) -> None:
         """A depth frame; one of the same camera that still waits is overtaken."""
@@ -81,9 +84,10 @@ class Inbox:
             self._changed.notify()
 
     def take(self, timeout_s: float) -> list[Item]:
-        """All that waits, up to and with the first frame: what comes behind it may still be overtaken."""
+        """All that waits, up to and with the first frame: what comes behind it may still be overtaken. Waits for a frame,
+        or for several samples, and takes after timeout_s what there is."""
         with self._changed:
-            if not self._items:
+            if len(self._items) < TOGETHER and not any(isinstance(item, DepthFrame) for item in self._items):
                 self._changed.wait(timeout_s)
             taken: list[Item] = []
             while self._items:

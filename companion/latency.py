@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 
-STAGES = ("exposure to arrival", "waiting", "extracting", "publishing", "exposure to published")
+STAGES = (
+    "exposure to arrival", "waiting", "extracting", "extracting, processor's time", "publishing", "exposure to published"
+)  # fmt: skip
+"""Extracting takes longer than its processor's time where other programs, or other threads, have the processor."""
 _HELD = 512
 
 

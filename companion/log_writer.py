@@ -22,8 +22,9 @@ from drivers.base import BadData, Event, EventSource
 from drivers.mcap_scan import MAGIC
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.topics import ENCODING, TOPICS, camera_name_fits
-from drivers.wire import attitude_message, calibration_message, camera_message, depth_message, pose_message
+from drivers.wire import attitude_message, calibration_message, camera_message, depth_parts, pose_message
 
+from .mcap_writer import McapWriter, Part
 from .messages import decision_message, prisms_message, state_message, wire_bytes
 from .pipeline import FrameDecision, Output, PipelineState
 from .scene import scene_message, transform_messages
@@ -45,9 +46,11 @@ class LogWriter:
         refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
         self._file: BinaryIO = self.active_path.open("wb")
-        self._writer = start_writer(self._file)
+        self._writer = McapWriter(self._file, CHUNK_BYTES)
+        self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._names: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
         self._infos: dict[str, CameraInfo] = {}
 
     def __enter__(self) -> LogWriter:
@@ -91,19 +94,21 @@ class LogWriter:
         """What came from the hardware, at its arrival."""
         arrival_ns = event.t_arrival_ns
         if isinstance(event, DepthFrame):
-            self.write("depth", depth_message(event), arrival_ns, event.camera, event.sequence, event.t_exposure_ns)
+            at = (arrival_ns, event.camera, event.sequence, event.t_exposure_ns)
+            self._write("depth", depth_parts(event), *at)
         elif isinstance(event, AttitudeSample):
             self.write("attitude", attitude_message(event), arrival_ns, publish_ns=event.t_ns)
         elif isinstance(event, PoseSample):
             self.write("pose", pose_message(event), arrival_ns, publish_ns=event.t_ns)
 
-    def output(self, output: Output, scene: bool = True, transforms: bool = True) -> None:
-        """What the pipeline said, at the arrival of the frame it is about; drawn for viewers where asked for."""
+    def output(self, output: Output, scene: bool = True, transforms: bool = True, prisms: bytes | None = None) -> None:
+        """What the pipeline said, at the arrival of the frame it is about; drawn for viewers where asked for. prisms: the
+        bytes of the prisms' message, where they are known already."""
         at = (output.t_arrival_ns, output.camera, output.sequence, output.t_exposure_ns)
         if isinstance(output, FrameDecision):
             self.write("decision", decision_message(output), *at)
             return
-        self.write("prisms", prisms_message(output), *at)
+        self._write("prisms", (prisms or wire_bytes(prisms_message(output)),), *at)
         if scene:
             self.write("scene", scene_message(output), *at)
         for transform in transform_messages(output, self._infos[output.camera]) if transforms else ():
@@ -119,6 +124,11 @@ class LogWriter:
         publish_ns: int | None = None,
     ) -> None:
         """One message of the table of topics. t_ns: its arrival."""
+        self._write(key, (wire_bytes(message),), t_ns, camera, sequence, publish_ns)
+
+    def _write(
+        self, key: str, parts: tuple[Part, ...], t_ns: int, camera: str, sequence: int, publish_ns: int | None
+    ) -> None:
         publish_ns = t_ns if publish_ns is None else publish_ns
         if not 0 <= t_ns < 1 << 63 or publish_ns >= 1 << 63:
             raise ValueError(
@@ -126,20 +136,22 @@ class LogWriter:
             )
         if not 0 <= sequence < 1 << 32:
             raise ValueError(f"log: sequence {sequence} cannot be written; expected 0..{(1 << 32) - 1}")
+        channel = self._channels.get((key, camera)) or self._open_channel(key, camera)
         # a stamp before the clock's zero (a wrong clock estimate) stays in the message; the record cannot hold it
-        self._writer.add_message(self._channel(key, camera), t_ns, wire_bytes(message), max(0, publish_ns), sequence)
+        self._writer.add_message(channel, t_ns, parts, max(0, publish_ns), sequence)
 
-    def _channel(self, key: str, camera: str) -> int:
+    def _open_channel(self, key: str, camera: str) -> int:
         topic = TOPICS[key]
+        if camera and not camera_name_fits(camera):
+            raise ValueError(f"log: camera name {camera!r}; use letters, digits, dot, dash and underscore")
+        if topic.schema not in self._schemas:
+            data = schema_bytes(topic.message)
+            self._schemas[topic.schema] = self._writer.register_schema(topic.schema, ENCODING, data)
         name = topic.of(camera)
-        if name not in self._channels:
-            if camera and not camera_name_fits(camera):
-                raise ValueError(f"log: camera name {camera!r}; use letters, digits, dot, dash and underscore")
-            if topic.schema not in self._schemas:
-                data = schema_bytes(topic.message)
-                self._schemas[topic.schema] = self._writer.register_schema(topic.schema, ENCODING, data)
-            self._channels[name] = self._writer.register_channel(name, ENCODING, self._schemas[topic.schema])
-        return self._channels[name]
+        if name not in self._names:
+            self._names[name] = self._writer.register_channel(name, ENCODING, self._schemas[topic.schema])
+        self._channels[key, camera] = self._names[name]
+        return self._names[name]
 
     def finish(self) -> None:
         """Writes the closing part and gives the file its name. May be called again."""
@@ -167,13 +179,13 @@ def refuse_output(path: Path, *inputs: Path) -> None:
 
 
 def start_writer(stream: BinaryIO) -> Writer:
-    """An MCAP writer that has begun."""
+    """A writer for MCAP files of any content that has begun: for logs of this software LogWriter is quicker."""
     writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
     writer.start(profile="", library=LIBRARY)
     return writer
 
 
-def finish_file(writer: Writer, stream: BinaryIO, active: Path, path: Path) -> None:
+def finish_file(writer: McapWriter | Writer, stream: BinaryIO, active: Path, path: Path) -> None:
     """Ends the file, waits until it is on the disk and names it."""
     finish: Callable[[], None] = writer.finish
     finish()

@@ -6,6 +6,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 from core.types import CameraInfo, DepthFrame
@@ -16,6 +17,7 @@ from .blindness import Blindness
 from .health import clock_message
 from .inbox import Inbox, Item, Note, Overtaken, RawFrame, Sample
 from .latency import Latencies
+from .messages import prisms_message, wire_bytes
 from .pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from .recorder import Recorder
 
@@ -32,14 +34,15 @@ class Clockwork:
 
 
 class PipelineLoop:
-    """Runs until closed. publish: called with each result, from this thread. `lock` guards what others read."""
+    """Runs until closed. publish: called with each result and its message's bytes, from this thread. `lock` guards what
+    others read."""
 
     def __init__(
         self,
         pipeline: Pipeline,
         inbox: Inbox,
         blindness: Blindness,
-        publish: Callable[[PrismsResult], None],
+        publish: Callable[[PrismsResult, bytes], None],
         recorder: Recorder | None,
         record: str,
         clockwork: Clockwork,
@@ -85,8 +88,10 @@ class PipelineLoop:
         self.alive_ns = time.monotonic_ns()  # warming up may have taken minutes, and was no hang
         self.begun.set()
         while not self._stop.is_set():
-            for item in self._inbox.take(TAKE_S):
-                self._handle(item)
+            taken = self._inbox.take(TAKE_S)
+            with self._recorder.holding() if self._recorder is not None else nullcontext():
+                for item in taken:
+                    self._handle(item)
             self.alive_ns = time.monotonic_ns()
 
     def _handle(self, item: Item) -> None:
@@ -109,25 +114,27 @@ class PipelineLoop:
         if self._recorder is not None:
             self._log_clock(item.t_arrival_ns)
             self._recorder.event(item)
-        begun_ns = time.monotonic_ns()
+        begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
         outputs = self._pipeline.handle(item)
-        done_ns = time.monotonic_ns()
+        done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
         for output in outputs:
             self._tell(output)
         if isinstance(item, DepthFrame):
-            self._measure(item, begun_ns, done_ns)
+            self._measure(item, begun_ns, done_ns, cpu_ns)
 
     def _tell(self, output: Output) -> None:
         if isinstance(output, PrismsResult):
             with self.lock:
                 self._blindness.result(output)
-            self._publish(output)
+            prisms = wire_bytes(prisms_message(output))
+            self._publish(output, prisms)
         else:
+            prisms = None
             self._count(output)
         if self._recorder is not None:
-            self._recorder.output(output)
+            self._recorder.output(output, prisms)
 
     def _count(self, decision: FrameDecision) -> None:
         with self.lock:
@@ -136,13 +143,14 @@ class PipelineLoop:
             else:
                 self.dropped[str(decision.cause)] += 1
 
-    def _measure(self, frame: DepthFrame, begun_ns: int, done_ns: int) -> None:
+    def _measure(self, frame: DepthFrame, begun_ns: int, done_ns: int, cpu_ns: int) -> None:
         published_ns = time.monotonic_ns()
         with self.lock:
             add = self.latencies.add
             add("exposure to arrival", frame.t_arrival_ns - frame.t_exposure_ns)
             add("waiting", begun_ns - frame.t_arrival_ns)
             add("extracting", done_ns - begun_ns)
+            add("extracting, processor's time", cpu_ns)
             add("publishing", published_ns - done_ns)
             add("exposure to published", published_ns - frame.t_exposure_ns)
 

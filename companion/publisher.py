@@ -70,9 +70,10 @@ class Publisher:
                 "the port free?"
             ) from error
 
-    def publish(self, message: Message) -> None:
-        """Sends a message to whoever listens. Never waits."""
-        self._socket.send(wire_bytes(message), zmq.DONTWAIT)
+    def publish(self, message: Message | bytes) -> None:
+        """Sends a message, or its bytes, to whoever listens. Never waits."""
+        data = message if isinstance(message, bytes) else wire_bytes(message)
+        self._socket.send(data, zmq.DONTWAIT)
         self.published += 1
 
     def close(self) -> None:

@@ -10,7 +10,8 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -32,6 +33,10 @@ RETRY_NS: Final = 5 * NS
 _SMALL: Final = 512
 """Bytes that a sample or a decision counts for in the queue."""
 _RESULT: Final = 20_000
+_WAKE_BYTES: Final = 100_000
+_WAKE_ITEMS: Final = 64
+_IDLE_S: Final = 0.2
+"""What waits is written at least so often, be it much or little."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +75,9 @@ class Recorder:
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
         self._queue: deque[_Begin | _Item | None] = deque()
         self._queued_bytes = 0
+        self._held: list[_Begin | _Item | None] = []
+        self._held_bytes = 0
+        self._holding = False
         self._ready = threading.Condition()
         self._stop = False
         self._taking = self._begun = False
@@ -90,7 +98,7 @@ class Recorder:
         """How it goes now."""
         s = self._status
         return RecordStatus(
-            recording=s.recording, file=s.file, files=s.files, bytes=s.bytes, queued=len(self._queue),
+            recording=s.recording, file=s.file, files=s.files, bytes=s.bytes, queued=len(self._queue) + len(self._held),
             dropped=self._dropped, trouble=s.trouble, alive_ns=s.alive_ns,
         )  # fmt: skip
 
@@ -125,14 +133,25 @@ class Recorder:
         else:
             self._take(lambda log: log.event(event), _SMALL)
 
-    def output(self, output: Output) -> None:
-        """What the pipeline said."""
+    def output(self, output: Output, prisms: bytes | None = None) -> None:
+        """What the pipeline said; prisms: the bytes of its message, where they are known already."""
         drawn = self._params.drawings
-        self._take(lambda log: log.output(output, scene=drawn, transforms=drawn), _RESULT)
+        self._take(lambda log: log.output(output, drawn, drawn, prisms), _RESULT)
 
     def message(self, key: str, message: Message, t_ns: int) -> None:
         """Another message of the table of topics."""
         self._take(lambda log: log.write(key, message, t_ns), message.ByteSize() + _SMALL)
+
+    @contextmanager
+    def holding(self) -> Iterator[None]:
+        """What is said meanwhile is handed to the thread at the end, so that it does not begin to work beside a frame
+        that is not published yet."""
+        self._holding = True
+        try:
+            yield
+        finally:
+            self._holding = False
+            self._hand_over()
 
     def _take(self, write: Callable[[LogWriter], None], size: int) -> None:
         if not self._taking:
@@ -144,20 +163,35 @@ class Recorder:
             self._wanting = True
 
     def _put(self, item: _Begin | _Item | None, size: int) -> bool:
-        with self._ready:
-            full = (
-                len(self._queue) >= self._params.queue_items or self._queued_bytes + size > self._params.queue_mb * 1e6
-            )
-            if full and item is not None:
-                self._dropped += 1
-                return False
-            self._queue.append(item)
-            self._queued_bytes += size
-            self._ready.notify()
+        waiting = len(self._queue) + len(self._held)
+        waiting_bytes = self._queued_bytes + self._held_bytes + size
+        full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
+        if full and item is not None:
+            self._dropped += 1
+            return False
+        self._held.append(item)
+        self._held_bytes += size
+        if not self._holding:
+            self._hand_over()
         return True
+
+    def _hand_over(self) -> None:
+        """Wakes the thread for a frame or for many samples; for a few it comes by itself, some times a second."""
+        with self._ready:
+            self._queue.extend(self._held)
+            self._queued_bytes += self._held_bytes
+            if self._much:
+                self._ready.notify()
+        self._held.clear()
+        self._held_bytes = 0
+
+    @property
+    def _much(self) -> bool:
+        return self._queued_bytes >= _WAKE_BYTES or len(self._queue) >= _WAKE_ITEMS
 
     def close(self) -> None:
         """Writes what is queued, finishes the file and ends. May be called twice."""
+        self._hand_over()
         with self._ready:
             self._stop = True
             self._ready.notify()
@@ -205,8 +239,8 @@ class Recorder:
     def _next_items(self) -> list[_Begin | _Item | None] | None:
         """What is queued, waiting a little for it; None at the end."""
         with self._ready:
-            if not self._queue and not self._stop:
-                self._ready.wait(0.2)
+            if not self._stop and not self._much:
+                self._ready.wait(_IDLE_S)
             if not self._queue and self._stop:
                 return None
             items = list(self._queue)

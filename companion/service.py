@@ -46,7 +46,7 @@ from .health import (
     troubles_of,
 )
 from .inbox import Inbox, Note, RawFrame
-from .messages import blind_message, prisms_message
+from .messages import blind_message, wire_bytes
 from .pipeline import Pipeline, PrismsResult
 from .pipeline_loop import Clockwork, PipelineLoop
 from .publisher import Publisher, Stream, boot_id
@@ -298,8 +298,8 @@ class Service:
             address=self.config.autopilot.address, line=self.link.line, link=self.link.status(), attitude_age_ns=age_ns
         )
 
-    def _publish(self, result: PrismsResult) -> None:
-        self._send("prisms", prisms_message(result), result.t_exposure_ns)
+    def _publish(self, result: PrismsResult, prisms: bytes) -> None:
+        self._send("prisms", pb.PrismsFrame, prisms, result.t_exposure_ns)
         if self.avoidance is not None:
             self.avoidance.result(result)
         with self.loop.lock:
@@ -312,7 +312,8 @@ class Service:
         t_ns = now_ns - (view.age_ns or 0)
         with self.loop.lock:
             sequence = self._blindness.sequence(camera)
-        self._send("prisms", blind_message(camera, sequence, t_ns, view.blind), t_ns)
+        message = blind_message(camera, sequence, t_ns, view.blind)
+        self._send("prisms", pb.PrismsFrame, wire_bytes(message), t_ns)
 
     def _publish_surround(self, now_ns: int) -> None:
         """All cameras as one model, where there are several."""
@@ -325,17 +326,20 @@ class Service:
                 model = self._surround.model(
                     lambda name: self._blindness.cause(name, now_ns, statuses[name]), oldest_ns
                 )
-            self._send("surround", surround_message(model, self._required), model.t_ns or now_ns)
+            message = surround_message(model, self._required)
+            self._send("surround", pb.SurroundFrame, wire_bytes(message), model.t_ns or now_ns)
 
-    def _send(self, stream: str, message: pb.PrismsFrame | pb.SurroundFrame, t_exposure_ns: int) -> None:
+    def _send(
+        self, stream: str, kind: type[pb.PrismsFrame] | type[pb.SurroundFrame], data: bytes, t_exposure_ns: int
+    ) -> None:
+        """A message's bytes with those of its publication behind them, which together are one message."""
         publisher = self._publishers.get(stream)
         if publisher is None:
             return
         with self._sending:  # two threads publish; a socket is for one at a time
-            message.publication.boot_id = self._boot
-            message.publication.number = publisher.published
-            message.publication.age_ns = time.monotonic_ns() - t_exposure_ns
-            publisher.publish(message)
+            age_ns = time.monotonic_ns() - t_exposure_ns
+            publication = pb.Publication(boot_id=self._boot, number=publisher.published, age_ns=age_ns)
+            publisher.publish(data + wire_bytes(kind(publication=publication)))
 
     def _publish_health(self, views: list[CameraView], autopilot: AutopilotView | None) -> None:
         publisher = self._publishers.get("health")

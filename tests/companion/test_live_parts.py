@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 
 from companion.blindness import Blindness
 from companion.camera_supervisor import CameraCondition, CameraStatus
-from companion.inbox import Inbox, Overtaken, RawFrame
+from companion.inbox import TOGETHER, Inbox, Overtaken, RawFrame
 from companion.latency import Latencies
 from companion.pipeline import PrismsResult
 from companion.sd_notify import Notifier
@@ -63,6 +65,24 @@ def test_a_frame_that_is_overtaken_stays_in_its_place_as_a_word() -> None:
     (newest,) = inbox.take(0.0)
     assert isinstance(newest, DepthFrame)
     assert newest.sequence == 4
+
+
+def test_who_waits_is_woken_by_a_frame_and_by_several_samples() -> None:
+    """A single sample matters to the next frame only."""
+    inbox = Inbox()
+    with ThreadPoolExecutor(1) as pool:
+        for wake, count in ((lambda: inbox.put_frame(image("front", 2)), 2), (put_many(inbox), 1 + TOGETHER)):
+            inbox.put([attitude(1)])
+            waiting = pool.submit(inbox.take, 30.0)
+            assert not wait([waiting], 0.05).done
+            wake()
+            assert len(waiting.result(10.0)) == count
+    inbox.put([attitude(1)])
+    assert inbox.take(0.01) == [attitude(1)]
+
+
+def put_many(inbox: Inbox) -> Callable[[], None]:
+    return lambda: inbox.put([attitude(k) for k in range(TOGETHER)])
 
 
 def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:

@@ -92,6 +92,41 @@ def test_each_file_of_a_rotated_flight_replays_by_itself(tmp_path: Path) -> None
     assert frames >= 55
 
 
+def test_what_is_held_is_handed_over_at_the_end_and_counts_before(tmp_path: Path) -> None:
+    """While a frame is worked on the recorder's thread has nothing to do."""
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    source = flight(1.0)
+    pipeline = make_pipeline(Config(), source.cameras)
+    events = [e for e in source.events() if isinstance(e, DepthFrame)]
+    with recorder.holding():
+        recorder.begin(events[0].t_arrival_ns, pipeline.cameras, pipeline.state())
+        for event in events:
+            recorder.event(event)
+        time.sleep(0.3)  # longer than the thread waits before it looks by itself
+        assert recorder.status.queued == len(events) + 1
+        assert not recorder.status.recording
+    assert until(lambda: recorder.status.queued == 0 and recorder.status.recording)
+    recorder.close()
+    (log,) = files_of(tmp_path)
+    with McapRecording(log.path) as recording:
+        assert sum(isinstance(e, DepthFrame) for e in recording.events()) == len(events)
+
+
+def test_what_is_held_is_bounded_too(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, run_info("live"), RecordParams(queue_items=100, least_free_mb=1.0))
+    recorder.open()
+    sample = AttitudeSample(1, 1, (1.0, 0.0, 0.0, 0.0), None)
+    with recorder.holding():
+        recorder.begin(1, (), Pipeline((), lambda info: pytest.fail("no camera")).state())
+        for _ in range(150):
+            recorder.event(sample)
+        assert recorder.status.queued == 100
+        assert recorder.status.dropped == 51
+        assert recorder.wants_begin
+    recorder.close()
+
+
 def test_after_a_drop_everything_waits_for_a_new_file(tmp_path: Path) -> None:
     """A queue that is full: no attitude that the next frames rest on may be missing in silence."""
     params = RecordParams(file_mb=1.0, queue_items=100, queue_mb=4.0, least_free_mb=1.0)

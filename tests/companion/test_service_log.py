@@ -123,7 +123,7 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     inbox, held = Inbox(), threading.Event()
     said: list[int] = []
 
-    def publish(result: PrismsResult) -> None:
+    def publish(result: PrismsResult, prisms: bytes) -> None:
         said.append(result.sequence)
         if len(said) == 3:
             assert held.wait(30.0)
