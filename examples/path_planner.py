@@ -1,0 +1,187 @@
+"""Paths through what the companion sees: RRT, RRT-Connect and PRM of OMPL, asking core.queries what may be flown through.
+
+Occupied is never entered. Unknown is a policy: avoided, or allowed at a price. Needs the extra `planner` (ompl).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from ompl import base, geometric, util
+
+from core.queries import Answer, Space
+
+Floats = NDArray[np.float64]
+PLANNERS = {"rrt": geometric.RRT, "rrt-connect": geometric.RRTConnect, "prm": geometric.PRM}
+BLOCKED = np.inf
+SECONDS_OF_A_QUESTION = 0.001
+
+
+class Unknown(StrEnum):
+    """What to do about places that no camera saw."""
+
+    AVOID = "avoid"
+    ALLOW = "allow"
+
+
+class NoPath(Exception):
+    """There is none, or none was found; the message says which and what to do."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Room:
+    """Where a vehicle may fly.
+
+    space: what was seen, in any frame. radius_m: of the vehicle, rotors and the controller's room included.
+    unknown_price: a metre through unknown costs as much as so many more metres through free. start: (3,) where the
+    vehicle is; been_m: so far around it its middle may move unseen, because it came from there (no camera sees the room
+    close before it): what is seen to be occupied stays so there too."""
+
+    space: Space
+    radius_m: float
+    start: Floats
+    been_m: float = 0.0
+    unknown: Unknown = Unknown.AVOID
+    unknown_price: float = 4.0
+
+    def price(self, a: ArrayLike, b: ArrayLike) -> Floats:
+        """(M,) what it costs to fly from a (M, 3) to b (M, 3) along straight lines: metres, more through unknown; BLOCKED
+        where it may not be flown."""
+        a, b = np.atleast_2d(np.asarray(a, float)), np.atleast_2d(np.asarray(b, float))
+        length = np.linalg.norm(b - a, axis=1)
+        price = length.copy()
+        answers = self.space.segments(a, b, self.radius_m)
+        price[answers == Answer.OCCUPIED] = BLOCKED
+        for i in np.flatnonzero(answers == Answer.UNKNOWN):
+            unseen = self._unseen(a[i], b[i])
+            if unseen and self.unknown is Unknown.AVOID:
+                price[i] = BLOCKED
+            else:
+                price[i] += self.unknown_price * sum(float(np.linalg.norm(q - p)) for p, q in unseen)
+        return price
+
+    def _unseen(self, a: Floats, b: Floats) -> list[tuple[Floats, Floats]]:
+        """The pieces of a way that are not free, outside of the ball around the start; a place is a way of no length."""
+        pieces = outside(a, b, self.start, self.been_m)
+        if self.unknown is Unknown.ALLOW:  # only the price needs to know how much of it
+            pieces = [short for p, q in pieces for short in cut(p, q, 0.5)]
+        if not pieces:
+            return []
+        begin, end = (np.array(ends) for ends in zip(*pieces, strict=True))
+        free = self.space.segments(begin, end, self.radius_m) == Answer.FREE
+        return [piece for piece, seen in zip(pieces, free, strict=True) if not seen]
+
+
+def outside(a: Floats, b: Floats, centre: Floats, radius_m: float) -> list[tuple[Floats, Floats]]:
+    """The pieces of a way that lie outside of a ball: none, one or two."""
+    along, beside = b - a, a - centre
+    aa, ab, bb = float(along @ along), float(along @ beside), float(beside @ beside) - radius_m**2
+    if aa == 0.0:
+        return [] if bb <= 0.0 and radius_m > 0.0 else [(a, b)]
+    inner = ab * ab - aa * bb
+    if radius_m <= 0.0 or inner <= 0.0:
+        return [(a, b)]
+    enter, leave = (-ab - math.sqrt(inner)) / aa, (-ab + math.sqrt(inner)) / aa
+    pieces = []
+    if enter >= 1.0 or leave <= 0.0:
+        return [(a, b)]
+    if enter > 0.0:
+        pieces.append((a, a + enter * along))
+    if leave < 1.0:
+        pieces.append((a + leave * along, b))
+    return pieces
+
+
+def cut(a: Floats, b: Floats, longest_m: float) -> list[tuple[Floats, Floats]]:
+    """A way in equal pieces, none longer than that."""
+    count = max(1, math.ceil(float(np.linalg.norm(b - a)) / longest_m))
+    points = a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a)
+    return list(pairwise(points))
+
+
+class _Flyable(base.MotionValidator):
+    """Asks the room about each straight piece; OMPL's own would ask about points along it."""
+
+    def __init__(self, information: base.SpaceInformation, room: Room) -> None:
+        super().__init__(information)
+        self.room, self.asked = room, 0
+
+    def checkMotion(self, a: base.State, b: base.State, *_: object) -> bool:
+        self.asked += 1
+        return bool(self.room.price(point(a), point(b))[0] < BLOCKED)
+
+
+def point(state: base.State) -> Floats:
+    """(3,) of a state."""
+    return np.array([state[0], state[1], state[2]])
+
+
+def plan(
+    room: Room,
+    goal: ArrayLike,
+    bounds_m: ArrayLike,
+    *,
+    planner: str = "rrt-connect",
+    tries: int = 10,
+    questions: int = 1000,
+) -> Floats:
+    """(K, 3) corners of a path from room.start to the goal, within bounds (2, 3): of some tries the cheapest one,
+    shortened and smoothed. Every piece of it was asked about again at the end. questions: of each try, before it gives
+    up. Raises NoPath."""
+    goal = np.asarray(goal, float)
+    for name, place in (("start", room.start), ("goal", goal)):
+        if not room.price(place, place)[0] < BLOCKED:
+            answer = Answer(int(room.space.points(place, room.radius_m)[0])).name.lower()
+            raise NoPath(
+                f"the {name} {np.round(place, 2).tolist()} is {answer} for a radius of {room.radius_m:g} m: choose another"
+            )
+    util.setLogLevel(util.LogLevel.LOG_ERROR)
+    best, least = None, BLOCKED
+    for _ in range(tries):
+        path = _one(room, goal, np.asarray(bounds_m, float), planner, questions)
+        if path is not None and (price := float(room.price(path[:-1], path[1:]).sum())) < least:
+            best, least = path, price
+    if best is None:
+        raise NoPath(
+            f"{planner}: no path to {np.round(goal, 2).tolist()} in {tries} tries of {questions} questions: there is none through "
+            "what was seen, or it is narrow; look from elsewhere, or allow more"
+        )
+    return best
+
+
+def _one(room: Room, goal: Floats, bounds_m: Floats, planner: str, questions: int) -> Floats | None:
+    space = base.RealVectorStateSpace(3)
+    bounds = base.RealVectorBounds(3)
+    for axis in range(3):
+        bounds.setLow(axis, float(bounds_m[0, axis]))
+        bounds.setHigh(axis, float(bounds_m[1, axis]))
+    space.setBounds(bounds)
+    setup = geometric.SimpleSetup(space)
+    information = setup.getSpaceInformation()
+    ways = _Flyable(information, room)
+    information.setMotionValidator(ways)
+    # quick, and enough: whether an unknown place may be entered is for the ways to judge
+    occupied = Answer.OCCUPIED
+    setup.setStateValidityChecker(lambda state: bool(room.space.points(point(state), room.radius_m)[0] != occupied))
+    begin, end = space.allocState(), space.allocState()
+    for axis in range(3):
+        begin[axis], end[axis] = float(room.start[axis]), float(goal[axis])
+    setup.setStartAndGoalStates(begin, end)
+    setup.setPlanner(PLANNERS[planner](information))
+    if planner == "prm":  # its second thread asks the condition too, and would wait for ever for a Python one
+        setup.solve(questions * SECONDS_OF_A_QUESTION)
+    else:
+        setup.solve(base.PlannerTerminationCondition(lambda: ways.asked > questions))
+    if not setup.haveExactSolutionPath():
+        return None
+    path = setup.getSolutionPath()
+    simplify = geometric.PathSimplifier(information)
+    simplify.reduceVertices(path, 100, 100)
+    simplify.partialShortcutPath(path, 100, 100)
+    simplify.smoothBSpline(path, 3)
+    return np.array([point(state) for state in path.getStates()])
