@@ -1,0 +1,187 @@
+"""The merged world: what all frames of a flight say together.
+
+Planes and free space in ned, as the autopilot's estimate has it. Where that estimate jumps, a new section begins; the one
+before is kept apart, for it cannot be told where it lies now. Without a position there is no such frame: then the world is
+the newest frame and a short memory (world_level.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .types import FrameModel
+from .world_free import BLOCKS, GONE, LAST, NOW, TURN, FreeTables, empty_free, see_free, seen_blocks
+from .world_index import (
+    CHANGED,
+    CLEARED,
+    DROPPED,
+    FLAGS,
+    FRAME,
+    HITS,
+    JOINED,
+    LIVE,
+    MARGIN,
+    OVERFLOW,
+    USED,
+    Tables,
+    empty_tables,
+)
+from .world_params import WorldParams
+from .world_picture import WorldPicture
+from .world_update import looks_of, rules_of, see
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sight:
+    """What one frame says, in ned, and from where. place_m: of the camera; reset_counter: of the position's estimate.
+
+    Raises ValueError for a place that is no number."""
+
+    model: FrameModel
+    place_m: tuple[float, float, float]
+    t_ns: int
+    reset_counter: int = 0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(c) for c in self.place_m):
+            raise ValueError(f"world: the place of the camera at {self.t_ns} ns is not finite: {self.place_m}")
+
+
+@dataclass(slots=True, kw_only=True)
+class Section:
+    """What was seen between two jumps: its planes, its free space. number: of the sections of this world."""
+
+    number: int
+    tables: Tables
+    free: FreeTables
+    begun_ns: int
+    reset_counter: int
+    newest_ns: int
+    place_m: tuple[float, float, float]
+
+    @property
+    def planes(self) -> int:
+        """How many planes it holds."""
+        return int(self.tables[7][LIVE])
+
+
+@dataclass(slots=True)
+class WorldCounts:
+    """What happened. blind: frames that said nothing; bad_planes: planes with numbers that are none, or no length."""
+
+    frames: int = 0
+    blind: int = 0
+    bad_planes: int = 0
+    sections: int = 0
+    sections_dropped: int = 0
+    why: dict[str, int] = field(default_factory=dict)
+
+
+class World:
+    """Frames in, one model out. The same frames in the same order make the same world, bit for bit."""
+
+    def __init__(self, params: WorldParams | None = None) -> None:
+        self.params = params or WorldParams()
+        self._rules = rules_of(self.params)
+        self.section: Section | None = None
+        self.past: deque[Section] = deque()
+        self.counts = WorldCounts()
+        self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
+
+    def add(self, sight: Sight) -> None:
+        """Takes one frame in. One that says nothing changes nothing, but that time goes on."""
+        self.counts.frames += 1
+        if not sight.model.valid:
+            self.counts.blind += 1
+            return
+        section = self._section_for(sight)
+        tables, free = section.tables, section.free
+        tables[7][FRAME] += 1
+        free[3][TURN] += 1
+        # of several cameras one may be a little behind: an epoch never goes back
+        free[3][NOW] = max(int(free[3][NOW]), sight.t_ns // self._epoch_ns)
+        looks = looks_of(sight.model, sight.place_m, self.params)
+        self.counts.bad_planes += len(sight.model.planes) - len(looks)
+        profile, (x, y, _) = sight.model.free, sight.place_m
+        edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
+        if bool(np.isfinite(edges).all() and np.isfinite(layers).all()) and not np.isnan(profile.free_to_m).any():
+            see_free(free, x, y, edges, layers, profile.free_from_m, profile.free_to_m)
+        see(
+            tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers,
+            profile.free_from_m, profile.free_to_m, profile.end,
+        )  # fmt: skip
+        section.newest_ns = max(section.newest_ns, sight.t_ns)
+        section.place_m = sight.place_m
+
+    def picture(self, now_ns: int) -> WorldPicture:
+        """What is known now, to be asked and drawn. now_ns: free space that is too old by then is left out."""
+        if self.section is None:
+            return WorldPicture.empty()
+        box, _, floats, ints, seen_ns, _, _, state = self.section.tables
+        slots = np.flatnonzero(ints[: int(state[USED]), HITS] > 0).astype(np.int32)
+        blocks, masks = seen_blocks(self.section.free, max(now_ns, self.section.newest_ns) // self._epoch_ns)
+        return WorldPicture(
+            section=self.section.number, slots=slots, planes=box[slots], margin_m=floats[slots, MARGIN],
+            flags=ints[slots, FLAGS].astype(np.uint8), hits=ints[slots, HITS], seen_ns=seen_ns[slots],
+            blocks=blocks, masks=masks,
+        )  # fmt: skip
+
+    def changed(self, since_frame: int) -> tuple[int, np.ndarray]:
+        """(number of the newest frame, slots that changed after frame `since_frame` of this section)."""
+        if self.section is None:
+            return 0, np.zeros(0, np.int32)
+        ints, state = self.section.tables[3], self.section.tables[7]
+        return int(state[FRAME]), np.flatnonzero(ints[: int(state[USED]), CHANGED] > since_frame).astype(np.int32)
+
+    def numbers(self) -> dict[str, int]:
+        """Counts for the log and the health report."""
+        found = {
+            "frames": self.counts.frames, "blind": self.counts.blind, "bad_planes": self.counts.bad_planes,
+            "sections": self.counts.sections, "sections_dropped": self.counts.sections_dropped,
+        }  # fmt: skip
+        if self.section is not None:
+            state, free = self.section.tables[7], self.section.free[3]
+            found |= {
+                "planes": int(state[LIVE]), "dropped": int(state[DROPPED]), "cleared": int(state[CLEARED]),
+                "joined": int(state[JOINED]), "overflow": int(state[OVERFLOW]), "free_blocks": int(free[BLOCKS]),
+                "free_blocks_dropped": int(free[GONE]),
+            }  # fmt: skip
+        return found
+
+    def _section_for(self, sight: Sight) -> Section:
+        why = "first" if self.section is None else self._jump(self.section, sight)
+        if self.section is not None and not why:
+            return self.section
+        if self.section is not None:
+            self.past.append(self.section)
+            while len(self.past) > self.params.most_sections:
+                self.past.popleft()
+                self.counts.sections_dropped += 1
+        self.counts.sections += 1
+        self.counts.why[why] = self.counts.why.get(why, 0) + 1
+        self.section = Section(
+            number=self.counts.sections, tables=empty_tables(self.params.most_planes),
+            free=empty_free(self.params.most_free_blocks), begun_ns=sight.t_ns, reset_counter=sight.reset_counter,
+            newest_ns=sight.t_ns, place_m=sight.place_m,
+        )  # fmt: skip
+        self.section.free[3][LAST] = self.section.number
+        return self.section
+
+    def _jump(self, section: Section, sight: Sight) -> str:
+        """Why a frame cannot stand in the section, in words; empty: it can."""
+        p, dt_s = self.params, (sight.t_ns - section.newest_ns) / NS
+        if sight.reset_counter != section.reset_counter:
+            return "the estimate of the position was reset"
+        if dt_s < -p.restart_s:
+            return "the clock went back"
+        if dt_s > p.jump_gap_s:
+            return "there was no position for too long"
+        if math.dist(sight.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
+            return "the position stepped"
+        return ""

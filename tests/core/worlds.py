@@ -1,0 +1,113 @@
+"""Made-up flights past walls, for tests of the merged world: what a camera sees of upright rectangles, in ned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from core.model import blind_model
+from core.params import Params
+from core.types import CameraInfo, FreeEnd, FreeProfile, Intrinsics, InvalidCause
+from core.world import Sight
+
+INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5))
+NS = 1_000_000_000
+RANGE_M = 20.0
+LAYERS = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
+DIRECTIONS = 36
+
+
+def seen(
+    walls: np.ndarray, at: tuple[float, float], heading: float, t_ns: int, *, noise: np.random.Generator | None = None,
+    sigma_m: float = 0.03, reset_counter: int = 0, z: float = 0.0, ke: float = 0.001, flags: int = 0, view_deg: float = 80.0,
+) -> Sight:  # fmt: skip
+    """What a camera at (x, y, z) sees of walls (N, 6): ax, ay, bx, by, top, bottom; free space on the right of a -> b.
+
+    A profile of three layers of 2 m; walls taller than those block them. Each wall's visible part is one plane."""
+    half = math.radians(view_deg / 2)
+    edges = np.linspace(heading - half, heading + half, DIRECTIONS + 1)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    reach = np.full(DIRECTIONS, RANGE_M)
+    planes = []
+    hit = np.array([[_ray(at, a, w) for w in walls] for a in middle]).reshape(DIRECTIONS, len(walls))
+    for k, wall in enumerate(walls):
+        mine = np.isfinite(hit[:, k]) & (hit[:, k] < RANGE_M) & (hit[:, k] <= hit.min(axis=1) + 1e-9)
+        for run in _runs(mine):
+            ends = [_on(at, edges[run[0]], wall), _on(at, edges[run[-1] + 1], wall)]
+            planes.append([*ends[0], *ends[1], wall[4], wall[5]])
+    for d in range(DIRECTIONS):
+        near = min((_least(at, edges[d], edges[d + 1], w) for w in walls), default=math.inf)
+        reach[d] = min(reach[d], max(0.0, near))
+    if noise is not None and planes:
+        shift = noise.normal(0.0, sigma_m, (len(planes), 2))
+        planes = [
+            [p[0] + s[0], p[1] + s[1], p[2] + s[0], p[3] + s[1], p[4], p[5]] for p, s in zip(planes, shift, strict=True)
+        ]
+    n = len(planes)
+    end = np.where(reach < RANGE_M, int(FreeEnd.OBSTACLE), int(FreeEnd.MAX_RANGE)).astype(np.uint8)
+    profile = FreeProfile(
+        azimuth_edges_rad=edges.astype(np.float32), layer_edges_m=LAYERS + np.float32(z),
+        free_from_m=np.full((DIRECTIONS, 3), 0.5, np.float32),
+        free_to_m=np.repeat((reach - 0.05)[:, None], 3, axis=1).astype(np.float32), end=np.repeat(end[:, None], 3, axis=1),
+    )  # fmt: skip
+    model = replace(
+        blind_model(INFO, InvalidCause.NONE, Params()), valid=True,
+        planes=np.array(planes, np.float32).reshape(-1, 6), support_px=np.full(n, 50, np.int32),
+        margin_m=np.full(n, 0.05, np.float32), flags=np.full(n, flags, np.uint8), cluster=np.zeros(n, np.int32),
+        free=profile, ke_per_m=ke,
+    )  # fmt: skip
+    return Sight(model=model, place_m=(at[0], at[1], z), t_ns=t_ns, reset_counter=reset_counter)
+
+
+def blind(t_ns: int) -> Sight:
+    """A frame that says nothing."""
+    return Sight(model=blind_model(INFO, InvalidCause.NO_MEASUREMENT, Params()), place_m=(0.0, 0.0, 0.0), t_ns=t_ns)
+
+
+def wall(ax: float, ay: float, bx: float, by: float, top: float = -4.0, bottom: float = 4.0) -> list[float]:
+    return [ax, ay, bx, by, top, bottom]
+
+
+def house(x: float, y: float, side: float = 6.0) -> np.ndarray:
+    """Four walls, free space outside."""
+    h = side / 2
+    corner = [(x - h, y - h), (x - h, y + h), (x + h, y + h), (x + h, y - h)]
+    return np.array([wall(*corner[k], *corner[(k + 1) % 4]) for k in range(4)])
+
+
+def _ray(at: tuple[float, float], azimuth: float, w: np.ndarray) -> float:
+    """Distance along a ray at which it meets the free side of a wall, inf: never."""
+    dx, dy = math.cos(azimuth), math.sin(azimuth)
+    ex, ey = w[2] - w[0], w[3] - w[1]
+    cross = dx * ey - dy * ex
+    if cross <= 1e-12:  # it comes from behind, or runs along
+        return math.inf
+    fx, fy = w[0] - at[0], w[1] - at[1]
+    r, s = (fx * ey - fy * ex) / cross, (fx * dy - fy * dx) / cross
+    return r if r > 0 and 0.0 <= s <= 1.0 else math.inf
+
+
+def _on(at: tuple[float, float], azimuth: float, w: np.ndarray) -> tuple[float, float]:
+    """Where a ray meets the line of a wall, kept between its ends."""
+    dx, dy = math.cos(azimuth), math.sin(azimuth)
+    ex, ey = w[2] - w[0], w[3] - w[1]
+    cross = dx * ey - dy * ex
+    s = ((w[0] - at[0]) * dy - (w[1] - at[1]) * dx) / cross if abs(cross) > 1e-9 else 0.0
+    s = min(1.0, max(0.0, s))
+    return w[0] + s * ex, w[1] + s * ey
+
+
+def _least(at: tuple[float, float], low: float, high: float, w: np.ndarray) -> float:
+    """Least distance of a wall, from either side, within a direction."""
+    found = math.inf
+    for azimuth in np.linspace(low, high, 9):
+        for turned in (w, np.array([w[2], w[3], w[0], w[1], w[4], w[5]])):
+            found = min(found, _ray(at, azimuth, turned))
+    return found
+
+
+def _runs(on: np.ndarray) -> list[np.ndarray]:
+    k = np.flatnonzero(on)
+    return [r for r in np.split(k, np.flatnonzero(np.diff(k) > 1) + 1) if len(r)]
