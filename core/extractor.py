@@ -33,6 +33,7 @@ from .params import Params
 from .prisms import layered_prisms
 from .scratch import Scratch
 from .settings import float_settings, int_settings
+from .standouts import split_standouts
 from .types import (
     CameraInfo,
     ExtractorState,
@@ -271,6 +272,14 @@ class Extractor:
         pl.measure_planes(
             *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
         )
+        grown_to = split_standouts(
+            ints, floats, n, view, count, grown, plane_of, planes, plane_ints, moments, p, self._buffer
+        )
+        if grown_to > count:
+            count = grown_to
+            pl.measure_planes(
+                *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
+            )
         pl.shift_to_near_side(count, planes, p.min_plane_distance_m)
         refine.meet_neighbours(
             count, planes, plane_ints, p.meet_share * p.passable_width_m, p.meet_columns * column_t, p.meet_slack_m,

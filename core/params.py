@@ -274,6 +274,23 @@ class Params:
         "sigma",
         "the near edge of a rough strip lies no farther than this behind the strip's own distance",
     )
+    stand_out_share: float = _number(
+        0.02,
+        0.0,
+        1.0,
+        "",
+        "of a plane's support, the most that stands out by more and becomes planes of its own instead",
+    )
+    stand_out_m: float = _number(
+        0.15, 0.0, 2.0, "m", "where that spares it at least so much of a shift towards the camera"
+    )
+    stand_out_spreads: float = _number(
+        2.0,
+        0.0,
+        10.0,
+        "",
+        "and at least this many times the spread of its strips about it: leaves scatter, walls do not",
+    )
     min_plane_distance_m: float = _number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
     footprint_px: float = _number(
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"

@@ -78,26 +78,45 @@ def measure_planes(
             plane_ints[k, P_LAST_U] = ints[i, U]
         plane_ints[k, P_KIND] = max(plane_ints[k, P_KIND], ints[i, KIND])
         plane_ints[k, P_CLUSTER] = ints[i, CLUSTER]
-        # the near edge along the ray, and its distance to the plane; that of a rough strip lies no farther than
-        # near_sigmas of its noise behind the strip itself, whatever its neighbours say
-        near = floats[i, NEAR]
-        if ints[i, KIND] != SMOOTH:
-            near = max(near, floats[i, D] - near_sigmas * floats[i, SIGMA])
-        ray = (x - f / near) * math.sqrt(1.0 + t * t)
-        cosine = incidence_cosine(planes[k, A], planes[k, B], t)
-        planes[k, FRONT] = max(planes[k, FRONT], max(ray * cosine - safe_m, (ray - along_m) * cosine))
+        planes[k, FRONT] = max(
+            planes[k, FRONT],
+            near_excess_m(
+                x, t, floats[i, D], floats[i, NEAR], floats[i, SIGMA], ints[i, KIND], planes[k, A], planes[k, B], f, safe_m,
+                along_m, near_sigmas,
+            ),
+        )  # fmt: skip
+
+
+@inner
+def near_excess_m(x, t, d, near, sigma, kind, a, b, f, safe_m, along_m, near_sigmas):
+    """How far the near edge of a strip stands out in front of its plane a, b, at x along its tangent t, beyond safe_m:
+    perpendicular to the plane, and at least what keeps along_m along the ray.
+
+    d, near, sigma: disparities of the strip. The edge of a rough one lies no farther than near_sigmas of its noise behind the
+    strip itself, whatever its neighbours say."""
+    if kind != SMOOTH:
+        near = max(near, d - near_sigmas * sigma)
+    ray = (x - f / near) * math.sqrt(1.0 + t * t)
+    cosine = incidence_cosine(a, b, t)
+    return max(ray * cosine - safe_m, (ray - along_m) * cosine)
 
 
 @inner
 def shift_to_near_side(count, planes, least_m):
     """Moves each plane towards the camera by FRONT where that is positive, but to no nearer than least_m; FRONT becomes 0
-    there."""
+    there.
+
+    Tops below the camera and bottoms above it come along on their rays, so that none of what the plane stopped passes."""
     for k in range(count):
         if planes[k, FRONT] > 0.0:
             c = 1.0 / math.hypot(planes[k, A], planes[k, B])
             scale = c / max(least_m, c - planes[k, FRONT])
             planes[k, A] *= scale
             planes[k, B] *= scale
+            planes[k, Z0], planes[k, Z1] = (
+                min(planes[k, Z0], planes[k, Z0] / scale),
+                max(planes[k, Z1], planes[k, Z1] / scale),
+            )
             planes[k, FRONT] = 0.0
 
 

@@ -185,7 +185,7 @@ def mark_cuts(ints, n, H, cols, rows, si):
 def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
     """Near edge as the median over three columns of touching strips, so that one column alone moves no plane.
 
-    Strips in order of `sort_columns`. lowest: (N,) int32, raw: (N,) float32, both scratch. A strip without both
+    No edge comes nearer by it: what stands beside a strip is other strips' edge, and moves their plane. Strips in order of `sort_columns`. lowest: (N,) int32, raw: (N,) float32, both scratch. A strip without both
     neighbours keeps its own. Thin things keep theirs: a neighbour farther off than smooth_relative of the disparity and
     smooth_sigmas of SIGMA is another thing."""
     index_columns(ints, n, cols, first_of_column)
@@ -199,7 +199,7 @@ def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
             right, b = _touching(ints, floats, i, fs, b, first_of_column[u + 2], lowest)
             if left >= 0 and right >= 0:
                 x, y, z = raw[left], raw[i], raw[right]
-                floats[i, NEAR] = max(min(x, y), min(max(x, y), z))
+                floats[i, NEAR] = min(y, max(min(x, y), min(max(x, y), z)))
 
 
 @inner

@@ -275,6 +275,36 @@ def uncovered_share(rect, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, f
     return len(empty) / max(1, len(inside))
 
 
+# ---- standouts --------------------------------------------------------------------------------------------------
+
+
+def least_excess(strips, share, spared_m, spreads, spread_m):
+    """Excess from which strips, (excess, support) each, leave their plane: the least step of 5 cm that few enough reach."""
+    everything = sum(support for _, support in strips)
+    fits = [
+        step
+        for step in range(32)
+        if sum(support for excess, support in strips if excess > 0 and excess >= 0.05 * step) <= share * everything
+    ]
+    worth = fits and max(e for e, _ in strips) - 0.05 * fits[0] >= max(spared_m, spreads * spread_m)
+    return 0.05 * fits[0] if worth else math.inf
+
+
+def runs(strips, link, meets):
+    """Groups of indices of strips (u, top, bottom, plane) that leave: each goes on with the latest group out of its own
+    plane whose last one it touches within link columns and `meets`."""
+    groups = []
+    for i, (u, top, bottom, plane) in enumerate(strips):
+        for group in reversed(groups):
+            v, a, b, q = strips[group[-1]]
+            if q == plane and u - v <= link and top <= b + 1 and a <= bottom + 1 and meets(i, group[-1]):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
 # ---- free space -------------------------------------------------------------------------------------------------
 
 

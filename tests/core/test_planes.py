@@ -116,6 +116,20 @@ def test_a_plane_in_place_is_not_moved() -> None:
     assert pl.distance_at(planes[0], 0.1) == pytest.approx(4.6)
 
 
+@pytest.mark.parametrize(("top", "bottom"), [(0.4, 1.8), (-2.0, -0.5), (-1.0, 1.0)])
+def test_a_plane_that_comes_nearer_still_stops_all_its_rays(top: float, bottom: float) -> None:
+    """Seen from above, a bush that is moved nearer at the same height would let the rays to its top pass over it."""
+    planes, _, _ = plane_table((5.0, -1.0, 5.0, 1.0, top, bottom))
+    planes[0, pl.FRONT] = 1.0
+    pl.shift_to_near_side(1, planes, 0.05)
+    x = pl.distance_at(planes[0], 0.0)
+    assert x == pytest.approx(4.0)
+    assert planes[0, pl.Z0] / x <= top / 5.0 + 1e-12
+    assert planes[0, pl.Z1] / x >= bottom / 5.0 - 1e-12
+    assert planes[0, pl.Z0] <= top
+    assert planes[0, pl.Z1] >= bottom
+
+
 def test_distance_where_the_line_never_crosses_the_ray() -> None:
     planes, _, _ = plane_table((5.0, 1.0, 10.0, 1.0, -1.0, 1.0))
     assert pl.distance_at(planes[0], 0.1) == pytest.approx(10.0)

@@ -1,0 +1,149 @@
+"""What stands out in front of a plane, and is too little to be its surface, becomes a plane of its own.
+
+`shift_to_near_side` moves a whole plane in front of the nearest edge among its strips. That is right where near edges scatter,
+as those of leaves do. One leaf or stray pixel that grew into the piece of a wall would bring the whole wall to its own
+distance. So the few strips that stand out farthest leave, where that spares the rest much more of a shift than its
+strips scatter. Nothing is lost: each leaves as a strip of another plane, which is shifted to its near side as all are.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .kernels import inner
+from .level import ViewGeometry
+from .lines import SS, TS, TT, S, T, W, add_point, fit_line, misfit
+from .params import Params
+from .planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, A, B, distance_at, near_excess_m
+from .scratch import Scratch
+from .strips import BOTTOM, KIND, NEAR, SIGMA, SUPPORT, TOP, TRACK, D, U
+from .tracks import is_jump, strip_variance, tangent
+
+_STEPS, _STEP_M = 32, 0.05
+"""Not tuning: excesses are told apart in so many steps; what is over counts as the last."""
+_LOOK_BACK = 32
+"""Not tuning: new planes, the latest first, that a strip may go on with."""
+# columns of the table of new planes: the plane they leave, and their last strip
+_FROM, _LAST = range(2)
+
+
+def split_standouts(
+    ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, view: ViewGeometry, count: int, tracks: int,
+    plane_of: NDArray[np.int32], planes: NDArray[np.float64], plane_ints: NDArray[np.int32], moments: NDArray[np.float64],
+    params: Params, scratch: Scratch,
+) -> int:  # fmt: skip
+    """Number of planes, with those made of what stands out: their strips are of new tracks, from `tracks` on.
+
+    Tables as `measure_planes` left them (planes.py), with room for one more plane and track a strip; lines and ends of the
+    new planes are written, all else, and heights of the old ones, must be measured anew. plane_of: int32 plane of a track."""
+    p = params
+    excess = scratch("excess", (len(ints),), np.float32)
+    above = scratch("excess_above", (len(planes), _STEPS), np.float64)
+    least = scratch("least_excess", (len(planes),), np.float64)
+    measure_excess(
+        ints, floats, n, view.f_px, view.cu, view.lateral, count, plane_of, planes, p.safe_distance_m, p.safe_along_m,
+        p.rough_near_sigmas, excess, above,
+    )  # fmt: skip
+    what_leaves(count, planes, plane_ints, moments, above, p.stand_out_share, p.stand_out_m, p.stand_out_spreads, least)
+    return int(
+        leave(
+            ints, floats, n, view.f_px, view.cu, view.lateral, count, tracks, plane_of, planes, plane_ints, moments,
+            excess, least, p.track_jump, p.track_jump_sigmas, p.link_gap_px, 1.0 / (p.link_slope_px * p.link_slope_px),
+            p.roughness_m, (0.5 + p.footprint_px) * float(view.lateral[0]) / view.f_px,
+            scratch("standouts", (len(planes), 2), np.int32),
+        )
+    )  # fmt: skip
+
+
+@inner
+def measure_excess(
+    ints, floats, n, f, cu, lateral, count, plane_of, planes, safe_m, along_m, near_sigmas, excess, above
+):  # fmt: skip
+    """excess (n,) float32 out: `near_excess_m` of each strip over its plane. above (count, _STEPS) float64 out: support of
+    the strips of a plane by the step of their excess; what has none counts nowhere."""
+    above[:count] = 0.0
+    for i in range(n):
+        if ints[i, SUPPORT] == 0:
+            excess[i] = -1.0
+            continue
+        k = plane_of[ints[i, TRACK]]
+        t = tangent(ints, i, cu, f, lateral)
+        excess[i] = near_excess_m(
+            distance_at(planes[k], t), t, floats[i, D], floats[i, NEAR], floats[i, SIGMA], ints[i, KIND], planes[k, A],
+            planes[k, B], f, safe_m, along_m, near_sigmas,
+        )  # fmt: skip
+        if excess[i] > 0.0:
+            above[k, min(int(excess[i] / _STEP_M), _STEPS - 1)] += ints[i, SUPPORT]
+
+
+@inner
+def what_leaves(count, planes, plane_ints, moments, above, share, spared_m, spreads, least):
+    """least (count,) float64 out: excess from which strips leave their plane, infinite where none does.
+
+    They hold at most `share` of its support, and the rest is spared a shift by spared_m and by `spreads` times how far
+    its strips lie from its line, root mean square."""
+    for k in range(count):
+        least[k] = math.inf
+        if planes[k, FRONT] <= spared_m:
+            continue
+        first, held = _STEPS, 0.0
+        for back in range(_STEPS):
+            held += above[k, _STEPS - 1 - back]
+            if held > share * plane_ints[k, P_SUPPORT]:
+                break
+            first = _STEPS - 1 - back
+        w, s = moments[k, W], moments[k, S]
+        square = misfit(w, moments[k, T], s, moments[k, TT], moments[k, TS], moments[k, SS], planes[k, A], planes[k, B])
+        spread_m = math.sqrt(square) * (w / s) * (w / s)
+        if planes[k, FRONT] - first * _STEP_M >= max(spared_m, spreads * spread_m):
+            least[k] = first * _STEP_M
+
+
+@inner
+def leave(
+    ints, floats, n, f, cu, lateral, count, tracks, plane_of, planes, plane_ints, moments, excess, least, jump,
+    jump_sigmas, link, slope_weight, rough_m, half_column_t, new,
+):  # fmt: skip
+    """Makes planes of the strips whose excess is at least that of their plane; returns the number of all.
+
+    A strip goes on with the latest new plane out of its own that it touches in rows and meets in depth (`is_jump`), at
+    most `link` columns on. new: (N, 2) int32 scratch. The rest: see split_standouts."""
+    alive = count
+    for i in range(n):
+        if excess[i] <= 0.0:
+            continue
+        k = plane_of[ints[i, TRACK]]
+        if excess[i] < least[k]:
+            continue
+        at = -1
+        for back in range(min(_LOOK_BACK, alive - count)):
+            q = alive - 1 - back
+            last = new[q, _LAST]
+            if new[q, _FROM] != k or ints[i, U] - ints[last, U] > link:
+                continue
+            if ints[i, TOP] > ints[last, BOTTOM] + 1 or ints[last, TOP] > ints[i, BOTTOM] + 1:
+                continue
+            if not is_jump(floats[i, D], floats[last, D], floats[i, SIGMA], floats[last, SIGMA], jump, jump_sigmas):
+                at = q
+                break
+        t = tangent(ints, i, cu, f, lateral)
+        if at < 0:
+            at = alive
+            alive += 1
+            new[at, _FROM] = k
+            plane_of[tracks + at - count] = at
+            plane_ints[at, P_INFERRED] = 0
+            for m in range(6):
+                moments[at, m] = 0.0
+            planes[at, T0], planes[at, T1] = t - half_column_t, t + half_column_t
+        new[at, _LAST] = i
+        planes[at, T0], planes[at, T1] = min(planes[at, T0], t - half_column_t), max(planes[at, T1], t + half_column_t)
+        add_point(moments[at], t, floats[i, D] / f, 1.0 / strip_variance(floats[i, D], floats[i, SIGMA], f, rough_m))
+        ints[i, TRACK] = tracks + at - count
+    for k in range(count, alive):
+        a, b, _, _ = fit_line(moments[k], slope_weight)
+        planes[k, A], planes[k, B] = a, b
+    return alive

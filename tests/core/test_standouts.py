@@ -1,0 +1,185 @@
+"""What stands out of a plane and is too little to shift it leaves as a plane of its own, and nothing is lost."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core import planes as pl
+from core import strips as s
+from core.params import Params
+from core.standouts import split_standouts
+from core.tracks import is_jump
+
+from . import naive
+from .columns import F
+from .tables import SCRATCH, Strips
+
+pytestmark = pytest.mark.nojit
+SEED = st.integers(0, 2**32 - 1)
+P = Params()
+
+
+class Measured:
+    """Strips as measured planes a, b: each of the plane that `plane_of_strip` says."""
+
+    def __init__(self, table: Strips, lines: list[tuple[float, float]], plane_of_strip: np.ndarray) -> None:
+        self.t, self.count, size = table, len(lines), 2 * table.n + 16
+        self.planes, self.ints = np.zeros((size, 8)), np.zeros((size, 9), np.int32)
+        self.moments, self.plane_of = np.zeros((size, 6)), np.zeros(size, np.int32)
+        self.plane_of[: self.count] = np.arange(self.count)
+        table.ints[:, s.TRACK] = plane_of_strip
+        t = (table.ints[:, s.U] - table.view.cu) / F
+        inverse = table.floats[:, s.D].astype(float) / F
+        for k, (a, b) in enumerate(lines):
+            own = plane_of_strip == k
+            self.planes[k, :4] = a, b, t[own].min() - 0.5 / F, t[own].max() + 0.5 / F
+            ones = np.ones(own.sum())
+            x, y = t[own], inverse[own]
+            self.moments[k] = [float(v.sum()) for v in (ones, x, y, x * x, x * y, y * y)]
+        self.measure()
+
+    def measure(self) -> None:
+        g = self.t.view
+        pl.measure_planes(
+            self.t.ints, self.t.floats, self.t.n, g.f_px, g.cu, g.lateral, g.tan_edge, 0.0, 0.0, P.safe_distance_m,
+            P.safe_along_m, P.rough_near_sigmas, self.count, self.plane_of, self.planes, self.ints,
+        )  # fmt: skip
+
+    def split(self, params: Params = P) -> int:
+        """Number of new planes."""
+        before = self.count
+        self.count = split_standouts(
+            self.t.ints, self.t.floats, self.t.n, self.t.view, before, before, self.plane_of, self.planes, self.ints,
+            self.moments, params, SCRATCH,
+        )  # fmt: skip
+        self.measure()
+        return self.count - before
+
+    def of_strip(self) -> np.ndarray:
+        return self.plane_of[self.t.ints[:, s.TRACK]]
+
+
+def wall(leaves: dict[int, float], x_m: float = 5.0, rows: int = 60) -> Measured:
+    """A wall square to the axis; in some columns a few rows of a leaf before it, taken for the wall's."""
+    t = Strips(cols=80)
+    for u in range(10, 70):
+        if u in leaves:
+            t.add(u, 20, 24, leaves[u], 5)
+        t.add(u, 25, 24 + rows, x_m, rows)
+    t.build()
+    return Measured(t, [(1.0 / x_m, 0.0)], np.zeros(t.n, np.int64))
+
+
+def test_a_leaf_before_a_wall_is_a_plane_of_its_own_and_leaves_the_wall_where_it_stands() -> None:
+    m = wall({30: 4.0, 31: 4.0, 32: 4.02})
+    assert m.planes[0, pl.FRONT] == pytest.approx(1.0 - 0.28, abs=0.01)
+    assert m.split() == 1
+    pl.shift_to_near_side(m.count, m.planes, 0.05)
+    assert pl.distance_at(m.planes[0], 0.0) == pytest.approx(5.0)
+    leaf = m.planes[1]
+    assert pl.distance_at(leaf, (31 - m.t.view.cu) / F) == pytest.approx(4.0, abs=0.02)
+    assert leaf[pl.T1] - leaf[pl.T0] >= 3.0 / F
+    assert m.of_strip().tolist().count(1) == 3
+    assert m.ints[1, pl.P_SUPPORT] == 15 * s.PX
+    assert m.ints[1, pl.P_INFERRED] == 0
+
+
+def test_leaves_apart_in_columns_or_in_depth_are_planes_apart() -> None:
+    assert wall({20: 4.0, 21: 4.0, 50: 4.0}).split() == 2
+    assert wall({20: 4.0, 21: 3.0}).split() == 2
+
+
+def test_what_holds_more_of_a_plane_than_a_stray_part_shifts_it() -> None:
+    """Half of a wall stands a metre out: that is no leaf, the whole plane comes forward."""
+    m = wall(dict.fromkeys(range(10, 40), 4.0), rows=20)
+    assert m.split() == 0
+    assert m.planes[0, pl.FRONT] == pytest.approx(1.0 - 0.28, abs=0.01)
+
+
+def test_a_surface_that_scatters_is_shifted_as_a_whole() -> None:
+    rng = np.random.default_rng(1)
+    t = Strips(cols=80)
+    for u in range(10, 70):
+        t.add(u, 20, 79, 5.0 + rng.uniform(-0.7, 0.7))
+    m = Measured(t.build(), [(0.2, 0.0)], np.zeros(t.n, np.int64))
+    assert m.planes[0, pl.FRONT] > 0.3
+    assert m.split() == 0
+
+
+def test_a_step_too_small_to_matter_makes_no_plane() -> None:
+    assert wall({30: 4.6}).split() == 0  # 0.12 m beyond the safe distance
+    assert wall({30: 4.5}).split() == 1
+
+
+@given(SEED)
+def test_every_near_edge_stays_within_the_safe_distance_of_its_plane(seed: int) -> None:
+    """Splitting and shifting together keep what shifting alone promises; no strip is lost or changed."""
+    rng = np.random.default_rng(seed)
+    t = Strips(cols=80)
+    for u in range(5, 75):
+        t.add(u, 20, 50, 5.0 - (rng.uniform(0.0, 3.0) if rng.random() < 0.1 else 0.0), int(rng.integers(1, 30)))
+        t.add(u, 52, 90, 6.0 - (rng.uniform(0.0, 1.0) if rng.random() < 0.5 else 0.0), int(rng.integers(1, 30)))
+    t.build()
+    before = t.floats.copy()
+    m = Measured(t, [(0.2, 0.0), (1.0 / 6.0, 0.01)], (t.ints[:, s.TOP] >= 52).astype(np.int64))
+    m.split(Params(stand_out_share=float(rng.uniform(0.0, 0.3))))
+    pl.shift_to_near_side(m.count, m.planes, 0.05)
+    np.testing.assert_array_equal(t.floats, before)
+    for row, value, k in zip(t.ints, t.floats, m.of_strip(), strict=True):
+        y_over_x = (row[s.U] - t.view.cu) / F
+        p = m.planes[k]
+        behind = pl.distance_at(p, y_over_x) - F / value[s.NEAR]
+        assert behind * math.hypot(1.0, y_over_x) <= P.safe_along_m + 1e-5
+        assert p[pl.T0] <= y_over_x <= p[pl.T1]
+        assert p[pl.Z0] <= pl.distance_at(p, y_over_x) * float(t.view.tan_edge[row[s.TOP]]) + 1e-9
+
+
+@given(SEED)
+def test_what_leaves_and_with_whom_against_trying_every_step(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = Strips(cols=60)
+    for u in range(5, 55):
+        for top in (10, 30, 50, 70)[: int(rng.integers(1, 5))]:
+            out = rng.uniform(0.0, 2.0) if rng.random() < 0.2 else 0.0
+            t.add(u, top, top + int(rng.integers(2, 21)), 5.0 - out, int(rng.integers(1, 60)))
+    t.build()
+    which = rng.integers(0, 2, t.n) if rng.random() < 0.5 else np.zeros(t.n, np.int64)
+    which[:2] = 0, which.max()
+    lines = [(0.2, 0.0), (0.21, 0.02)][: int(which.max()) + 1]
+    m = Measured(t, lines, which)
+    params = Params(stand_out_share=float(rng.uniform(0.0, 0.2)), stand_out_spreads=float(rng.uniform(0.0, 2.0)))
+    excess = np.empty(t.n)
+    for i, (row, value) in enumerate(zip(t.ints, t.floats, strict=True)):
+        y_over_x = (row[s.U] - t.view.cu) / F
+        a, b = lines[which[i]]
+        along = (1.0 / (a + b * y_over_x) - F / value[s.NEAR]) * math.hypot(1.0, y_over_x)
+        cosine = (a + b * y_over_x) / (math.hypot(a, b) * math.hypot(1.0, y_over_x))
+        excess[i] = max(along * cosine - P.safe_distance_m, (along - P.safe_along_m) * cosine)
+    leaves: list[int] = []
+    for k, (a, b) in enumerate(lines):
+        own = np.flatnonzero(which == k)
+        y_over_x = (t.ints[own, s.U] - t.view.cu) / F
+        inverse = t.floats[own, s.D].astype(float) / F
+        spread = math.sqrt(np.mean((inverse - a - b * y_over_x) ** 2)) / np.mean(inverse) ** 2
+        strips = [(excess[i], int(t.ints[i, s.SUPPORT])) for i in own]
+        least = naive.least_excess(strips, params.stand_out_share, params.stand_out_m, params.stand_out_spreads, spread)
+        leaves += [int(i) for i in own if excess[i] > 0.0 and excess[i] >= least]
+    leaves.sort()
+
+    def meets(i: int, j: int) -> bool:
+        f = t.floats[[leaves[i], leaves[j]]]
+        return not is_jump(f[0, s.D], f[1, s.D], f[0, s.SIGMA], f[1, s.SIGMA], P.track_jump, P.track_jump_sigmas)
+
+    rows = [(int(t.ints[i, s.U]), int(t.ints[i, s.TOP]), int(t.ints[i, s.BOTTOM]), int(which[i])) for i in leaves]
+    expected = [[leaves[i] for i in group] for group in naive.runs(rows, P.link_gap_px, meets)]
+    first = m.count
+    assert m.split(params) == len(expected)
+    found = m.of_strip()
+    assert [np.flatnonzero(found == first + k).tolist() for k in range(len(expected))] == expected
+    stay = np.setdiff1d(np.arange(t.n), leaves)
+    np.testing.assert_array_equal(found[stay], which[stay])
