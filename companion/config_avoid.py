@@ -22,6 +22,12 @@ class AvoidParams:
     )
     near_m: float = number(2.5, 0.5, 10.0, "m", "from here on a clear sector must have been seen; nearer is remembered")
     clear_share: float = number(0.8, 0.5, 1.0, "", "share of a sector's rays and heights seen free to call it clear")
+    seen_share: float = number(
+        0.4, 0.2, 1.0, "", "share that must be seen at this instant before what was seen free earlier completes it"
+    )
+    remember_free_s: float = number(
+        3.0, 0.0, 10.0, "s", "free space that left the view, as when leaning, counts for so long; 0: never"
+    )
     rays: int = number(3, 2, 15, "", "rays looked along in each sector, from side to side")
     slices: int = number(10, 1, 20, "", "heights looked along in the band")
     step_m: float = number(0.25, 0.05, 2.0, "m", "step along the rays")

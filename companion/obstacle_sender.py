@@ -12,20 +12,23 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from core.frames import rotation_frd_optical, rotation_from_quaternion, rotation_level_ned
 from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
 from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from .config_avoid import AvoidParams
+from .free_memory import FreeMemory
 from .obstacle_distance import clear_cm, for_reader, obstacle_distance_message
 from .obstacle_memory import Here, ObstacleMemory
 from .pipeline import PrismsResult
 from .reframe import LevelTransform, reframed
-from .sectors import PARTS, SECTORS, SectorScan, View, covered, looked_into, scan
+from .sectors import PARTS, SECTORS, Recall, SectorScan, View, covered, looked_into, scan
 from .surround import joined, step_to_level
 from .sync import AttitudeAt, PoseAt, Synchroniser, SyncParams
 
@@ -70,11 +73,13 @@ class ObstacleTeller:
         self._lock = threading.Lock()
         self._motion = Synchroniser(MOTION)
         self._newest: dict[str, PrismsResult] = {}
+        self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.bool_]] = {}
         self._last_here: Here | None = None
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
+        self._freed = FreeMemory(avoid)
         self._newest_good_ns: int | None = None
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
@@ -90,6 +95,7 @@ class ObstacleTeller:
         """A camera that was opened: where it looks."""
         looks = looked_into(info, self._avoid)
         with self._lock:
+            self._infos[info.camera] = info
             self._looks[info.camera] = looks
 
     def result(self, result: PrismsResult) -> None:
@@ -119,10 +125,16 @@ class ObstacleTeller:
         causes.update(
             {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
         )
-        views = [self._view(self._newest[c], here) for c in seeing] if here is not None else []
+        views: list[View] = []
+        recall: Recall | None = None
+        if here is not None:
+            views = [self._view(self._newest[c], here) for c in seeing]
+            for camera, view in zip(seeing, views, strict=True):
+                self._freed.see(camera, seen_ns(self._newest[camera]), view, here)
+            recall = partial(self._freed.free, views, here, now_ns)
         # without an attitude what is remembered stands where it stood when there was one
         self._last_here = here or self._last_here
-        found, recalled = scan(views, self._avoid), NOTHING_REMEMBERED
+        found, recalled = scan(views, self._avoid, recall), NOTHING_REMEMBERED
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
         return self._told(autopilot, now_ns, causes, found, recalled)
@@ -182,7 +194,13 @@ class ObstacleTeller:
             step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
         else:
             step = step_to_level(result, here.heading_rad)
-        return View(reframed(replace(result.model, prisms=()), step), joined(step, result.transform))
+        info, attitude = self._infos[result.camera], result.attitude
+        R_optical_level = None
+        if attitude is not None:
+            R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
+            R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
+        model = reframed(replace(result.model, prisms=()), step)
+        return View(model, joined(step, result.transform), info.intrinsics, R_optical_level)
 
 
 def seen_ns(result: PrismsResult) -> int:

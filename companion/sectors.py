@@ -8,7 +8,7 @@ clear, or unseen; unseen is never clear.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical
-from core.types import CameraInfo, FrameModel
+from core.types import CameraInfo, FrameModel, Intrinsics
 
 from .config_avoid import AvoidParams
 from .reframe import LevelTransform
@@ -27,6 +27,10 @@ PARTS = 5
 """Of a sector, one degree each, by which it is told whether a camera looks into all of it."""
 _EDGE_RAD = 1e-3
 """Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
+
+
+EDGE_SHARE = 0.05
+"""Of the image's width and height on each side."""
 
 
 class SectorState(IntEnum):
@@ -49,12 +53,19 @@ class SectorScan:
     azimuth_rad: NDArray[np.float64]
 
 
+Recall = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+"""Which places of level, x, y, z (N,), were seen free before and are looked at by nobody now."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from."""
+    """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
+    intrinsics, R_optical_level: where its image looks in level; None: nobody knows."""
 
     model: FrameModel
     transform: LevelTransform
+    intrinsics: Intrinsics | None = None
+    R_optical_level: NDArray[np.float64] | None = None
 
     @property
     def place_m(self) -> tuple[float, float, float]:
@@ -67,7 +78,7 @@ def centres_rad() -> NDArray[np.float64]:
     return np.arange(SECTORS, dtype=np.float64) * STEP_RAD
 
 
-def scan(views: Sequence[View], avoid: AvoidParams) -> SectorScan:
+def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None) -> SectorScan:
     """What the views say together: the nearest obstacle of any, free where any saw it free."""
     distance_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
     for view in views:
@@ -76,7 +87,7 @@ def scan(views: Sequence[View], avoid: AvoidParams) -> SectorScan:
             azimuth_rad = np.where(distance < distance_m, azimuth, azimuth_rad)
             distance_m = np.minimum(distance_m, distance)
     distance_m = np.maximum(0.0, distance_m - avoid.radius_m)
-    free_m, clear = seen_free(views, avoid)
+    free_m, clear = seen_free(views, avoid, recall)
     state = np.where(clear, SectorState.CLEAR, SectorState.UNSEEN).astype(np.uint8)
     state[distance_m < avoid.max_distance_m] = SectorState.OBSTACLE
     return SectorScan(state, distance_m, free_m, azimuth_rad)
@@ -127,12 +138,15 @@ def segment_distances(
     return distance, np.where(known, np.arctan2(y, x), centres_rad())
 
 
-def seen_free(views: Sequence[View], avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def seen_free(
+    views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(free_m, clear), each (72,): how far along each sector it was seen free, and whether that reaches the farthest
     distance told, for a share `clear_share` of the sector's rays and of the height of the band.
 
     Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
-    view calls it free; rays start at the vehicle, views at their cameras."""
+    view calls it free; rays start at the vehicle, views at their cameras. Sectors of which the views themselves see
+    seen_share are completed by what is recalled."""
     rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
     ranges = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
     x, y = np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges
@@ -143,14 +157,45 @@ def seen_free(views: Sequence[View], avoid: AvoidParams) -> tuple[NDArray[np.flo
     for view in views:
         if view.model.valid:
             free |= points_free(view, x, y, slices, along_rays=True)
-    unbroken = np.logical_and.accumulate(free, axis=2)
-    reached = unbroken.sum(axis=2)  # (slices, rays): samples seen free from near_m on
-    each = reached.reshape(len(slices), SECTORS, avoid.rays).transpose(1, 0, 2).reshape(SECTORS, -1)
+    each = _reached(free, avoid)
+    if recall is not None:
+        whole = each >= len(ranges)
+        enough = np.repeat(whole.mean(axis=1) >= avoid.seen_share, avoid.rays) & ~np.repeat(
+            whole.all(axis=1), avoid.rays
+        )
+        i, ray, k = np.nonzero(~free & enough[None, :, None])
+        free[i, ray, k] = recall(x[ray, k], y[ray, k], slices[i])
+        each = _reached(free, avoid)
     # what at least clear_share of the rays and slices reach
     each = np.sort(each, axis=1)[:, ::-1]
     common = each[:, math.ceil(avoid.clear_share * each.shape[1]) - 1]
     free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
     return free_m, common >= len(ranges)
+
+
+def _reached(free: NDArray[np.bool_], avoid: AvoidParams) -> NDArray[np.int64]:
+    """(72, slices * rays): how many samples of each ray and height are free from near_m on. free: (slices, rays, ranges)."""
+    reached = np.logical_and.accumulate(free, axis=2).sum(axis=2)
+    out: NDArray[np.int64] = reached.reshape(len(free), SECTORS, avoid.rays).transpose(1, 0, 2).reshape(SECTORS, -1)
+    return out
+
+
+def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) which places of level lie in a view's image, seen or not; all where nobody knows where it looks.
+
+    Not in its outermost EDGE_SHARE: of what only a part of a layer is in the image the profile says nothing."""
+    k = view.intrinsics
+    if k is None or view.R_optical_level is None:
+        return np.ones(len(x), bool)
+    cx, cy, cz = view.place_m
+    right, down, ahead = view.R_optical_level @ np.stack([x - cx, y - cy, z - cz])
+    safe = np.maximum(ahead, 1e-6)
+    u, v = k.fx * right / safe + k.cx, k.fy * down / safe + k.cy
+    edge_u, edge_v = EDGE_SHARE * k.width, EDGE_SHARE * k.height
+    out: NDArray[np.bool_] = (
+        (ahead > 0.0) & (u > edge_u) & (u < k.width - 1 - edge_u) & (v > edge_v) & (v < k.height - 1 - edge_v)
+    )
+    return out
 
 
 def points_free(
@@ -159,7 +204,8 @@ def points_free(
     """(len(z), *x.shape): which points of level the view's free-range profile calls free.
 
     A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
-    was seen through it there was seen through on the way, too: along_rays takes in the points on these rays."""
+    was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
+    runs, at it or behind it, through a part of any layer that was seen free."""
     profile = view.model.free
     cx, cy, cz = view.place_m
     edges = profile.azimuth_edges_rad.astype(np.float64)
@@ -168,18 +214,30 @@ def points_free(
     inside = azimuth < edges[-1]
     range_m = np.hypot(x[inside] - cx, y[inside] - cy)
     direction = np.searchsorted(edges, azimuth[inside], side="right") - 1
-    layers = profile.layer_edges_m.astype(np.float64)
-    layer = np.searchsorted(layers, z, side="right") - 1
+    layers = profile.layer_edges_m.astype(np.float64) - cz
     out = np.zeros((len(z), *x.shape), bool)
-    for row in np.unique(layer[(layer >= 0) & (layer < len(layers) - 1)]):
+    for row in np.flatnonzero((profile.free_to_m > profile.free_from_m).any(axis=0)):
         begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
-        known, past = (ends > begins) & (range_m <= ends), range_m >= begins
-        top, bottom = (layers[row] - cz) * range_m, (layers[row + 1] - cz) * range_m
-        for i in np.flatnonzero(layer == row):
-            height_m = (z[i] - cz) * begins
-            on_rays = (height_m >= top) & (height_m <= bottom) & along_rays
-            out[i][inside] = known & (past | on_rays)
+        known = ends > begins
+        for i, height_m in enumerate(z - cz):
+            if along_rays:
+                first, last = _share_of_ray(height_m, layers[row], layers[row + 1])
+                reached = np.maximum(np.maximum(begins, range_m), first * range_m) <= np.minimum(ends, last * range_m)
+            elif layers[row] <= height_m < layers[row + 1]:
+                reached = (begins <= range_m) & (range_m <= ends)
+            else:
+                continue
+            out[i][inside] |= known & reached
     return out
+
+
+def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float, float]:
+    """Between which multiples of its length the ray to a point at this height, drawn on, runs through a layer; (inf, 0) where
+    it does not. All heights count from the camera, downwards."""
+    if abs(height_m) < 1e-9:
+        return (0.0, math.inf) if top_m <= 0.0 < bottom_m else (math.inf, 0.0)
+    a, b = sorted((top_m / height_m, bottom_m / height_m))
+    return (max(0.0, a), b) if b > 0.0 else (math.inf, 0.0)
 
 
 def looked_into(info: CameraInfo, avoid: AvoidParams) -> NDArray[np.bool_]:

@@ -198,9 +198,9 @@ def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, 
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
-    """(L + 1,) float32 edges of the profile's layers in z: Hd tall, one centred on the camera."""
+    """(L + 1,) float32 edges of the profile's layers in z, one centred on the camera."""
     from_middle = np.arange(params.profile_layers + 1) - 0.5 * params.profile_layers
-    return (params.segment_height_m * from_middle).astype(np.float32)
+    return (params.profile_layer_m * from_middle).astype(np.float32)
 
 
 def nothing_known(params: Params) -> FreeProfile:

@@ -30,7 +30,7 @@ class Params:
     min_obstacle_height_m: float = _number(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
     passable_height_m: float = _number(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
     passable_width_m: float = _number(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
-    segment_height_m: float = _number(2.0, 0.2, 10.0, "m", "height of segments of irregular things, and of layers [Hd]")
+    segment_height_m: float = _number(2.0, 0.2, 10.0, "m", "height of segments of irregular things [Hd]")
     safe_distance_m: float = _number(
         0.28, 0.05, 1.0, "m", "most that a plane may lie behind the near edge of what it stands for"
     )
@@ -342,6 +342,13 @@ class Params:
     profile_join_m: float = _number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
     profile_step_deg: float = _number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
     profile_layers: int = _number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
+    profile_layer_m: float = _number(
+        2.0,
+        0.2,
+        10.0,
+        "m",
+        "height of a layer of the profile; lower ones are seen whole from nearer when the camera leans",
+    )
     profile_ring_m: float = _number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
     free_share: float = _number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
     profile_block_px: int = _number(4, 2, 64, "px", "rows that are counted together, a layer's rows rounded outwards")

@@ -4,7 +4,7 @@ vehicle that flies as the reader lets it. Time is made by the test; nothing but 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 
@@ -28,6 +28,7 @@ MARGIN_M = 2.0
 CAMERA = camera_info(160, 120)
 SENSOR = SensorModel(ke_per_m=0.0015, sky_is_far=True)
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=10.0, avoid_margin_m=MARGIN_M)
+PARAMS = Params(passable_width_m=1.0)
 BRAKE_M_S2, FASTEST_M_S = 2.0, 3.0
 
 
@@ -53,7 +54,7 @@ def tree() -> Scene:
 @dataclass
 class Flight:
     """A vehicle that wants north at 3 m/s, 1.5 m up. dies_at_m: the camera's last frame is taken there;
-    lean_rad: roll, pitch."""
+    lean_rad: roll, pitch, in flight; avoid: how the companion is set."""
 
     scene: Scene
     reader: Px4Reader | ArduPilotReader
@@ -63,12 +64,14 @@ class Flight:
     speed_m_s: float = 0.0
     now_ns: int = 100 * NS
     lean_rad: tuple[float, float] = (0.0, 0.0)
+    avoid: AvoidParams = AVOID
+    params: Params = PARAMS
     track: list[tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        extractor = Extractor(Params(passable_width_m=1.0))
+        extractor = Extractor(self.params)
         self.pipeline = Pipeline((CAMERA,), lambda info: extractor)
-        self.teller = ObstacleTeller(AVOID, ("front",), 0.3)
+        self.teller = ObstacleTeller(self.avoid, ("front",), 0.3)
         self.teller.announce(CAMERA)
         px4 = isinstance(self.reader, Px4Reader)
         self.autopilot = AutopilotNow(kind="PX4") if px4 else AutopilotNow(kind="ArduPilot", margin_m=MARGIN_M)
@@ -91,7 +94,7 @@ class Flight:
                     self._see(step // 5, position)
                 told = self.teller.decide(self.autopilot, self.now_ns)
                 if told.values is not None:
-                    self.reader.read(obstacle_distance_message(told.values, 0, AVOID), self.now_ns)
+                    self.reader.read(obstacle_distance_message(told.values, 0, self.avoid), self.now_ns)
             self._move(0.02)
             self.track.append((self.x_m, self.speed_m_s))
 
@@ -192,3 +195,49 @@ def test_a_clear_field_stops_nobody_who_leans(reader: type, pitch_deg: float, ro
     flight.lean_rad = (math.radians(roll_deg), math.radians(pitch_deg))
     flight.fly(1.0)
     assert all(vehicle.room_m(d, flight.now_ns) == math.inf for d in (-20.0, 0.0, 20.0))
+
+
+def open_field() -> Scene:
+    """Bare ground, a wall at the end."""
+    b = SceneBuilder("field")
+    b.ground()
+    b.box("horizon", 90.0, 0.0, 0.3, 200.0, 12.0)
+    return b.build()
+
+
+THIN_LAYERS = replace(PARAMS, profile_layer_m=0.5, profile_layers=13)
+
+
+@pytest.mark.parametrize("reader", [px4, coarse_px4])
+@pytest.mark.parametrize(("pitch_deg", "params"), [(-15.0, PARAMS), (-21.0, PARAMS), (-25.0, THIN_LAYERS)])
+def test_whoever_leans_into_its_flight_flies_on(reader: type, pitch_deg: float, params: Params) -> None:
+    """Leaning by 21 degrees a camera 56 degrees high looks 7 degrees above the horizon: the upper part of the near band was
+    seen free from farther away, and that counts. Without it PX4 stops in mid-flight."""
+    reached = {}
+    for remember_s in (0.0, 3.0):
+        flight = Flight(open_field(), reader(), avoid=replace(AVOID, remember_free_s=remember_s), params=params)
+        flight.fly(1.0)
+        assert flight.speed_m_s > 0.5
+        flight.lean_rad = (0.0, math.radians(pitch_deg))
+        flight.fly(4.0)
+        reached[remember_s] = (flight.speed_m_s, flight.x_m)
+    assert reached[3.0][0] > 2.5
+    assert reached[3.0][1] > 15.0
+    assert (reached[0.0][0] < 0.1) == (pitch_deg < -18.0)
+
+
+@pytest.mark.parametrize("remember_s", [0.0, 3.0])
+def test_whoever_hovers_leaning_has_never_seen_the_upper_half_and_stands(remember_s: float) -> None:
+    flight = Flight(open_field(), px4(), avoid=replace(AVOID, remember_free_s=remember_s))
+    flight.lean_rad = (0.0, math.radians(-25.0))
+    flight.fly(4.0)
+    assert flight.x_m == 5.0
+
+
+def test_what_is_remembered_free_ends_with_the_camera_and_with_time() -> None:
+    flight = Flight(open_field(), px4(), dies_at_m=9.0)
+    flight.fly(1.0)
+    flight.lean_rad = (0.0, math.radians(-18.0))
+    flight.fly(4.0)
+    assert flight.reader.room_m(0.0, flight.now_ns) == 0.0
+    assert flight.x_m < 13.0

@@ -28,6 +28,7 @@ from companion.sectors import (
     View,
     covered,
     looked_into,
+    points_free,
     scan,
     segment_distances,
 )
@@ -141,12 +142,51 @@ def test_what_was_seen_through_from_afar_on_was_seen_through_on_the_way(free_fro
     """A layer of 2 m wholly in view from 4 m on was seen 1.25 m high at 2.5 m, which is enough of the band; from 5 m on,
     1 m, which is not."""
     whole = model(free_to_m=13.0)
-    later = replace(whole, free=replace(whole.free, free_from_m=np.full((36, 3), free_from_m, np.float32)))
+    begins, ends = np.zeros((36, 3), np.float32), np.zeros((36, 3), np.float32)
+    begins[:, 1], ends[:, 1] = free_from_m, 13.0
+    later = replace(whole, free=replace(whole.free, free_from_m=begins, free_to_m=ends))
     found = scan([View(later, HERE)], AVOID)
     assert (found.state == (SectorState.CLEAR if clear else SectorState.UNSEEN)).all()
-    ended = replace(later.free, free_to_m=np.full((36, 3), free_from_m, np.float32))
+    ended = replace(later.free, free_to_m=begins)
     found = scan([View(replace(later, free=ended), HERE)], AVOID)
     assert (found.free_m == 0.0).all()  # nothing was seen free
+
+
+def test_a_ray_may_leave_by_the_layer_below() -> None:
+    """Of the middle layer all is in view from 6 m on, of the lower one from 2 m on: a camera that looks down. What lies low
+    and near is then seen through the lower one."""
+    whole = model(free_to_m=13.0)
+    begins = np.tile(np.array([20.0, 6.0, 2.0], np.float32), (36, 1))
+    later = replace(whole, free=replace(whole.free, free_from_m=begins, free_to_m=np.full((36, 3), 13.0, np.float32)))
+    free = points_free(View(later, HERE), np.array([2.5]), np.array([0.0]), np.array([-0.72, -0.3, 0.3, 0.72]), True)
+    assert free[:, 0].tolist() == [False, True, True, True]
+    blocked = replace(later.free, free_to_m=np.tile(np.array([20.0, 13.0, 2.2], np.float32), (36, 1)))
+    free = points_free(
+        View(replace(later, free=blocked), HERE), np.array([2.5]), np.array([0.0]), np.array([0.72]), True
+    )
+    assert not free.any()  # the lower layer ends before the ray comes to it
+
+
+@given(
+    st.floats(1.0, 12.0), st.floats(-0.8, 0.8), st.floats(0.5, 8.0), st.floats(0.5, 13.0), st.sampled_from([0, 1, 2])
+)
+def test_seen_through_against_walking_along_the_ray(
+    range_m: float, height_m: float, begins_m: float, ends_m: float, row: int
+) -> None:
+    whole = model(free_to_m=13.0)
+    begins, ends = np.zeros((36, 3), np.float32), np.zeros((36, 3), np.float32)
+    begins[:, row], ends[:, row] = begins_m, ends_m
+    view = View(replace(whole, free=replace(whole.free, free_from_m=begins, free_to_m=ends)), HERE)
+    free = bool(points_free(view, np.array([range_m]), np.array([0.0]), np.array([height_m]), True)[0, 0])
+    on = np.linspace(range_m, 20.0, 40_001)
+    height = height_m * on / range_m
+    top, bottom = view.model.free.layer_edges_m[row : row + 2]
+    through = [
+        ((height >= top - e) & (height <= bottom + e) & (on >= begins_m - e) & (on <= ends_m + e)).any()
+        for e in (-1e-3, 1e-3)
+    ]  # within by a hair, and beyond by a hair
+    assert free or not through[0]
+    assert through[1] or not free
 
 
 def test_height_counts_from_the_camera() -> None:

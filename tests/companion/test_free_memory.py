@@ -1,0 +1,132 @@
+"""Free space that left the view: where it was seen, for a while, and only where nobody looks now."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.config_avoid import AvoidParams
+from companion.free_memory import FreeMemory
+from companion.obstacle_memory import Here
+from companion.reframe import LevelTransform
+from companion.sectors import SectorState, View, scan
+from core.frames import rotation_frd_optical
+from core.types import CameraMount, Intrinsics
+
+from .test_sectors import HERE, model
+
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, remember_free_s=3.0)
+NS = 1_000_000_000
+START = Here(0.3, (10.0, -5.0, -2.0), 1)
+AHEAD = model(free_to_m=13.0, view_deg=72.0)
+
+
+def looking(pitch_deg: float, free: bool = True) -> View:
+    """A view of 56 degrees, straight ahead."""
+    R = rotation_frd_optical(CameraMount(pitch_rad=math.radians(pitch_deg))).T
+    shown = AHEAD if free else model(free_to_m=0.0, view_deg=72.0)
+    return View(shown, HERE, Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), R)
+
+
+def remembering(at: Here = START) -> FreeMemory:
+    memory = FreeMemory(AVOID)
+    memory.see("front", 10 * NS, looking(0.0), at)
+    return memory
+
+
+def free(
+    memory: FreeMemory, here: Here, x: float, y: float, z: float, views: tuple[View, ...] = (), t_ns: int = 10 * NS
+) -> bool:
+    return bool(memory.free(views, here, t_ns, np.array([x]), np.array([y]), np.array([z]))[0])
+
+
+@given(st.floats(2.0, 11.0), st.floats(-33.0, 33.0), st.floats(-0.75, 0.75), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+def test_it_stays_where_it_was_seen_while_the_vehicle_moves_and_turns(
+    range_m: float, azimuth_deg: float, z: float, forward_m: float, turn_rad: float
+) -> None:
+    memory = remembering()
+    x, y = range_m * math.cos(math.radians(azimuth_deg)), range_m * math.sin(math.radians(azimuth_deg))
+    assert free(memory, START, x, y, z)
+    assert not free(memory, START, -x, -y, z)
+    px, py, pz = START.position_ned_m or (0.0, 0.0, 0.0)
+    c, s = math.cos(START.heading_rad), math.sin(START.heading_rad)
+    later = Here(START.heading_rad + turn_rad, (px + c * forward_m, py + s * forward_m, pz + 0.3), 1)
+    moved_x, c, s = x - forward_m, math.cos(turn_rad), math.sin(turn_rad)
+    memory.see("front", 11 * NS, View(model(free_to_m=0.0), HERE), later)  # the grid moves along
+    assert free(memory, later, c * moved_x + s * y, -s * moved_x + c * y, z - 0.3, t_ns=11 * NS)
+
+
+def test_after_a_while_it_is_forgotten() -> None:
+    memory = remembering()
+    assert free(memory, START, 4.0, 0.0, 0.0, t_ns=13 * NS)
+    assert not free(memory, START, 4.0, 0.0, 0.0, t_ns=13 * NS + NS // 100)
+
+
+def test_without_a_position_and_after_a_jump_of_it_nothing_is_remembered() -> None:
+    memory = remembering()
+    assert not free(memory, replace(START, position_ned_m=None, section=None), 4.0, 0.0, 0.0)
+    assert not free(memory, replace(START, section=2), 4.0, 0.0, 0.0)
+    memory.see("front", 11 * NS, View(model(free_to_m=0.0), HERE), replace(START, section=2))
+    assert not free(memory, replace(START, section=2), 4.0, 0.0, 0.0, t_ns=11 * NS)
+    assert not free(memory, START, 4.0, 0.0, 0.0, t_ns=11 * NS)
+    assert not free(remembering(Here(0.0)), Here(0.0), 4.0, 0.0, 0.0)
+
+
+def test_far_away_from_it_and_back_the_grid_holds_nothing_wrong() -> None:
+    memory = remembering()
+    away = Here(0.3, (500.0, 300.0, -40.0), 1)
+    memory.see("front", 11 * NS, View(model(free_to_m=0.0), HERE), away)
+    assert not free(memory, away, 4.0, 0.0, 0.0, t_ns=11 * NS)
+    assert not free(memory, START, 4.0, 0.0, 0.0, t_ns=11 * NS)
+
+
+def test_what_a_camera_looks_at_now_is_not_remembered() -> None:
+    memory = remembering()
+    assert not free(memory, START, 4.0, 0.0, 0.0, (looking(0.0, free=False),))
+    assert not free(memory, START, 4.0, 0.0, -0.7, (View(AHEAD, HERE),))  # nobody knows where it looks
+    assert free(memory, START, 4.0, 0.0, -0.7, (looking(-25.0, free=False),))  # above its image
+
+
+def test_a_frame_that_says_nothing_adds_nothing() -> None:
+    memory = FreeMemory(AVOID)
+    memory.see("front", 10 * NS, replace(looking(0.0), model=replace(AHEAD, valid=False)), START)
+    assert not free(memory, START, 4.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("seen_now", [True, False])
+def test_it_completes_a_view_and_is_none(seen_now: bool) -> None:
+    """The lower two thirds of the band seen at this instant, or nothing at all."""
+    memory = remembering()
+    begins, ends = np.zeros((36, 3), np.float32), np.zeros((36, 3), np.float32)
+    if seen_now:
+        begins[:, 1:], ends[:, 1:] = 1.5, 13.0
+    layers = np.array([-3.0, -0.3, 1.0, 3.0], np.float32)
+    part = replace(AHEAD, free=replace(AHEAD.free, layer_edges_m=layers, free_from_m=begins, free_to_m=ends))
+    view = replace(looking(-25.0), model=part)
+
+    def recall(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return memory.free((view,), START, 11 * NS, x, y, z)
+
+    assert scan([view], AVOID).state[0] == SectorState.UNSEEN
+    found = scan([view], AVOID, recall)
+    assert found.state[0] == (SectorState.CLEAR if seen_now else SectorState.UNSEEN)
+    assert found.state[36] == SectorState.UNSEEN
+    assert scan([], AVOID, recall).state[0] == SectorState.UNSEEN  # a blind camera is completed by nothing
+
+
+def test_an_obstacle_seen_outranks_what_was_free() -> None:
+    memory = remembering()
+    blocked = replace(looking(-25.0), model=model((5.0, -1.0, 5.0, 1.0, -2.0, 2.0), free_to_m=4.5, view_deg=72.0))
+    found = scan([blocked], AVOID, lambda x, y, z: memory.free((blocked,), START, 11 * NS, x, y, z))
+    assert found.state[0] == SectorState.OBSTACLE
+
+
+def test_another_place_of_the_camera_moves_its_image() -> None:
+    memory = remembering()
+    high = replace(looking(0.0, free=False), transform=LevelTransform(0.0, (0.0, 0.0, -5.0)))
+    assert free(memory, START, 4.0, 0.0, 0.0, (high,))
