@@ -14,8 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .types import FrameModel
-from .world_free import BLOCKS, GONE, LAST, NOW, TURN, FreeTables, empty_free, see_free, seen_blocks
+from .world_free import BLOCKS, GONE, NOW, TURN, FreeTables, empty_free, see_free, seen_blocks
 from .world_index import (
+    ANCHOR_X,
+    ANCHOR_Y,
     CHANGED,
     CLEARED,
     DROPPED,
@@ -32,7 +34,8 @@ from .world_index import (
 )
 from .world_params import WorldParams
 from .world_picture import WorldPicture
-from .world_update import looks_of, rules_of, see
+from .world_saved import SavedSection
+from .world_update import looks_of, put_rows, rules_of, see
 
 NS = 1_000_000_000
 
@@ -64,6 +67,8 @@ class Section:
     reset_counter: int
     newest_ns: int
     place_m: tuple[float, float, float]
+    vouched: bool = False
+    """Begun with saved planes: the next frame goes into it, wherever it is."""
 
     @property
     def planes(self) -> int:
@@ -132,6 +137,24 @@ class World:
             blocks=blocks, masks=masks,
         )  # fmt: skip
 
+    def saved(self) -> tuple[SavedSection, ...]:
+        """All sections, the newest last, to be written (world_saved.bytes_of)."""
+        return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
+
+    def begin_with(self, sections: tuple[SavedSection, ...]) -> None:
+        """Begins a section with the planes of others, what is one being joined; the next frame goes into it. Whoever calls
+        vouches that they lie in the frame that is to come (world_saved.moved). Nothing of them is free."""
+        self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
+        assert self.section is not None
+        self.section.vouched = True
+        for k, s in enumerate(sections):
+            order = np.argsort(-s.age_s, kind="stable")
+            seen_ns = np.rint(-s.age_s[order] * NS).astype(np.int64)  # before the first frame, whatever its stamp
+            put_rows(
+                self.section.tables, self.section.free, s.box[order], s.moments[order], s.margin_m[order],
+                s.flags[order].astype(np.int64), s.hits[order].astype(np.int64), seen_ns, self._rules, k > 0,
+            )  # fmt: skip
+
     def changed(self, since_frame: int) -> tuple[int, np.ndarray]:
         """(number of the newest frame, slots that changed after frame `since_frame` of this section)."""
         if self.section is None:
@@ -155,9 +178,20 @@ class World:
         return found
 
     def _section_for(self, sight: Sight) -> Section:
-        why = "first" if self.section is None else self._jump(self.section, sight)
-        if self.section is not None and not why:
-            return self.section
+        section = self.section
+        if section is not None and section.vouched:
+            section.vouched = False
+            section.begun_ns, section.newest_ns = sight.t_ns, sight.t_ns
+            section.reset_counter, section.place_m = sight.reset_counter, sight.place_m
+            section.tables[4][:] += sight.t_ns
+            return section
+        why = "first" if section is None else self._jump(section, sight)
+        if section is not None and not why:
+            return section
+        return self._begin(why, sight.t_ns, sight.reset_counter, sight.place_m)
+
+    def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
+        """A new section; the one before is kept apart."""
         if self.section is not None:
             self.past.append(self.section)
             while len(self.past) > self.params.most_sections:
@@ -167,10 +201,9 @@ class World:
         self.counts.why[why] = self.counts.why.get(why, 0) + 1
         self.section = Section(
             number=self.counts.sections, tables=empty_tables(self.params.most_planes),
-            free=empty_free(self.params.most_free_blocks), begun_ns=sight.t_ns, reset_counter=sight.reset_counter,
-            newest_ns=sight.t_ns, place_m=sight.place_m,
+            free=empty_free(self.params.most_free_blocks), begun_ns=t_ns, reset_counter=reset_counter, newest_ns=t_ns,
+            place_m=place_m,
         )  # fmt: skip
-        self.section.free[3][LAST] = self.section.number
         return self.section
 
     def _jump(self, section: Section, sight: Sight) -> str:
@@ -185,3 +218,22 @@ class World:
         if math.dist(sight.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
             return "the position stepped"
         return ""
+
+
+def _saved(section: Section) -> SavedSection:
+    """A section's planes, moments moved to the middle of each."""
+    box, moments, floats, ints, seen_ns, _, _, state = section.tables
+    on = np.flatnonzero(ints[: int(state[USED]), HITS] > 0)
+    rows, w = box[on].astype(np.float64), moments[on]
+    # whole centimetres, as the file has them: moments are about the middle that will be read
+    middle = 0.01 * np.rint(50.0 * (rows[:, 0:2] + rows[:, 2:4]))
+    ox, oy = (floats[on, ANCHOR_X : ANCHOR_Y + 1].astype(np.float64) - middle).T
+    moved = np.column_stack(
+        [w[:, 0], w[:, 1] + w[:, 0] * ox, w[:, 2] + w[:, 0] * oy, w[:, 3] + 2 * ox * w[:, 1] + w[:, 0] * ox * ox,
+         w[:, 4] + ox * w[:, 2] + oy * w[:, 1] + w[:, 0] * ox * oy, w[:, 5] + 2 * oy * w[:, 2] + w[:, 0] * oy * oy]
+    )  # fmt: skip
+    return SavedSection(
+        number=section.number, reset_counter=section.reset_counter, begun_ns=section.begun_ns,
+        newest_ns=section.newest_ns, box=rows, moments=moved, margin_m=floats[on, MARGIN].astype(np.float64),
+        flags=ints[on, FLAGS].astype(np.uint8), hits=ints[on, HITS], age_s=(section.newest_ns - seen_ns[on]) / NS,
+    )  # fmt: skip

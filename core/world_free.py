@@ -24,18 +24,18 @@ _EDGE_M = 1e-3
 """Not tuning: more than float32 rounds by; a plane stands in a cell that it nearly touches."""
 _NONE = -1
 IX, IY, IZ, EPOCH, NEXT, TOUCHED = range(6)
-BLOCKS, GONE, TURN, NOW, LAST = range(5)
+BLOCKS, GONE, TURN, NOW = range(4)
 
 FreeTables = tuple[NDArray[np.uint64], NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]
 """masks (B, 2, 256) uint64: this epoch's and the one's before; ints (B, 6) int32: block indices, epoch, next in list, frame
-that touched it last; heads (H,) int32; state (5,) int64."""
+that touched it last; heads (H,) int32; state (4,) int64."""
 
 
 def empty_free(most: int) -> FreeTables:
     """Tables for at most so many blocks."""
     heads = np.full(1 << max(6, math.ceil(math.log2(most))), _NONE, np.int32)
     masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
-    return masks, np.zeros((most, 6), np.int32), heads, np.zeros(5, np.int64)
+    return masks, np.zeros((most, 6), np.int32), heads, np.zeros(4, np.int64)
 
 
 @inner

@@ -182,9 +182,16 @@ def moments_of(tables, i, ax, ay):
     m, f = tables[1], tables[2]
     w, sx, sy = m[i, W], m[i, X], m[i, Y]
     ox, oy = float(f[i, ANCHOR_X]) - ax, float(f[i, ANCHOR_Y]) - ay
+    return moved_moments((w, sx, sy, m[i, XX], m[i, XY], m[i, YY]), ox, oy)
+
+
+@inner
+def moved_moments(m, ox, oy):
+    """Moments about a point that lies (ox, oy) back."""
+    w, sx, sy, xx, xy, yy = m
     return (
-        w, sx + w * ox, sy + w * oy, m[i, XX] + 2.0 * ox * sx + w * ox * ox,
-        m[i, XY] + ox * sy + oy * sx + w * ox * oy, m[i, YY] + 2.0 * oy * sy + w * oy * oy,
+        w, sx + w * ox, sy + w * oy, xx + 2.0 * ox * sx + w * ox * ox, xy + ox * sy + oy * sx + w * ox * oy,
+        yy + 2.0 * oy * sy + w * oy * oy,
     )  # fmt: skip
 
 

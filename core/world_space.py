@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .queries import Answer, Answers, Floats, _rows
 from .rectangles import Rectangles, rectangles
 from .world_picture import WorldPicture
+from .world_prisms import way_inside, world_prisms
 
 CELL_M = 0.5
 _SIDE, _TALL = 16, 64
@@ -38,12 +39,14 @@ class WorldSpace:
         self._rectangles: Rectangles = rectangles(
             picture.planes.astype(np.float64), picture.margin_m.astype(np.float64)
         )
+        self.prisms = world_prisms(picture.planes, picture.margin_m)
+        self._solids = [prism for prism in self.prisms if prism.closed]
         self._windows: dict[tuple[int, ...], NDArray[np.uint64]] = {}
 
     def points(self, points_m: ArrayLike, radius_m: float = 0.0) -> Answers:
         """(M,) Answer for balls of a radius around points (M, 3) in ned.
 
-        Occupied: a plane is nearer than the radius and its margin. Free: every cell that the ball may reach into was
+        Occupied: a plane is nearer than the radius and its margin, or it lies in a closed prism. Free: every cell that the ball may reach into was
         seen free."""
         p = _rows(points_m)
         out = np.full(len(p), Answer.UNKNOWN, np.uint8)
@@ -74,11 +77,15 @@ class WorldSpace:
     # ---- planes ---------------------------------------------------------------------------------------------------------
 
     def _touch(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
-        """(M,) whether each way comes as near to a plane as a radius and its margin; asked in groups that lie together."""
+        """(M,) whether each way comes as near to a plane as a radius and its margin, or into a closed prism; asked in
+        groups that lie together."""
         out = np.asarray(~(np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)))
         if not len(self._rectangles.corner):
             return out
         good = np.flatnonzero(~out)
+        for solid in self._solids:
+            out[good] |= way_inside(solid, a[good], b[good], radius_m)
+        good = good[~out[good]]
         order = good[np.argsort(_place(0.5 * (a[good] + b[good])), kind="stable")]
         for begin in range(0, len(order), _GROUP):
             rows = order[begin : begin + _GROUP]

@@ -11,7 +11,7 @@ from .kernels import inner, kernel
 from .types import FrameModel
 from .world_clear import cut_cleared, look_through
 from .world_free import stand_in
-from .world_index import FLAGS, HITS, Tables, gather
+from .world_index import ANCHOR_X, ANCHOR_Y, FLAGS, HITS, MARGIN, Tables, gather, new_slot
 from .world_join import (
     O_FLAGS,
     R_GAP,
@@ -19,7 +19,9 @@ from .world_join import (
     box_of,
     look_box,
     meet,
+    moved_moments,
     new_plane,
+    put_box,
     stays_open,
     take_look,
     take_plane,
@@ -152,3 +154,25 @@ def see(tables, free, looks, rules, t_ns, x, y, ke, edges, layers, near_m, far_m
 def table_bytes(tables: Tables) -> int:
     """Bytes of memory of all tables."""
     return sum(t.nbytes for t in tables)
+
+
+@kernel
+def put_rows(tables, free, box, moments, margin, flags, hits, seen_ns, rules, join):
+    """Planes of a saved world into slots, oldest first; join: those that are one with what is there are joined.
+
+    box (N, 6) float64; moments (N, 6) float64 about the middle of each; the rest (N,)."""
+    near = np.empty(_NEAR, np.int32)
+    for k in range(box.shape[0]):
+        i = new_slot(tables, seen_ns[k])
+        floats, ints = tables[2], tables[3]
+        x, y = 0.5 * (box[k, 0] + box[k, 2]), 0.5 * (box[k, 1] + box[k, 3])
+        floats[i, ANCHOR_X], floats[i, ANCHOR_Y], floats[i, MARGIN] = x, y, margin[k]
+        # the anchor is float32: the moments are moved to where it is
+        dx, dy, m = x - float(floats[i, ANCHOR_X]), y - float(floats[i, ANCHOR_Y]), moments[k]
+        n = moved_moments((m[0], m[1], m[2], m[3], m[4], m[5]), dx, dy)
+        for c in range(6):
+            tables[1][i, c] = n[c]
+        ints[i, FLAGS], ints[i, HITS] = flags[k], max(1, hits[k])
+        put_box(tables, i, box[k, 0], box[k, 1], box[k, 2], box[k, 3], box[k, 4], box[k, 5])
+        if join:
+            join_neighbours(tables, free, i, rules, near)

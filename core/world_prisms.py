@@ -1,0 +1,183 @@
+"""The world's planes as layered prisms: side profiles that close are solid, others are open sheets. Only numpy.
+
+Planes whose ends meet make a chain; walking along it free space is on the right, so a chain that comes back to its beginning
+the other way round than the clock, seen from above, encloses what it stands for. A profile that runs the other way round
+encloses free space (a courtyard), one that crosses itself is no profile: both stay open.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .types import Prism
+
+Floats = NDArray[np.float64]
+END_M = 0.05
+"""Ends nearer than this are one vertex: neighbours that met differ by rounding only."""
+LAYER_JOIN_M = 0.25
+"""Tops or bottoms closer than this are one cut (Params.layer_join_m)."""
+_MOST_EDGES = 400
+"""Not tuning: longer profiles are not tried for crossings, and stay open."""
+NONE = -1
+
+
+def successors(planes: Floats) -> NDArray[np.int32]:
+    """(N,) int32 the plane whose left end is the right end of each plane, the nearest first; -1: none. Planes are
+    (N, 6) a_x, a_y, b_x, b_y, top, bottom; heights overlap."""
+    after, taken = np.full(len(planes), NONE, np.int32), np.zeros(len(planes), bool)
+    cells: dict[tuple[int, int], list[int]] = {}
+    for k, (x, y) in enumerate(np.floor(planes[:, 0:2] / END_M).astype(np.int64).tolist()):
+        cells.setdefault((x, y), []).append(k)
+    pairs = []
+    for i, (x, y) in enumerate(np.floor(planes[:, 2:4] / END_M).astype(np.int64).tolist()):
+        for k in (k for dx in (-1, 0, 1) for dy in (-1, 0, 1) for k in cells.get((x + dx, y + dy), ())):
+            gap = float(np.hypot(*(planes[i, 2:4] - planes[k, 0:2])))
+            overlap = min(planes[i, 5], planes[k, 5]) > max(planes[i, 4], planes[k, 4])
+            if i != k and gap < END_M and overlap:
+                pairs.append((gap, i, k))
+    for _, i, k in sorted(pairs):
+        if after[i] == NONE and not taken[k]:
+            after[i], taken[k] = k, True
+    return after
+
+
+def world_prisms(planes: NDArray[np.float32], margin_m: NDArray[np.float32]) -> tuple[Prism, ...]:
+    """The prisms of a world's planes; each plane stands in every layer of its chain that it reaches into."""
+    rows = planes.astype(np.float64)
+    found: list[Prism] = []
+    for number, (members, ring) in enumerate(_chains(successors(rows))):
+        tops, bottoms = _joined(rows[members, 4]), -_joined(-rows[members, 5])
+        cuts = np.unique(np.concatenate([tops, bottoms]))
+        layers: list[tuple[float, float, list[tuple[bool, list[int]]]]] = []
+        for top, bottom in pairwise(cuts.tolist()):
+            runs = _runs((tops <= top) & (bottoms >= bottom), ring)
+            if layers and layers[-1][2] == runs:  # the same planes: one layer
+                layers[-1] = (layers[-1][0], bottom, runs)
+            else:
+                layers.append((top, bottom, runs))
+        for top, bottom, runs in layers:
+            found += _layer(number, top, bottom, runs, members, rows, margin_m)
+    return tuple(found)
+
+
+def _chains(after: NDArray[np.int32]) -> list[tuple[NDArray[np.int64], bool]]:
+    """(planes in order, whether the last leads to the first) of each chain."""
+    seen, out = np.zeros(len(after), bool), []
+    heads = np.setdiff1d(np.arange(len(after)), after[after >= 0])
+    for begin in [*heads.tolist(), *range(len(after))]:  # what is left then has no head: rings
+        members, k = [], begin
+        while k != NONE and not seen[k]:
+            seen[k] = True
+            members.append(k)
+            k = int(after[k])
+        if members:
+            out.append((np.array(members), k == begin))
+    return out
+
+
+def _joined(heights: Floats) -> Floats:
+    """Each height replaced by the least of its group; a group spans at most LAYER_JOIN_M from its least member up."""
+    out, least = heights.copy(), -np.inf
+    for k in np.argsort(heights, kind="stable"):
+        if heights[k] - least > LAYER_JOIN_M:
+            least = float(heights[k])
+        out[k] = least
+    return out
+
+
+def _runs(on: NDArray[np.bool_], ring: bool) -> list[tuple[bool, list[int]]]:
+    """(closed, places in the chain) of each run of planes that reach into a layer."""
+    n = len(on)
+    if ring and on.all():
+        return [(True, list(range(n)))]
+    begin = int(np.argmin(on)) if ring else 0  # a ring is opened where a plane is missing
+    out: list[tuple[bool, list[int]]] = []
+    going = False
+    for k in ((begin + m) % n for m in range(n)):
+        if not on[k]:
+            going = False
+        elif going:
+            out[-1][1].append(k)
+        else:
+            out.append((False, [k]))
+            going = True
+    return out
+
+
+def _layer(
+    number: int, top: float, bottom: float, runs: list[tuple[bool, list[int]]], members: NDArray[np.int64],
+    planes: Floats, margin_m: NDArray[np.float32],
+) -> list[Prism]:  # fmt: skip
+    out = []
+    for ring, places in runs:
+        mine = members[places]
+        vertices = np.concatenate([planes[mine[:1], 0:2], planes[mine, 2:4]])
+        closed = ring and encloses(vertices[1:])
+        out.append(
+            Prism(
+                cluster=number, top_m=top, bottom_m=bottom, closed=closed, margin_m=float(margin_m[mine].max()),
+                vertices_m=(vertices[1:] if closed else vertices).astype(np.float32),
+                plane=(np.roll(mine, -1) if closed else mine).astype(np.int32),
+            )
+        )  # fmt: skip
+    return out
+
+
+def encloses(vertices: Floats) -> bool:
+    """Whether a closed profile is a simple polygon with what it stands for inside: its area, x north and y east, is
+    negative where free space is on the right."""
+    if not 3 <= len(vertices) <= _MOST_EDGES:
+        return False
+    x, y = (vertices - vertices[0]).T
+    area = 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+    return area < 0.0 and is_simple(vertices)
+
+
+def is_simple(vertices: Floats) -> bool:
+    """Whether no two edges of a closed polygon touch but neighbours at their common end."""
+    a, b = vertices, np.roll(vertices, -1, axis=0)
+    n = len(a)
+    for i in range(n - 1):
+        k = np.arange(i + 2, n - (1 if i == 0 else 0))
+        e, f = b[i] - a[i], b[k] - a[k]
+        to_a, to_b = a[k] - a[i], b[k] - a[i]
+        side_a, side_b = e[0] * to_a[:, 1] - e[1] * to_a[:, 0], e[0] * to_b[:, 1] - e[1] * to_b[:, 0]
+        back, on = a[i] - a[k], b[i] - a[k]
+        side_c, side_d = f[:, 0] * back[:, 1] - f[:, 1] * back[:, 0], f[:, 0] * on[:, 1] - f[:, 1] * on[:, 0]
+        if ((side_a * side_b <= 0.0) & (side_c * side_d <= 0.0)).any():
+            return False
+    return True
+
+
+def inside(solid: Prism, points: Floats, grow_m: float = 0.0) -> NDArray[np.bool_]:
+    """(M,) whether points (M, 3) lie within a closed prism, its top and bottom grown by so much."""
+    v = solid.vertices_m.astype(np.float64)
+    within = (points[:, 2] >= solid.top_m - grow_m) & (points[:, 2] <= solid.bottom_m + grow_m)
+    within &= (points[:, :2] >= v.min(axis=0)).all(axis=1) & (points[:, :2] <= v.max(axis=0)).all(axis=1)
+    rows = np.flatnonzero(within)
+    odd = np.zeros(len(rows), bool)
+    x, y = points[rows, 0], points[rows, 1]
+    for (ax, ay), (bx, by) in zip(v, np.roll(v, -1, axis=0), strict=True):
+        if ay == by:
+            continue
+        odd ^= ((ay > y) != (by > y)) & (x < ax + (bx - ax) * (y - ay) / (by - ay))
+    within[rows] = odd
+    return within
+
+
+def way_inside(solid: Prism, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
+    """(M,) whether ways a -> b begin or end in a closed prism or pass through its roof or its floor, a ball as near to
+    those as its radius. Where it passes through a side it touches a plane."""
+    out = inside(solid, a, radius_m) | inside(solid, b, radius_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for z in (solid.top_m - radius_m, solid.bottom_m + radius_m):
+            share = (z - a[:, 2]) / (b[:, 2] - a[:, 2])
+            on = np.flatnonzero((share >= 0.0) & (share <= 1.0))
+            if len(on):
+                at = a[on] + share[on, None] * (b[on] - a[on])
+                at[:, 2] = 0.5 * (solid.top_m + solid.bottom_m)
+                out[on] |= inside(solid, at)
+    return out

@@ -1,0 +1,131 @@
+"""Saved worlds: small, read back, cut anywhere without losing what was whole, moved and made one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.queries import Answer
+from core.world import World
+from core.world_params import WorldParams
+from core.world_saved import MAGIC, ON_DISK, ON_WIRE, box_of_records, bytes_of, moved, sections_of, wire_records
+from core.world_space import WorldSpace
+
+from .worlds import NS, house, seen, wall
+
+SEED = st.integers(0, 2**32 - 1)
+
+
+def flown(walls: np.ndarray, frames: range, turns: float = 1.0, seed: int = 1) -> World:
+    """Part of a way around the origin."""
+    world, rng = World(), np.random.default_rng(seed)
+    for k in frames:
+        a = turns * math.tau * k / 120
+        world.add(seen(walls, (10 * math.cos(a), 10 * math.sin(a)), a + math.pi, k * NS // 10, noise=rng))
+    return world
+
+
+def test_a_plane_takes_at_most_64_bytes() -> None:
+    assert ON_DISK.itemsize <= 64
+    assert ON_WIRE.itemsize <= 64
+    world = flown(house(0.0, 0.0), range(120))
+    assert len(wire_records(world.picture(0), 0)) == 4 * ON_WIRE.itemsize
+    assert len(bytes_of(world.saved())) <= 4 * 64 + 64
+
+
+@settings(max_examples=20)
+@given(SEED)
+def test_coordinates_come_back_to_a_centimetre_and_never_smaller_in_height(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    world = World(WorldParams(jump_m=100.0))
+    at = rng.uniform(-300, 300, 2)
+    walls = np.array(
+        [wall(*(at + rng.uniform(-8, 8, 2)), *(at + rng.uniform(-8, 8, 2)), -3.333, 4.444) for _ in range(5)]
+    )
+    for k in range(8):
+        world.add(seen(walls, tuple(at), k * math.pi / 4, k))
+    (saved,) = world.saved()
+    ((back,), trouble) = sections_of(bytes_of((saved,)))
+    assert not trouble
+    assert np.abs(back.box - saved.box).max(initial=0.0) <= 0.0151
+    assert (back.box[:, 4] <= saved.box[:, 4] + 2e-5).all()
+    assert (back.box[:, 5] >= saved.box[:, 5] - 2e-5).all()
+    assert (back.margin_m >= saved.margin_m - 2e-6).all()
+    assert np.allclose(back.moments, saved.moments, rtol=1e-6, atol=1e-3)
+    assert np.array_equal(back.hits, saved.hits)
+    records = np.frombuffer(wire_records(world.picture(8), 8), ON_WIRE)
+    assert np.allclose(box_of_records(records), back.box)
+
+
+def test_cut_at_any_byte_what_was_whole_is_kept_and_the_place_is_told() -> None:
+    world = World(WorldParams(jump_m=100.0))
+    for k in range(3):
+        world.add(seen(house(0.0, 0.0), (10.0, 1.0), math.pi, k, reset_counter=k))
+    saved = world.saved()
+    assert len(saved) == 3
+    data = bytes_of(saved)
+    ends = [data.index(b"PLAN", data.index(b"SECT", 0) + n) for n in (0,)]
+    assert ends[0] > len(MAGIC)
+    planes_before = 0
+    for cut in range(len(data)):
+        if cut < len(MAGIC):
+            with pytest.raises(ValueError, match="no saved world"):
+                sections_of(data[:cut])
+            continue
+        sections, trouble = sections_of(data[:cut])
+        assert trouble.startswith("byte ")
+        planes = sum(len(s.box) for s in sections)
+        assert planes >= planes_before
+        planes_before = planes
+    assert planes_before == sum(len(s.box) for s in saved)
+    assert sections_of(data)[1] == ""
+
+
+def test_damage_and_what_follows_the_end_are_told() -> None:
+    data = bytearray(bytes_of(flown(house(0.0, 0.0), range(20)).saved()))
+    assert "3 bytes after its end" in sections_of(bytes(data) + b"abc")[1]
+    for at in range(len(MAGIC), len(data), 7):
+        broken = data.copy()
+        broken[at] ^= 0x40
+        assert sections_of(bytes(broken))[1]
+
+
+def test_a_saved_world_goes_on_and_nothing_of_it_is_free() -> None:
+    first = flown(house(0.0, 0.0), range(120))
+    world = World()
+    world.begin_with(sections_of(bytes_of(first.saved()))[0])
+    space = WorldSpace(world.picture(0))
+    assert [p.closed for p in space.prisms] == [True]
+    assert space.points([[0, 0, 0], [8, 0, 0]], 0.3).tolist() == [Answer.OCCUPIED, Answer.UNKNOWN]
+    for k in range(30):
+        world.add(seen(house(0.0, 0.0), (10.0, 0.01 * k), math.pi, 77 * NS + k * NS // 10, reset_counter=9))
+    assert world.counts.sections == 1
+    assert len(world.picture(80 * NS).planes) == 4
+    assert WorldSpace(world.picture(80 * NS)).points([[8, 0, 0]], 0.3).tolist() == [Answer.FREE]
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+def test_two_halves_of_a_house_from_two_frames_are_one(yaw: float) -> None:
+    """The second flight's frame is turned and shifted, which is known."""
+    one, two = flown(house(0.0, 0.0), range(65)), flown(house(0.0, 0.0), range(55, 125), seed=3)
+    there = (40.0, -25.0, 2.0)
+    (second,) = (moved(s, yaw, there) for s in two.saved())
+    c, s = math.cos(-yaw), math.sin(-yaw)
+    back = (-(c * there[0] - s * there[1]), -(s * there[0] + c * there[1]), -there[2])
+    world = World()
+    world.begin_with((*one.saved(), moved(second, -yaw, back)))
+    p = world.picture(0)
+    assert len(p.planes) == 4
+    assert [prism.closed for prism in WorldSpace(p).prisms] == [True]
+    x = np.sort(np.abs(p.planes[:, :4].astype(float)).ravel())
+    assert abs(x - 3.0).max() < 0.1
+
+
+def test_a_move_that_is_no_number_is_refused() -> None:
+    (saved,) = flown(house(0.0, 0.0), range(3)).saved()
+    with pytest.raises(ValueError, match="not finite"):
+        moved(saved, math.nan, (0.0, 0.0, 0.0))
