@@ -17,8 +17,8 @@ from .checked import check, number
 from .clock import NS, ClockEstimate, ClockFilter, ClockParams
 from .link_budget import LinkBudget, link_budget
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
-from .mavlink_frames import MessageSplitter
-from .mavlink_motion import MotionDecoder
+from .mavlink_frames import Frame, MessageSplitter
+from .mavlink_motion import MOTION, MotionDecoder
 from .mavlink_rates import RateKeeper, Wish
 from .mavlink_signing import Signing, for_the_log
 from .mavlink_timesync import TimeSync
@@ -30,7 +30,9 @@ MAV_MODE_FLAG_SAFETY_ARMED = 128
 AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 SILENT_NS = 3 * NS
 """An autopilot that said nothing for this long is gone; another one may take its place."""
+HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
+_READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID})
 OBSTACLE_DISTANCE_ID, STATUSTEXT_ID = 330, 253
 
 
@@ -96,8 +98,8 @@ class MavlinkSession:
         signing: Signing | None = None,
     ) -> None:
         """on_frame: is given every good frame as it came (but without a signature), with its arrival, for the log.
-        on_message: every good message of the autopilot. signing: with our key; without it nothing is signed, and
-        everything is believed."""
+        on_message: every good message of the autopilot, but of its motion only what is read. signing: with our key;
+        without it nothing is signed, and everything is believed."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
@@ -123,8 +125,8 @@ class MavlinkSession:
         """The samples in what arrived, in its order."""
         samples: list[AttitudeSample | PoseSample] = []
         for data, arrival_ns in chunks:
-            for message in self._splitter.feed(data):
-                sample = self._take(message, arrival_ns)
+            for frame in self._splitter.frames(data):
+                sample = self._take(frame, arrival_ns)
                 if sample is not None:
                     samples.append(sample)
         return samples
@@ -133,23 +135,41 @@ class MavlinkSession:
         """The line was opened anew: half a message of the old one must not spoil the first of the new."""
         self._splitter.clear()
 
-    def _take(self, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
-        kind = message.get_type()
+    def _take(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        kind = frame.get_msgId()
         self.received += 1
         ours = self.vehicle.system_id if self.vehicle else self.params.system_id
-        if not self._signing.believes(message, arrival_ns, ours):
+        if not self._signing.believes(frame, arrival_ns, ours):
             return None
-        self._keep(message, arrival_ns)
-        if kind == "HEARTBEAT":
+        self._keep(frame, arrival_ns)
+        if not self._is_read(kind, arrival_ns):
+            if self._from_autopilot(frame):
+                self._heard_ns = arrival_ns
+                self.rates.heard(kind, arrival_ns)
+            return None
+        message = frame.message()
+        if message is None:
+            self.counts["messages that cannot be decoded"] += 1
+            return None
+        return self._read(kind, message, arrival_ns)
+
+    def _is_read(self, kind: int, arrival_ns: int) -> bool:
+        """Whether anybody reads such a message: decoding takes by far most of the time."""
+        if kind in _READ or self._motion.wants(kind, arrival_ns):
+            return True
+        return self._on_message is not None and kind not in MOTION
+
+    def _read(self, kind: int, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        if kind == HEARTBEAT_ID:
             self._heartbeat(message, arrival_ns)
         own = self._from_autopilot(message)
-        if kind == "TIMESYNC":
+        if kind == TIMESYNC_ID:
             self._timesync.take(message, arrival_ns, from_autopilot=own)
         if not own:
             return None
         self._heard_ns = arrival_ns
-        self.rates.heard(message.get_msgId(), arrival_ns)
-        if kind == "COMMAND_ACK":
+        self.rates.heard(kind, arrival_ns)
+        if kind == COMMAND_ACK_ID:
             self.rates.acknowledged(int(message.command), int(message.result))
         if self._on_message is not None:
             self._on_message(message, arrival_ns)

@@ -18,6 +18,9 @@ PREFER_FOR_NS = NS // 2
 """A better kind of message silences a poorer one for this long."""
 UNIX_NS = 10**17
 """Stamps beyond 3 years are no time since boot: some senders put unix time into time_usec."""
+ATTITUDE_ID = 30
+MOTION = frozenset({ATTITUDE_ID, 31, 32, 331})
+"""ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY."""
 LOCAL_FRAMES = frozenset({1, 20})
 """MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_FRD."""
 BODY_FRAMES = frozenset({8, 12})
@@ -35,6 +38,12 @@ class MotionDecoder:
         self._quaternion_ns: int | None = None
         self._odometry_ns: int | None = None
         self.counts: Counter[str] = Counter()
+
+    def wants(self, message_id: int, arrival_ns: int) -> bool:
+        """Whether such a message would be read now: one of motion, and not silenced by a better kind."""
+        if message_id == ATTITUDE_ID:
+            return not _recent(self._quaternion_ns, arrival_ns)
+        return message_id in MOTION
 
     def decode(self, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
         """The sample in a message, or None."""

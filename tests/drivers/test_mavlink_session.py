@@ -294,6 +294,36 @@ def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     assert [type(s) for s in samples] == [type(s) for s in c.samples]
 
 
+def test_a_message_that_nobody_reads_is_logged_and_heard_all_the_same() -> None:
+    encoder = dialect.MAVLink(None, 1, 1)
+    heartbeat = bytes(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(encoder))
+    unread = bytes(dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0).pack(encoder))
+    broken = unread[:-1] + bytes([unread[-1] ^ 1])
+    kept: list[bytes] = []
+    session = MavlinkSession(on_frame=lambda data, t_ns: kept.append(data))
+    session.receive([(heartbeat, NS)])
+    for k in range(2, 10):
+        session.receive([(unread, k * NS), (broken, k * NS)])
+        assert session.heard(k * NS)
+    assert kept == [heartbeat] + 8 * [unread]
+    assert session.status(9 * NS).counts["bytes of noise"] == 8 * len(broken)
+
+
+def test_who_reads_everything_is_given_everything_but_idle_motion() -> None:
+    encoder = dialect.MAVLink(None, 1, 1)
+    words = [
+        dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0),
+        dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ]  # fmt: skip
+    given: list[str] = []
+    session = MavlinkSession(on_message=lambda m, t_ns: given.append(m.get_type()))
+    session.receive([(bytes(m.pack(encoder)), NS) for m in words])
+    assert given == ["HEARTBEAT", "VFR_HUD", "ATTITUDE_QUATERNION"]
+    session.receive([(bytes(words[3].pack(encoder)), 2 * NS)])  # the quaternions have stopped
+    assert given[3:] == ["ATTITUDE"]
+
+
 def warning(bytes_per_s: float | None, params: MavlinkParams | None = None, *, signed: bool = False) -> str:
     budget = budget_of(params or MavlinkParams(), bytes_per_s, signed=signed)
     return budget.warning() if budget is not None else ""
