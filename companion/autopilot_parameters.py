@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
@@ -21,18 +21,27 @@ TRIES = 5
 """So often a parameter is asked for; one that is never told does not exist in that firmware, or the line is bad."""
 RENEW_NS = 10 * NS
 """People change parameters in flight: they are read again so often."""
+SURE_NS, ASK_TO_BE_SURE_NS = NS, 4 * NS // 10
+"""A value counts once it was told for so long and no other: forged answers and those of the autopilot contradict each
+other. Till then what counted before counts, and it is asked for more often."""
+CONTRADICTION_NS, CONTRADICTIONS = 30 * NS, 3
+"""So many changes in so long are nobody's wish."""
 _WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as PX4 puts their bytes into the float."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """One parameter: its value, None: asked for in vain so far; tries: since it was told last."""
+    """One parameter. value: what counts, None: nothing yet; tries: requests since it was told last; candidate: what was
+    told last, since_ns: for how long and no other; before: what was told before that; changes: when, the newest few."""
 
     value: float | None = None
     tries: int = 0
     asked_ns: int = 0
-    told_ns: int = 0
+    candidate: float | None = None
+    since_ns: int = 0
+    before: float | None = None
+    changes: tuple[int, ...] = ()
 
 
 class ParameterReader:
@@ -50,7 +59,7 @@ class ParameterReader:
                 self._kind, self._system_id = kind, system_id
                 self._known = {name: Known() for name in WANTED.get(kind, ())}
 
-    def take(self, message: Any) -> None:
+    def take(self, message: Any, now_ns: int) -> None:
         """PARAM_VALUE of a parameter that was asked for; all else is passed over."""
         if message.get_type() != "PARAM_VALUE":
             return
@@ -59,7 +68,7 @@ class ParameterReader:
             known = self._known.get(name)
             value = value_of(message, self._kind)
             if known is not None and math.isfinite(value):
-                self._known[name] = Known(value, 0, known.asked_ns, known.asked_ns)
+                self._known[name] = _told(known, value, now_ns)
 
     def due(self, now_ns: int, system_id: int) -> list[Any]:
         """Requests to send now."""
@@ -67,18 +76,20 @@ class ParameterReader:
         with self._lock:
             for name, known in self._known.items():
                 wait_ns = RENEW_NS if known.value is not None and known.tries == 0 else ASK_AGAIN_NS
+                if known.value != known.candidate:
+                    wait_ns = ASK_TO_BE_SURE_NS
                 if known.tries >= TRIES:
                     wait_ns = RENEW_NS
                 if known.asked_ns and now_ns - known.asked_ns < wait_ns:
                     continue
-                self._known[name] = Known(known.value, known.tries + 1, now_ns, known.told_ns)
+                self._known[name] = replace(known, tries=known.tries + 1, asked_ns=now_ns)
                 requests.append(
                     dialect.MAVLink_param_request_read_message(system_id, MAV_COMP_ID_AUTOPILOT1, name.encode(), -1)
                 )
         return requests
 
     def value(self, name: str) -> float | None:
-        """What was told last; None: never."""
+        """What counts; None: nothing was told, or nothing without contradiction."""
         with self._lock:
             known = self._known.get(name)
             return None if known is None else known.value
@@ -88,16 +99,43 @@ class ParameterReader:
         with self._lock:
             return tuple(name for name, k in self._known.items() if k.value is None and k.tries >= TRIES)
 
+    def contradictions(self, now_ns: int) -> list[str]:
+        """Which parameters are told now so, now otherwise, in words."""
+        with self._lock:
+            return [
+                f"{name} is told as {k.before:g} and as {k.candidate:g}: somebody else speaks as the autopilot; "
+                + (f"{k.value:g} counts" if k.value is not None else "neither counts")
+                for name, k in self._known.items()
+                if _contradictory(k, now_ns)
+            ]
+
     @property
     def settled(self) -> bool:
-        """Whether each parameter was told, or asked for in vain."""
+        """Whether each parameter was told, or asked for in vain, or contradicted."""
         with self._lock:
-            return all(k.value is not None or k.tries >= TRIES for k in self._known.values())
+            return all(
+                k.value is not None or k.tries >= TRIES or len(k.changes) >= CONTRADICTIONS
+                for k in self._known.values()
+            )
 
     def values(self) -> dict[str, float]:
-        """Those that were told."""
+        """Those that count."""
         with self._lock:
             return {name: k.value for name, k in self._known.items() if k.value is not None}
+
+
+def _told(known: Known, value: float, now_ns: int) -> Known:
+    """What is known after an answer."""
+    if value != known.candidate:
+        changes = (*known.changes, now_ns)[-CONTRADICTIONS:]
+        return replace(known, tries=0, candidate=value, before=known.candidate, since_ns=now_ns, changes=changes)
+    sure = now_ns - known.since_ns >= SURE_NS
+    return replace(known, tries=0, value=value if sure else known.value)
+
+
+def _contradictory(known: Known, now_ns: int) -> bool:
+    changes = known.changes
+    return len(changes) >= CONTRADICTIONS and now_ns - changes[0] < CONTRADICTION_NS
 
 
 def value_of(message: Any, kind: str) -> float:

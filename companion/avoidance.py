@@ -7,12 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 from core.types import AttitudeSample, CameraInfo, PoseSample
-from drivers.mavlink import Vehicle
+from drivers.mavlink import LinkStatus, Vehicle
 from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 
-from .autopilot_parameters import ParameterReader, advice
+from .autopilot_parameters import WANTED, ParameterReader, advice
 from .config_avoid import AvoidParams
-from .echo_check import EchoCheck
+from .echo_check import EchoCheck, likely_cause
 from .obstacle_distance import clear_cm
 from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told
 from .pipeline import PrismsResult
@@ -24,6 +24,8 @@ ECHOES = {"PX4": 330, "ArduPilot": 132}
 """The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
+STRANGERS = ("two autopilots", "two companions", "two of us", "system id")
+"""Topics of `LinkStatus.strangers`."""
 
 
 class Avoidance:
@@ -43,6 +45,7 @@ class Avoidance:
         self.parameters = ParameterReader()
         self._echo = EchoCheck()
         self._texts = StatusTexts()
+        self._link: LinkStatus | None = None
         self._teller = ObstacleTeller(avoid, cameras, stale_s)
         self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
 
@@ -70,21 +73,23 @@ class Avoidance:
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """Every message of the autopilot."""
-        self.parameters.take(message)
+        self.parameters.take(message, arrival_ns)
         self._echo.take(message, arrival_ns)
 
     # ---- out --------------------------------------------------------------------------------------------------------
 
-    def tick(self, now_ns: int, signing_trouble: str = "") -> None:
-        """Asks for parameters and tells people what has changed; ten times a second or so. signing_trouble: what is wrong
-        with the line's signatures, in words; an autopilot that is not believed for it is told that, and nothing else."""
-        text = self._texts.due(self._blind(), now_ns, {"signing": signing_trouble})
+    def tick(self, now_ns: int, link: LinkStatus | None = None) -> None:
+        """Asks for parameters and tells people what has changed; ten times a second or so. link: what is known of the
+        line; an autopilot that is not believed for its signatures is told that, and nothing else."""
+        self._link = link or self._link
+        text = self._texts.due(self._blind(), now_ns, self._notes(now_ns))
         if text is not None:
             self._post(text)
         vehicle = self._vehicle()
         if vehicle is None:
             return
-        self.parameters.begin(vehicle.autopilot, vehicle.system_id)
+        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: what was read before still counts
+            self.parameters.begin(vehicle.autopilot, vehicle.system_id)
         for request in self.parameters.due(now_ns, vehicle.system_id):
             self._post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
@@ -95,6 +100,22 @@ class Avoidance:
                     ECHOES[vehicle.autopilot], 1e6 / ECHO_HZ, 0, 0, 0, 0, 0,
                 )
             )  # fmt: skip
+
+    def _notes(self, now_ns: int) -> dict[str, str]:
+        """Topic -> trouble, in words, for the ground station; all topics there are, so that the end of each is told."""
+        strangers = self._link.strangers if self._link is not None else {}
+        vehicle = self._vehicle()
+        notes = dict.fromkeys(STRANGERS, "") | strangers
+        notes["signing"] = self._link.signing_trouble if self._link is not None else ""
+        notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
+        return notes
+
+    def _echo_trouble(self, vehicle: Vehicle, now_ns: int) -> str:
+        if not echoes(vehicle):
+            return ""
+        signing = self._link.signing_trouble if self._link is not None else ""
+        cause = likely_cause(vehicle, self.parameters.values(), signing)
+        return self._echo.trouble(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
         """Why each camera is blind, in words; empty: it sees. Nothing before the first decision, or without anybody to
@@ -109,9 +130,10 @@ class Avoidance:
         vehicle = self._vehicle()
         if vehicle is None:
             return []
-        trouble = self._echo.trouble(vehicle.autopilot, now_ns) if echoes(vehicle) else ""
+        trouble = self._echo_trouble(vehicle, now_ns)
         values, silent = self.parameters.values(), self.parameters.silent()
         said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
+        said += self.parameters.contradictions(now_ns)
         if self.told is not None and self.told.fault:
             said.insert(0, self.told.fault)
         if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:

@@ -124,7 +124,7 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         yield Finding("signing", False, str(error))
         return
     reader = ParameterReader()
-    session = MavlinkSession(params_of(config), on_message=lambda message, _: reader.take(message), signing=signing)
+    session = MavlinkSession(params_of(config), on_message=reader.take, signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
     try:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ardupilot_reader import face_of
+from drivers.mavlink import Vehicle
 
 from .obstacle_distance import UNKNOWN
 
@@ -20,9 +21,10 @@ SLACK_CM = 60
 FACES = 8
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 CAUSES = {
-    PX4: "is CP_DIST above 0, is its MAVLink link of the onboard kind, does it sign messages and we have no key?",
-    ARDUPILOT: "is PRX1_TYPE = 2, and was it started again since; does it sign messages and we have no key?",
+    PX4: "is CP_DIST above 0, and is its MAVLink link of the onboard kind?",
+    ARDUPILOT: "is PRX1_TYPE = 2, and was it started again since?",
 }
+"""What to look at where nothing that we know of explains it."""
 
 
 class EchoCheck:
@@ -58,15 +60,31 @@ class EchoCheck:
             elif self._differs_since_ns is None:
                 self._differs_since_ns = now_ns
 
-    def trouble(self, kind: str, now_ns: int) -> str:
-        """Why it seems that our obstacles are not taken; empty while they are, or while there is nothing to judge by."""
+    def trouble(self, kind: str, now_ns: int, cause: str = "") -> str:
+        """Why it seems that our obstacles are not taken; empty while they are, or while there is nothing to judge by.
+        cause: the likely one, in words; empty: none is known."""
         with self._lock:
             waited = self._waits_since_ns is not None and now_ns - self._waits_since_ns > PATIENCE_NS
             if waited and kind in CAUSES:
-                return f"the autopilot does not take our obstacles: {CAUSES[kind]}"
+                return f"the autopilot does not take our obstacles: {cause or CAUSES[kind]}"
             if self._differs_since_ns is not None and now_ns - self._differs_since_ns > PATIENCE_NS:
                 return "the autopilot tells other obstacles than ours: is there a second sensor or companion on it?"
             return ""
+
+
+def likely_cause(vehicle: Vehicle, values: dict[str, float], signing_trouble: str) -> str:
+    """What of what we know explains that obstacles are not taken, or do not come back; empty: nothing. values: the
+    autopilot's parameters."""
+    if signing_trouble:
+        return signing_trouble
+    if vehicle.mavlink_1:
+        set_to = "MAV_PROTO_VER = 2" if vehicle.autopilot == PX4 else "SERIALn_PROTOCOL = 2"
+        return f"it speaks MAVLink 1 on this line, which has no such messages; set {set_to}"
+    if vehicle.autopilot == PX4 and values.get("CP_DIST", 1.0) <= 0.0:
+        return f"CP_DIST = {values['CP_DIST']:g} switches collision prevention off"
+    if vehicle.autopilot == ARDUPILOT and values.get("PRX1_TYPE", 2.0) != 2.0:
+        return f"PRX1_TYPE = {values['PRX1_TYPE']:g}; set it to 2 and start the autopilot again"
+    return ""
 
 
 def nearest_told(message: Any) -> tuple[int | None, int] | None:

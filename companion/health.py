@@ -127,10 +127,14 @@ def _autopilot_troubles(view: AutopilotView | None) -> list[str]:
     if not view.line.open:
         return [f"no line to the autopilot: {view.line.error}"]
     said = [view.line.warning] if view.line.warning else []
-    if view.link.signing_trouble:
-        said.append(view.link.signing_trouble)
+    named = [view.link.signing_trouble] if view.link.signing_trouble else []
+    said += [*named, *view.link.strangers.values()]
     if view.link.vehicle is None:
-        return said if view.link.signing_trouble else [*said, f"no heartbeat of an autopilot on {view.address}"]
+        return (
+            said
+            if named or "system id" in view.link.strangers
+            else [*said, f"no heartbeat of an autopilot on {view.address}"]
+        )
     if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
         age = "never came" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
         said.append(f"the attitude {age}: the autopilot is silent or does not send it")

@@ -256,7 +256,7 @@ class Service:
         if self.metrics is not None and self.metrics.trouble:
             self.troubles.append(self.metrics.trouble)
         if self.avoidance is not None:
-            self.avoidance.tick(now_ns, autopilot.link.signing_trouble if autopilot is not None else "")
+            self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
             self.troubles += self.avoidance.troubles(now_ns)
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]

@@ -6,9 +6,9 @@ Nothing but a hello (on lines whose other end waits for one) is sent before the 
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
@@ -17,12 +17,13 @@ from .checked import check, number
 from .clock import NS, ClockEstimate, ClockFilter, ClockParams
 from .link_budget import LinkBudget, link_budget
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
-from .mavlink_frames import Frame, MessageSplitter
+from .mavlink_frames import MAVLINK1, Frame, MessageSplitter
 from .mavlink_motion import MOTION, MotionDecoder
 from .mavlink_rates import RateKeeper, Wish
 from .mavlink_signing import Signing, for_the_log
+from .mavlink_strangers import Strangers
 from .mavlink_timesync import TimeSync
-from .transport import Chunk
+from .transport import Chunk, Source
 
 MAV_TYPE_ONBOARD_CONTROLLER = 18
 MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
@@ -33,6 +34,7 @@ SILENT_NS = 3 * NS
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID})
+MOST_SOURCES = 16
 OBSTACLE_DISTANCE_ID, STATUSTEXT_ID = 330, 253
 
 
@@ -68,6 +70,7 @@ class Vehicle:
     armed: bool
     custom_mode: int
     heartbeat_ns: int
+    mavlink_1: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +87,8 @@ class LinkStatus:
     signed: bool = False
     """The autopilot's messages are signed with our key."""
     signing_trouble: str = ""
+    strangers: dict[str, str] = field(default_factory=dict)
+    """Topic -> what is wrong with others on the line, in words."""
 
 
 class MavlinkSession:
@@ -110,8 +115,12 @@ class MavlinkSession:
         self._timesync = TimeSync(self.clock)
         self._motion = MotionDecoder(self.clock)
         self.rates = RateKeeper(self.params.wishes())
-        self._splitter = MessageSplitter()
+        self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
+        self._splitter_counts: Counter[str] = Counter()
         self._signing = signing or Signing()
+        self._strangers = Strangers(self.params.component_id)
+        self._place = 0
+        self.spoke_in: int | None = None
         self._encoder = dialect.MAVLink(None)
         self._encoder.srcComponent = self.params.component_id
         self._next_heartbeat_ns = 0
@@ -121,11 +130,17 @@ class MavlinkSession:
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
-    def receive(self, chunks: list[Chunk]) -> list[AttitudeSample | PoseSample]:
-        """The samples in what arrived, in its order."""
+    def receive(
+        self, chunks: list[Chunk], sources: Sequence[Source] | None = None
+    ) -> list[AttitudeSample | PoseSample]:
+        """The samples in what arrived, in its order. sources: who sent each chunk, None: one for all; half a message of one
+        must not swallow the whole ones of another. `spoke_in` then tells in which of the chunks the autopilot spoke last,
+        None: in none."""
         samples: list[AttitudeSample | PoseSample] = []
-        for data, arrival_ns in chunks:
-            for frame in self._splitter.frames(data):
+        self.spoke_in = None
+        for self._place, (data, arrival_ns) in enumerate(chunks):
+            splitter = self._splitter(None if sources is None else sources[self._place])
+            for frame in splitter.frames(data):
                 sample = self._take(frame, arrival_ns)
                 if sample is not None:
                     samples.append(sample)
@@ -133,7 +148,15 @@ class MavlinkSession:
 
     def new_line(self) -> None:
         """The line was opened anew: half a message of the old one must not spoil the first of the new."""
-        self._splitter.clear()
+        self._splitters.clear()
+
+    def _splitter(self, source: Source) -> MessageSplitter:
+        """Of one sender; of the newest few, since anybody may make up addresses."""
+        splitter = self._splitters.pop(source, None) or MessageSplitter(self._splitter_counts)
+        self._splitters[source] = splitter
+        if len(self._splitters) > MOST_SOURCES:
+            self._splitters.popitem(last=False)
+        return splitter
 
     def _take(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
         kind = frame.get_msgId()
@@ -142,10 +165,10 @@ class MavlinkSession:
         if not self._signing.believes(frame, arrival_ns, ours):
             return None
         self._keep(frame, arrival_ns)
+        self._strangers.heard(frame, self.vehicle.system_id if self.vehicle else 0, arrival_ns)
         if not self._is_read(kind, arrival_ns):
             if self._from_autopilot(frame):
-                self._heard_ns = arrival_ns
-                self.rates.heard(kind, arrival_ns)
+                self._speaks(kind, arrival_ns)
             return None
         message = frame.message()
         if message is None:
@@ -167,8 +190,7 @@ class MavlinkSession:
             self._timesync.take(message, arrival_ns, from_autopilot=own)
         if not own:
             return None
-        self._heard_ns = arrival_ns
-        self.rates.heard(kind, arrival_ns)
+        self._speaks(kind, arrival_ns)
         if kind == COMMAND_ACK_ID:
             self.rates.acknowledged(int(message.command), int(message.result))
         if self._on_message is not None:
@@ -178,6 +200,11 @@ class MavlinkSession:
             self._clock_restarts = self.clock.restarts
             self._begin_anew()
         return sample
+
+    def _speaks(self, kind: int, arrival_ns: int) -> None:
+        """The autopilot said something."""
+        self._heard_ns, self.spoke_in = arrival_ns, self._place
+        self.rates.heard(kind, arrival_ns)
 
     def _keep(self, message: Any, arrival_ns: int) -> None:
         if self._on_frame is not None:
@@ -198,6 +225,7 @@ class MavlinkSession:
         if m.autopilot == MAV_AUTOPILOT_INVALID or m.get_srcComponent() != MAV_COMP_ID_AUTOPILOT1:
             return
         if self.params.system_id not in (0, system):
+            self._strangers.left_out(system, arrival_ns)
             self.counts["heartbeats of other vehicles"] += 1
             return
         old = self.vehicle
@@ -205,16 +233,18 @@ class MavlinkSession:
             if self.heard(arrival_ns):
                 self.counts["heartbeats of other vehicles"] += 1
                 return
+            self._strangers.another()
             self.clock.restart()  # another autopilot, another clock
             self._clock_restarts = self.clock.restarts
             self._begin_anew()
         self.vehicle = Vehicle(
             system,
-            AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"),
+            self._strangers.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
             int(m.type),
             bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),
             arrival_ns,
+            m.get_msgbuf()[0] == MAVLINK1,
         )
 
     def _begin_anew(self) -> None:
@@ -269,6 +299,7 @@ class MavlinkSession:
         self._signing.prepare(self._encoder)
         data = bytes(message.pack(self._encoder))
         self._encoder.seq = (self._encoder.seq + 1) % 256
+        self._strangers.sent(data)
         return data
 
     # ---- what is told of it -------------------------------------------------------------------------------------
@@ -280,7 +311,7 @@ class MavlinkSession:
     def status(self, now_ns: int) -> LinkStatus:
         """For the health report."""
         rate = self.rates.rate_hz
-        counts = self.counts + self._motion.counts + self._splitter.counts + self._signing.counts
+        counts = self.counts + self._motion.counts + self._splitter_counts + self._signing.counts
         counts.update({"timesync answers to nobody": self._timesync.unpaired} if self._timesync.unpaired else {})
         return LinkStatus(
             vehicle=self.vehicle,
@@ -291,6 +322,7 @@ class MavlinkSession:
             received=self.received,
             counts=dict(counts),
             signed=self._signing.good(now_ns),
+            strangers=self._strangers.troubles(now_ns, self.params.system_id, heard=self.heard(now_ns)),
             signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
         )
 

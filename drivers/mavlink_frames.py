@@ -51,10 +51,11 @@ class Frame:
 class MessageSplitter:
     """`feed` it as bytes come. counts: bytes of noise, messages unknown to the dialect (nobody can check them)."""
 
-    def __init__(self) -> None:
+    def __init__(self, counts: Counter[str] | None = None) -> None:
+        """counts: those of several splitters together."""
         self._held = bytearray()
         self._unknown_end = 0
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter() if counts is None else counts
 
     def feed(self, data: bytes) -> list[Any]:
         """The messages completed by these bytes, in order."""

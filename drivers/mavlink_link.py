@@ -112,7 +112,9 @@ class MavlinkLink:
         while not self._stop.is_set():
             chunks: list[Chunk] = transport.read(READ_S)
             with self._lock:
-                samples = self._session.receive(chunks)
+                samples = self._session.receive(chunks, transport.sources)
+                if self._session.spoke_in is not None:
+                    transport.answer(self._session.spoke_in)
                 for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
                     transport.write(data)
             if samples:

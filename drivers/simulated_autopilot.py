@@ -49,7 +49,7 @@ class Personality:
     """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
     knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
     which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
-    time at boot, in units of signatures; 0 is that of one that has no clock."""
+    time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it speaks the old version alone."""
 
     kind: str = PX4
     system_id: int = 1
@@ -66,6 +66,7 @@ class Personality:
     hides_attitude: Callable[[int], bool] = field(default=never)
     key: bytes | None = None
     signing_ticks: int = 0
+    mavlink_1: bool = False
 
 
 class SimulatedAutopilot:
@@ -186,6 +187,8 @@ class SimulatedAutopilot:
             out.append(self._pack(self._heartbeat()))
         hidden = _ATTITUDES if self.personality.hides_attitude(now_ns) else ()
         for number, hz in list(self._intervals.items()):
+            if number > 255 and self.personality.mavlink_1:
+                continue
             if number in _SENDERS and number not in hidden and self._is_due(number, hz, now_ns):
                 out += [self._pack(message) for message in _SENDERS[number](self, now_ns)]
         hz = self.personality.timesync_asks_hz if self.personality.kind == PX4 else 0.1
@@ -252,7 +255,7 @@ class SimulatedAutopilot:
         ]
 
     def _pack(self, message: Any) -> bytes:
-        data = bytes(message.pack(self._mavlink))
+        data = bytes(message.pack(self._mavlink, force_mavlink1=self.personality.mavlink_1))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return data
 

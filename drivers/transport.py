@@ -1,7 +1,7 @@
 """The lines on which an autopilot speaks: serial, UDP in and out, TCP. Bytes with the instant of their arrival.
 
     serial:/dev/serial/by-id/usb-...:921600      (the rate may be left out: 921600)
-    udpin:0.0.0.0:14540                          waits for the autopilot; answers go to whoever spoke last
+    udpin:0.0.0.0:14540                          waits for the autopilot; answers go to where it spoke from
     udpout:127.0.0.1:14550                       speaks first, to a router or a ground station
     tcp:127.0.0.1:5760
 
@@ -28,6 +28,8 @@ DEFAULT_BAUD = 921_600
 _READ_BYTES = 65_536
 Chunk = tuple[bytes, int]
 """Bytes and the instant of their arrival, monotonic ns."""
+Source = tuple[str, int] | None
+"""Who sent them: host and port; None: a line with one other end."""
 
 
 class Transport(Protocol):
@@ -43,6 +45,11 @@ class Transport(Protocol):
         """Whether the other end waits for a word of ours before it sends anything."""
         ...
 
+    @property
+    def sources(self) -> list[Source] | None:
+        """Who sent each chunk of the newest `read`; None: always the one other end."""
+        ...
+
     def read(self, timeout_s: float) -> list[Chunk]:
         """What has arrived, waiting at most timeout_s for it. Raises DeviceLost."""
         ...
@@ -50,6 +57,11 @@ class Transport(Protocol):
     def write(self, data: bytes) -> None:
         """Sends at once; what the line cannot take now is lost (a message cut short fails its checksum). Raises
         DeviceLost."""
+        ...
+
+    def answer(self, chunk: int) -> None:
+        """What is written from now on is for the one who sent this chunk of the newest `read`: others may send to our
+        port, too."""
         ...
 
     def close(self) -> None: ...
@@ -95,6 +107,7 @@ class SerialLine:
     """A serial port or a pty."""
 
     speaks_first = False
+    sources = None
 
     def __init__(self, address: Address) -> None:
         self._address = address
@@ -130,12 +143,15 @@ class SerialLine:
         except (OSError, serial.SerialException, TypeError) as error:
             raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
 
+    def answer(self, chunk: int) -> None:
+        pass  # a serial line has one other end
+
     def close(self) -> None:
         self._port.close()
 
 
 class UdpLine:
-    """A UDP socket. udpin answers the one who spoke last; udpout speaks to its host from the start."""
+    """A UDP socket. udpin speaks to whoever spoke last until `answer` says who is meant; udpout to its host always."""
 
     bytes_per_s = None
 
@@ -146,6 +162,8 @@ class UdpLine:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._peer: tuple[str, int] | None = place if self.speaks_first else None
+        self.sources: list[Source] = []
+        self._chosen = self.speaks_first
         try:
             self._socket.bind(("0.0.0.0", 0) if self.speaks_first else place)
         except OSError as error:
@@ -160,6 +178,7 @@ class UdpLine:
     def read(self, timeout_s: float) -> list[Chunk]:
         select.select([self._socket], [], [], timeout_s)
         chunks: list[Chunk] = []
+        self.sources = []
         for _ in range(256):  # then the rest of the loop has its turn
             try:
                 data, peer = self._socket.recvfrom(_READ_BYTES)
@@ -170,7 +189,8 @@ class UdpLine:
             except OSError as error:
                 raise DeviceLost(f"{self._address}: {_reason(error)}") from error
             chunks.append((data, time.monotonic_ns()))
-            if not self.speaks_first:
+            self.sources.append(peer)
+            if not self._chosen:
                 self._peer = peer
         return chunks
 
@@ -186,6 +206,10 @@ class UdpLine:
             if error.errno not in _NETWORK_DOWN:
                 raise DeviceLost(f"{self._address}: {_reason(error)}") from error
 
+    def answer(self, chunk: int) -> None:
+        if not self.speaks_first:
+            self._peer, self._chosen = self.sources[chunk], True
+
     def close(self) -> None:
         self._socket.close()
 
@@ -195,6 +219,7 @@ class TcpLine:
 
     bytes_per_s = None
     speaks_first = False
+    sources = None
 
     def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
         self._address = address
@@ -229,6 +254,9 @@ class TcpLine:
             raise DeviceLost(f"{self._address}: {_reason(error)}") from error
         if sent < len(data):
             raise DeviceLost(f"{self._address}: the connection is stuck")
+
+    def answer(self, chunk: int) -> None:
+        pass  # a connection has one other end
 
     def close(self) -> None:
         self._socket.close()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from companion.autopilot_parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice
-from companion.avoidance import echoes
+from companion.avoidance import PX4_POSITION_MODE, echoes
 from companion.config_avoid import AvoidParams
-from companion.echo_check import PATIENCE_NS, EchoCheck
+from companion.echo_check import PATIENCE_NS, EchoCheck, likely_cause
 from companion.obstacle_distance import clear_cm, obstacle_distance_message
 from companion.status_text import MOST_CHARACTERS, StatusTexts, shortened
 from drivers.mavlink import Vehicle
@@ -29,6 +29,18 @@ def answers(autopilot: SimulatedAutopilot, requests: list, now_ns: int) -> list:
     return MessageSplitter().feed(b"".join(autopilot.due(now_ns)))
 
 
+def asked(reader: ParameterReader, autopilot: SimulatedAutopilot, begin_ns: int, seconds: float) -> None:
+    """Ten times a second what is due is asked, and answered."""
+    for step in range(round(10 * seconds)):
+        now_ns = begin_ns + step * NS // 10
+        for message in answers(autopilot, reader.due(now_ns, 1), now_ns):
+            reader.take(message, now_ns)
+
+
+def tell(reader: ParameterReader, name: str, value: float, now_ns: int) -> None:
+    reader.take(dialect.MAVLink_param_value_message(name.encode(), value, 9, 1, 0), now_ns)
+
+
 # ---- parameters -------------------------------------------------------------------------------------------------------
 
 
@@ -43,14 +55,13 @@ def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: 
     autopilot, reader = SimulatedAutopilot(Personality(kind=kind)), ParameterReader()
     autopilot.parameters = dict(parameters)
     reader.begin(kind)
-    for message in answers(autopilot, reader.due(NS, 1), NS):
-        reader.take(message)
+    asked(reader, autopilot, NS, 2.0)
     assert reader.values() == parameters
-    assert reader.due(NS + ASK_AGAIN_NS, 1) == []
+    assert reader.due(3 * NS + ASK_AGAIN_NS, 1) == []
     autopilot.parameters |= {"CP_DIST": 5.0} if kind == PX4 else {"AVOID_MARGIN": 5.0}
-    for message in answers(autopilot, reader.due(NS + RENEW_NS, 1), NS + RENEW_NS):
-        reader.take(message)
+    asked(reader, autopilot, 3 * NS, RENEW_NS / NS + 2.0)
     assert 5.0 in reader.values().values()
+    assert reader.contradictions(15 * NS) == []
 
 
 def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
@@ -97,7 +108,8 @@ def test_a_value_that_is_no_number_is_no_value(value: float) -> None:
     reader.begin(ARDUPILOT)
     reader.due(NS, 1)
     for name in ("AVOID_ENABLE", "AVOID_MARGIN"):
-        reader.take(dialect.MAVLink_param_value_message(name.encode(), value, 9, 1, 0))
+        tell(reader, name, value, NS)
+        tell(reader, name, value, 3 * NS)
     assert reader.values() == {}
     assert advice(ARDUPILOT, reader.values(), (), 12.0) == []
 
@@ -106,12 +118,39 @@ def test_another_vehicle_has_parameters_of_its_own() -> None:
     reader = ParameterReader()
     reader.begin(ARDUPILOT, 1)
     reader.due(NS, 1)
-    reader.take(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", 5.0, 9, 1, 0))
+    tell(reader, "AVOID_MARGIN", 5.0, NS)
+    tell(reader, "AVOID_MARGIN", 5.0, 3 * NS)
     reader.begin(ARDUPILOT, 1)
     assert reader.value("AVOID_MARGIN") == 5.0
     reader.begin(ARDUPILOT, 2)
     assert reader.value("AVOID_MARGIN") is None
     assert reader.due(NS, 2)
+
+
+@pytest.mark.parametrize("forged", [20.0, 0.5])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_forged_value_beside_the_true_one_never_moves_the_wall(forged: float, first: bool) -> None:
+    """Farther, the vehicle flies on into what nobody sees; nearer, it backs away without end."""
+    reader = ParameterReader()
+    reader.begin(ARDUPILOT)
+    autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
+    autopilot.parameters = {"AVOID_MARGIN": 2.5}
+    if not first:
+        asked(reader, autopilot, NS, 2.0)
+        assert reader.value("AVOID_MARGIN") == 2.5
+    for step in range(600):  # a minute of forged values, ten a second
+        now_ns = 4 * NS + step * NS // 10
+        tell(reader, "AVOID_MARGIN", forged, now_ns)
+        for message in answers(autopilot, reader.due(now_ns, 1), now_ns):
+            reader.take(message, now_ns)
+        assert reader.value("AVOID_MARGIN") == (None if first else 2.5)
+    (said,) = reader.contradictions(64 * NS)
+    assert "somebody else speaks as the autopilot" in said
+    assert ("neither counts" in said) == first
+    assert reader.settled
+    asked(reader, autopilot, 65 * NS, 40.0)
+    assert reader.value("AVOID_MARGIN") == 2.5
+    assert reader.contradictions(105 * NS) == []
 
 
 # ---- echo -------------------------------------------------------------------------------------------------------------
@@ -159,6 +198,27 @@ def test_one_that_does_not_is_said_with_the_likely_cause(kind: str, word: str) -
 def test_other_obstacles_than_ours_are_said(kind: str) -> None:
     check = echoed(kind, False, 12.0, scene(400), own=scene(150))
     assert "other obstacles than ours" in check.trouble(kind, NS + 12 * NS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "signing", "mavlink_1", "word"),
+    [
+        (PX4, {"CP_DIST": -1.0}, "", False, "CP_DIST = -1 switches collision prevention off"),
+        (ARDUPILOT, {"PRX1_TYPE": 0.0}, "", False, "PRX1_TYPE = 0; set it to 2"),
+        (PX4, {"CP_DIST": -1.0}, "the autopilot signs and we have no key: x", False, "signs and we have no key"),
+        (PX4, {"CP_DIST": 3.0}, "", True, "MAV_PROTO_VER = 2"),
+        (ARDUPILOT, {"PRX1_TYPE": 2.0}, "", True, "SERIALn_PROTOCOL = 2"),
+        (PX4, {"CP_DIST": 3.0}, "", False, "of the onboard kind"),
+        (ARDUPILOT, {}, "", False, "started again since"),
+    ],
+)
+def test_the_likely_cause_is_the_one_that_is_known(
+    kind: str, values: dict[str, float], signing: str, mavlink_1: bool, word: str
+) -> None:
+    vehicle = Vehicle(1, kind, 2, True, PX4_POSITION_MODE << 16, 0, mavlink_1)
+    said = echoed(kind, True, 8.0, scene(400)).trouble(kind, NS + 8 * NS, likely_cause(vehicle, values, signing))
+    assert said.startswith("the autopilot does not take our obstacles: ")
+    assert word in said
 
 
 def test_px4_sends_its_map_in_position_mode_alone() -> None:

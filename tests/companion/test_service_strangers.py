@@ -1,0 +1,170 @@
+"""The service as a process while others speak on its line: what the autopilot is told, and when, stays what is safe."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.mavlink_dialect import dialect
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
+
+from .live import NS, Live, flown, until
+from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
+
+WALL_CM = 266
+"""Of the policy stop at the simulated autopilot's AVOID_MARGIN of 2.5 m."""
+
+
+@pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
+def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
+    live = Live(tmp_path_factory.mktemp("strangers"), CONFIG, renders)
+    with flown(live, request.param) as line:
+        line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
+        told = Told(live, line, request.param)
+        try:
+            live.start()
+            assert until(told.sees)
+            told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+            yield told
+            assert live.stop() == 0
+        finally:
+            live.close()
+
+
+def packed(m: Any, system: int = 1, component: int = 1) -> bytes:
+    return bytes(m.pack(dialect.MAVLink(None, system, component)))
+
+
+@contextmanager
+def speaking(told: Told, words: Callable[[int], list[bytes]]) -> Iterator[None]:
+    """Somebody sends words(k) to the service's port, a hundred times a second."""
+    stop = threading.Event()
+
+    def speak() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mouth:
+            k = 0
+            while not stop.wait(0.01):
+                for data in words(k):
+                    mouth.sendto(data, ("127.0.0.1", told.live.port))
+                k += 1
+
+    thread = threading.Thread(target=speak, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def noise_and_strangers(k: int) -> list[bytes]:
+    """Bytes of nothing, messages with a flipped bit, another vehicle's, answers to what nobody asked."""
+    dice = random.Random(k)
+    other = {0: 12, 1: 3}[k % 2]
+    attitude = dialect.MAVLink_attitude_message(k, 1.5, 0.5, 0.0, 0.0, 0.0, 0.0)
+    broken = bytearray(packed(attitude))
+    broken[dice.randrange(10, len(broken))] ^= 1 << dice.randrange(8)
+    return [
+        dice.randbytes(dice.randrange(1, 60)),
+        b"\xfd\xff\x00\x00",
+        bytes(broken),
+        packed(dialect.MAVLink_heartbeat_message(2, other, 128, 0, 4, 3), system=7),
+        packed(attitude, system=7),
+        packed(attitude, component=100),
+        packed(dialect.MAVLink_timesync_message(10**15 + k, 10**12 + k)),
+    ]
+
+
+def blind_after(told: Told, seconds: float) -> list[tuple[float, list[int]]]:
+    """The camera hangs for so long: (seconds after its newest exposure, what was told ahead) from 0.4 s on."""
+    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # nobody is told that it ended
+    stopped_ns = time.monotonic_ns()
+    assert until(lambda: time.monotonic_ns() > stopped_ns + round(seconds * NS), seconds + 5.0)
+    newest_ns = max(m.t_exposure_ns for m in told.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)
+    end_ns = stopped_ns + round(seconds * NS)
+    return [
+        ((t - newest_ns) / NS, [values[i] for i in FRONT])
+        for t, values in told.messages()
+        if newest_ns + 400_000_000 < t < end_ns
+    ]
+
+
+def test_noise_and_strangers_change_nothing_of_what_the_autopilot_is_told(told: Told) -> None:
+    assert until(told.sees)
+    with speaking(told, noise_and_strangers):
+        begun_ns = time.monotonic_ns()
+        assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
+        times = [t for t, _ in told.messages() if t > begun_ns]
+        assert len(times) > 25
+        assert max(b - a for a, b in pairwise(times)) < NS // 2
+        assert told.sees()
+        late = blind_after(told, 1.0)
+        allowed = {65535} if told.kind == PX4 else {WALL_CM}
+        assert late
+        assert [x for x in late if not set(x[1]) <= allowed] == []
+    counts = told.health.since(0)[-1].autopilot.counts
+    assert counts["heartbeats of other vehicles"] > 100
+    assert counts["timesync answers to nobody"] > 100
+    assert counts["bytes of noise"] > 1000
+    assert until(told.sees, 20.0)
+
+
+def test_who_speaks_as_another_kind_of_autopilot_brings_no_silence_and_no_clear(told: Told) -> None:
+    """To ArduPilot, PX4's policy would mean: fly on. Both names at once get the wall, before which both stand."""
+    assert until(told.sees)
+    forged = AUTOPILOT_IDS[ARDUPILOT if told.kind == PX4 else PX4]
+    beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3))
+    with speaking(told, lambda k: [beat]):
+        told.health.wait(lambda h: any("contradict each other" in t for t in h.troubles), 10.0)
+        assert until(told.sees)
+        late = blind_after(told, 3.5)
+        assert late[-1][0] > 3.0  # no silence
+        wall = late[len(late) // 2][1]
+        assert all(v < 1200 for v in wall)
+        assert {v for _, values in late for v in values} == {wall[0]}
+        if told.kind == ARDUPILOT:
+            assert wall[0] == WALL_CM  # its margin was read before and still counts
+    assert until(lambda: "OA: ArduPilot or PX4" in told.texts())
+    assert until(told.sees, 30.0)
+    told.health.wait(lambda h: not any("contradict" in t for t in h.troubles), 20.0)
+
+
+def test_a_second_companion_is_told_to_people_and_ours_goes_on(told: Told) -> None:
+    assert until(told.sees)
+    clear = packed(
+        dialect.MAVLink_obstacle_distance_message(0, 4, [1201] * 72, 5, 20, 1200, 5.0, 0.0, 12), component=197
+    )
+    with speaking(told, lambda k: [clear] if k % 10 == 0 else []):
+        health = told.health.wait(lambda h: any("component 197 tells it of obstacles" in t for t in h.troubles), 10.0)
+        assert health.state == pb.Health.STATE_DEGRADED
+        assert until(lambda: "OA: component 197 tells it of obstacles too" in told.texts(), 10.0)
+        begun_ns = time.monotonic_ns()
+        assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 10.0)
+        assert told.sees()
+
+
+def test_forged_parameters_do_not_move_the_wall(told: Told) -> None:
+    """And where the policy has no wall, they make none."""
+    assert until(told.sees)
+    values = [packed(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", v, 9, 1, 0)) for v in (20.0, 0.5)]
+    with speaking(told, lambda k: values if k % 10 == 0 else []):
+        begun_ns = time.monotonic_ns()
+        assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
+        late = blind_after(told, 1.0)
+        assert late
+        assert {v for _, ahead in late for v in ahead} == ({65535} if told.kind == PX4 else {WALL_CM})
+        if told.kind == ARDUPILOT:
+            told.health.wait(lambda h: any("AVOID_MARGIN is told as" in t for t in h.troubles), 10.0)
+    assert until(told.sees, 20.0)

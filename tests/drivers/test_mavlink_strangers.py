@@ -1,0 +1,170 @@
+"""Others on the line: a second companion, somebody who speaks as the autopilot or as us, datagrams of anybody."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import pytest
+
+from drivers.mavlink import MavlinkParams, MavlinkSession
+from drivers.mavlink_dialect import dialect
+from drivers.mavlink_frames import MessageSplitter
+from drivers.mavlink_strangers import RECENT_NS, Strangers
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+from drivers.transport import Address, UdpLine, parse_address
+
+from .test_mavlink_link import free_port, linked, until
+from .test_mavlink_session import NS, Conversation, talk
+
+
+def frame(m: Any, system: int = 1, component: int = 1) -> bytes:
+    return bytes(m.pack(dialect.MAVLink(None, system, component)))
+
+
+def heartbeat(autopilot: int) -> Any:
+    return dialect.MAVLink_heartbeat_message(2, autopilot, 0, 0, 4, 3)
+
+
+def obstacles(cm: int = 1201) -> Any:
+    return dialect.MAVLink_obstacle_distance_message(0, 4, [cm] * 72, 5, 20, 1200, 5.0, 0.0, 12)
+
+
+def strangers(c: Conversation) -> dict[str, str]:
+    return c.session.status(c.now_ns).strangers
+
+
+def hear(c: Conversation, data: bytes) -> None:
+    c.session.receive([(data, c.now_ns)])
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_a_second_companion_that_tells_of_obstacles_is_named(kind: str) -> None:
+    c = talk(kind)
+    c.run(2.0)
+    assert strangers(c) == {}
+    hear(c, frame(obstacles(), component=197))
+    assert "component 197 tells it of obstacles too" in strangers(c)["two companions"]
+    c.run(RECENT_NS / NS + 0.1)
+    assert strangers(c) == {}
+
+
+def test_the_autopilots_own_map_and_companions_of_other_vehicles_are_none() -> None:
+    c = talk(PX4)
+    c.run(2.0)
+    hear(c, frame(obstacles(), component=1) + frame(obstacles(), system=9, component=197))
+    hear(c, frame(heartbeat(8), component=197))  # a gimbal, a camera: anybody may be there
+    assert strangers(c) == {}
+
+
+def test_one_with_our_ids_is_named_and_our_own_words_brought_back_are_not() -> None:
+    c = talk(ARDUPILOT)
+    c.run(2.0)
+    for data in c.sent[-50:]:
+        hear(c, data)
+    assert strangers(c) == {}
+    twin = MavlinkSession()
+    twin.receive([(frame(heartbeat(3)), c.now_ns)])
+    for data in twin.due(c.now_ns):
+        hear(c, data)
+    assert "another speaks as component 196" in strangers(c)["two of us"]
+
+
+@pytest.mark.parametrize(("true", "forged"), [(PX4, 3), (ARDUPILOT, 12)])
+def test_heartbeats_that_contradict_each_other_make_an_autopilot_of_no_known_kind(true: str, forged: int) -> None:
+    """What is told to such a one is safe for both: the policy goes by the kind."""
+    c = talk(true)
+    c.run(2.0)
+    for _ in range(5):
+        hear(c, frame(heartbeat(forged)))
+        assert c.session.vehicle is not None
+        assert c.session.vehicle.autopilot == "ArduPilot or PX4"
+        c.run(1.0)
+        assert c.session.vehicle.autopilot == "ArduPilot or PX4"
+    assert "contradict each other" in strangers(c)["two autopilots"]
+    assert c.session.status(c.now_ns).clock_restarts == 0
+    c.run(RECENT_NS / NS + 2.0)
+    assert c.session.vehicle.autopilot == true
+    assert strangers(c) == {}
+
+
+def test_an_autopilot_that_the_configuration_leaves_out_is_named() -> None:
+    c = talk(PX4, MavlinkParams(system_id=3))
+    c.run(2.0)
+    assert c.session.vehicle is None
+    assert "[autopilot] system_id = 3 leaves it out" in strangers(c)["system id"]
+
+
+def test_answers_to_timesync_that_mirror_nothing_we_asked_leave_the_clock() -> None:
+    c = talk(PX4, boot_at_ns=0)
+    c.run(3.0)
+    before = c.session.status(c.now_ns).clock
+    for k in range(2000):
+        hear(c, frame(dialect.MAVLink_timesync_message(10**15 + k, c.now_ns - k * 1000)))
+    c.run(1.0)
+    status = c.session.status(c.now_ns)
+    assert abs(status.clock.offset_ns - before.offset_ns) < 1_000_000
+    assert status.clock_restarts == 0
+    assert status.counts["timesync answers to nobody"] > 1900
+
+
+def test_made_up_ids_do_not_fill_the_memory() -> None:
+    s = Strangers(196)
+    for component in range(2, 256):
+        (m,) = MessageSplitter().feed(frame(obstacles(), component=component))
+        s.heard(m, 1, NS)
+        s.left_out(component, NS)
+    assert len(s._rivals) == len(s._left_out) == 16
+
+
+def test_what_is_written_goes_to_the_one_who_is_meant_and_not_to_who_spoke_last() -> None:
+    line = UdpLine(Address("udpin", "127.0.0.1", free_port()))
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as true,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        for end in (true, other):
+            end.bind(("127.0.0.1", 0))
+            end.settimeout(5.0)
+        true.sendto(b"true", ("127.0.0.1", line.port))
+        chunks = line.read(5.0)
+        line.answer([data for data, _ in chunks].index(b"true"))
+        other.sendto(b"other", ("127.0.0.1", line.port))
+        assert [data for data, _ in line.read(5.0)] == [b"other"]
+        line.write(b"obstacles")
+        assert true.recv(100) == b"obstacles"
+    line.close()
+
+
+def test_half_a_message_of_one_holds_back_none_of_another() -> None:
+    session = MavlinkSession()
+    there, anybody = ("10.0.0.1", 1), ("10.0.0.2", 2)
+    chunks = [(b"\xfd\xff\x00\x00", NS), (frame(heartbeat(3)), NS + 1), (b"\xfd", NS + 2)]
+    session.receive(chunks, [anybody, there, anybody])
+    assert session.vehicle is not None
+    assert session.spoke_in == 1
+    session.receive([(b"\xfd", NS)] * 100, [("10.0.0.3", port) for port in range(100)])
+    assert len(session._splitters) == 16
+    cut = frame(heartbeat(3))
+    session.receive([(cut[:9], NS + 3), (cut[9:], NS + 4)], [there, there])
+    assert session.spoke_in == 1
+
+
+def test_datagrams_of_anybody_do_not_take_our_words_away_from_the_autopilot() -> None:
+    port = free_port()
+    with (
+        AutopilotLine(SimulatedAutopilot(Personality(kind=ARDUPILOT)), UdpEnd("127.0.0.1", port)) as autopilot,
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as anybody,
+    ):
+        assert until(lambda: link.status().vehicle is not None)
+        noise = [b"\xfd\xff\x00hello", frame(heartbeat(3), system=7), frame(obstacles(), component=197)]
+        for k in range(300):
+            for data in noise:
+                anybody.sendto(data, ("127.0.0.1", port))
+            link.post(dialect.MAVLink_statustext_message(6, f"{k}".encode()))
+            assert until(
+                lambda k=k: autopilot.change(lambda a: [m.text for m in a.of_kind("STATUSTEXT")][-1:]) == [f"{k}"]
+            )
+        assert "two companions" in link.status().strangers
