@@ -13,6 +13,7 @@ from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from .autopilot_parameters import WANTED, ParameterReader, advice
 from .config_avoid import AvoidParams
 from .echo_check import EchoCheck, likely_cause
+from .masks import Mask
 from .obstacle_distance import clear_cm
 from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told
 from .pipeline import PrismsResult
@@ -63,9 +64,9 @@ class Avoidance:
         """Attitudes and positions of the autopilot, as they come."""
         self._teller.samples(samples)
 
-    def announce(self, info: CameraInfo) -> None:
-        """A camera that was opened."""
-        self._teller.announce(info)
+    def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
+        """A camera that was opened, and which of its pixels are never measured."""
+        self._teller.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
         """What a frame said."""

@@ -8,6 +8,9 @@ from typing import Any
 
 from core.types import CameraInfo, CameraMount
 
+_CORNER = r"-?\d+(?:\.\d+)?,-?\d+(?:\.\d+)?"
+_POLYGON = rf"{_CORNER}(?: +{_CORNER})+"
+
 
 def _number(low: float, high: float, unit: str, doc: str, default: float | None = None) -> Any:
     return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
@@ -41,6 +44,18 @@ class CameraConfig:
     max_range_m: float | None = _number(0.5, 65.0, "m", "farthest depth that is used")
     ke_per_m: float | None = _number(
         1e-5, 0.05, "1/m", "noise: sigma_Z = ke * Z^2; a prior where the noise is measured"
+    )
+    masks: str = field(
+        default="",
+        metadata={
+            "pattern": rf"^(?:{_POLYGON}(?: *; *{_POLYGON})*)?$",
+            "unit": "",
+            "doc": "parts of the vehicle in the depth image, which are then unknown: polygons of corners u,v in px with "
+            'blanks between them, two corners a rectangle, polygons parted by ";", such as "0,0 80,60; 600,0 639,0 639,50"',
+        },
+    )
+    unmatched_left_px: int | None = _number(
+        0, 1024, "px", "columns at the left that stereo matching never sees; not said: of a zed its disparities, else 0"
     )
     flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
     device: str = field(
@@ -88,6 +103,13 @@ class CameraConfig:
         said: dict[str, Any] = {k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m")}
         given = {k: v for k, v in said.items() if v is not None}
         return replace(info, mount=replace(info.mount, **mount), **given)
+
+    @property
+    def unmatched_px(self) -> int:
+        """Columns at the left of the depth image in which nothing is ever matched."""
+        if self.unmatched_left_px is not None:
+            return self.unmatched_left_px
+        return self.disparities if self.kind == "zed" else 0
 
     @property
     def mount(self) -> CameraMount:

@@ -24,11 +24,12 @@ from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from .config_avoid import AvoidParams
 from .free_memory import FreeMemory
+from .masks import Mask
 from .obstacle_distance import clear_cm, for_reader, obstacle_distance_message
 from .obstacle_memory import Here, ObstacleMemory
 from .pipeline import PrismsResult
 from .reframe import LevelTransform, reframed
-from .sectors import PARTS, SECTORS, Recall, SectorScan, View, covered, looked_into, scan
+from .sectors import PARTS, SECTORS, Look, Recall, SectorScan, View, covered, looked_into, scan
 from .surround import joined, step_to_level
 from .sync import AttitudeAt, PoseAt, Synchroniser, SyncParams
 
@@ -36,7 +37,7 @@ NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
 """How far attitude and position may be carried to the moment of sending; beyond it the vehicle's heading is unknown."""
 
-EVERYWHERE = np.ones((SECTORS, PARTS), bool)
+EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
 """A camera that was never opened may look anywhere: nobody knows."""
 NOTHING_REMEMBERED = np.full(SECTORS, np.inf)
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
@@ -74,7 +75,7 @@ class ObstacleTeller:
         self._motion = Synchroniser(MOTION)
         self._newest: dict[str, PrismsResult] = {}
         self._infos: dict[str, CameraInfo] = {}
-        self._looks: dict[str, NDArray[np.bool_]] = {}
+        self._looks: dict[str, NDArray[np.uint8]] = {}
         self._last_here: Here | None = None
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
@@ -91,9 +92,9 @@ class ObstacleTeller:
                 else:
                     self._motion.poses.add(sample)
 
-    def announce(self, info: CameraInfo) -> None:
-        """A camera that was opened: where it looks."""
-        looks = looked_into(info, self._avoid)
+    def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
+        """A camera that was opened: where it looks; hidden: pixels that are never measured."""
+        looks = looked_into(info, self._avoid, hidden)
         with self._lock:
             self._infos[info.camera] = info
             self._looks[info.camera] = looks

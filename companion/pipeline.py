@@ -26,6 +26,7 @@ from core.frames import (
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, PoseSample
 from drivers.base import Event
 
+from .masks import Mask, without
 from .reframe import LevelTransform, reframed
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser, SyncParams
 
@@ -122,12 +123,16 @@ class Pipeline:
         make_extractor: Callable[[CameraInfo], FrameExtractor],
         sync: SyncParams | None = None,
         state: PipelineState | None = None,
+        mask: Callable[[CameraInfo], Mask | None] = lambda info: None,
     ) -> None:
+        """mask: which pixels of a camera's images are unknown whatever they hold."""
         self._infos = {info.camera: info for info in cameras}
         if len(self._infos) != len(cameras):
             raise ValueError("pipeline: two cameras have the same name; give each its own")
         self._make_extractor = make_extractor
         self._extractors = {info.camera: make_extractor(info) for info in cameras}
+        self._mask = mask
+        self._masks = {info.camera: mask(info) for info in cameras}
         self._sync = Synchroniser(sync or SyncParams())
         self._states = {info.camera: CameraState() for info in cameras}
         self.counts: Counter[str] = Counter()
@@ -158,6 +163,7 @@ class Pipeline:
             return
         self._infos[info.camera] = info
         self._extractors[info.camera] = self._make_extractor(info)
+        self._masks[info.camera] = self._mask(info)
         self._states[info.camera] = CameraState()
 
     def overtaken(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
@@ -241,7 +247,7 @@ class Pipeline:
         state = self._states[frame.camera]
         extractor = self._extractors[frame.camera]
         model, after = extractor.extract(
-            frame.depth_mm,
+            without(frame.depth_mm, self._masks[frame.camera]),
             info,
             R_level_optical,
             state=with_height(state.extractor, pose, transform),

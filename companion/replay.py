@@ -20,6 +20,7 @@ from .compare import Comparison, Key, key_of
 from .config import Config, ConfigError, config_from_text, config_text, load_config
 from .console import fail, progress, say_json
 from .log_writer import LogWriter, refuse_output
+from .masks import masked
 from .messages import prisms_message, state_from_message
 from .pipeline import Output, Pipeline, PipelineState, PrismsResult
 from .replay_report import Replay, problems_of, report, say_report
@@ -30,7 +31,10 @@ from .tally import Tally
 def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: PipelineState | None = None) -> Pipeline:
     """The pipeline of a configuration, with what it says of the cameras."""
     infos = effective_cameras(config, cameras)
-    return Pipeline(infos, lambda info: Extractor(config.extractor), config.sync, state)
+    return Pipeline(
+        infos, lambda info: Extractor(config.extractor), config.sync, state,
+        mask=lambda info: masked(config.camera(info.camera), info),
+    )  # fmt: skip
 
 
 def effective_cameras(config: Config, cameras: Iterable[CameraInfo]) -> tuple[CameraInfo, ...]:

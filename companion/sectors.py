@@ -240,26 +240,45 @@ def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float
     return (max(0.0, a), b) if b > 0.0 else (math.inf, 0.0)
 
 
-def looked_into(info: CameraInfo, avoid: AvoidParams) -> NDArray[np.bool_]:
-    """(72, PARTS) which parts of each sector a camera looks into while the vehicle is level: those of the rays of its
-    image that run through the band of height at near_m or farther; of all its rays where none does."""
-    k = info.intrinsics
-    u = (np.linspace(-0.5, k.width - 0.5, 257) - k.cx) / k.fx
-    v = (np.linspace(-0.5, k.height - 0.5, 257) - k.cy) / k.fy
-    optical = np.stack([*np.meshgrid(u, v), np.ones((257, 257))]).reshape(3, -1)
+class Look(IntEnum):
+    """How much of a part of a sector a camera looks into."""
+
+    NOTHING = 0
+    SOME = 1
+    WHOLE = 2
+
+
+def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+    """(72, PARTS) Look: how much of each part of each sector a camera looks into while the vehicle is level, by the rays of
+    its image that run through the band of height at near_m or farther; by all its rays where none does.
+
+    hidden: (H, W) pixels that are never measured. Where they take more than 1 - clear_share of the heights that the image
+    would see, the part is looked into in some of it only: nobody will ever call it clear."""
+    k, n = info.intrinsics, 257
+    u, v = np.linspace(-0.5, k.width - 0.5, n), np.linspace(-0.5, k.height - 0.5, n)
+    optical = np.stack([*np.meshgrid((u - k.cx) / k.fx, (v - k.cy) / k.fy), np.ones((n, n))]).reshape(3, -1)
     x, y, z = rotation_frd_optical(info.mount) @ optical
     z_m = avoid.near_m * z / np.maximum(np.hypot(x, y), 1e-9)
     inside = (z_m > -avoid.band_above_m) & (z_m < avoid.band_below_m)
     if not inside.any():
         inside[:] = True
-    part_rad = STEP_RAD / PARTS
-    part = np.floor((np.arctan2(y[inside], x[inside]) + 0.5 * STEP_RAD) / part_rad).astype(int)
-    out = np.zeros(SECTORS * PARTS, bool)
-    out[part % (SECTORS * PARTS)] = True
+    seen = inside.copy()
+    if hidden is not None:
+        rows, columns = (np.clip(np.round(c), 0, size - 1).astype(int) for c, size in ((v, k.height), (u, k.width)))
+        seen &= ~hidden[np.ix_(rows, columns)].ravel()
+    part = np.floor((np.arctan2(y, x) + 0.5 * STEP_RAD) / (STEP_RAD / PARTS)).astype(int) % (SECTORS * PARTS)
+    share = (z_m + avoid.band_above_m) / (avoid.band_above_m + avoid.band_below_m)
+    height = np.clip(share * avoid.slices, 0, avoid.slices - 1).astype(int)
+    could, can = (np.zeros((SECTORS * PARTS, avoid.slices), bool) for _ in range(2))
+    could[part[inside], height[inside]] = True
+    can[part[seen], height[seen]] = True
+    out = np.where(can.any(axis=1), np.uint8(Look.SOME), np.uint8(Look.NOTHING))
+    enough = can.sum(axis=1) >= avoid.clear_share * could.sum(axis=1)
+    out[can.any(axis=1) & enough] = Look.WHOLE
     return out.reshape(SECTORS, PARTS)
 
 
-def covered(cameras: Sequence[NDArray[np.bool_]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def covered(cameras: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those they see all of."""
-    parts = np.logical_or.reduce([np.zeros((SECTORS, PARTS), bool), *cameras])
-    return parts.any(axis=1), parts.all(axis=1)
+    parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras])
+    return (parts > Look.NOTHING).any(axis=1), (parts == Look.WHOLE).all(axis=1)

@@ -46,6 +46,7 @@ from .health import (
     troubles_of,
 )
 from .inbox import Inbox, Note, RawFrame
+from .masks import hidden, masked
 from .messages import blind_message, wire_bytes
 from .pipeline import Pipeline, PrismsResult
 from .pipeline_loop import Clockwork, PipelineLoop
@@ -91,7 +92,10 @@ class Service:
         self.session, self.link = self._autopilot()
         self.recorder = self._recorder()
         self.metrics = self._metrics()
-        self._pipeline = Pipeline((), lambda info: Extractor(config.extractor), config.sync)
+        self._pipeline = Pipeline(
+            (), lambda info: Extractor(config.extractor), config.sync,
+            mask=lambda info: masked(config.camera(info.camera), info),
+        )  # fmt: skip
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
         self.loop = PipelineLoop(
             self._pipeline,
@@ -114,7 +118,7 @@ class Service:
         def opened(info: CameraInfo) -> None:
             self.inbox.put([info])
             if self.avoidance is not None:
-                self.avoidance.announce(info)
+                self.avoidance.announce(info, hidden(self.config.camera(name), info))
 
         return CameraSupervisor(self.config.camera(name), opened, self.inbox.put_frame, self.config.supervision)
 

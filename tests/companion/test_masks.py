@@ -1,0 +1,196 @@
+"""Parts of the vehicle in view: unknown, no obstacle, nothing free behind them; and what autopilots are told there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.config import ConfigError, config_of, config_text
+from companion.config_avoid import AvoidParams
+from companion.config_camera import CameraConfig
+from companion.masks import hidden, masked, polygons, without
+from companion.obstacle_distance import UNKNOWN
+from companion.obstacle_sender import AutopilotNow, ObstacleTeller
+from companion.pipeline import Pipeline, PrismsResult
+from companion.replay import make_pipeline
+from companion.sectors import Look, SectorState, looked_into, scan
+from core.extractor import Extractor
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, CameraInfo, DepthFrame
+from drivers.scenes import SceneBuilder
+from drivers.sensor_model import SensorModel
+from drivers.simulated import camera_info, render
+
+MS = 1_000_000
+INFO = camera_info(160, 120)
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=10.0, recover_frames=1)
+ARM = "0,0 44,66"
+"""An arm with its propeller: the upper left of the image, to below its middle."""
+
+
+def section(masks: str = "", **more: object) -> CameraConfig:
+    return CameraConfig(name="front", kind="simulated", masks=masks, **more)
+
+
+def flown(
+    masks: str = "", unmatched_left_px: int | None = None, arm: bool = True
+) -> tuple[ObstacleTeller, PrismsResult, int]:
+    """A second of frames of an open field with an arm of the vehicle 0.5 m away in the image."""
+    b = SceneBuilder("field")
+    b.ground()
+    b.box("horizon", 60.0, 0.0, 0.3, 200.0, 12.0)
+    scene = b.build()
+    camera = section(masks, unmatched_left_px=unmatched_left_px)
+    pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: masked(camera, info))
+    teller = ObstacleTeller(AVOID, ("front",), 0.3)
+    teller.announce(INFO, hidden(camera, INFO))
+    result, now_ns = None, 0
+    for n in range(1, 11):
+        now_ns = n * 100 * MS
+        sample = AttitudeSample(now_ns, now_ns, quaternion_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        pipeline.handle(sample)
+        teller.samples([sample])
+        sensor = SensorModel(ke_per_m=0.0015, sky_is_far=True)
+        depth = render(scene, INFO, position_ned_m=(0.0, 0.0, -1.5), sensor=sensor, seed=3, frame=n).depth_mm.copy()
+        if arm:
+            depth[:64, :42] = 500
+        if unmatched_left_px:
+            depth[:, :unmatched_left_px] = 0
+        frame = DepthFrame(camera="front", sequence=n, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=depth)
+        for output in pipeline.handle(frame):
+            if isinstance(output, PrismsResult):
+                result = output
+                teller.result(output)
+    assert result is not None
+    return teller, result, now_ns
+
+
+def told(teller: ObstacleTeller, kind: str, now_ns: int) -> np.ndarray:
+    values = teller.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
+    assert values is not None
+    return values
+
+
+def test_an_arm_is_an_obstacle_until_it_is_masked_and_then_unknown() -> None:
+    teller, _, now_ns = flown()
+    left = [65, 66, 67]  # 35 to 25 degrees to the left
+    assert (told(teller, "PX4", now_ns)[left] < 100).any()
+    teller, result, now_ns = flown(ARM)
+    values = told(teller, "PX4", now_ns)
+    assert (values >= 1001).all()  # no obstacle anywhere
+    assert (values[left] == UNKNOWN).all()  # but nothing is clear behind the arm
+    assert (values[0:6] == 1001).all()
+    view = teller._view(result, teller._last_here)
+    assert scan([view], AVOID).state[66] == SectorState.UNSEEN
+
+
+def test_behind_a_mask_no_wall_stands_for_ever_and_in_a_blind_view_it_does() -> None:
+    """Of the masked sectors nobody would ever say that they are clear: they count as looked into by nobody. When the camera
+    is blind, what is seen of them below the arm is gone too."""
+    teller, _, now_ns = flown(ARM)
+    values = told(teller, "ArduPilot", now_ns)
+    assert (values[65:68] == UNKNOWN).all()
+    assert (values[0:6] == 1001).all()
+    late = told(teller, "ArduPilot", now_ns + 500 * MS)
+    assert (late[65:68] == 212).all()
+    assert (late[0:6] == 212).all()
+
+
+def test_unmatched_columns_stand_in_nobodys_way() -> None:
+    teller, _, now_ns = flown(unmatched_left_px=40, arm=False)
+    values = told(teller, "ArduPilot", now_ns)
+    assert (values[65:68] == UNKNOWN).all()
+    assert (values[0:6] == 1001).all()
+    walls, _, now_ns = flown(unmatched_left_px=None, arm=True)
+    assert (told(walls, "ArduPilot", now_ns)[65:68] < 1000).all()
+
+
+def test_an_obstacle_beside_and_below_a_mask_is_told() -> None:
+    depth = np.full((120, 160), 4000, np.uint16)
+    hidden_px = masked(section(ARM), INFO)
+    out = without(depth, hidden_px)
+    assert (out[:60, :40] == 0).all()
+    assert (out[70:, :] == 4000).all()
+    assert (out[:, 50:] == 4000).all()
+    assert (depth == 4000).all()
+
+
+def test_polygons_and_rectangles() -> None:
+    assert polygons("0,0 8,4; 1,1 5,1 1,5") == [[(0, 0), (8, 0), (8, 4), (0, 4)], [(1, 1), (5, 1), (1, 5)]]
+    assert polygons("") == []
+    mask = masked(section("10,20 30,40; 100,100 140,100 100,119"), INFO)
+    assert mask is not None
+    assert mask[20:40, 10:30].all()
+    assert mask.sum() == 20 * 20 + sum(math.ceil(40 * (19 - row) / 19) for row in range(19))
+    assert mask[101, 102]
+    assert not mask[118, 138]
+    whole = masked(section("-5,-5 400,400"), INFO)
+    assert whole is not None
+    assert whole.all()
+
+
+@pytest.mark.parametrize("text", ["1,2", "1,2 3", "a,b c,d", "1,2 3,4;", "1 2 3 4"])
+def test_what_is_no_polygon_is_refused_with_its_key(text: str) -> None:
+    with pytest.raises(ConfigError, match="masks"):
+        config_of({"camera": [{"name": "front", "masks": text}]}, "test")
+
+
+def test_a_zed_never_matches_its_first_columns_unless_told_otherwise() -> None:
+    zed = CameraConfig(name="z", kind="zed", device="/dev/video9", calibration="SN1.conf", disparities=32)
+    mask = hidden(zed, INFO)
+    assert mask is not None
+    assert mask[:, :32].all()
+    assert not mask[:, 32:].any()
+    assert hidden(replace(zed, unmatched_left_px=0), INFO) is None
+    assert hidden(section(), INFO) is None
+
+
+def test_coverage_counts_what_is_left_of_the_heights() -> None:
+    free = looked_into(INFO, AVOID)
+    assert set(np.unique(free)) == {Look.NOTHING, Look.WHOLE}
+    corner = looked_into(INFO, AVOID, masked(section("0,0 44,30"), INFO))  # above the band
+    assert (corner == free).all()
+    arm = looked_into(INFO, AVOID, masked(section(ARM), INFO))
+    assert (arm[66] == Look.SOME).all()
+    column = looked_into(INFO, AVOID, masked(section("0,0 44,120"), INFO))
+    assert (column[66] == Look.NOTHING).all()
+    assert (column[3] == Look.WHOLE).all()
+
+
+def test_a_replay_masks_what_the_configuration_masks() -> None:
+    """The log holds what the camera gave; the same configuration gives the same prisms."""
+    config = config_of({"camera": [{"name": "front", "masks": ARM}]}, "test")
+    assert "0,0 44,66" in config_text(config)
+    assert models(make_pipeline(config, (INFO,)), 500) == models(make_pipeline(config, (INFO,)), 2000)
+    bare = config_of({}, "test")
+    assert models(make_pipeline(bare, (INFO,)), 500) != models(make_pipeline(bare, (INFO,)), 2000)
+
+
+def models(pipeline: Pipeline, arm_mm: int) -> list[bytes]:
+    """The planes of a frame in which the masked place shows something at a distance."""
+    depth = np.full((120, 160), 6000, np.uint16)
+    depth[:60, :40] = arm_mm
+    pipeline.handle(AttitudeSample(MS, MS, quaternion_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    frame = DepthFrame(camera="front", sequence=1, t_exposure_ns=MS, t_arrival_ns=MS, depth_mm=depth)
+    return [
+        o.model.planes.tobytes() + o.model.free.free_to_m.tobytes()
+        for o in pipeline.handle(frame)
+        if isinstance(o, PrismsResult) and o.model is not None
+    ]
+
+
+def test_a_camera_described_anew_is_masked_anew() -> None:
+    seen: list[CameraInfo] = []
+
+    def mask(info: CameraInfo) -> np.ndarray | None:
+        seen.append(info)
+        return masked(section(ARM), info)
+
+    pipeline = Pipeline((), lambda info: Extractor(), mask=mask)
+    larger = camera_info(320, 240)
+    pipeline.announce(INFO)
+    pipeline.announce(larger)
+    assert seen == [INFO, larger]
