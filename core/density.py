@@ -110,12 +110,22 @@ def soft_counts(lanes, first, last, weights, hist, counts):
         hist[b + h] = lanes[0, b] + lanes[1, b] + lanes[2, b] + lanes[3, b]
         lanes[0, b], lanes[1, b], lanes[2, b], lanes[3, b] = 0, 0, 0, 0
     u_begin, u_end = np.uint64(begin), np.uint64(end + 1)
-    for b in range(u_begin, u_end):
-        counts[b] = weights[half] * hist[b + h]
-    for k in range(1, half + 1):
-        weight, left, right = weights[half + k], np.uint64(half - k), np.uint64(half + k)
+    if half == 3:  # the usual kernel in one pass
+        w0, w1, w2, w3 = weights[3], weights[4], weights[5], weights[6]
         for b in range(u_begin, u_end):
-            counts[b] += weight * (hist[b + left] + hist[b + right])
+            at = b + h
+            one, two = (
+                hist[at - np.uint64(1)] + hist[at + np.uint64(1)],
+                hist[at - np.uint64(2)] + hist[at + np.uint64(2)],
+            )
+            counts[b] = w0 * hist[at] + w1 * one + w2 * two + w3 * (hist[b] + hist[at + h])
+    else:
+        for b in range(u_begin, u_end):
+            counts[b] = weights[half] * hist[b + h]
+        for k in range(1, half + 1):
+            weight, left, right = weights[half + k], np.uint64(half - k), np.uint64(half + k)
+            for b in range(u_begin, u_end):
+                counts[b] += weight * (hist[b + left] + hist[b + right])
     for b in range(np.uint64(first + half), np.uint64(last + half + 1)):
         hist[b] = 0
     return begin, end
