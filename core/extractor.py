@@ -34,6 +34,7 @@ from .prisms import layered_prisms
 from .scratch import Scratch
 from .settings import float_settings, int_settings
 from .standouts import split_standouts
+from .truncation import undo_truncation
 from .types import (
     CameraInfo,
     ExtractorState,
@@ -94,6 +95,8 @@ class Extractor:
             return blind_model(
                 info, InvalidCause.NO_MEASUREMENT, self.params, replace(stats, dropped_strips=found)
             ), state
+        if not self.params.paper:
+            undo_truncation(ints, floats, found, view, R[:, 2], clear_m, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, settings)
         count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info, ke)
 

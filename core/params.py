@@ -282,7 +282,7 @@ class Params:
         "of a plane's support, the most that stands out by more and becomes planes of its own instead",
     )
     stand_out_m: float = _number(
-        0.15, 0.0, 2.0, "m", "where that spares it at least so much of a shift towards the camera"
+        0.05, 0.0, 2.0, "m", "where that spares it at least so much of a shift towards the camera"
     )
     stand_out_spreads: float = _number(
         2.0,

@@ -112,7 +112,7 @@ def test_a_surface_that_scatters_is_shifted_as_a_whole() -> None:
 
 
 def test_a_step_too_small_to_matter_makes_no_plane() -> None:
-    assert wall({30: 4.6}).split() == 0  # 0.12 m beyond the safe distance
+    assert wall({30: 4.68}).split() == 0  # 0.04 m beyond the safe distance
     assert wall({30: 4.5}).split() == 1
 
 
