@@ -1,4 +1,5 @@
-"""The autopilot's parameters that decide whether it brakes: asked for, and what they mean in words. Nothing is written."""
+"""The autopilot's parameters that decide whether it brakes: asked for, and what they mean in words. Nothing is
+written here."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ SURE_NS, ASK_TO_BE_SURE_NS = NS, 4 * NS // 10
 other. Till then what counted before counts, and it is asked for more often."""
 CONTRADICTION_NS, CONTRADICTIONS = 30 * NS, 3
 """So many changes in so long are nobody's wish."""
-_WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+WHOLE = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as PX4 puts their bytes into the float."""
 
 
@@ -99,6 +100,11 @@ class ParameterReader:
         with self._lock:
             return tuple(name for name, k in self._known.items() if k.value is None and k.tries >= TRIES)
 
+    @property
+    def kind(self) -> str:
+        """Of the autopilot whose parameters these are."""
+        return self._kind
+
     def contradictions(self, now_ns: int) -> list[str]:
         """Which parameters are told now so, now otherwise, in words."""
         with self._lock:
@@ -140,8 +146,8 @@ def _contradictory(known: Known, now_ns: int) -> bool:
 
 def value_of(message: Any, kind: str) -> float:
     """The value of a PARAM_VALUE. PX4 puts the bytes of whole numbers into the float, ArduPilot their value."""
-    if kind == PX4 and message.param_type in _WHOLE:
-        form = _WHOLE[message.param_type]
+    if kind == PX4 and message.param_type in WHOLE:
+        form = WHOLE[message.param_type]
         return float(struct.unpack_from(form, struct.pack("<f", message.param_value))[0])
     return float(message.param_value)
 
@@ -201,3 +207,17 @@ def _ardupilot_advice(v: dict[str, float], max_distance_m: float) -> list[str]:
             f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away, where nobody may be looking; 0 lets it stand"
         )
     return said
+
+
+def delay_advice(kind: str, values: dict[str, float], latency: tuple[str, float, float, float] | None) -> list[str]:
+    """What to say of CP_DELAY by what was measured. latency: (stage, p50, p95, p99) in ms from exposure to telling; it and
+    the line's own time, some milliseconds, are what PX4 cannot know."""
+    if kind != PX4 or latency is None or "CP_DELAY" not in values:
+        return []
+    p99_s = latency[3] / 1000.0
+    if values["CP_DELAY"] >= p99_s:
+        return []
+    return [
+        f"PX4 brakes too late: CP_DELAY = {values['CP_DELAY']:g} s, but of what it is told one in a hundred is older than "
+        f"{p99_s:.2f} s; set it to {math.ceil(20.0 * (p99_s + 0.02)) / 20.0:g}"
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,12 +11,13 @@ from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.mavlink import LinkStatus, Vehicle
 from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 
-from .autopilot_parameters import WANTED, ParameterReader, advice
+from .autopilot_parameters import WANTED, ParameterReader, advice, delay_advice
 from .config_avoid import AvoidParams
 from .echo_check import EchoCheck, likely_cause
+from .latency import Latencies
 from .masks import Mask
 from .obstacle_distance import clear_cm
-from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told
+from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
 from .pipeline import PrismsResult
 from .status_text import StatusTexts
 
@@ -25,6 +27,7 @@ ECHOES = {"PX4": 330, "ArduPilot": 132}
 """The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
+EXPOSURE_TO_TOLD = "exposure to told"
 STRANGERS = ("two autopilots", "two companions", "two of us", "system id")
 """Topics of `LinkStatus.strangers`."""
 
@@ -43,6 +46,9 @@ class Avoidance:
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras = cameras
         self._next_ask_ns = 0
+        self._lock = threading.Lock()
+        self._latencies = Latencies((EXPOSURE_TO_TOLD,))
+        self._exposed_ns: dict[str, int] = {}
         self.parameters = ParameterReader()
         self._echo = EchoCheck()
         self._texts = StatusTexts()
@@ -70,6 +76,7 @@ class Avoidance:
 
     def result(self, result: PrismsResult) -> None:
         """What a frame said."""
+        self._exposed_ns[result.camera] = seen_ns(result)
         self._teller.result(result)
 
     def message(self, message: Any, arrival_ns: int) -> None:
@@ -134,6 +141,7 @@ class Avoidance:
         trouble = self._echo_trouble(vehicle, now_ns)
         values, silent = self.parameters.values(), self.parameters.silent()
         said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
+        said += delay_advice(vehicle.autopilot, values, self.latency())
         said += self.parameters.contradictions(now_ns)
         if self.told is not None and self.told.fault:
             said.insert(0, self.told.fault)
@@ -143,6 +151,12 @@ class Avoidance:
                 "[avoid] avoid_margin_m to the autopilot's"
             )
         return [trouble, *said] if trouble else said
+
+    def latency(self) -> tuple[str, float, float, float] | None:
+        """(stage, p50, p95, p99) in ms: how old the newest exposure of the slowest seeing camera is when obstacles are
+        told; None before there were any."""
+        with self._lock:
+            return next(iter(self._latencies.percentiles()), None)
 
     @property
     def told(self) -> Told | None:
@@ -163,6 +177,10 @@ class Avoidance:
         told = self.sender.told
         if told is not None and told.values is not None:
             self._echo.sent(told.values, clear_cm(self._avoid), told.t_ns)
+            seeing = [exposed_ns for camera, exposed_ns in list(self._exposed_ns.items()) if camera not in told.blind]
+            if seeing:
+                with self._lock:
+                    self._latencies.add(EXPOSURE_TO_TOLD, told.t_ns - min(seeing))
         self._post(message)
 
 

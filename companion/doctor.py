@@ -1,15 +1,18 @@
 """`companion doctor`: before the flight, part by part, what works and what does not, and what to do about it.
 
 Where the service runs it is asked; cameras and line belong to it then. Else each part is tried here as the service would
-use it: every camera in a process of its own, the autopilot over its own line. Nothing is changed anywhere."""
+use it: every camera in a process of its own, the autopilot over its own line. Nothing is changed anywhere, but the
+autopilot's parameters with `--apply`, a list and a yes (`companion.apply_parameters`)."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ from drivers.mavlink import LinkStatus, MavlinkSession
 from drivers.mavlink_link import MavlinkLink
 from drivers.transport import parse_address
 
+from .apply_parameters import Change, apply
 from .autopilot_line import params_of, signing_of
 from .autopilot_parameters import ParameterReader, advice
 from .camera_supervisor import CameraSupervisor
@@ -140,11 +144,15 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         words, warning = link.budget.words(), link.budget.warning()
         yield Finding("line", not warning, f"{words}: {warning}" if warning else words)
     yield from _link_findings(config, link, status)
+    for words in status.strangers.values():
+        yield Finding("autopilot", False, words)
     if status.vehicle is not None:
         known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"
         yield Finding("parameters", bool(reader.values()), known)
         for line in advice(status.vehicle.autopilot, reader.values(), reader.silent(), config.avoid.max_distance_m):
             yield Finding("parameters", not config.avoid.send, line)
+        for line in reader.contradictions(time.monotonic_ns()):
+            yield Finding("parameters", False, line)
 
 
 def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> LinkStatus:
@@ -228,6 +236,31 @@ def _until(condition: Callable[[], bool], seconds: float) -> None:
         time.sleep(0.05)
 
 
+def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding]:
+    """Writes what the autopilot lacks, with a yes. Only where no service has its line."""
+    if not config.autopilot.address:
+        return
+    if running_service(config) is not None:
+        words = "nothing is written: the service has the line; stop it first (systemctl stop osape-companion)"
+        yield Finding("apply", False, words)
+        return
+    try:
+        for good, words in apply(config, patience_s, (lambda wanted: True) if yes else _typed_yes):
+            yield Finding("apply", good, words)
+    except DriverError as error:
+        yield Finding("apply", False, f"nothing is written: {error}")
+
+
+def _typed_yes(wanted: list[Change]) -> bool:
+    """Whether somebody who read the list typed yes."""
+    say("to be written to the autopilot:")
+    for change in wanted:
+        say(f"    {change.words()}")
+    sys.stdout.write("type yes to write them: ")
+    sys.stdout.flush()
+    return sys.stdin.readline().strip() == "yes"
+
+
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion doctor`."""
     parser = subparsers.add_parser("doctor", help="what works and what does not, before the flight")
@@ -235,14 +268,23 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--patience", type=float, default=25.0, metavar="S", help="for each camera, and the autopilot (25)"
     )
+    parser.add_argument(
+        "--apply", action="store_true", help="write the autopilot's parameters: a list, then a typed yes"
+    )
+    parser.add_argument("--yes", action="store_true", help="with --apply: the yes, given beforehand")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all is as it should be; 1: not."""
+    """0: all is as it should be; 1: not. Raises ValueError for options that do not go together."""
+    if args.yes and not args.apply:
+        raise ValueError("--yes goes with --apply alone")
+    if args.json and args.apply and not args.yes:
+        raise ValueError("--apply asks for a typed yes; with --json give --yes")
     config = load_config(args.config)
     findings = []
-    for finding in examine(config, args.patience):
+    writing = applied(config, args.patience, yes=args.yes) if args.apply else iter(())
+    for finding in chain(writing, examine(config, args.patience)):
         findings.append(finding)
         if not args.json:
             say(f"{'ok ' if finding.good else ' ! '} {finding.part}: {finding.words}")

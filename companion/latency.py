@@ -14,8 +14,8 @@ _HELD = 512
 class Latencies:
     """`add` in nanoseconds; `percentiles` in milliseconds."""
 
-    def __init__(self) -> None:
-        self._held: dict[str, deque[int]] = {stage: deque(maxlen=_HELD) for stage in STAGES}
+    def __init__(self, stages: tuple[str, ...] = STAGES) -> None:
+        self._held: dict[str, deque[int]] = {stage: deque(maxlen=_HELD) for stage in stages}
 
     def add(self, stage: str, took_ns: int) -> None:
         """One frame's time in a stage."""

@@ -358,6 +358,10 @@ class Service:
         with self.loop.lock:
             for stage, p50, p95, p99 in self.loop.latencies.percentiles():
                 report.latencies.append(pb.Latency(stage=stage, p50_ms=p50, p95_ms=p95, p99_ms=p99))
+            latency = self.avoidance.latency() if self.avoidance is not None else None
+            if latency is not None:
+                stage, p50, p95, p99 = latency
+                report.latencies.append(pb.Latency(stage=stage, p50_ms=p50, p95_ms=p95, p99_ms=p99))
             report.frames_used = sum(self.loop.used.values())
             for cause, count in self.loop.dropped.items():
                 report.frames_dropped[cause] = count

@@ -72,9 +72,10 @@ class Personality:
 class SimulatedAutopilot:
     """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
 
-    parameters: name -> value, answered to PARAM_REQUEST_READ (PX4 puts whole numbers, here ints, into the float's bytes).
-    received: the good messages that came, newest last; dropped: those whose signature was not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back
-    when asked for it; obstacle_times_ns: when each came. deaf: it takes none of them."""
+    parameters: name -> value, told when asked for and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
+    ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
+    not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
+    each came. deaf: it takes none of them."""
 
     def __init__(self, personality: Personality | None = None) -> None:
         self.personality = personality or Personality()
@@ -84,6 +85,7 @@ class SimulatedAutopilot:
             ArduPilotReader() if self.personality.kind == ARDUPILOT else Px4Reader()
         )
         self.obstacle_times_ns: list[int] = []
+        self.stubborn: set[str] = set()
         self.silent = self.deaf = False
         self._next_ns: dict[int, int] = {}
         self._intervals: dict[int, float] = {}
@@ -133,6 +135,8 @@ class SimulatedAutopilot:
                     self._intervals[number] = float(message.req_message_rate)
             elif kind == "PARAM_REQUEST_READ":
                 self._read_parameter(message)
+            elif kind == "PARAM_SET":
+                self._set_parameter(message)
             elif kind == "OBSTACLE_DISTANCE":
                 self.obstacle_times_ns.append(now_ns)
                 if not self.deaf:
@@ -172,6 +176,17 @@ class SimulatedAutopilot:
             value, kind = struct.unpack("<f", struct.pack("<i", value))[0], _INT32
         index = list(self.parameters).index(name)
         self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
+
+    def _set_parameter(self, message: Any) -> None:
+        """Takes a value and tells the parameter, as it then is."""
+        name, value = message.param_id, float(message.param_value)
+        if name not in self.parameters:
+            return
+        if self.personality.kind == PX4 and message.param_type == _INT32:
+            value = struct.unpack("<i", struct.pack("<f", value))[0]
+        if name not in self.stubborn:
+            self.parameters[name] = value
+        self._read_parameter(message)
 
     def _answer(self, message: Any) -> None:
         self._answers.append(self._pack(message))

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from companion.autopilot_parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice
+from companion.autopilot_parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice, delay_advice
 from companion.avoidance import PX4_POSITION_MODE, echoes
 from companion.config_avoid import AvoidParams
 from companion.echo_check import PATIENCE_NS, EchoCheck, likely_cause
@@ -93,6 +93,16 @@ def test_what_keeps_the_vehicle_from_braking_is_said(kind: str, values: dict[str
     said = advice(kind, values, (), 12.0)
     assert len(said) == 1
     assert word in said[0]
+
+
+def test_a_delay_shorter_than_what_was_measured_is_said_with_the_one_to_set() -> None:
+    measured = ("exposure to told", 120.0, 190.0, 231.0)
+    assert delay_advice(PX4, {"CP_DELAY": 0.25}, measured) == []
+    (said,) = delay_advice(PX4, {"CP_DELAY": 0.2}, measured)
+    assert "older than 0.23 s" in said
+    assert said.endswith("set it to 0.3")
+    assert delay_advice(PX4, {"CP_DELAY": 0.2}, None) == delay_advice(PX4, {}, measured) == []
+    assert delay_advice(ARDUPILOT, {"CP_DELAY": 0.2}, measured) == []
 
 
 def test_nothing_is_said_of_good_parameters() -> None:

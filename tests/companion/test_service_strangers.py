@@ -38,6 +38,7 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             assert until(told.sees)
             told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
             yield told
+            assert line.change(lambda a: a.of_kind("PARAM_SET")) == []  # whatever it was told
             assert live.stop() == 0
         finally:
             live.close()
@@ -153,6 +154,22 @@ def test_a_second_companion_is_told_to_people_and_ours_goes_on(told: Told) -> No
         begun_ns = time.monotonic_ns()
         assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 10.0)
         assert told.sees()
+
+
+def test_how_old_it_is_what_the_autopilot_is_told_is_measured_and_px4s_delay_judged_by_it(told: Told) -> None:
+    def stage(h: pb.Health) -> pb.Latency | None:
+        return next((x for x in h.latencies if x.stage == "exposure to told"), None)
+
+    health = told.health.wait(lambda h: stage(h) is not None, 30.0)
+    latency = stage(health)
+    assert latency is not None
+    assert 5.0 < latency.p50_ms <= latency.p99_ms <= 300.0 + 67.0  # older is blind
+    if told.kind == PX4:
+        told.line.change(lambda a: a.parameters.update({"CP_DELAY": 0.0}))
+        try:
+            told.health.wait(lambda h: any("PX4 brakes too late: CP_DELAY = 0 s" in t for t in h.troubles), 30.0)
+        finally:
+            told.line.change(lambda a: a.parameters.update(PARAMETERS[PX4]))
 
 
 def test_forged_parameters_do_not_move_the_wall(told: Told) -> None:

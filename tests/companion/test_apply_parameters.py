@@ -1,0 +1,202 @@
+"""`companion doctor --apply`: an autopilot's parameters are written after a list and a yes, disarmed, and never else."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import companion
+import drivers
+from companion import doctor
+from companion.apply_parameters import Change, apply, changes
+from companion.cli import main
+from companion.config import Config, load_config
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+
+from .live import free_port, until
+from .test_service_avoids import PARAMETERS
+
+BAD = {
+    PX4: {"CP_DIST": -1.0, "CP_DELAY": 0.0, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": 1},
+    ARDUPILOT: {
+        "PRX1_TYPE": 0, "AVOID_ENABLE": 1, "AVOID_MARGIN": 15.0, "AVOID_BEHAVE": 0, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 1,
+    },
+}  # fmt: skip
+GOOD = {
+    PX4: {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0, "MPC_POS_MODE": 4},
+    ARDUPILOT: {
+        "PRX1_TYPE": 2, "AVOID_ENABLE": 3, "AVOID_MARGIN": 2.0, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.0, "OA_TYPE": 1,
+    },
+}  # fmt: skip
+"""OA_TYPE is left as it is: how somebody wants paths planned is not ours to say."""
+
+
+@contextmanager
+def flying(
+    kind: str, folder: Path, parameters: dict[str, float], **personality: Any
+) -> Iterator[tuple[AutopilotLine, Path]]:
+    """An autopilot that is not there, and a configuration for it."""
+    port, config = free_port(), folder / "doctor.toml"
+    config.write_text(
+        f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n[avoid]\nsend = true\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
+    )
+    autopilot = SimulatedAutopilot(Personality(kind=kind, **personality))
+    autopilot.parameters = dict(parameters)
+    with AutopilotLine(autopilot, UdpEnd("127.0.0.1", port)) as line:
+        yield line, config
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    monkeypatch.setattr(doctor, "machine_findings", lambda config: iter(()))
+
+
+def answering(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(words))
+
+
+def sets(line: AutopilotLine) -> list[Any]:
+    return list(line.change(lambda a: a.of_kind("PARAM_SET")))
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_with_a_typed_yes_all_is_written_and_read_back(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answering("yes\n", monkeypatch)
+    with flying(kind, tmp_path, BAD[kind]) as (line, config):
+        main(["doctor", "-c", str(config), "--apply", "--patience", "10"])
+        said = capsys.readouterr().out
+        assert line.change(lambda a: dict(a.parameters)) == pytest.approx(GOOD[kind])
+        assert {type(v) for v in line.change(lambda a: list(a.parameters.values()))} <= {int, float}
+    assert said.index("type yes to write them") < said.index("written and read back")
+    assert said.count("written and read back") == len(changes(kind, BAD[kind], load_config(config)))
+    assert ("PRX1_TYPE: 0 -> 2 (it listens to MAVLink; start the autopilot again afterwards)" in said) == (
+        kind == ARDUPILOT
+    )
+    assert ("CP_GO_NO_DATA: 1 -> 0" in said) == (kind == PX4)
+    assert "will not brake" not in said  # what is found then is found of the new values
+
+
+@pytest.mark.parametrize("answer", ["no\n", "", "y\n"])
+def test_without_the_word_yes_nothing_is_written(
+    answer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answering(answer, monkeypatch)
+    with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
+        assert main(["doctor", "-c", str(config), "--apply", "--patience", "6"]) == 1
+        assert sets(line) == []
+    assert "nothing is written: without a yes" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_without_apply_nothing_is_written(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answering("yes\n", monkeypatch)
+    with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
+        assert main(["doctor", "-c", str(config), "--patience", "6", *words]) == 1
+        assert sets(line) == []
+    assert "will not brake" in capsys.readouterr().out
+
+
+def test_only_one_file_can_write_a_parameter() -> None:
+    places = [Path(package.__file__ or "").parent for package in (companion, drivers)]
+    writers = {f.name for place in places for f in place.rglob("*.py") if "param_set" in f.read_text()}
+    assert writers == {"apply_parameters.py"}
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_to_an_armed_vehicle_nothing_is_written(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with flying(kind, tmp_path, BAD[kind], armed=True) as (line, config):
+        assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "6"]) == 1
+        assert sets(line) == []
+    (said,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "apply"]
+    assert "ARMED" in said["words"]
+
+
+def steps(config: Path, agreed: Callable[[list[Change]], bool], patience_s: float = 10.0) -> list[tuple[bool, str]]:
+    return list(apply(load_config(config), patience_s, agreed))
+
+
+def test_a_vehicle_that_is_armed_while_somebody_reads_the_list_is_left_alone(tmp_path: Path) -> None:
+    with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
+
+        def armed_meanwhile(wanted: list[Change]) -> bool:
+            line.change(lambda a: setattr(a.personality, "armed", True))
+            seen = len(line.change(lambda a: a.of_kind("HEARTBEAT")))
+            # ours comes once a second, as its own does
+            assert until(lambda: len(line.change(lambda a: a.of_kind("HEARTBEAT"))) > seen + 1)
+            return True
+
+        said = steps(config, armed_meanwhile)
+        assert sets(line) == []
+        assert said
+        assert all(not good and "ARMED" in words for good, words in said)
+
+
+def test_what_is_not_taken_is_named_and_the_rest_goes_on(tmp_path: Path) -> None:
+    with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
+        line.change(lambda a: a.stubborn.add("PRX1_TYPE"))
+        said = steps(config, lambda wanted: True)
+        assert line.change(lambda a: a.parameters["AVOID_ENABLE"]) == 3
+    assert [words for good, words in said if not good] == [
+        "PRX1_TYPE: it still tells 0: written 3 times and not taken; set it from the ground station"
+    ]
+
+
+def test_a_line_on_which_two_speak_is_not_written_to(tmp_path: Path) -> None:
+    with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
+        port = load_config(config).autopilot.address.rsplit(":", 1)[1]
+        forger = SimulatedAutopilot(Personality(kind=PX4, system_id=1))
+        with AutopilotLine(forger, UdpEnd("127.0.0.1", int(port))):
+            said = steps(config, lambda wanted: True, 5.0)
+        assert sets(line) == []
+        assert forger.of_kind("PARAM_SET") == []
+    assert len(said) == 1
+    assert "contradict each other" in said[0][1]
+
+
+def test_good_parameters_are_left_alone(tmp_path: Path) -> None:
+    for kind, good in (*PARAMETERS.items(), *GOOD.items()):
+        assert changes(kind, good, Config()) == []
+        assert changes(kind, {}, Config()) == []  # what was not told is not known to be wrong
+    with flying(PX4, tmp_path, GOOD[PX4]) as (line, config):
+        assert steps(config, lambda wanted: True) == [(True, "nothing to change")]
+        assert sets(line) == []
+
+
+def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
+        line.change(lambda a: setattr(a, "silent", True))
+        assert "no heartbeat" in steps(config, lambda wanted: True, 1.0)[0][1]
+        monkeypatch.setattr(doctor, "running_service", lambda config: [])
+        main(["doctor", "-c", str(config), "--apply", "--yes", "--json"])
+        assert sets(line) == []
+    assert "stop it first" in capsys.readouterr().out
+
+
+def test_options_that_do_not_go_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--yes"]) == 1
+    assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--apply", "--json"]) == 1
+    assert "give --yes" in capsys.readouterr().err
+
+
+def test_px4_gets_whole_numbers_as_bytes(tmp_path: Path) -> None:
+    with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
+        assert all(good for good, _ in steps(config, lambda wanted: True))
+        kinds = {m.param_id: (m.param_type, m.param_value) for m in sets(line)}
+    assert kinds["CP_DIST"] == (9, 3.0)
+    assert kinds["MPC_POS_MODE"][0] == 6
+    assert kinds["MPC_POS_MODE"][1] == pytest.approx(4 * 2.0**-149)  # the bytes of 4 as a float
