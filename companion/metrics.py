@@ -139,6 +139,8 @@ def _families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
     yield "frames_used_total", "counter", "Frames turned into a model", [({}, float(h.frames_used))]
     dropped: list[Sample] = [({"cause": cause}, float(n)) for cause, n in sorted(h.frames_dropped.items())]
     yield "frames_dropped_total", "counter", "Frames not used, by cause", dropped
+    lost: list[Sample] = [({}, float(h.samples_lost))]
+    yield "samples_lost_total", "counter", "Of the autopilot, before the pipeline took them", lost
     yield from _cameras(h)
     if h.HasField("autopilot"):
         yield from _autopilot(h.autopilot)

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from .config import load_config
 from .console import say
@@ -26,6 +26,10 @@ log = logging.getLogger("companion")
 
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 """syslog's, in front of each line: journald reads them."""
+
+
+MOST_LATE_S = 0.5
+"""Of ticks: what is missed beyond is not made up for."""
 
 
 class JournalFormatter(logging.Formatter):
@@ -45,8 +49,11 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     said: list[str] = []
     ready = False
     next_alive_s = 0.0
+    next_tick_s = time.monotonic()
     while not stop.is_set():
-        (stop if ready else service.loop.begun).wait(tick_s)  # what was waited for is told at once
+        # the rate is kept over what a tick takes, and a late one is made up for: blindness is said so often, not rarer
+        next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MOST_LATE_S)
+        (stop if ready else service.loop.begun).wait(max(0.0, next_tick_s - time.monotonic()))  # told at once
         service.tick()
         if not service.loop.running:
             log.critical("the pipeline has ended: its cause stands above")
@@ -96,12 +103,16 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: stopped as told; 1: it could not run, or a part of it ended."""
-    gc.disable()  # a start makes much and leaves nothing behind; make_ready puts it aside, then collecting begins
+    gc.disable()  # a start makes much and leaves nothing behind; it is put aside in the end, then collecting begins
     faulthandler.enable()  # systemd's watchdog sends SIGABRT: where each thread hung is then in the journal
-    from .service import Service  # by far most of the modules
-    from .warmup import make_ready
-
+    cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba loads it where it is installed, for nothing
     config = load_config(args.config)
+    from .warmup import Loading
+
+    loading = Loading(config.extractor.mode)  # beside by far most of the modules
+    loading.start()
+    from .service import Service
+
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
@@ -111,7 +122,8 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: stop.set())
 
     def warm_up() -> None:
-        make_ready(config.extractor.mode)
+        loading.finish()
+        gc.freeze()
         gc.enable()
 
     service = Service(config, folders(), warm_up)

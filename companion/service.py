@@ -61,6 +61,7 @@ if TYPE_CHECKING:
 
 NS = 1_000_000_000
 HEALTH_NS = NS
+LOSS_TOLD_NS = 10 * NS
 HEARTBEAT_STATES = {
     pb.Health.STATE_STARTING: MAV_STATE_STANDBY,
     pb.Health.STATE_ACTIVE: MAV_STATE_ACTIVE,
@@ -109,6 +110,7 @@ class Service:
         )
         self._frames_before: dict[str, tuple[int, int]] = {}
         self._next_health_ns = 0
+        self._lost = self._losing_until_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
         self.troubles: list[str] = []
 
@@ -262,6 +264,10 @@ class Service:
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
             self.troubles += self.avoidance.troubles(now_ns)
+        if self._losing(now_ns):
+            self.troubles.append(
+                f"{self.inbox.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
+            )
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
         state = state_of(views, self.troubles, self.started)
@@ -270,6 +276,13 @@ class Service:
             if self.link is not None:
                 self.link.set_system_status(HEARTBEAT_STATES[state])
             self._publish_health(views, autopilot)
+
+    def _losing(self, now_ns: int) -> bool:
+        """Whether samples were lost of late. What is lost while the kernels are compiled is no trouble: nothing sees yet."""
+        if self.inbox.lost != self._lost:
+            self._lost = self.inbox.lost
+            self._losing_until_ns = now_ns + LOSS_TOLD_NS if self.started else 0
+        return now_ns < self._losing_until_ns
 
     def _views(self, now_ns: int) -> list[CameraView]:
         views = []
@@ -365,6 +378,7 @@ class Service:
             report.frames_used = sum(self.loop.used.values())
             for cause, count in self.loop.dropped.items():
                 report.frames_dropped[cause] = count
+        report.samples_lost = self.inbox.lost
         self._machine.fill(report)
         if self.metrics is not None:
             self.metrics.update(report)

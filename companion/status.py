@@ -57,6 +57,8 @@ def status_lines(h: pb.Health) -> list[str]:
         lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
     dropped = ", ".join(f"{count} {cause}" for cause, count in sorted(h.frames_dropped.items()))
     lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
+    if h.samples_lost:
+        lines.append(f"samples of the autopilot that were lost: {h.samples_lost}")
     for latency in h.latencies:
         lines.append(
             f"  {latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"

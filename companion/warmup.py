@@ -14,6 +14,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -29,9 +30,12 @@ from .jit_cache import VARIABLE, base_of
 
 CACHED = ("*.nbi", "*.nbc")
 """numba's index and code files: nothing else is ever deleted."""
-CHILD = "from companion.warmup import run_kernels; run_kernels()"
+CHILD = "import sys; from companion.warmup import run_child; run_child(sys.argv[1:])"
+MODES = ("safe", "paper")
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
+COMPLETE = "complete-"
+"""With a mode behind it: stands beside the cached kernels when all that a service in this mode uses are there."""
 MARK = "loading"
 """Stands beside the cached kernels while a service loads them."""
 COMPILED_S = 5.0
@@ -89,14 +93,34 @@ def warm_up() -> Warmup:
             raise WarmupError(
                 f"the kernels do not run, also after {deleted} cached files were deleted: {_last_words(second)}"
             )
+    _tell_complete(*MODES)
     cached = len(list(_cached_files(folders)))
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
 
 
-def make_ready(mode: str) -> None:
-    """Loads the kernels that a live service in this mode uses, or compiles them where that was never done.
+class Loading(threading.Thread):
+    """make_ready, beside whatever else a start has to do. Loading releases the interpreter for most of its time."""
 
-    A service that died while it did so has perhaps met a damaged cache, and would die of it again at each start: a
+    def __init__(self, mode: str) -> None:
+        super().__init__(name="loading", daemon=True)
+        self._mode, self._done = mode, False
+
+    def run(self) -> None:
+        make_ready(self._mode)
+        self._done = True
+
+    def finish(self) -> None:
+        """Waits until the kernels are there. Raises WarmupError where they cannot be had."""
+        self.join()
+        if not self._done:
+            raise WarmupError("the kernels could not be loaded: the cause stands above; try `companion warmup`")
+
+
+def make_ready(mode: str) -> None:
+    """Loads the kernels that a live service in this mode uses, or has them compiled where that was never done: by a
+    child, since compiling leaves a gigabyte behind, and the service stays as large as it once was.
+
+    A service that died while it loaded has perhaps met a damaged cache, and would die of it again at each start: a
     mark tells the next one, which lets `warm_up` look and mend first. What the start has made stays for good: it is
     taken out of the garbage collector's sight, whose full rounds would otherwise go through it all again and again
     with the other threads waiting. Raises WarmupError."""
@@ -105,6 +129,8 @@ def make_ready(mode: str) -> None:
     mark = Path(named) / MARK if named else None
     if mark is not None and mark.exists():
         warm_up()
+    elif mark is not None and _incomplete(mark.parent, mode) and _child(mode).returncode == 0:
+        _tell_complete(mode)  # else it is tried here, which tells why it fails
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
@@ -116,7 +142,27 @@ def make_ready(mode: str) -> None:
     gc.freeze()
 
 
-def run_kernels(modes: Sequence[str] = ("safe", "paper"), metres: bool = True) -> None:
+def _incomplete(folder: Path, mode: str) -> bool:
+    return folder.is_dir() and not (folder / (COMPLETE + mode)).exists()
+
+
+def _tell_complete(*modes: str) -> None:
+    named = os.environ.get(VARIABLE)
+    if named:
+        with contextlib.suppress(OSError):
+            for mode in modes:
+                (Path(named) / (COMPLETE + mode)).touch()
+
+
+def run_child(modes: Sequence[str]) -> None:
+    """What a child process does: the kernels of a service in these modes; none named: all there are."""
+    if modes:
+        run_kernels(modes, metres=False)
+    else:
+        run_kernels()
+
+
+def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     """Runs the extractor on small frames in these modes: uint16 millimetres, as cameras give, and float32 metres."""
     from core.extractor import Extractor
     from core.params import Params
@@ -189,8 +235,8 @@ def _check_cache_place() -> None:
         ) from error
 
 
-def _child() -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", CHILD]
+def _child(*modes: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", CHILD, *modes]
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired as error:

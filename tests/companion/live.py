@@ -215,6 +215,14 @@ def attitude_error_deg(message: pb.PrismsFrame, flight: EndlessFlight) -> float:
     return float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
 
 
+def sent_hz(said: list[Any]) -> float:
+    """Messages a second of one stream, by their numbers and the instants of their sending, which are in them: what the
+    service did, whatever this process was kept from hearing."""
+    first, last = (m.publication for m in (said[0], said[-1]))
+    dt_ns = said[-1].t_exposure_ns + last.age_ns - said[0].t_exposure_ns - first.age_ns
+    return (last.number - first.number) * NS / dt_ns
+
+
 def longest_silence_s(ear: Ear, since_ns: int, camera: str = "front") -> float:
     """Longest time without any word of a camera."""
     heard = [at for at, m in list(ear.heard) if at >= since_ns and m.camera == camera]

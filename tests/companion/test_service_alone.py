@@ -15,7 +15,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulated_autopilot import ARDUPILOT
 from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd
 
-from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, until
+from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
 
 CAMERA = """
 [[camera]]
@@ -74,10 +74,9 @@ def test_with_neither_camera_nor_autopilot_it_stays_up_and_says_so(tmp_path: Pat
         assert any("camera front is blind" in t for t in said.troubles)
         assert any(f"no heartbeat of an autopilot on udpin:127.0.0.1:{live.port}" in t for t in said.troubles)
         assert until(lambda: len(prisms.since(begun_ns)) >= 40, 6.0)
-        dark_s = (time.monotonic_ns() - begun_ns) / NS
         assert not any(m.valid for m in prisms.since(0))
         assert all(m.camera == "front" and m.cause == pb.CAUSE_CAMERA for m in prisms.since(begun_ns))
-        assert len(prisms.since(begun_ns)) / dark_s >= 8.0  # 12.5 wanted, on a busy machine
+        assert sent_hz(prisms.since(begun_ns)) >= 10.0
         assert longest_silence_s(prisms, begun_ns) < 0.5
         status = live.command("status", "-c", str(live.config))
         assert status.returncode == 1

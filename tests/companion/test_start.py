@@ -8,8 +8,10 @@ import time
 from pathlib import Path
 
 from companion.config import config_of
+from companion.inbox import MOST
 from companion.service import Service
 from companion.service_folders import Folders
+from core.types import AttitudeSample
 
 NOT_NEEDED = ("asyncio", "cv2", "depthai", "linuxpy", "matplotlib", "rich", "scipy.interpolate", "scipy.spatial")
 LOADED = f"""
@@ -34,5 +36,27 @@ def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
         assert service.hung() == ""
         assert service.loop.begun.wait(10.0)
         assert service.hung() == ""
+    finally:
+        service.close()
+
+
+def test_samples_that_give_way_are_told(tmp_path: Path) -> None:
+    """Of those that came too quickly for the pipeline the oldest are gone: frames may lack their attitude for it."""
+    (tmp_path / "run").mkdir()
+    config = config_of({"record": {"record": "off"}}, "test")
+    service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: None)
+    flood = [AttitudeSample(k, k, (1.0, 0.0, 0.0, 0.0)) for k in range(1, MOST + 101)]
+    try:
+        service.inbox.put(flood)
+        service.tick()
+        assert service.troubles[0].startswith("starting")  # nothing sees yet, nothing is lacking
+        service.open()
+        assert service.loop.begun.wait(10.0)
+        service.tick()
+        assert not any("samples" in t for t in service.troubles)
+        service.inbox.put(flood)
+        service.tick()
+        assert f"{service.inbox.lost} samples of the autopilot were lost" in " ".join(service.troubles)
+        assert service.inbox.lost >= 200
     finally:
         service.close()

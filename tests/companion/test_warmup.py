@@ -98,6 +98,7 @@ def test_all_kernels_run() -> None:
 DIES_WHILE_LOADING = """
 import os
 import companion.warmup as warmup
+warmup.CHILD = "raise SystemExit(1)"
 warmup.run_kernels = lambda modes, metres: os._exit(9)
 warmup.make_ready("safe")
 """
@@ -118,6 +119,54 @@ def test_a_start_loads_the_mode_that_is_asked_for(small: Path, ready: list[tuple
     assert ready == [("paper",)]
     assert gc.get_freeze_count() > 0
     assert not (small / warmup.MARK).exists()
+
+
+def test_what_was_never_compiled_is_compiled_by_a_child_once(
+    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The service would keep the gigabyte that compiling takes."""
+    tell = "import sys; open(sys.argv[1] + '.told', 'a').write('x'); from small_kernel import twice; twice(3)"
+    monkeypatch.setattr(warmup, "CHILD", tell)
+    monkeypatch.chdir(small.parent)
+    small.mkdir()
+    for _ in range(2):
+        warmup.make_ready("safe")
+        assert (small.parent / "safe.told").read_text() == "x"
+        assert len(list(small.rglob("*.nbc"))) == 1
+    warmup.make_ready("paper")  # another mode has kernels of its own
+    assert (small.parent / "paper.told").read_text() == "x"
+    assert ready == [("safe",), ("safe",), ("paper",)]
+
+
+def test_a_child_that_cannot_compile_is_asked_again_and_the_service_tries_itself(
+    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warmup, "CHILD", "raise SystemExit(3)")
+    small.mkdir()
+    warmup.make_ready("safe")
+    assert ready == [("safe",)]
+    assert not list(small.glob(warmup.COMPLETE + "*"))
+
+
+def test_after_the_command_a_start_needs_no_child(
+    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warmup.warm_up()
+    monkeypatch.setattr(warmup, "_child", lambda *modes: pytest.fail("a child was started"))
+    warmup.make_ready("safe")
+    assert ready == [("safe",)]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_kernels_that_cannot_be_loaded_end_the_start(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(mode: str) -> None:
+        raise SystemExit  # a thread's end without a word on stderr
+
+    monkeypatch.setattr(warmup, "make_ready", refuse)
+    loading = warmup.Loading("safe")
+    loading.start()
+    with pytest.raises(warmup.WarmupError, match="companion warmup"):
+        loading.finish()
 
 
 def test_after_a_death_while_loading_a_damaged_cache_is_mended(small: Path, ready: list[tuple[str, ...]]) -> None:
