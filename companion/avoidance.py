@@ -49,6 +49,7 @@ class Avoidance:
         self._lock = threading.Lock()
         self._latencies = Latencies((EXPOSURE_TO_TOLD,))
         self._exposed_ns: dict[str, int] = {}
+        self._before_ns: dict[str, int] = {}
         self.parameters = ParameterReader()
         self._echo = EchoCheck()
         self._texts = StatusTexts()
@@ -168,6 +169,7 @@ class Avoidance:
         return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
 
     def _autopilot(self) -> AutopilotNow:
+        self._before_ns = self._exposed_ns.copy()  # the decision that comes knows these at least
         vehicle = self._vehicle()
         if vehicle is None:
             return AutopilotNow()
@@ -177,10 +179,10 @@ class Avoidance:
         told = self.sender.told
         if told is not None and told.values is not None:
             self._echo.sent(told.values, clear_cm(self._avoid), told.t_ns)
-            seeing = [exposed_ns for camera, exposed_ns in list(self._exposed_ns.items()) if camera not in told.blind]
+            seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in told.blind]
             if seeing:
                 with self._lock:
-                    self._latencies.add(EXPOSURE_TO_TOLD, told.t_ns - min(seeing))
+                    self._latencies.add(EXPOSURE_TO_TOLD, time.monotonic_ns() - min(seeing))
         self._post(message)
 
 

@@ -22,6 +22,8 @@ class AutopilotConfig:
         "", "file of the key of MAVLink 2 signatures (`companion keys --signing FILE`); empty: nothing is signed"
     )
 
+    computer_status: bool = switch(False, "tell ground stations how this computer is (ONBOARD_COMPUTER_STATUS, 1 Hz)")
+
     def __post_init__(self) -> None:
         check("autopilot", self)
 

@@ -31,6 +31,7 @@ from .autopilot_line import params_of, signing_of
 from .avoidance import Avoidance
 from .blindness import Blindness
 from .camera_supervisor import CameraSupervisor
+from .computer_status import ComputerStatus
 from .config import Config, config_text
 from .config_live import STREAMS
 from .curve import AllowList, load_keys
@@ -91,6 +92,8 @@ class Service:
         self.avoidance: Avoidance | None = None
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
+        self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
+        self._next_computer_ns = 0
         self.recorder = self._recorder()
         self.metrics = self._metrics()
         self._pipeline = Pipeline(
@@ -358,6 +361,11 @@ class Service:
             publication = pb.Publication(boot_id=self._boot, number=publisher.published, age_ns=age_ns)
             publisher.publish(data + wire_bytes(kind(publication=publication)))
 
+    def _tell_of_computer(self, report: pb.Health) -> None:
+        if self._computer is not None and self.link is not None and report.t_ns >= self._next_computer_ns:
+            self._next_computer_ns = report.t_ns + HEALTH_NS * 9 // 10  # reports come at each change, too
+            self.link.post(self._computer.message(report))
+
     def _publish_health(self, views: list[CameraView], autopilot: AutopilotView | None) -> None:
         publisher = self._publishers.get("health")
         report = new_report(self._boot, publisher.published if publisher is not None else 0)
@@ -380,6 +388,7 @@ class Service:
                 report.frames_dropped[cause] = count
         report.samples_lost = self.inbox.lost
         self._machine.fill(report)
+        self._tell_of_computer(report)
         if self.metrics is not None:
             self.metrics.update(report)
         if self.recorder is not None:

@@ -1,0 +1,92 @@
+"""ONBOARD_COMPUTER_STATUS: what ground stations are told of this machine, and that they are not unless asked for."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from companion.computer_status import NONE_I8, NONE_U8, NONE_U32, ComputerStatus
+from companion.config_live import AutopilotConfig
+from drivers.mavlink_dialect import dialect
+from drivers.mavlink_frames import MessageSplitter
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.simulated_autopilot import SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+
+from .live import Live, until
+
+STAT = "cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 {0} 0 0 {1} 0 0 0 0 0 0\ncpu1 50 10 10 {1} 20 5 5 0 0 0\nintr 5\n"
+
+
+def report() -> pb.Health:
+    health = pb.Health(t_ns=5_000_000_000, uptime_ns=90_000_000_000)
+    health.temperatures.append(pb.Temperature(sensor="cpu", celsius=61.6))
+    health.temperatures.append(pb.Temperature(sensor="odd", celsius=4000.0))
+    return health
+
+
+def heard(status: ComputerStatus) -> object:
+    """The message as it arrives."""
+    (message,) = MessageSplitter().feed(bytes(status.message(report()).pack(dialect.MAVLink(None, 1, 196))))
+    return message
+
+
+def test_the_figures_are_the_machines(tmp_path: Path) -> None:
+    stat, meminfo = tmp_path / "stat", tmp_path / "meminfo"
+    stat.write_text(STAT.format(100, 1000))
+    meminfo.write_text("MemTotal:  8388608 kB\nMemFree: 1 kB\nMemAvailable:  6291456 kB\n")
+    status = ComputerStatus(tmp_path, stat, meminfo)
+    stat.write_text(STAT.format(175, 1025))
+    m = heard(status)
+    assert (m.uptime, m.time_usec, m.type) == (90_000, 5_000_000, 0)
+    assert list(m.cpu_cores) == [75, 0] + [NONE_U8] * 6
+    assert list(m.cpu_combined) == [38] + [NONE_U8] * 9
+    assert list(m.temperature_core) == [62, 126] + [NONE_I8] * 6
+    assert (m.ram_usage, m.ram_total) == (2048, 8192)
+    assert 0 < m.storage_usage[0] <= m.storage_total[0]
+    assert m.storage_usage[1] == m.link_type[0] == NONE_U32
+
+
+def test_what_cannot_be_measured_is_told_as_such(tmp_path: Path) -> None:
+    none = tmp_path / "none"
+    m = heard(ComputerStatus(none, none, none))
+    assert list(m.cpu_cores) == [NONE_U8] * 8
+    assert m.cpu_combined[0] == NONE_U8
+    assert (m.ram_usage, m.ram_total, m.storage_usage[0]) == (NONE_U32,) * 3
+
+
+def test_this_machine_has_figures() -> None:
+    status = ComputerStatus(Path("/"))
+    begun_s = time.process_time()
+    while time.process_time() - begun_s < 0.1:
+        pass  # a core has something to do
+    m = heard(status)
+    known = [share for share in m.cpu_cores if share != NONE_U8]
+    assert len(known) == min(8, os.cpu_count() or 1)
+    assert 0 < max(known) <= 100
+    assert 0 < m.ram_usage < m.ram_total
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_the_service_tells_it_once_a_second_where_it_was_asked_to(asked: bool, tmp_path: Path, renders: Path) -> None:
+    assert not AutopilotConfig().computer_status
+    sections = '[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n' + ("computer_status = true\n" if asked else "")
+    live = Live(tmp_path, sections + '[record]\nrecord = "off"\n', renders)
+
+    def count(kind: str) -> int:
+        return int(line.change(lambda a: len(a.of_kind(kind))))
+
+    with AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", live.port)) as line:
+        try:
+            live.start()
+            assert until(lambda: count("HEARTBEAT") > 0)
+            before = count("HEARTBEAT")
+            assert until(lambda: count("HEARTBEAT") >= before + 5)
+            told = count("ONBOARD_COMPUTER_STATUS")
+            assert (3 <= told <= before + 7) if asked else told == 0
+            assert live.stop() == 0
+        finally:
+            live.close()

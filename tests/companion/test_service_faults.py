@@ -1,0 +1,88 @@
+"""Faults of the autopilot's side and of the line, end to end: what the autopilot is told of obstacles, and when."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from companion.simulate_autopilot import simulated
+from drivers.flight_path import VehicleState
+from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd
+
+from .live import NS, Live, until
+from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
+from .test_service_strangers import WALL_CM
+
+
+@pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
+def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
+    """On a serial line with noise, late and doubled messages."""
+    end = PtyEnd()
+    sections = CONFIG.replace("udpin:127.0.0.1:{port}", f"serial:{end.device}:921600")
+    live = Live(tmp_path_factory.mktemp("faults"), sections, renders)
+    autopilot = simulated(live.flight(), request.param)
+    autopilot.personality.boot_at_ns = time.monotonic_ns() - 30 * NS
+    autopilot.parameters = dict(PARAMETERS[request.param])
+    faults = Faults(jitter_s=0.005, noise_share=0.1, double_share=0.05, late_share=0.01)
+    with AutopilotLine(autopilot, end, faults) as line:
+        told = Told(live, line, request.param)
+        try:
+            live.start()
+            assert until(told.sees)
+            yield told
+            assert live.stop() == 0
+        finally:
+            live.close()
+
+
+def nan(state: VehicleState) -> VehicleState:
+    return replace(state, euler_rad=(math.nan, 0.0, 0.0))
+
+
+def loses_attitude(autopilot: SimulatedAutopilot) -> None:
+    autopilot.personality.hides_attitude = lambda _: True
+
+
+def tells_no_numbers(autopilot: SimulatedAutopilot) -> None:
+    motion = autopilot.personality.motion
+    autopilot.personality.motion = lambda t_ns: nan(motion(t_ns))
+
+
+def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(told: Told) -> None:
+    assert until(told.sees)
+    begun_ns = time.monotonic_ns()
+    assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 40, 10.0)
+    times = [t for t, _ in told.messages() if t > begun_ns]
+    assert max(b - a for a, b in pairwise(times)) < NS // 2  # after which both readers call it silence
+    assert told.health.since(0)[-1].autopilot.counts["bytes of noise"] > 0
+
+
+@pytest.mark.parametrize("fault", [loses_attitude, tells_no_numbers])
+def test_without_an_attitude_that_is_one_nothing_is_clear(told: Told, fault: object) -> None:
+    """The heading is carried on for 0.3 s; what comes late on the line may be a second old."""
+    assert until(told.sees)
+    before = told.line.change(lambda a: (a.personality.hides_attitude, a.personality.motion))
+    told.line.change(fault)
+    begun_ns = time.monotonic_ns()
+    try:
+        assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
+        late = [
+            (t, [values[i] for i in FRONT])
+            for t, values in told.messages()
+            if begun_ns + round(1.5 * NS) < t < begun_ns + 3 * NS
+        ]
+        allowed = {65535} if told.kind == PX4 else {WALL_CM}
+        assert late
+        assert [values for _, values in late if not set(values) <= allowed] == []
+        assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()))
+    finally:
+        told.line.change(lambda a: setattr(a.personality, "hides_attitude", before[0]))
+        told.line.change(lambda a: setattr(a.personality, "motion", before[1]))
+    assert until(told.sees, 20.0)
