@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from pydantic import Field as Bounds
 
 from core.params import Params
+from core.world_params import WorldParams
 
 from .config_avoid import AvoidParams
 from .config_camera import CameraConfig, OutputConfig
@@ -36,6 +37,7 @@ SECTIONS: dict[str, type] = {
     "autopilot": AutopilotConfig,
     "avoid": AvoidParams,
     "publish": PublishConfig,
+    "world": WorldParams,
     "record": RecordParams,
     "supervision": SupervisorParams,
     "service": ServiceParams,
@@ -57,6 +59,7 @@ class Config:
     autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)
     avoid: AvoidParams = field(default_factory=AvoidParams)
     publish: PublishConfig = field(default_factory=PublishConfig)
+    world: WorldParams = field(default_factory=WorldParams)
     record: RecordParams = field(default_factory=RecordParams)
     supervision: SupervisorParams = field(default_factory=SupervisorParams)
     service: ServiceParams = field(default_factory=ServiceParams)

@@ -18,6 +18,7 @@ TITLES = {
     "autopilot": "`[autopilot]`: the line to it",
     "avoid": "`[avoid]`: what the autopilot is told of obstacles",
     "publish": "`[publish]`: the streams for planners",
+    "world": "`[world]`: what the frames say together",
     "record": "`[record]`: the flight's log",
     "supervision": "`[supervision]`: when a camera is ill",
     "service": "`[service]`: blindness, hangs, metrics",

@@ -29,6 +29,8 @@ class AutopilotConfig:
 
 
 STREAMS = ("prisms", "health", "surround")
+WORLD_STREAMS = ("world", "world_requests")
+"""Neither or both: changes of the merged world, and snapshots on request."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,11 +40,15 @@ class PublishConfig:
     prisms: str = text("ipc://{run}/prisms", "address of the prisms: ipc://PATH, or tcp://HOST:PORT; empty: none")
     health: str = text("ipc://{run}/health", "address of the health reports")
     surround: str = text("ipc://{run}/surround", "address of all cameras as one model, where there are several")
+    world: str = text("", "address of the merged world's changes, ipc://{run}/world; empty: nothing is merged")
+    world_requests: str = text("", "and where snapshots of it are asked for, ipc://{run}/world-snapshot")
     keys: str = text("", "folder of the keys (`companion keys`), needed beyond this machine")
 
     def __post_init__(self) -> None:
         places: dict[str, str] = {}
-        for name in STREAMS:
+        if bool(self.world) != bool(self.world_requests):
+            raise ValueError("[publish] world and world_requests: give both addresses, or neither")
+        for name in (*STREAMS, *WORLD_STREAMS):
             address = getattr(self, name)
             if address and not address.startswith(("ipc://", "tcp://")):
                 raise ValueError(f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT')

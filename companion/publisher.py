@@ -43,9 +43,14 @@ class Stream:
 
 
 class Publisher:
-    """One stream. Raises DeviceNotFound where its address cannot be had, ValueError where it would be open to all."""
+    """One stream. kind: zmq.PUB, or zmq.REP for one that answers; newest_only: a slow listener gets the newest message, else
+    each one in its order as long as at most 1000 wait. Raises DeviceNotFound where its address cannot be had, ValueError
+    where it would be open to all."""
 
-    def __init__(self, stream: Stream, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None) -> None:
+    def __init__(
+        self, stream: Stream, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None, kind: int = zmq.PUB,
+        newest_only: bool = True,
+    ) -> None:  # fmt: skip
         self.stream = stream
         self.published = 0
         self._lock: IO[str] | None = None
@@ -55,9 +60,10 @@ class Publisher:
                 "with `companion keys`, and name their folder in [publish] keys"
             )
         self._lock = _locked(stream)
-        self._socket = context.socket(zmq.PUB)
+        self._socket = context.socket(kind)
         try:
-            self._socket.setsockopt(zmq.CONFLATE, 1)
+            if newest_only:
+                self._socket.setsockopt(zmq.CONFLATE, 1)
             self._socket.setsockopt(zmq.LINGER, 0)
             if keys is not None:
                 serve(self._socket, keys)
@@ -69,6 +75,11 @@ class Publisher:
                 f"stream {stream.name}: {stream.address} cannot be bound ({error.strerror}); does its folder exist, is "
                 "the port free?"
             ) from error
+
+    @property
+    def socket(self) -> zmq.Socket[bytes]:
+        """To take requests from."""
+        return self._socket
 
     def publish(self, message: Message | bytes) -> None:
         """Sends a message, or its bytes, to whoever listens. Never waits."""

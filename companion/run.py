@@ -109,7 +109,8 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args.config)
     from .warmup import Loading
 
-    loading = Loading(config.extractor.mode)  # beside by far most of the modules
+    world = ("world",) if config.publish.world else ()
+    loading = Loading(config.extractor.mode, *world)  # beside by far most of the modules
     loading.start()
     from .service import Service
 

@@ -56,6 +56,7 @@ from .recorder import Recorder
 from .run_info import run_info
 from .service_folders import Folders
 from .surround import SurroundKeeper, surround_message
+from .world_service import WorldService, opened_world
 
 if TYPE_CHECKING:
     from .metrics import MetricsServer
@@ -90,6 +91,7 @@ class Service:
         self._required = frozenset(c.name for c in config.cameras if c.required)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.avoidance: Avoidance | None = None
+        self.world: WorldService | None = None
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
@@ -102,15 +104,9 @@ class Service:
         )  # fmt: skip
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
         self.loop = PipelineLoop(
-            self._pipeline,
-            self.inbox,
-            self._blindness,
-            self._publish,
-            self.recorder,
-            config.record.record,
-            clockwork,
+            self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
             warm_up,
-        )
+        )  # fmt: skip
         self._frames_before: dict[str, tuple[int, int]] = {}
         self._next_health_ns = 0
         self._lost = self._losing_until_ns = 0
@@ -188,6 +184,7 @@ class Service:
         keys = load_keys(Path(publish.keys)) if publish.keys else None
         if keys is not None:
             self._allow = AllowList(self._context, keys)
+        self.world = opened_world(self.config, self._folders.run, self._context, keys, self._boot)
         for name in STREAMS:
             address = getattr(publish, name).replace("{run}", str(self._folders.run))
             if address and (name != "surround" or len(self.cameras) > 1):
@@ -218,6 +215,8 @@ class Service:
             self.recorder.close()
         if self.metrics is not None:
             self.metrics.close()
+        if self.world is not None:
+            self.world.close()
         for publisher in self._publishers.values():
             publisher.close()
         if self._allow is not None:
@@ -271,6 +270,8 @@ class Service:
             self.troubles.append(
                 f"{self.inbox.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
             )
+        if self.world is not None:
+            self.troubles += self.world.troubles(now_ns, self.config.service.hang_s)
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
         state = state_of(views, self.troubles, self.started)
@@ -322,6 +323,8 @@ class Service:
         self._send("prisms", pb.PrismsFrame, prisms, result.t_exposure_ns)
         if self.avoidance is not None:
             self.avoidance.result(result)
+        if self.world is not None:
+            self.world.put(result)
         with self.loop.lock:
             self._surround.result(result)
         self._publish_surround(time.monotonic_ns())

@@ -31,7 +31,8 @@ from .jit_cache import VARIABLE, base_of
 CACHED = ("*.nbi", "*.nbc")
 """numba's index and code files: nothing else is ever deleted."""
 CHILD = "import sys; from companion.warmup import run_child; run_child(sys.argv[1:])"
-MODES = ("safe", "paper")
+MODES = ("safe", "paper", "world")
+"""What may be made ready: the extractor in each of its modes, and the merged world."""
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
 COMPLETE = "complete-"
@@ -101,12 +102,12 @@ def warm_up() -> Warmup:
 class Loading(threading.Thread):
     """make_ready, beside whatever else a start has to do. Loading releases the interpreter for most of its time."""
 
-    def __init__(self, mode: str) -> None:
+    def __init__(self, *modes: str) -> None:
         super().__init__(name="loading", daemon=True)
-        self._mode, self._done = mode, False
+        self._modes, self._done = modes, False
 
     def run(self) -> None:
-        make_ready(self._mode)
+        make_ready(*self._modes)
         self._done = True
 
     def finish(self) -> None:
@@ -116,8 +117,8 @@ class Loading(threading.Thread):
             raise WarmupError("the kernels could not be loaded: the cause stands above; try `companion warmup`")
 
 
-def make_ready(mode: str) -> None:
-    """Loads the kernels that a live service in this mode uses, or has them compiled where that was never done: by a
+def make_ready(*modes: str) -> None:
+    """Loads the kernels that a live service in these modes uses, or has them compiled where that was never done: by a
     child, since compiling leaves a gigabyte behind, and the service stays as large as it once was.
 
     A service that died while it loaded has perhaps met a damaged cache, and would die of it again at each start: a
@@ -129,12 +130,12 @@ def make_ready(mode: str) -> None:
     mark = Path(named) / MARK if named else None
     if mark is not None and mark.exists():
         warm_up()
-    elif mark is not None and _incomplete(mark.parent, mode) and _child(mode).returncode == 0:
-        _tell_complete(mode)  # else it is tried here, which tells why it fails
+    elif mark is not None and (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
+        _tell_complete(*lacking)  # else it is tried here, which tells why it fails
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
-    run_kernels((mode,), metres=False)
+    run_kernels(modes, metres=False)
     if mark is not None:
         mark.unlink(missing_ok=True)
     if time.monotonic() - begun_s > COMPILED_S:
@@ -142,8 +143,8 @@ def make_ready(mode: str) -> None:
     gc.freeze()
 
 
-def _incomplete(folder: Path, mode: str) -> bool:
-    return folder.is_dir() and not (folder / (COMPLETE + mode)).exists()
+def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:
+    return [mode for mode in modes if folder.is_dir() and not (folder / (COMPLETE + mode)).exists()]
 
 
 def _tell_complete(*modes: str) -> None:
@@ -163,7 +164,8 @@ def run_child(modes: Sequence[str]) -> None:
 
 
 def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
-    """Runs the extractor on small frames in these modes: uint16 millimetres, as cameras give, and float32 metres."""
+    """Runs what these modes use on small frames, for the extractor uint16 millimetres, as cameras give, and float32
+    metres."""
     from core.extractor import Extractor
     from core.params import Params
 
@@ -174,11 +176,30 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ level
     frame = _frame()
     for mode in modes:
+        if mode == "world":
+            _run_world_kernels()
+            continue
         extractor = Extractor(Params(mode=mode))
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
             state = ExtractorState()
             for R in (level, tilted):
                 _, state = extractor.extract(depth, info, R, state, keep_strips=True)
+
+
+def _run_world_kernels() -> None:
+    """Runs the merged world on two small frames, and on its own planes as if they had been saved."""
+    from core.extractor import Extractor
+    from core.params import Params
+    from core.world import Sight, World
+    from core.world_params import WorldParams
+
+    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
+    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    model, _ = Extractor(Params()).extract(_frame(), info, level)
+    world = World(WorldParams(most_planes=1024, most_free_blocks=64))
+    for k in range(2):
+        world.add(Sight(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
+    world.begin_with(world.saved())
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

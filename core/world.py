@@ -12,6 +12,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .types import FrameModel
 from .world_free import BLOCKS, GONE, NOW, TURN, FreeTables, empty_free, see_free, seen_blocks
@@ -126,11 +127,35 @@ class World:
 
     def picture(self, now_ns: int) -> WorldPicture:
         """What is known now, to be asked and drawn. now_ns: free space that is too old by then is left out."""
+        return self._picture(now_ns, -1, -1)
+
+    def changes(self, now_ns: int, since: int) -> tuple[WorldPicture, NDArray[np.int32]]:
+        """(what changed after frame `since` of this section, slots whose planes are gone since). A block is in it whose
+        free space changed, but for what merely grew old: at each epoch a picture is due."""
+        if self.section is None:
+            return WorldPicture.empty(), np.zeros(0, np.int32)
+        ints, state = self.section.tables[3], self.section.tables[7]
+        used = ints[: int(state[USED])]
+        gone = np.flatnonzero((used[:, CHANGED] > since) & (used[:, HITS] == 0)).astype(np.int32)
+        return self._picture(now_ns, since, since), gone
+
+    @property
+    def frame(self) -> int:
+        """How many frames are in this section."""
+        return 0 if self.section is None else int(self.section.tables[7][FRAME])
+
+    def epoch(self, now_ns: int) -> int:
+        """Of the free space's age: at each new one the oldest becomes unknown."""
+        newest_ns = 0 if self.section is None else self.section.newest_ns
+        return max(now_ns, newest_ns) // self._epoch_ns
+
+    def _picture(self, now_ns: int, frames: int, turns: int) -> WorldPicture:
         if self.section is None:
             return WorldPicture.empty()
         box, _, floats, ints, seen_ns, _, _, state = self.section.tables
-        slots = np.flatnonzero(ints[: int(state[USED]), HITS] > 0).astype(np.int32)
-        blocks, masks = seen_blocks(self.section.free, max(now_ns, self.section.newest_ns) // self._epoch_ns)
+        used = ints[: int(state[USED])]
+        slots = np.flatnonzero((used[:, HITS] > 0) & (used[:, CHANGED] > frames)).astype(np.int32)
+        blocks, masks = seen_blocks(self.section.free, self.epoch(now_ns), turns)
         return WorldPicture(
             section=self.section.number, slots=slots, planes=box[slots], margin_m=floats[slots, MARGIN],
             flags=ints[slots, FLAGS].astype(np.uint8), hits=ints[slots, HITS], seen_ns=seen_ns[slots],
@@ -154,13 +179,6 @@ class World:
                 self.section.tables, self.section.free, s.box[order], s.moments[order], s.margin_m[order],
                 s.flags[order].astype(np.int64), s.hits[order].astype(np.int64), seen_ns, self._rules, k > 0,
             )  # fmt: skip
-
-    def changed(self, since_frame: int) -> tuple[int, np.ndarray]:
-        """(number of the newest frame, slots that changed after frame `since_frame` of this section)."""
-        if self.section is None:
-            return 0, np.zeros(0, np.int32)
-        ints, state = self.section.tables[3], self.section.tables[7]
-        return int(state[FRAME]), np.flatnonzero(ints[: int(state[USED]), CHANGED] > since_frame).astype(np.int32)
 
     def numbers(self) -> dict[str, int]:
         """Counts for the log and the health report."""

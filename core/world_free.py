@@ -214,7 +214,7 @@ def see_free(free, x, y, edges, layers, near_m, far_m):
 @inner
 def stand_in(free, ax, ay, bx, by, top, bottom):
     """Takes the cells that a plane crosses out of what is known to be free."""
-    masks = free[0]
+    masks, ints, _heads, state = free
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
     slope = (by - ay) / (bx - ax) if bx - ax > _EDGE_M else 0.0
@@ -231,17 +231,24 @@ def stand_in(free, ax, ay, bx, by, top, bottom):
                 if k != _NONE:
                     gone = ~bits(low - iz * TALL, high + 1 - iz * TALL)
                     c = (ix & 15) * 16 + (iy & 15)
-                    masks[k, 0, c] &= gone
-                    masks[k, 1, c] &= gone
+                    if (masks[k, 0, c] | masks[k, 1, c]) & ~gone != 0:
+                        masks[k, 0, c] &= gone
+                        masks[k, 1, c] &= gone
+                        ints[k, TOUCHED] = state[TURN]
 
 
-def seen_blocks(free: FreeTables, now: int) -> tuple[NDArray[np.int32], NDArray[np.uint64]]:
-    """(indices (B, 3), masks (B, 256)) of the blocks with anything known free in epoch `now`, ordered by index."""
+def seen_blocks(free: FreeTables, now: int, since: int = -1) -> tuple[NDArray[np.int32], NDArray[np.uint64]]:
+    """(indices (B, 3), masks (B, 256)) of the blocks with anything known free in epoch `now`, ordered by index.
+
+    since: 0 or more: only those that a later turn touched, also where nothing is free any more."""
     masks, ints, _, state = free
     used = int(state[BLOCKS])
     behind = now - ints[:used, EPOCH].astype(np.int64)
-    seen = np.where((behind <= 1)[:, None], masks[:used, 0], 0) | np.where((behind <= 0)[:, None], masks[:used, 1], 0)
-    seen = seen.astype(np.uint64)
-    on = np.flatnonzero((behind >= 0) & seen.any(axis=1))
-    on = on[np.lexsort(ints[on, :3].T[::-1])]
-    return np.ascontiguousarray(ints[on, :3]), np.ascontiguousarray(seen[on])
+    on = np.flatnonzero((behind >= 0) & (behind <= 1) if since < 0 else ints[:used, TOUCHED] > since)
+    seen = np.where((behind[on] == 0)[:, None], masks[on, 0] | masks[on, 1], masks[on, 0])
+    seen[(behind[on] < 0) | (behind[on] > 1)] = 0
+    if since < 0:
+        some = seen.any(axis=1)
+        on, seen = on[some], seen[some]
+    order = np.lexsort(ints[on, :3].T[::-1])
+    return np.ascontiguousarray(ints[on[order], :3]), np.ascontiguousarray(seen[order])

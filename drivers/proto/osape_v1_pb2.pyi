@@ -559,3 +559,40 @@ class Health(_message.Message):
     uptime_ns: int
     samples_lost: int
     def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ...) -> None: ...
+
+class WorldUpdate(_message.Message):
+    __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "counts", "publication")
+    class CountsEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    SECTION_FIELD_NUMBER: _ClassVar[int]
+    VALID_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_TEXT_FIELD_NUMBER: _ClassVar[int]
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PLANES_FIELD_NUMBER: _ClassVar[int]
+    REMOVED_FIELD_NUMBER: _ClassVar[int]
+    BLOCKS_FIELD_NUMBER: _ClassVar[int]
+    MASKS_FIELD_NUMBER: _ClassVar[int]
+    COUNTS_FIELD_NUMBER: _ClassVar[int]
+    PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    snapshot: bool
+    sequence: int
+    section: int
+    valid: bool
+    cause_text: str
+    t_ns: int
+    planes: bytes
+    removed: _containers.RepeatedScalarFieldContainer[int]
+    blocks: _containers.RepeatedScalarFieldContainer[int]
+    masks: bytes
+    counts: _containers.ScalarMap[str, int]
+    publication: Publication
+    def __init__(self, schema_version: _Optional[int] = ..., snapshot: bool = ..., sequence: _Optional[int] = ..., section: _Optional[int] = ..., valid: bool = ..., cause_text: _Optional[str] = ..., t_ns: _Optional[int] = ..., planes: _Optional[bytes] = ..., removed: _Optional[_Iterable[int]] = ..., blocks: _Optional[_Iterable[int]] = ..., masks: _Optional[bytes] = ..., counts: _Optional[_Mapping[str, int]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...

@@ -310,12 +310,23 @@ def test_a_full_world_forgets_what_was_not_seen_longest() -> None:
     assert world.numbers()["free_blocks"] == 64
 
 
-def test_changes_are_told_by_slot() -> None:
-    world = World()
-    fly(world, np.array([wall(8.0, -4.0, 8.0, 4.0)]), 3, speed=0.0)
-    frame, slots = world.changed(0)
-    assert (frame, slots.tolist()) == (3, [0])
-    world.add(
-        seen(np.array([wall(8.0, -4.0, 8.0, 4.0), wall(5.0, -6.0, 5.0, -5.0)]), (0.0, 0.0), 0.0, 3 * STEP, view_deg=110)
-    )
-    assert 1 in world.changed(frame)[1]
+def test_changes_put_together_are_the_world() -> None:
+    """As a mirror does it: planes by slot, blocks by index."""
+    world, planes, blocks, since = World(), {}, {}, 0
+    walls = np.array([wall(15.0, -8.0, 15.0, 8.0), wall(7.0, -1.0, 7.0, 1.0)])
+    for k in range(60):
+        world.add(seen(walls if k < 20 else walls[:1], (0.05 * k, 0.0), 0.01 * k, k * STEP))
+        if k % 3 == 2:
+            changed, gone = world.changes(k * STEP, since)
+            since = world.frame
+            planes |= dict(zip(changed.slots.tolist(), changed.planes.tolist(), strict=True))
+            for slot in gone.tolist():
+                planes.pop(slot, None)
+            blocks |= dict(zip(map(tuple, changed.blocks.tolist()), changed.masks, strict=True))
+            p = world.picture(k * STEP)
+            assert planes == dict(zip(p.slots.tolist(), p.planes.tolist(), strict=True))
+            there = {block: m for block, m in blocks.items() if m.any()}
+            assert there
+            assert set(there) == set(map(tuple, p.blocks.tolist()))
+            assert all(np.array_equal(there[tuple(b)], m) for b, m in zip(p.blocks.tolist(), p.masks, strict=True))
+    assert world.numbers()["cleared"] == 1
