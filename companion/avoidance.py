@@ -14,12 +14,13 @@ from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from .autopilot_parameters import WANTED, ParameterReader, advice, delay_advice
 from .config_avoid import AvoidParams
 from .echo_check import EchoCheck, likely_cause
+from .flight_modes import mode_trouble
 from .latency import Latencies
 from .masks import Mask
 from .obstacle_distance import clear_cm
 from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
 from .pipeline import PrismsResult
-from .status_text import StatusTexts
+from .status_text import CRITICAL, StatusTexts
 
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
@@ -45,7 +46,7 @@ class Avoidance:
     ) -> None:
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras = cameras
-        self._next_ask_ns = 0
+        self._next_ask_ns = self._end_ns = 0
         self._lock = threading.Lock()
         self._latencies = Latencies((EXPOSURE_TO_TOLD,))
         self._exposed_ns: dict[str, int] = {}
@@ -61,9 +62,27 @@ class Avoidance:
         """Starts to send, as soon as an autopilot is heard."""
         self.sender.open()
 
+    def end(self) -> None:
+        """The service stops: from now on all cameras are blind, and an armed vehicle's pilot is told what that means."""
+        self._teller.end("the service stops")
+        vehicle = self._vehicle()
+        if vehicle is not None and vehicle.armed and not self._end_ns:
+            self._end_ns = time.monotonic_ns()
+            self._post(dialect.MAVLink_statustext_message(CRITICAL, last_words(vehicle.autopilot).encode()))
+
     def close(self) -> None:
-        """Stops. May be called twice."""
+        """Stops; an armed vehicle that would fly on without us is shown the wall for stop_hold_s first. May be called twice."""
+        hold_ns = round(self._avoid.stop_hold_s * NS)
+        while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
+            time.sleep(0.05)
+        self._end_ns = 0
         self.sender.close()
+
+    def _flies_on(self) -> bool:
+        """Whether somebody in flight hears the wall now."""
+        vehicle = self._vehicle()
+        armed = vehicle is not None and vehicle.armed
+        return armed and self.sender.running and self.told is not None and self.told.policy == "stop"
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -116,6 +135,7 @@ class Avoidance:
         vehicle = self._vehicle()
         notes = dict.fromkeys(STRANGERS, "") | strangers
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
+        notes["mode"] = mode_trouble(vehicle, self.parameters.values()) if vehicle is not None else ""
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
         return notes
 
@@ -144,6 +164,7 @@ class Avoidance:
         said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
         said += delay_advice(vehicle.autopilot, values, self.latency())
         said += self.parameters.contradictions(now_ns)
+        said += filter(None, [mode_trouble(vehicle, values)])
         if self.told is not None and self.told.fault:
             said.insert(0, self.told.fault)
         if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:
@@ -184,6 +205,11 @@ class Avoidance:
                 with self._lock:
                     self._latencies.add(EXPOSURE_TO_TOLD, time.monotonic_ns() - min(seeing))
         self._post(message)
+
+
+def last_words(autopilot: str) -> str:
+    """What becomes of an armed vehicle without us, for the ground station. ArduPilot flies on; PX4 stands in Position mode."""
+    return "OA: stopped, Position mode stands" if autopilot == "PX4" else "OA: stopped, vehicle does not brake"
 
 
 def echoes(vehicle: Vehicle) -> bool:

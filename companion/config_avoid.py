@@ -45,6 +45,13 @@ class AvoidParams:
         "m",
         "policy stop: the wall's fence comes so far within AVOID_MARGIN; less than AVOID_BACKUP_DZ",
     )
+    stop_hold_s: float = number(
+        3.0,
+        0.0,
+        8.0,
+        "s",
+        "policy stop: told to stop while armed, the service shows the wall for so long before it ends",
+    )
     avoid_margin_m: float = number(
         2.0, 0.5, 20.0, "m", "AVOID_MARGIN to believe in until the autopilot has told its own"
     )

@@ -82,6 +82,7 @@ class ObstacleTeller:
         self._memory = ObstacleMemory(avoid)
         self._freed = FreeMemory(avoid)
         self._newest_good_ns: int | None = None
+        self._ended = ""
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Attitudes and positions, as they come."""
@@ -106,6 +107,11 @@ class ObstacleTeller:
             self._recovery.frame(result.camera, result.valid)
             if result.valid:
                 self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
+
+    def end(self, cause: str) -> None:
+        """From now on nobody sees, and this is why: what the cameras said last goes out no more."""
+        with self._lock:
+            self._ended = cause
 
     def decide(self, autopilot: AutopilotNow, now_ns: int) -> Told:
         """What to send now."""
@@ -162,6 +168,8 @@ class ObstacleTeller:
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Why a camera is blind at this instant; empty: it sees."""
         newest = self._newest.get(camera)
+        if self._ended:
+            return self._ended
         if newest is None:
             return "no frame yet"
         if not newest.valid:

@@ -202,17 +202,23 @@ class Service:
             camera.open()
 
     def close(self) -> None:
-        """Stops everything and finishes the log. May be called twice."""
+        """Stops everything and finishes the log. May be called twice.
+
+        In flight an autopilot may rely on us: it is told of blindness first, and its line is closed last."""
+        if self.avoidance is not None:
+            self.avoidance.end()
+        if self.link is not None:
+            self.link.set_system_status(MAV_STATE_CRITICAL)
         for camera in self.cameras.values():
             camera.close()
+        self.loop.close()
+        if self.recorder is not None:
+            self.recorder.close()
         if self.avoidance is not None:
             self.avoidance.close()
         if self.link is not None:
             self.link.close()
         self.signing.close()
-        self.loop.close()
-        if self.recorder is not None:
-            self.recorder.close()
         if self.metrics is not None:
             self.metrics.close()
         if self.world is not None:

@@ -146,6 +146,40 @@ def test_px4_hears_nothing_after_two_blind_seconds_and_ardupilot_a_wall_for_good
     assert until(told.sees, 20.0)
 
 
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
+    kind: str, tmp_path: Path, renders: Path
+) -> None:
+    """Blind from the signal to the last message, which goes out just before the process ends."""
+    live = Live(tmp_path, CONFIG, renders)
+    with flown(live, kind) as line:
+        line.change(lambda a: a.parameters.update(PARAMETERS[kind]))
+        line.change(lambda a: setattr(a.personality, "armed", True))
+        line.change(lambda a: setattr(a.personality, "custom_mode", 3 << 16 if kind == PX4 else 5))
+        told = Told(live, line, kind)
+        try:
+            live.start()
+            assert until(told.sees, 60.0)
+            told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+            stopped_ns = time.monotonic_ns()
+            assert live.stop() == 0
+            ended_ns = time.monotonic_ns()
+        finally:
+            live.close()
+        allowed = {65535} if kind == PX4 else {266}
+        after = [(t, {values[i] for i in FRONT}) for t, values in told.messages() if t > stopped_ns]
+        blind = [t for t, values in after if values <= allowed]
+        assert blind
+        assert blind[0] - stopped_ns < NS  # the signal is noticed within a tick
+        assert all(values <= allowed for t, values in after if t >= blind[0])
+        assert ended_ns - after[-1][0] < NS  # up to the end
+        if kind == ARDUPILOT:  # which stops meanwhile
+            assert after[-1][0] - stopped_ns > 2.5 * NS
+        word = "OA: stopped, Position mode stands" if kind == PX4 else "OA: stopped, vehicle does not brake"
+        assert told.texts().count(word) == 1
+        assert line.change(lambda a: a.of_kind("HEARTBEAT"))[-1].system_status in (4, 5)
+
+
 def test_an_autopilot_that_takes_no_obstacles_is_named(told: Told) -> None:
     assert until(told.sees)
     if told.kind == PX4:

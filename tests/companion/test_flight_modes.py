@@ -1,0 +1,106 @@
+"""What each mode makes of what is sent, what is said of it, and that what is sent does not depend on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from companion.avoidance import Avoidance
+from companion.config_avoid import AvoidParams
+from companion.flight_modes import Effect, mode_of, mode_trouble
+from companion.obstacle_distance import UNKNOWN
+from companion.status_text import MOST_CHARACTERS
+from core.types import CameraInfo, CameraMount, Intrinsics
+from drivers.mavlink import Vehicle
+from drivers.mavlink_dialect import dialect
+
+NS = 1_000_000_000
+AVOID = AvoidParams(max_distance_m=12.0, avoid_margin_m=2.0)
+INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5), CameraMount())
+COPTER = {
+    "STABILIZE": 0, "ALT_HOLD": 2, "AUTO": 3, "GUIDED": 4, "LOITER": 5, "RTL": 6, "LAND": 9, "POSHOLD": 16, "BRAKE": 17,
+    "SMART_RTL": 21, "mode 99": 99,
+}  # fmt: skip
+PX4 = {
+    "Manual": 1 << 16, "Altitude": 2 << 16, "Position": 3 << 16, "Mission": 4 << 16 | 4 << 24, "Return": 4 << 16 | 5 << 24,
+    "Land": 4 << 16 | 6 << 24, "Hold": 4 << 16 | 3 << 24, "Offboard": 6 << 16, "mode 4.77": 4 << 16 | 77 << 24,
+}  # fmt: skip
+ALL = [("ArduPilot", name, number) for name, number in COPTER.items()] + [
+    ("PX4", name, number) for name, number in PX4.items()
+]
+
+
+def vehicle(kind: str, mode: int, armed: bool = True) -> Vehicle:
+    return Vehicle(1, kind, 2, armed, mode, NS)
+
+
+@pytest.mark.parametrize(("kind", "name", "number"), ALL)
+def test_only_modes_known_to_stop_are_said_nothing_of(kind: str, name: str, number: int) -> None:
+    stops = {"LOITER", "BRAKE", "Position", "Hold"}
+    for parameters in ({}, {"OA_TYPE": 0.0}, {"OA_TYPE": 1.0}):
+        assert mode_of(vehicle(kind, number), parameters)[0] == name
+        said = mode_trouble(vehicle(kind, number), parameters)
+        assert bool(said) == (name not in stops)
+        assert mode_trouble(vehicle(kind, number, armed=False), parameters) == ""
+        if said:
+            assert said.startswith(name)
+            assert len(f"OA: no longer: {said.split(':')[0]}") <= MOST_CHARACTERS + 6
+            assert "stops" in said  # what to choose instead
+
+
+@pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL"])
+def test_a_path_planner_and_one_that_may_be_there_are_told(name: str) -> None:
+    copter = vehicle("ArduPilot", COPTER[name])
+    assert mode_of(copter, {"OA_TYPE": 1.0})[1] is Effect.PLANS
+    assert "round the wall" in mode_trouble(copter, {"OA_TYPE": 1.0})
+    assert mode_of(copter, {"OA_TYPE": 0.0})[1] is not Effect.PLANS
+    assert "OA_TYPE is not known" in mode_trouble(copter, {}).replace("(OA_TYPE) is", "OA_TYPE is")
+    assert "not known" not in mode_trouble(copter, {"OA_TYPE": 0.0})
+
+
+def test_an_autopilot_of_another_kind_is_not_known_to_brake() -> None:
+    assert mode_of(vehicle("autopilot 8", 5), {})[1] is Effect.UNKNOWN
+    assert "not known to brake" in mode_trouble(vehicle("autopilot 8", 5), {})
+
+
+@pytest.mark.parametrize("armed", [True, False])
+@pytest.mark.parametrize("oa_type", [None, 0.0, 1.0])
+@pytest.mark.parametrize(("kind", "name", "number"), ALL)
+def test_what_is_sent_when_blind_is_the_same_in_each_mode(
+    kind: str, name: str, number: int, oa_type: float | None, armed: bool
+) -> None:
+    """Armed or not, planner or not, AVOID_MARGIN read or not; only the wall's distance is AVOID_MARGIN's."""
+    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: vehicle(kind, number, armed), lambda message: None)
+    avoidance.announce(INFO)
+    if oa_type is not None:
+        for t_ns in (NS, 4 * NS):  # a value counts when it was told again
+            avoidance.tick(t_ns)
+            for name_of, value in (("OA_TYPE", oa_type), ("AVOID_MARGIN", 3.0)):
+                avoidance.message(dialect.MAVLink_param_value_message(name_of.encode(), value, 9, 1, 0), t_ns)
+    told = avoidance._teller.decide(avoidance._autopilot(), 10 * NS)
+    assert told.values is not None
+    ahead = set(np.unique(told.values[[0, 1, 2, 70, 71]]))
+    margin_m = 2.0 if oa_type is None else 3.0
+    wall = int(100 * (margin_m - AVOID.stop_inside_m) / np.cos(np.pi / 8))
+    assert ahead == ({UNKNOWN} if kind == "PX4" else {wall})
+    assert told.policy == ("unknown" if kind == "PX4" else "stop")
+
+
+def test_the_mode_is_said_once_and_again_when_it_changes() -> None:
+    now = [vehicle("ArduPilot", COPTER["AUTO"])]
+    said: list[str] = []
+
+    def post(message: object) -> None:
+        if isinstance(message, dialect.MAVLink_statustext_message):
+            said.append(message.text)
+
+    avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: now[0], post)
+    for tenth in range(100):
+        avoidance.tick(NS + tenth * NS // 10)
+    assert said == ["OA: AUTO does not brake"]
+    assert any(t.startswith("AUTO does not brake: ") for t in avoidance.troubles(11 * NS))
+    now[0] = vehicle("ArduPilot", COPTER["LOITER"])
+    for tenth in range(100, 200):
+        avoidance.tick(NS + tenth * NS // 10)
+    assert said == ["OA: AUTO does not brake", "OA: no longer: AUTO does not brake"]
+    assert not any("does not brake" in t for t in avoidance.troubles(21 * NS))
