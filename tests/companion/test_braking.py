@@ -112,15 +112,19 @@ class Flight:
                 self.teller.result(output)
 
     def _move(self, dt_s: float) -> None:
-        """PX4: as fast as it can still stop within the room that it believes in; ArduPilot: as it was measured."""
-        if isinstance(self.reader, ArduPilotReader):
-            wanted = self.reader.velocity_m_s((FASTEST_M_S, 0.0), self.now_ns)[0]
-        else:
-            room_m = self.reader.room_m(0.0, self.now_ns)
-            wanted = min(FASTEST_M_S, math.sqrt(2.0 * BRAKE_M_S2 * max(0.0, room_m - 0.3 * self.speed_m_s)))
-        change = max(-BRAKE_M_S2 * 1.5 * dt_s, min(BRAKE_M_S2 * dt_s, wanted - self.speed_m_s))
-        self.speed_m_s += change
+        self.speed_m_s = speed_after(self.reader, self.speed_m_s, self.now_ns, dt_s)
         self.x_m += self.speed_m_s * dt_s
+
+
+def speed_after(reader: Px4Reader | ArduPilotReader, speed_m_s: float, now_ns: int, dt_s: float) -> float:
+    """Forward speed a moment later of a vehicle that wants to fly ahead. PX4: as fast as it can still stop within the room
+    that it believes in; ArduPilot: as it was measured."""
+    if isinstance(reader, ArduPilotReader):
+        wanted = reader.velocity_m_s((FASTEST_M_S, 0.0), now_ns)[0]
+    else:
+        room_m = reader.room_m(0.0, now_ns)
+        wanted = min(FASTEST_M_S, math.sqrt(2.0 * BRAKE_M_S2 * max(0.0, room_m - 0.3 * speed_m_s)))
+    return speed_m_s + max(-BRAKE_M_S2 * 1.5 * dt_s, min(BRAKE_M_S2 * dt_s, wanted - speed_m_s))
 
 
 def px4() -> Px4Reader:

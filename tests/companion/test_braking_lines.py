@@ -1,0 +1,163 @@
+"""The closed loop over real lines and in real time: rendered depth, the pipeline, the sender's thread, MAVLink over UDP and
+over a pty, an autopilot that reads it, and a vehicle that flies as that lets it. Camera and vehicle alone are made up."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from companion.avoidance import Avoidance
+from companion.pipeline import Pipeline, PrismsResult
+from core.extractor import Extractor
+from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.flight_path import VehicleState
+from drivers.mavlink import MavlinkSession
+from drivers.mavlink_link import MavlinkLink
+from drivers.scenes import Scene
+from drivers.simulated import render
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd, UdpEnd
+from drivers.transport import parse_address
+
+from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, ardupilot, facade, px4, speed_after
+
+NS = 1_000_000_000
+FRAME_NS = NS // 8
+LINES = pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (PX4, "pty"), (ARDUPILOT, "udp"), (ARDUPILOT, "pty")])
+
+
+class Vehicle:
+    """Wants north at 3 m/s, 1.5 m up, as its autopilot's reader lets it; it moves with each look at it."""
+
+    def __init__(self, kind: str, x_m: float) -> None:
+        self.autopilot = SimulatedAutopilot(
+            Personality(kind=kind, armed=True, custom_mode=3 << 16 if kind == PX4 else 5, motion=self.state)
+        )
+        self.autopilot.obstacles = px4() if kind == PX4 else ardupilot()
+        self.autopilot.parameters = {"CP_DIST": MARGIN_M} if kind == PX4 else {"AVOID_MARGIN": MARGIN_M}
+        self.x_m, self.speed_m_s, self.fastest_m_s, self.farthest_m = x_m, 0.0, 0.0, x_m
+        self._at_ns = time.monotonic_ns()
+
+    def state(self, now_ns: int) -> VehicleState:
+        while self._at_ns < now_ns:
+            step_ns = min(20_000_000, now_ns - self._at_ns)
+            self._at_ns += step_ns
+            self.speed_m_s = speed_after(self.autopilot.obstacles, self.speed_m_s, self._at_ns, step_ns / NS)
+            self.x_m += self.speed_m_s * step_ns / NS
+        self.fastest_m_s, self.farthest_m = max(self.fastest_m_s, self.speed_m_s), max(self.farthest_m, self.x_m)
+        return VehicleState(
+            position_ned_m=(self.x_m, 0.0, -1.5), velocity_ned_m_s=(self.speed_m_s, 0.0, 0.0), euler_rad=(0.0, 0.0, 0.0),
+            rates_frd_rad_s=(0.0, 0.0, 0.0),
+        )  # fmt: skip
+
+
+class Companion:
+    """What the service has, without its processes: link, pipeline, avoidance."""
+
+    def __init__(self, address: str) -> None:
+        self.waiting: deque[AttitudeSample | PoseSample] = deque()
+        session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
+        self.link = MavlinkLink(parse_address(address), session, self._samples)
+        self.avoidance = Avoidance(
+            AVOID,
+            ("front",),
+            0.3,
+            lambda: session.vehicle if session.heard(time.monotonic_ns()) else None,
+            self.link.post,
+        )
+        self.avoidance.announce(CAMERA)
+        self._pipeline = Pipeline((CAMERA,), lambda info: Extractor(PARAMS))
+        self.frames = 0
+
+    def _samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        self.waiting.extend(samples)
+        self.avoidance.samples(samples)
+
+    def see(self, scene: Scene, state: VehicleState, t_ns: int) -> None:
+        """A frame that was exposed at t_ns."""
+        self.frames += 1
+        seen = render(
+            scene, CAMERA, position_ned_m=state.position_ned_m, sensor=SENSOR, seed=7, frame=self.frames
+        )  # fmt: skip
+        while self.waiting:
+            self._pipeline.handle(self.waiting.popleft())
+        frame = DepthFrame(
+            camera="front",
+            sequence=self.frames,
+            t_exposure_ns=t_ns,
+            t_arrival_ns=time.monotonic_ns(),
+            depth_mm=seen.depth_mm,
+        )
+        for output in self._pipeline.handle(frame):
+            if isinstance(output, PrismsResult):
+                self.avoidance.result(output)
+
+
+@contextmanager
+def flying(kind: str, line: str, x_m: float) -> Iterator[tuple[Vehicle, Companion, AutopilotLine]]:
+    vehicle = Vehicle(kind, x_m)
+    if line == "udp":
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+            s.bind(("127.0.0.1", 0))
+            port = int(s.getsockname()[1])
+        end: UdpEnd | PtyEnd = UdpEnd("127.0.0.1", port)
+        address = f"udpin:127.0.0.1:{port}"
+    else:
+        end = PtyEnd()
+        address = f"serial:{end.device}"
+    with AutopilotLine(vehicle.autopilot, end) as running:
+        companion = Companion(address)
+        companion.link.open()
+        companion.avoidance.open()
+        try:
+            yield vehicle, companion, running
+        finally:
+            companion.avoidance.close()
+            companion.link.close()
+
+
+def fly(scene: Scene, kind: str, line: str, x_m: float, dies_at_m: float, until_m: float, seconds: float) -> Vehicle:
+    """Until it stands for a second after it flew, or is at until_m, or the time is over."""
+    with flying(kind, line, x_m) as (vehicle, companion, running):
+        end_ns = time.monotonic_ns() + round(seconds * NS)
+        stands_since_ns = None
+        while time.monotonic_ns() < end_ns:
+            t_ns = time.monotonic_ns()
+            state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
+            companion.avoidance.tick(t_ns)
+            if state.position_ned_m[0] < dies_at_m:
+                companion.see(scene, state, t_ns)
+            still = vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
+            stands_since_ns = (stands_since_ns or t_ns) if still else None
+            if vehicle.x_m > until_m or (stands_since_ns is not None and t_ns - stands_since_ns > NS):
+                break
+            time.sleep(max(0.0, (t_ns + FRAME_NS - time.monotonic_ns()) / NS))
+        return vehicle
+
+
+@LINES
+def test_it_stops_before_the_wall(kind: str, line: str) -> None:
+    vehicle = fly(facade(), kind, line, 13.5, dies_at_m=99.0, until_m=99.0, seconds=25.0)
+    assert vehicle.fastest_m_s > 1.0
+    assert vehicle.farthest_m <= 20.0 - MARGIN_M + 0.1
+    assert vehicle.x_m > 20.0 - MARGIN_M - 2.5
+
+
+@LINES
+def test_it_stops_when_the_camera_dies(kind: str, line: str) -> None:
+    """ArduPilot may settle before the wall of the policy, which moves along: it creeps at most."""
+    vehicle = fly(facade(), kind, line, 5.0, dies_at_m=8.0, until_m=99.0, seconds=12.0)
+    assert vehicle.fastest_m_s > 1.0
+    assert 7.0 < vehicle.farthest_m < 13.5
+    assert abs(vehicle.speed_m_s) < 0.1
+
+
+@pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (ARDUPILOT, "pty")])
+def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(kind: str, line: str) -> None:
+    vehicle = fly(facade(gap_m=2 * MARGIN_M + 1.0), kind, line, 15.0, dies_at_m=99.0, until_m=22.5, seconds=40.0)
+    assert vehicle.farthest_m > 22.0
