@@ -24,11 +24,21 @@ from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAu
 from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd, UdpEnd
 from drivers.transport import parse_address
 
-from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, ardupilot, facade, px4, speed_after
+from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, Flight, ardupilot, facade, px4, speed_after
 
 NS = 1_000_000_000
 FRAME_NS = NS // 8
 LINES = pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (PX4, "pty"), (ARDUPILOT, "udp"), (ARDUPILOT, "pty")])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """The service compiles its kernels before it sees anything; here, too, nothing may be compiled in flight, which would hold
+    up the thread that sends."""
+    for scene in (facade(), facade(gap_m=2 * MARGIN_M + 1.0)):
+        flight = Flight(scene, px4(), x_m=11.0)
+        flight.fly(5.0)
+        assert flight.x_m > 12.0
 
 
 class Vehicle:
