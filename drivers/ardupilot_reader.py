@@ -148,7 +148,8 @@ class ArduPilotReader:
 
     def velocity_m_s(self, wanted_m_s: Point, now_ns: int) -> Point:
         """What becomes of a wanted horizontal velocity in LOITER, forward and right: limited towards every line of the fence,
-        and away from those within the margin."""
+        then along each axis at least as fast away as those within the margin want it. That is not limited again: what
+        stands behind may push the vehicle slowly towards what stands ahead."""
         x, y = wanted_m_s
         speed = math.hypot(x, y)
         most, least = [0.0, 0.0], [0.0, 0.0]  # of backing away, along each axis either way: opposite ones cancel out
@@ -166,7 +167,12 @@ class ArduPilotReader:
             excess = _dot((x, y), towards) - max(0.0, loiter_speed_m_s(math.hypot(*point) - self.margin_m))
             if excess > 0.0:
                 x, y = x - excess * towards[0], y - excess * towards[1]
-        return x + most[0] + least[0], y + most[1] + least[1]
+        return _at_least(x, most[0] + least[0]), _at_least(y, most[1] + least[1])
+
+
+def _at_least(wanted_m_s: float, back_m_s: float) -> float:
+    """Along one axis: the way that is wanted, where it leads away as fast as it has to."""
+    return max(wanted_m_s, back_m_s) if back_m_s > 0.0 else min(wanted_m_s, back_m_s) if back_m_s < 0.0 else wanted_m_s
 
 
 def _corner_m(d: list[float], k: int) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from companion.jit_cache import use_own_cache
 
@@ -14,6 +15,9 @@ use_own_cache()  # before any test imports numba: kernels of these very sources,
 # the same examples on every run; no example is failed for a machine that is busy
 settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")
+# it also draws numbers that it finds in our modules, in those that are loaded by then: others when one file runs alone
+if hasattr(providers, "_get_local_constants"):
+    setattr(providers, "_get_local_constants", providers.Constants)
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivers.ardupilot_reader import FACES, ArduPilotReader, face_of, loiter_speed_m_s
@@ -14,8 +14,10 @@ NS = 1_000_000_000
 FRONT = (7, 0, 1)
 
 
-def told(faces: dict[int, float], margin_m: float = 2.0, slides: bool = False) -> ArduPilotReader:
-    reader = ArduPilotReader(margin_m=margin_m, slides=slides)
+def told(
+    faces: dict[int, float], margin_m: float = 2.0, slides: bool = False, backs_up: bool = True
+) -> ArduPilotReader:
+    reader = ArduPilotReader(margin_m=margin_m, slides=slides, backs_up=backs_up)
     reader.take_faces([faces.get(face, math.inf) for face in range(FACES)], NS)
     return reader
 
@@ -39,17 +41,61 @@ def test_constant_walls_ahead_as_they_were_measured(wall_m: float, least: float,
 @given(
     st.floats(0.0, 360.0, exclude_max=True), st.floats(0.65, 12.0), st.booleans(),
     st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
-)  # fmt: skip
+)
+@example(angle_deg=0.0, distance_m=2.0, slides=False, others={2: 1.0})
 def test_the_fence_is_nowhere_beyond_what_was_told(
     angle_deg: float, distance_m: float, slides: bool, others: dict[int, float]
 ) -> None:
-    face = face_of(angle_deg)
-    reader = told({**others, face: min(distance_m, others.get(face, math.inf))}, slides=slides)
+    """Who stops is let no nearer than that; what pushes the vehicle from behind is another matter. Who slides is limited by
+    one line of the fence after the other: sliding along one may lead towards one that was looked at before."""
+    faces = {**others, face_of(angle_deg): min(distance_m, others.get(face_of(angle_deg), math.inf))}
+    reader = told(faces, slides=slides)
     assert reader.room_m(angle_deg, NS) <= distance_m - reader.margin_m + 1e-6
     wanted = (3.0 * math.cos(math.radians(angle_deg)), 3.0 * math.sin(math.radians(angle_deg)))
-    forward, right = reader.velocity_m_s(wanted, NS)
-    towards = (forward * wanted[0] + right * wanted[1]) / 3.0
-    assert towards <= max(0.0, loiter_speed_m_s(distance_m - reader.margin_m)) + 0.03
+    forward, right = told(faces, slides=slides, backs_up=False).velocity_m_s(wanted, NS)
+    assert math.hypot(forward, right) <= 3.0 + 1e-9
+    if not slides:
+        towards = (forward * wanted[0] + right * wanted[1]) / 3.0
+        assert towards <= max(0.0, loiter_speed_m_s(distance_m - reader.margin_m)) + 1e-9
+
+
+@given(
+    st.floats(0.0, 360.0, exclude_max=True), st.booleans(), st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
+)
+@example(angle_deg=0.0, slides=False, others={0: 2.0, 2: 1.0})
+def test_what_is_within_the_margin_pushes_away_from_itself_and_no_faster_than_measured(
+    angle_deg: float, slides: bool, others: dict[int, float]
+) -> None:
+    wanted = (3.0 * math.cos(math.radians(angle_deg)), 3.0 * math.sin(math.radians(angle_deg)))
+    limited = told(others, slides=slides, backs_up=False).velocity_m_s(wanted, NS)
+    pushed = told(others, slides=slides).velocity_m_s(wanted, NS)
+    push = (pushed[0] - limited[0], pushed[1] - limited[1])
+    middles = [math.radians(45.0 * face) for face, m in others.items() if m < 2.1]
+    if not middles:
+        assert push == (0.0, 0.0)
+    for axis in (0, 1):
+        fastest = max(abs(limited[axis]), 0.78)  # one breach; two on one side push no faster than the stronger
+        assert abs(pushed[axis]) <= fastest
+    # a push leads away from something: the fence of a face reaches two and a half faces to either side
+    if math.hypot(*push) > 1e-9:
+        bearing = math.atan2(push[1], push[0])
+        assert any(math.cos(bearing - middle) < math.cos(math.radians(20.0)) for middle in middles)
+
+
+def test_an_obstacle_behind_pushes_slowly_towards_the_one_ahead() -> None:
+    """Wall ahead at the margin, another one metre to the right: backing away from that one's corner leads forward. With
+    AVOID_BACKUP_SPD 0 the vehicle stands."""
+    wall = {0: 2.0, 2: 1.0}
+    forward, right = told(wall).velocity_m_s((3.0, 0.0), NS)
+    assert 0.1 < forward < 0.2
+    assert -0.5 < right < -0.3
+    assert told(wall, backs_up=False).velocity_m_s((3.0, 0.0), NS) == (0.0, 0.0)
+
+
+def test_who_flies_away_faster_than_he_is_pushed_is_not_pushed() -> None:
+    behind = {4: 1.0}
+    assert told(behind).velocity_m_s((2.0, 0.0), NS)[0] == 2.0
+    assert told(behind).velocity_m_s((0.0, 0.0), NS)[0] > 0.3
 
 
 def test_one_face_closes_the_two_beside_it_and_leaves_the_rest() -> None:
