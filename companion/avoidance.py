@@ -43,7 +43,9 @@ class Avoidance:
         stale_s: float,
         vehicle: Callable[[], Vehicle | None],
         post: Callable[[Any], None],
+        ill: Callable[[str], str] = lambda camera: "",
     ) -> None:
+        """ill: why a camera's frames mean nothing though they come, in words."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras = cameras
         self._next_ask_ns = self._end_ns = 0
@@ -55,7 +57,7 @@ class Avoidance:
         self._echo = EchoCheck()
         self._texts = StatusTexts()
         self._link: LinkStatus | None = None
-        self._teller = ObstacleTeller(avoid, cameras, stale_s)
+        self._teller = ObstacleTeller(avoid, cameras, stale_s, ill)
         self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
 
     def open(self) -> None:

@@ -69,8 +69,17 @@ class ObstacleTeller:
     """What to send at an instant; without thread, clock or line. `decide` and the others may be called from different
     threads."""
 
-    def __init__(self, avoid: AvoidParams, cameras: tuple[str, ...], stale_s: float) -> None:
+    def __init__(
+        self,
+        avoid: AvoidParams,
+        cameras: tuple[str, ...],
+        stale_s: float,
+        ill: Callable[[str], str] = lambda camera: "",
+    ) -> None:
+        """ill: why frames of a camera mean nothing though they come (it repeats an old image under new stamps); empty: they
+        do mean something."""
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
+        self._ill = ill
         self._lock = threading.Lock()
         self._motion = Synchroniser(MOTION)
         self._newest: dict[str, PrismsResult] = {}
@@ -178,6 +187,9 @@ class ObstacleTeller:
             return "it was not described: nobody knows where it looks"
         if newest.model is None or not all_numbers(newest.model):
             return "its planes are no numbers"
+        ill = self._ill(camera)
+        if ill:
+            return ill
         age_ns = now_ns - seen_ns(newest)
         if age_ns > self._stale_ns:
             return f"its newest exposure is {age_ns / NS:.1f} s old"

@@ -30,7 +30,7 @@ from drivers.transport import parse_address
 from .autopilot_line import params_of, signing_of
 from .avoidance import Avoidance
 from .blindness import Blindness
-from .camera_supervisor import CameraSupervisor
+from .camera_supervisor import CameraCondition, CameraSupervisor
 from .computer_status import ComputerStatus
 from .config import Config, config_text
 from .config_live import STREAMS
@@ -136,8 +136,14 @@ class Service:
         if self.config.avoid.send:
             names = tuple(self.cameras)
             stale_s = self.config.service.stale_s
-            self.avoidance = Avoidance(self.config.avoid, names, stale_s, lambda: self._vehicle(session), link.post)
+            self.avoidance = Avoidance(
+                self.config.avoid, names, stale_s, lambda: self._vehicle(session), link.post, self._frozen
+            )
         return session, link
+
+    def _frozen(self, camera: str) -> str:
+        status = self.cameras[camera].status
+        return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
         self.inbox.put(samples)

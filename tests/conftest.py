@@ -17,7 +17,7 @@ settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")
 # it also draws numbers that it finds in our modules, in those that are loaded by then: others when one file runs alone
 if hasattr(providers, "_get_local_constants"):
-    setattr(providers, "_get_local_constants", providers.Constants)
+    providers._get_local_constants = providers.Constants
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 

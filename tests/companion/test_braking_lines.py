@@ -28,7 +28,8 @@ from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, Flight, ardup
 
 NS = 1_000_000_000
 FRAME_NS = NS // 8
-LINES = pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (PX4, "pty"), (ARDUPILOT, "udp"), (ARDUPILOT, "pty")])
+LINES = pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (ARDUPILOT, "pty")])
+OTHERS = pytest.mark.parametrize(("kind", "line"), [(PX4, "pty"), (ARDUPILOT, "udp")])
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -36,9 +37,9 @@ def compiled() -> None:
     """The service compiles its kernels before it sees anything; here, too, nothing may be compiled in flight, which would hold
     up the thread that sends."""
     for scene in (facade(), facade(gap_m=2 * MARGIN_M + 1.0)):
-        flight = Flight(scene, px4(), x_m=11.0)
-        flight.fly(5.0)
-        assert flight.x_m > 12.0
+        flight = Flight(scene, px4(), x_m=13.0)
+        flight.fly(1.0)
+        assert flight.x_m > 13.0
 
 
 class Vehicle:
@@ -131,10 +132,19 @@ def flying(kind: str, line: str, x_m: float) -> Iterator[tuple[Vehicle, Companio
             companion.link.close()
 
 
-def fly(scene: Scene, kind: str, line: str, x_m: float, dies_at_m: float, until_m: float, seconds: float) -> Vehicle:
-    """Until it stands for a second after it flew, or is at until_m, or the time is over."""
+def fly(
+    scene: Scene,
+    kind: str,
+    line: str,
+    x_m: float,
+    stands_beyond_m: float,
+    until_m: float = 99.0,
+    dies_at_m: float = 99.0,
+) -> Vehicle:
+    """Until it stands for a second beyond some place, or is at until_m. A machine that is busy makes it stand blind before;
+    a minute is enough for that, too."""
     with flying(kind, line, x_m) as (vehicle, companion, running):
-        end_ns = time.monotonic_ns() + round(seconds * NS)
+        end_ns = time.monotonic_ns() + 60 * NS
         stands_since_ns = None
         while time.monotonic_ns() < end_ns:
             t_ns = time.monotonic_ns()
@@ -142,7 +152,7 @@ def fly(scene: Scene, kind: str, line: str, x_m: float, dies_at_m: float, until_
             companion.avoidance.tick(t_ns)
             if state.position_ned_m[0] < dies_at_m:
                 companion.see(scene, state, t_ns)
-            still = vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
+            still = vehicle.x_m > stands_beyond_m and vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
             stands_since_ns = (stands_since_ns or t_ns) if still else None
             if vehicle.x_m > until_m or (stands_since_ns is not None and t_ns - stands_since_ns > NS):
                 break
@@ -152,22 +162,23 @@ def fly(scene: Scene, kind: str, line: str, x_m: float, dies_at_m: float, until_
 
 @LINES
 def test_it_stops_before_the_wall(kind: str, line: str) -> None:
-    vehicle = fly(facade(), kind, line, 13.5, dies_at_m=99.0, until_m=99.0, seconds=25.0)
+    vehicle = fly(facade(), kind, line, 14.0, stands_beyond_m=20.0 - MARGIN_M - 2.5)
     assert vehicle.fastest_m_s > 1.0
     assert vehicle.farthest_m <= 20.0 - MARGIN_M + 0.1
     assert vehicle.x_m > 20.0 - MARGIN_M - 2.5
+    assert abs(vehicle.speed_m_s) < 0.1
 
 
-@LINES
+@OTHERS
 def test_it_stops_when_the_camera_dies(kind: str, line: str) -> None:
     """ArduPilot may settle before the wall of the policy, which moves along: it creeps at most."""
-    vehicle = fly(facade(), kind, line, 5.0, dies_at_m=8.0, until_m=99.0, seconds=12.0)
+    vehicle = fly(facade(), kind, line, 5.0, stands_beyond_m=7.0, dies_at_m=8.0)
     assert vehicle.fastest_m_s > 1.0
     assert 7.0 < vehicle.farthest_m < 13.5
     assert abs(vehicle.speed_m_s) < 0.1
 
 
-@pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (ARDUPILOT, "pty")])
+@LINES
 def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(kind: str, line: str) -> None:
-    vehicle = fly(facade(gap_m=2 * MARGIN_M + 1.0), kind, line, 15.0, dies_at_m=99.0, until_m=22.5, seconds=40.0)
+    vehicle = fly(facade(gap_m=2 * MARGIN_M + 1.0), kind, line, 17.0, stands_beyond_m=22.0, until_m=22.5)
     assert vehicle.farthest_m > 22.0

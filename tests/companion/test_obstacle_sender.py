@@ -131,6 +131,23 @@ def test_blind_is_on_the_wire_by_0_4_s_for_both_autopilots(fault: str, found: Fr
     assert chain.ahead(ARDUPILOT) == WALL
 
 
+def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps_are_new() -> None:
+    chain = Chain(CLEAR)
+    frozen = {"front": ""}
+    chain.teller = ObstacleTeller(AVOID, ("front",), 0.3, lambda camera: frozen[camera])
+    chain.teller.announce(CAMERA)
+    chain.fly(1.0)
+    assert chain.ahead(PX4) == 1201
+    frozen["front"] = "frozen: the same image 5 times in a row"
+    assert chain.ahead(PX4) == UNKNOWN  # at this very instant
+    assert chain.ahead(ARDUPILOT) == WALL
+    assert chain.told().blind["front"].startswith("frozen")
+    frozen["front"] = ""
+    assert chain.ahead(PX4) == UNKNOWN  # not before some good frames
+    chain.fly(0.5)
+    assert chain.ahead(PX4) == 1201
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_it_comes_back_with_good_frames(fault: str) -> None:
     chain = Chain(CLEAR)

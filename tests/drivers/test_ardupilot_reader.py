@@ -39,7 +39,9 @@ def test_constant_walls_ahead_as_they_were_measured(wall_m: float, least: float,
 
 
 @given(
-    st.floats(0.0, 360.0, exclude_max=True), st.floats(0.65, 12.0), st.booleans(),
+    st.floats(0.0, 360.0, exclude_max=True),
+    st.floats(0.65, 12.0),
+    st.booleans(),
     st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
 )
 @example(angle_deg=0.0, distance_m=2.0, slides=False, others={2: 1.0})
@@ -60,7 +62,9 @@ def test_the_fence_is_nowhere_beyond_what_was_told(
 
 
 @given(
-    st.floats(0.0, 360.0, exclude_max=True), st.booleans(), st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
+    st.floats(0.0, 360.0, exclude_max=True),
+    st.booleans(),
+    st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
 )
 @example(angle_deg=0.0, slides=False, others={0: 2.0, 2: 1.0})
 def test_what_is_within_the_margin_pushes_away_from_itself_and_no_faster_than_measured(
