@@ -24,6 +24,7 @@ from google.protobuf.message import DecodeError
 from core.queries import SeenFrom, Space
 from drivers.proto import osape_v1_pb2 as pb
 
+from .arrival import Ear, age_ns
 from .curve import use_client_keys
 from .messages import model_from_message
 from .service_folders import folders
@@ -35,7 +36,8 @@ STALE_S = 0.4
 
 @dataclass(frozen=True, eq=False)
 class News:
-    """One message. received_ns: when, on this process's monotonic clock; stale_s: the age from which on it is stale.
+    """One message. received_ns: it came then or later, on this process's monotonic clock; stale_s: the age from which on
+    it is stale.
 
     message: osape.v1.PrismsFrame of one camera, or SurroundFrame of several."""
 
@@ -62,9 +64,11 @@ class News:
 
     @property
     def age_s(self) -> float:
-        """Of the exposure, now: its age when it was sent and the time since it came. On another machine it lacks the
-        time on the network."""
-        return (self.message.publication.age_ns + time.monotonic_ns() - self.received_ns) / NS
+        """Of the exposure, now, at the most: a message that waited here unread is as old as it may be. On another machine
+        it lacks the time on the network."""
+        m = self.message
+        t_ns = m.t_exposure_ns if isinstance(m, pb.PrismsFrame) else m.t_ns
+        return age_ns(m.publication, t_ns, self.received_ns) / NS
 
     @property
     def stale(self) -> bool:
@@ -114,13 +118,14 @@ class Client:
         self.heard = Heard()
         self._newest: News | None = None
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._socket = self._context.socket(zmq.SUB)
-        self._socket.setsockopt(zmq.SUBSCRIBE, b"")
-        self._socket.setsockopt(zmq.CONFLATE, 1)  # only the newest is worth anything
-        self._socket.setsockopt(zmq.LINGER, 0)
+        socket = self._context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.CONFLATE, 1)  # only the newest is worth anything
+        socket.setsockopt(zmq.LINGER, 0)
         if keys is not None:
-            use_client_keys(self._socket, keys)
-        self._socket.connect(self.address)
+            use_client_keys(socket, keys)
+        socket.connect(self.address)
+        self._ear = Ear(socket)
 
     def __enter__(self) -> Client:
         return self
@@ -132,7 +137,7 @@ class Client:
 
     def close(self) -> None:
         """May be called twice."""
-        self._socket.close(0)
+        self._ear.close()
         self._context.term()
 
     def latest(self) -> News | None:
@@ -167,9 +172,10 @@ class Client:
 
     def _take(self, timeout_ms: int) -> bool:
         """Takes one message; False: there was none that is news."""
-        if not self._socket.poll(timeout_ms):
+        taken = self._ear.take(timeout_ms)
+        if taken is None:
             return False
-        data, now_ns = self._socket.recv(), time.monotonic_ns()
+        data, came_ns = taken
         message = self._kind()
         try:
             message.ParseFromString(data)
@@ -183,7 +189,7 @@ class Client:
             self.heard.late += 1
             return False
         self.heard.messages += 1
-        self._newest = News(message, now_ns, self._stale_s)
+        self._newest = News(message, came_ns, self._stale_s)
         return True
 
     def _follows(self, message: pb.PrismsFrame | pb.SurroundFrame) -> bool:

@@ -26,6 +26,7 @@ from core.world_saved import ON_WIRE
 from core.world_space import WorldSpace
 from drivers.proto import osape_v1_pb2 as pb
 
+from .arrival import Ear, age_ns
 from .curve import use_client_keys
 from .service_folders import folders
 from .world_messages import SCHEMA_VERSION, blocks_of, picture_of, records_of
@@ -70,11 +71,10 @@ class WorldMirror:
         self._stale_s, self._keys = stale_s, keys
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._ear = self._connected(zmq.SUB, self.address)
-        self._ear.setsockopt(zmq.SUBSCRIBE, b"")
-        self._asker: zmq.Socket[bytes] | None = None
+        self._asker: Ear | None = None
         self._asked_ns = 0
         self._newest: pb.WorldUpdate | None = None
-        self._received_ns = 0
+        self._came_ns = 0
         self._whole = False
         self._planes: dict[int, np.void] = {}
         self._blocks: dict[tuple[int, int, int], np.ndarray[tuple[int], np.dtype[np.uint64]]] = {}
@@ -90,9 +90,9 @@ class WorldMirror:
 
     def close(self) -> None:
         """May be called twice."""
-        self._ear.close(0)
+        self._ear.close()
         if self._asker is not None:
-            self._asker.close(0)
+            self._asker.close()
         self._context.term()
 
     @property
@@ -102,10 +102,10 @@ class WorldMirror:
 
     @property
     def age_s(self) -> float:
-        """Of the newest exposure in it, now; infinite before the first."""
+        """Of the newest exposure in it, now, at the most; infinite before the first."""
         if self._newest is None or not self._newest.t_ns:
             return float("inf")
-        return (self._newest.publication.age_ns + time.monotonic_ns() - self._received_ns) / NS
+        return age_ns(self._newest.publication, self._newest.t_ns, self._came_ns) / NS
 
     @property
     def usable(self) -> bool:
@@ -150,18 +150,20 @@ class WorldMirror:
             if self.usable or left_ms <= 0:
                 return self.usable
             poller = zmq.Poller()
-            poller.register(self._ear, zmq.POLLIN)
+            poller.register(self._ear.socket, zmq.POLLIN)
             if self._asker is not None:
-                poller.register(self._asker, zmq.POLLIN)
+                poller.register(self._asker.socket, zmq.POLLIN)
             poller.poll(min(left_ms, 200))
 
-    def _connected(self, kind: int, address: str) -> zmq.Socket[bytes]:
+    def _connected(self, kind: int, address: str) -> Ear:
         socket = self._context.socket(kind)
         socket.setsockopt(zmq.LINGER, 0)
+        if kind == zmq.SUB:
+            socket.setsockopt(zmq.SUBSCRIBE, b"")
         if self._keys is not None:
             use_client_keys(socket, self._keys)
         socket.connect(address)
-        return socket
+        return Ear(socket)
 
     def _ask_where_needed(self) -> None:
         """One request at a time; one that nobody answers is given up with its socket."""
@@ -169,35 +171,35 @@ class WorldMirror:
         if self._whole or now_ns - self._asked_ns < _AGAIN_NS:
             return
         if self._asker is not None:
-            self._asker.close(0)
+            self._asker.close()
         self._asker, self._asked_ns = self._connected(zmq.REQ, self.requests), now_ns
-        self._asker.send(b"")
+        self._asker.socket.send(b"")
 
     def _take(self) -> bool:
         """Takes one message; False: there is none. What was heard goes first: an answer is newer."""
-        for socket in (self._ear, self._asker):
-            if socket is not None and socket.poll(0):
-                data = socket.recv()
-                if socket is self._asker:
-                    self._asker.close(0)
+        for ear in (self._ear, self._asker):
+            taken = ear.take() if ear is not None else None
+            if taken is not None:
+                if ear is self._asker and self._asker is not None:
+                    self._asker.close()
                     self._asker = None
-                self._read(data)
+                self._read(*taken)
                 return True
         return False
 
-    def _read(self, data: bytes) -> None:
+    def _read(self, data: bytes, came_ns: int) -> None:
         message = pb.WorldUpdate()
         try:
             message.ParseFromString(data)
             if message.schema_version != SCHEMA_VERSION:
                 raise ValueError(f"schema version {message.schema_version}; this mirror reads {SCHEMA_VERSION}")
-            self._apply(message)
+            self._apply(message, came_ns)
         except (DecodeError, ValueError) as error:
             self.counts.foreign += 1
             self.counts.last_error = f"{self.address}: {len(data)} bytes that are no world ({error})"
             self._whole = False  # it may have been a change
 
-    def _apply(self, message: pb.WorldUpdate) -> None:
+    def _apply(self, message: pb.WorldUpdate, came_ns: int) -> None:
         """Into the copy. Raises ValueError for what does not fit together, the copy as it was."""
         records, (blocks, masks) = records_of(message), blocks_of(message)
         before = self._newest
@@ -222,7 +224,7 @@ class WorldMirror:
                 self._planes.pop(slot, None)
             self._blocks |= dict(zip(map(tuple, blocks.tolist()), masks, strict=True))
         self.counts.messages += 1
-        self._newest, self._received_ns, self._space = message, time.monotonic_ns(), None
+        self._newest, self._came_ns, self._space = message, came_ns, None
 
     def _picture(self) -> WorldPicture:
         records = np.array(list(self._planes.values()), ON_WIRE)

@@ -47,7 +47,7 @@ class WorldService:
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="world", daemon=True)
-        self.dropped = 0
+        self.dropped = self.refused = 0
         self.alive_ns = time.monotonic_ns()
         self._sequence, self._since, self._section = 0, 0, -1
         self._epoch = -1
@@ -108,7 +108,11 @@ class WorldService:
             waiting = list(self._waiting)
             self._waiting.clear()
         for result in waiting:
-            sight = sight_of(result)
+            try:
+                sight = sight_of(result)
+            except ValueError:
+                self.refused += 1
+                continue
             if sight is not None:
                 self.world.add(sight)
                 self._newest_ns = sight.t_ns
@@ -143,7 +147,9 @@ class WorldService:
         elif not message.valid:
             message.cause_text = f"no frame with a position for {age_ns / NS:.1f} s"
         message.t_ns = self._newest_ns or 0
-        for name, count in (self.world.numbers() | {"frames_dropped": self.dropped}).items():
+        for name, count in (
+            self.world.numbers() | {"frames_dropped": self.dropped, "frames_refused": self.refused}
+        ).items():
             message.counts[name] = count
         number = self._changes.published
         message.publication.CopyFrom(pb.Publication(boot_id=self._boot, number=number, age_ns=age_ns or 0))
@@ -170,7 +176,8 @@ def opened_world(
 
 
 def sight_of(result: PrismsResult) -> Sight | None:
-    """What the world takes of a frame; None where it has no position, or says nothing."""
+    """What the world takes of a frame; None where it has no position, or says nothing. Raises ValueError where the
+    position cannot be one."""
     if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:
         return None
     return Sight(

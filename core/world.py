@@ -39,13 +39,15 @@ from .world_saved import SavedSection
 from .world_update import looks_of, put_rows, rules_of, see
 
 NS = 1_000_000_000
+FARTHEST_M = 1e6
+"""Not tuning: farther from the origin float32 resolves no centimetres; an estimate that says so is broken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sight:
     """What one frame says, in ned, and from where. place_m: of the camera; reset_counter: of the position's estimate.
 
-    Raises ValueError for a place that is no number."""
+    Raises ValueError for a place that is no number, or beyond FARTHEST_M."""
 
     model: FrameModel
     place_m: tuple[float, float, float]
@@ -53,8 +55,11 @@ class Sight:
     reset_counter: int = 0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(c) for c in self.place_m):
-            raise ValueError(f"world: the place of the camera at {self.t_ns} ns is not finite: {self.place_m}")
+        if not all(abs(c) <= FARTHEST_M for c in self.place_m):
+            raise ValueError(
+                f"world: the place of the camera at {self.t_ns} ns is {self.place_m}: expected numbers within "
+                f"{FARTHEST_M:g} m; is the autopilot's position right?"
+            )
 
 
 @dataclass(slots=True, kw_only=True)

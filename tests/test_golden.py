@@ -12,6 +12,7 @@ import pytest
 
 from core.types import DepthFrame
 
+from . import golden_world
 from .companion.recordings import events_of
 from .golden import (
     DATA,
@@ -42,6 +43,48 @@ def test_golden_stream(name: str, update_golden: bool, capsys: pytest.CaptureFix
     golden = load(name)
     if list(differences(golden, now)):
         pytest.fail(f"{summary(name, golden, now)}\nIf this is meant: make golden, and read the diff.", pytrace=False)
+
+
+def test_golden_worlds(update_golden: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the streams' frames are merged to, as exactly."""
+    now = golden_world.worlds()
+    if update_golden:
+        before = golden_world.load() if golden_world.WORLDS.exists() else {"made_with": now["made_with"]}
+        told = list(golden_world.differences({**before, "made_with": now["made_with"]}, now))
+        golden_world.WORLDS.write_text(golden_world.dumps(now))
+        with capsys.disabled():
+            sys.stdout.write(
+                "\nworlds: " + (f"{len(told)} differences\n" + "\n".join(told[:12]) if told else "as before")
+            )
+        return
+    told = list(golden_world.differences(golden_world.load(), now))
+    if told:
+        pytest.fail("\n".join([*told[:12], "If this is meant: make golden, and read the diff."]), pytrace=False)
+
+
+def test_a_log_is_merged_to_the_same_world_bit_for_bit() -> None:
+    """Whatever was merged before in the same process; and a frame more or less is another world."""
+    first = golden_world.sights_of(recording_path("alley"))
+    world = golden_world.merged(first)
+    again = golden_world.merged(golden_world.sights_of(recording_path("alley")))
+    assert world.numbers() == again.numbers()
+    assert golden_world.world_bytes(world) == golden_world.world_bytes(again)
+    assert golden_world.world_bytes(golden_world.merged(first[:-1])) != golden_world.world_bytes(world)
+    assert len(world.picture(first[-1].t_ns).planes) > 10
+
+
+def test_what_the_comparison_of_worlds_sees() -> None:
+    golden = golden_world.load()
+    assert list(golden_world.differences(golden, golden)) == []
+    for key in ("planes", "free_cells", "digest"):
+        now = copy.deepcopy(golden)
+        now["street"][key] = "0" if key == "digest" else golden["street"][key] // 2
+        assert list(golden_world.differences(golden, now))
+        now["made_with"] = ["another processor"]
+        assert bool(list(golden_world.differences(golden, now))) == (key != "digest")
+    now = copy.deepcopy(golden)
+    now["street"]["rows"][0][0] += 1
+    assert len(list(golden_world.differences(golden, now))) == 2
 
 
 def test_the_streams_hold_what_they_are_for() -> None:

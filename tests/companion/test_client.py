@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 import zmq
 from google.protobuf.message import Message
 
+from companion.arrival import own_boot_id
 from companion.client import Client
 from companion.curve import AllowList, load_keys, make_keys
 from companion.messages import blind_message, prisms_message
@@ -103,6 +105,47 @@ def test_news_that_grow_old_are_stale(service: Service) -> None:
         old = client.wait(5.0)
         assert old is not None
         assert old.stale
+
+
+def waited(seconds: float) -> None:
+    """Time that a planner spends on something else."""
+    end_s = time.monotonic() + seconds
+    assert until(lambda: time.monotonic() >= end_s, 60.0)
+
+
+def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: Service) -> None:
+    """A service that has ended meanwhile must not be taken for a living one."""
+    with Client(service.address, stale_s=0.4) as client:
+        joined(client, service)
+        service.say(a_frame(), age_ms=1.0)
+        waited(0.5)
+        news = client.latest()
+        assert news is not None
+        assert news.age_s > 0.4
+        assert news.stale
+        begun_ns = time.monotonic_ns()
+        waiting = threading.Timer(0.3, lambda: service.say(a_frame(), age_ms=1.0))
+        waiting.start()
+        news = client.wait(20.0)  # it comes while we wait
+        waiting.join()
+        assert news is not None
+        assert news.received_ns > begun_ns
+
+
+def test_on_the_machine_of_the_service_the_stamp_tells_the_age(service: Service) -> None:
+    with Client(service.address, stale_s=30.0) as client:
+        joined(client, service)
+        waited(0.5)
+        for sequence, age_s in enumerate((0.1, 60.0), start=7):
+            message = a_frame()
+            message.sequence = sequence
+            message.t_exposure_ns = time.monotonic_ns() - round(age_s * 1e9)
+            service.say(message, age_ms=1.0, boot=own_boot_id())
+            assert until(lambda k=sequence: (n := client.latest()) is not None and n.message.sequence == k, 5.0)
+            news = client.latest()
+            assert news is not None
+            assert age_s <= news.age_s < age_s + 20.0
+            assert news.stale == (age_s > 30.0)
 
 
 def test_blind_is_told_and_leaves_nothing_free(service: Service) -> None:

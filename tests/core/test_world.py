@@ -266,9 +266,10 @@ def test_sections_are_bounded_and_counted() -> None:
     assert world.numbers()["sections_dropped"] == 3
 
 
-def test_a_place_that_is_no_number_is_refused() -> None:
-    with pytest.raises(ValueError, match="the place of the camera at 5 ns is not finite"):
-        Sight(model=blind(0).model, place_m=(math.nan, 0.0, 0.0), t_ns=5)
+@pytest.mark.parametrize("x", [math.nan, math.inf, -2e6, 1e30])
+def test_a_place_that_cannot_be_one_is_refused(x: float) -> None:
+    with pytest.raises(ValueError, match=r"the place of the camera at 5 ns is .*is the autopilot's position right"):
+        Sight(model=blind(0).model, place_m=(x, 0.0, 0.0), t_ns=5)
 
 
 def test_planes_that_are_no_numbers_are_counted_and_left_out() -> None:

@@ -1,0 +1,105 @@
+"""The merged world of each golden stream, in a form for reading; `make golden` writes it anew beside the streams' results."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from companion.config import Config
+from companion.pipeline import PrismsResult
+from companion.replay import make_pipeline, process
+from companion.tally import Tally
+from companion.world_service import sight_of
+from core.world import Sight, World
+from core.world_saved import bytes_of
+from drivers.mcap_file import McapRecording
+
+from .golden import DATA, STREAMS, Result, made_with, recording_path
+
+WORLDS = DATA / "golden" / "worlds.json"
+ELSEWHERE = 0.1
+"""On another kind of processor: share by which the counts may differ."""
+
+
+def sights_of(path: Path) -> list[Sight]:
+    """What the world takes of a log: its frames with a position."""
+    with McapRecording(path) as recording:
+        pipeline = make_pipeline(Config(), recording.cameras)
+        said = [o for _, outputs in process(recording.events(), pipeline, Tally()) for o in outputs]
+    sights = [sight_of(o) for o in said if isinstance(o, PrismsResult)]
+    return [s for s in sights if s is not None]
+
+
+def merged(sights: list[Sight]) -> World:
+    """The world of a flight."""
+    world = World()
+    for sight in sights:
+        world.add(sight)
+    return world
+
+
+def world_bytes(world: World) -> bytes:
+    """All that is known at its newest frame: planes with moments, and free space."""
+    newest_ns = 0 if world.section is None else world.section.newest_ns
+    picture = world.picture(newest_ns)
+    return bytes_of(world.saved()) + picture.blocks.tobytes() + picture.masks.tobytes()
+
+
+def worlds() -> Result:
+    """Of each stream: counts, each plane in centimetres with its looks, a digest of all of it."""
+    found: Result = {"made_with": made_with()}
+    for name in STREAMS:
+        world = merged(sights_of(recording_path(name)))
+        numbers = world.numbers()
+        picture = world.picture(0 if world.section is None else world.section.newest_ns)
+        found[name] = {
+            "frames": numbers["frames"],
+            "planes": len(picture.planes),
+            "joined": numbers["joined"],
+            "free_cells": int(np.unpackbits(picture.masks.view(np.uint8)).sum()),
+            "digest": hashlib.sha256(world_bytes(world)).hexdigest()[:16],
+            "rows": [
+                [*np.rint(100.0 * row.astype(np.float64)).astype(int).tolist(), int(hits)]
+                for row, hits in zip(picture.planes, picture.hits, strict=True)
+            ],
+        }
+    return found
+
+
+def dumps(found: Result) -> str:
+    """Indented JSON, each plane on a line of its own."""
+    text = json.dumps(found, indent=1)
+    return (
+        re.sub(r"\[\s+(-?\d+(?:,\s+-?\d+)*)\s+\]", lambda m: "[" + re.sub(r"\s+", " ", m.group(1)) + "]", text) + "\n"
+    )
+
+
+def load() -> Result:
+    """The golden worlds."""
+    return dict(json.loads(WORLDS.read_text()))
+
+
+def differences(golden: Result, now: Result) -> Iterator[str]:
+    """What is not as it should be, in words. Exact where both were made with the same."""
+    exact = golden["made_with"] == now["made_with"]
+    for name in STREAMS:
+        before, after = golden.get(name, {}), now[name]
+        for key in ("frames", "planes", "joined", "free_cells", "digest"):
+            one, other = before.get(key), after[key]
+            if exact or one is None or key == "frames":
+                differs = one != other
+            elif key == "digest":
+                differs = False
+            else:
+                differs = abs(one - other) > max(2, ELSEWHERE * one)
+            if differs:
+                yield f"{name}: {key}: {one} -> {other}"
+        if exact and before:
+            old, new = (sorted(map(tuple, rows)) for rows in (before["rows"], after["rows"]))
+            yield from (f"{name}: plane gone {row} cm, looks" for row in old if row not in new)
+            yield from (f"{name}: plane new {row} cm, looks" for row in new if row not in old)
