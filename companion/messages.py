@@ -35,6 +35,7 @@ CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
     InvalidCause.NO_MEASUREMENT: pb.CAUSE_NO_MEASUREMENT,
     InvalidCause.TOO_STEEP: pb.CAUSE_TOO_STEEP,
     InvalidCause.BAD_ROTATION: pb.CAUSE_BAD_ROTATION,
+    InvalidCause.NO_NUMBERS: pb.CAUSE_NO_NUMBERS,
     DropCause.NO_ATTITUDE: pb.CAUSE_NO_ATTITUDE,
     DropCause.ATTITUDE_TOO_OLD: pb.CAUSE_ATTITUDE_TOO_OLD,
     DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,

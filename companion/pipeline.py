@@ -27,7 +27,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, F
 from drivers.base import Event
 
 from .masks import Mask, without
-from .reframe import LevelTransform, reframed
+from .reframe import LevelTransform, numbers_only, reframed
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser, SyncParams
 
 UNSEEN = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
@@ -263,7 +263,7 @@ class Pipeline:
             t_arrival_ns=frame.t_arrival_ns,
             frame="level" if pose is None else "ned",
             drop=DropCause.NONE,
-            model=reframed(model, transform),
+            model=reframed(numbers_only(model), transform),
             attitude=attitude,
             pose=pose,
             transform=transform,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import FrameModel, FreeProfile, Ground, Prism
+from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause, Prism
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,39 @@ class LevelTransform:
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         x, y, z = self.translation_m
         return LevelTransform(-self.yaw_rad, (-(c * x + s * y), s * x - c * y, -z))
+
+
+def numbers_only(model: FrameModel) -> FrameModel:
+    """The very same model; where what it tells is not all finite, one that says nothing. Such a plane stands nowhere, and one
+    that cannot be compared with anything may hide all others: the frame is blind."""
+    free = model.free
+    told = [model.planes, model.margin_m, free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m]
+    if model.prisms:
+        told.append(np.concatenate([prism.vertices_m for prism in model.prisms]))
+    if all(np.isfinite(numbers).all() for numbers in told):
+        return model
+    d, layers = free.end.shape
+    nothing = np.zeros_like(free.free_to_m)
+    seen_free_nowhere = FreeProfile(
+        azimuth_edges_rad=np.linspace(-0.1, 0.1, d + 1, dtype=np.float32),
+        layer_edges_m=np.arange(layers + 1, dtype=np.float32),
+        free_from_m=nothing,
+        free_to_m=nothing,
+        end=np.full_like(free.end, FreeEnd.NOT_SEEN),
+    )
+    return replace(
+        model,
+        valid=False,
+        cause=InvalidCause.NO_NUMBERS,
+        planes=model.planes[:0],
+        support_px=model.support_px[:0],
+        margin_m=model.margin_m[:0],
+        flags=model.flags[:0],
+        cluster=model.cluster[:0],
+        prisms=(),
+        free=seen_free_nowhere,
+        strips=None,
+    )
 
 
 def reframed(model: FrameModel, transform: LevelTransform) -> FrameModel:

@@ -169,6 +169,7 @@ class InvalidCause(StrEnum):
     NO_MEASUREMENT = "too few pixels hold a measurement"
     TOO_STEEP = "the camera is tilted too far for vertical columns to have a meaning"
     BAD_ROTATION = "the attitude is not a rotation"
+    NO_NUMBERS = "what was found is no numbers"
 
 
 class PlaneFlags(IntFlag):

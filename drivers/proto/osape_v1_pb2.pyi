@@ -13,6 +13,7 @@ class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CAUSE_NO_MEASUREMENT: _ClassVar[Cause]
     CAUSE_TOO_STEEP: _ClassVar[Cause]
     CAUSE_BAD_ROTATION: _ClassVar[Cause]
+    CAUSE_NO_NUMBERS: _ClassVar[Cause]
     CAUSE_NO_ATTITUDE: _ClassVar[Cause]
     CAUSE_ATTITUDE_TOO_OLD: _ClassVar[Cause]
     CAUSE_FRAME_TOO_OLD: _ClassVar[Cause]
@@ -27,6 +28,7 @@ CAUSE_NONE: Cause
 CAUSE_NO_MEASUREMENT: Cause
 CAUSE_TOO_STEEP: Cause
 CAUSE_BAD_ROTATION: Cause
+CAUSE_NO_NUMBERS: Cause
 CAUSE_NO_ATTITUDE: Cause
 CAUSE_ATTITUDE_TOO_OLD: Cause
 CAUSE_FRAME_TOO_OLD: Cause

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -252,7 +253,7 @@ def test_what_a_reader_needs_goes_by_the_reader_and_not_by_the_policy(
 @pytest.mark.parametrize("place", [0, 3, "margin"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float) -> None:
-    """One such plane must not take the others with it, nor leave the view clear."""
+    """One such plane must not take the others with it, nor leave the view clear; wherever it comes from."""
     found = model(wall_at(0.0, 5.0), wall_at(10.0, 6.0), free_to_m=13.0, view_deg=72.0)
     if place == "margin":
         found = replace(found, margin_m=np.array([0.0, value], np.float32))
@@ -260,11 +261,24 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         planes = found.planes.copy()
         planes[1, place] = value
         found = replace(found, planes=planes)
-    chain = Chain(found)
+    chain = Chain(CLEAR)
     chain.fly(1.0)
+    good = chain.teller._newest["front"]
+    chain.teller.result(replace(good, model=found))  # none of ours, which the pipeline refuses
     assert chain.ahead(PX4) == UNKNOWN
+    assert "no numbers" in chain.told().blind["front"]
+    chain.teller.result(good)
+    chain.sees.found = found
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        chain.fly(0.2)
+        assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
     assert "no numbers" in chain.told().blind["front"]
+    result = chain.teller._newest["front"]
+    assert not result.valid
+    assert result.model is not None
+    assert not (result.model.free.free_to_m > 0.0).any()
 
 
 def test_a_frame_stamped_in_the_future_ages_from_its_arrival() -> None:
