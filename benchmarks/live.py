@@ -16,7 +16,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -92,9 +92,11 @@ class Ear:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Of one process: CPU seconds so far, resident bytes."""
+    """Of one process: CPU seconds so far, seconds that its threads were ready and waited for a processor that others had,
+    resident bytes."""
 
     cpu_s: float
+    waited_s: float
     bytes: int
 
 
@@ -102,7 +104,16 @@ def taken(pid: int) -> Taken:
     """What a process has taken."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return Taken((int(fields[11]) + int(fields[12])) * TICK_S, pages * PAGE)
+    return Taken((int(fields[11]) + int(fields[12])) * TICK_S, _waited_s(pid), pages * PAGE)
+
+
+def _waited_s(pid: int) -> float:
+    """Of all its threads: large beside the CPU seconds, the machine was not at rest and the times are not its own."""
+    waited_ns = 0
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(OSError):  # a thread that has just ended
+            waited_ns += int((task / "schedstat").read_text().split()[1])
+    return waited_ns / NS
 
 
 def child_of(pid: int) -> int:
@@ -185,11 +196,15 @@ def figures(
         "missed_by_the_subscriber": ear.missed,
         "blind_messages": ear.blind,
         "dropped_by_the_service": {k: n - before.frames_dropped[k] for k, n in after.frames_dropped.items()},
+        "samples_lost": after.samples_lost - before.samples_lost,
         "log_dropped": after.recording.dropped - before.recording.dropped,
         "log_mb_per_minute": round((after.recording.bytes - before.recording.bytes) / 1e6 / seconds * 60.0, 1),
         "exposure_to_subscriber_ms": {"p50": p50, "p95": p95, "p99": p99, "worst": round(float(ages.max()), 2)},
         "stages_ms": {x.stage: [round(v, 2) for v in (x.p50_ms, x.p95_ms, x.p99_ms)] for x in after.latencies},
         "cpu_percent": {n: round(100.0 * (last[n].cpu_s - first[n].cpu_s) / seconds, 1) for n in first},
+        "waited_for_a_processor_percent": {
+            n: round(100.0 * (last[n].waited_s - first[n].waited_s) / seconds, 1) for n in first
+        },
         "service_mb": [round(float(np.median(part)) / 1e6, 1) for part in (sizes[:quarter], sizes[-quarter:])],
         "starts_of_the_camera": after.cameras[0].starts,
         "troubles": list(after.troubles),

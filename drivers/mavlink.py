@@ -266,6 +266,11 @@ class MavlinkSession:
             self._outbox.extend(waiting)
         self._outbox.append(message)
 
+    @property
+    def has_posted(self) -> bool:
+        """Whether a message waits to be sent."""
+        return bool(self._outbox)
+
     def due(self, now_ns: int, speaks_first: bool = False) -> list[bytes]:
         """What to send now, ready for the line. speaks_first: the other end waits for a hello."""
         messages: list[Any] = []

@@ -16,8 +16,10 @@ from .mavlink import LinkStatus, MavlinkSession
 from .transport import Address, Chunk, Transport, open_transport
 
 NS = 1_000_000_000
-READ_S = 0.005
-"""Longest wait for bytes: so late, at most, is what is due to be sent."""
+READ_S = 0.01
+"""Longest wait for bytes: so late, at most, is what is posted."""
+DUE_NS = 10_000_000
+"""So late, at most, is what the session sends by itself."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
 
 
@@ -109,14 +111,18 @@ class MavlinkLink:
     def _talk(self, transport: Transport, warning: str, losses: int) -> None:
         with self._lock:
             self._session.new_line()
+        due_ns = 0
         while not self._stop.is_set():
             chunks: list[Chunk] = transport.read(READ_S)
             with self._lock:
                 samples = self._session.receive(chunks, transport.sources)
                 if self._session.spoke_in is not None:
                     transport.answer(self._session.spoke_in)
-                for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
-                    transport.write(data)
+                now_ns = time.monotonic_ns()
+                if now_ns >= due_ns or self._session.has_posted:
+                    due_ns = now_ns + DUE_NS
+                    for data in self._session.due(now_ns, transport.speaks_first):
+                        transport.write(data)
             if samples:
                 self._deliver(samples)
             self._state = LineState(True, "", warning, losses, time.monotonic_ns())
