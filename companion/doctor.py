@@ -23,6 +23,7 @@ from drivers.base import DriverError
 from drivers.clock import ClockSource
 from drivers.mavlink import LinkStatus, MavlinkSession
 from drivers.mavlink_link import MavlinkLink
+from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
 
 from .apply_parameters import Change, apply
@@ -34,7 +35,7 @@ from .config_camera import CameraConfig
 from .console import say, say_json
 from .log_folder import free_bytes
 from .service_folders import folders
-from .status import newest_health
+from .status import newest_health, somebody_publishes
 from .warmup import COMPILED_S, run_kernels
 
 NS = 1_000_000_000
@@ -56,7 +57,7 @@ class Finding:
 
 def examine(config: Config, patience_s: float) -> Iterator[Finding]:
     """Everything, one after the other. patience_s: for each camera and for the autopilot."""
-    running = running_service(config)
+    running = running_service(config, patience_s)
     if running is not None:
         yield from running
     else:
@@ -69,18 +70,32 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
     yield from machine_findings(config)
 
 
-def running_service(config: Config) -> list[Finding] | None:
-    """What the running service says of itself; None: none runs."""
+def running_service(config: Config, patience_s: float) -> list[Finding] | None:
+    """What the running service says of itself, once its start is over; None: none runs. One that is there and says
+    nothing has the cameras and the line all the same."""
     address = config.publish.health.replace("{run}", str(folders().run))
-    if not address:
-        return None
     try:
-        health = newest_health(address, 2.5)
+        if not address or not somebody_publishes(address):
+            return None
+        health = _past_its_start(address, patience_s)
+    except PermissionError:
+        words = f"one may run, but {address} is closed to this user: ask with sudo, or as a member of its group"
+        return [Finding("service", False, words)]
     except DriverError:
-        return None
+        words = f"one holds {address}, but told nothing within {patience_s:g} s: does it hang? (systemctl status osape-companion)"
+        return [Finding("service", False, words)]
     if not health.troubles:
         return [Finding("service", True, "runs, and nothing is wrong (`companion status` tells more)")]
     return [Finding("service", False, trouble) for trouble in health.troubles]
+
+
+def _past_its_start(address: str, patience_s: float) -> pb.Health:
+    """Its report as soon as it is no longer starting, else when patience ends. Raises DriverError when none comes."""
+    end_s = time.monotonic() + patience_s
+    health = newest_health(address, patience_s)
+    while health.state == pb.Health.STATE_STARTING and time.monotonic() < end_s:
+        health = newest_health(address, patience_s)
+    return health
 
 
 def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> Finding:
@@ -240,7 +255,7 @@ def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding
     """Writes what the autopilot lacks, with a yes. Only where no service has its line."""
     if not config.autopilot.address:
         return
-    if running_service(config) is not None:
+    if running_service(config, patience_s) is not None:
         words = "nothing is written: the service has the line; stop it first (systemctl stop osape-companion)"
         yield Finding("apply", False, words)
         return

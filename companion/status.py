@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +19,46 @@ from .health import STATES
 from .service_folders import run_folder
 
 MS, S = 1e6, 1e9
+PROBE_S = 1.0
+
+
+def somebody_publishes(address: str) -> bool:
+    """Whether a service holds an address: a socket that nobody holds refuses at once. Raises PermissionError where this
+    user may not ask. Where it cannot be told at all: True."""
+    try:
+        if address.startswith("ipc://"):
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+                probe.settimeout(PROBE_S)
+                probe.connect(address.removeprefix("ipc://"))
+        else:
+            host, _, port = address.removeprefix("tcp://").rpartition(":")
+            here = "127.0.0.1" if host in ("*", "0.0.0.0") else host.strip("[]")
+            socket.create_connection((here, int(port)), PROBE_S).close()
+    except (FileNotFoundError, ConnectionRefusedError):
+        return False
+    except PermissionError:
+        raise
+    except (OSError, ValueError):
+        return True
+    return True
 
 
 def newest_health(address: str, timeout_s: float) -> pb.Health:
     """The next health report on an address. Raises DeviceNotFound when none comes."""
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    socket = context.socket(zmq.SUB)
+    ear = context.socket(zmq.SUB)
     try:
-        socket.setsockopt(zmq.SUBSCRIBE, b"")
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.connect(address)
-        if not socket.poll(round(timeout_s * 1000)):
+        ear.setsockopt(zmq.SUBSCRIBE, b"")
+        ear.setsockopt(zmq.LINGER, 0)
+        ear.connect(address)
+        if not ear.poll(round(timeout_s * 1000)):
             raise DeviceNotFound(
                 f"no health report on {address} within {timeout_s:g} s: the service does not run (systemctl status "
                 "osape-companion, or `companion run`), or publishes elsewhere (give its configuration with -c)"
             )
-        return pb.Health.FromString(socket.recv())
+        return pb.Health.FromString(ear.recv())
     finally:
-        socket.close(0)
+        ear.close(0)
         context.term()
 
 

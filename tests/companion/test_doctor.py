@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import socket
+import threading
 from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 
 import pytest
+import zmq
 
 from companion import doctor
 from companion.cli import main
+from companion.publisher import Publisher, Stream
+from companion.status import somebody_publishes
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd
 
-from .live import Live, flown, free_port
+from .live import PATIENCE_S, Live, flown, free_port
 from .test_service_avoids import PARAMETERS
 
 CONFIG = """
@@ -69,8 +75,6 @@ def test_all_is_well(live: Live, line: AutopilotLine, capsys: pytest.CaptureFixt
     assert line.autopilot.personality.kind in said["autopilot"]["words"]
     assert set(said) == {"service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
-    assert main(["doctor", "-c", str(live.config)]) == 0
-    assert "all is as it should be" in capsys.readouterr().out
 
 
 def test_what_keeps_it_from_braking_is_said(
@@ -83,17 +87,25 @@ def test_what_keeps_it_from_braking_is_said(
     assert next(iter(bad)) in said["parameters"]["words"]
 
 
-def test_without_camera_and_autopilot_both_are_named(
+def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
     live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     live.cable.unlink()
+    live.config.write_text(live.config.read_text().split("[autopilot]")[0])
     monkeypatch.setattr(doctor, "COMPILED_S", 0.0)
-    status, said = looked(live, capsys, "15")
+    status, said = looked(live, capsys, "60")
     assert status == 1
     assert "unplugged" in said["camera front"]["words"]
-    assert "no heartbeat" in said["autopilot"]["words"]
+    assert "set [autopilot] address" in said["autopilot"]["words"]
     assert "companion warmup" in said["kernels"]["words"]
     assert said["log"]["good"]
+
+
+def test_an_autopilot_that_is_not_there_is_named(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
+    live.config.write_text("[autopilot]" + live.config.read_text().split("[autopilot]")[1])
+    status, said = looked(live, capsys, "1")
+    assert status == 1
+    assert f"no heartbeat on udpin:127.0.0.1:{live.port}: is it on" in said["autopilot"]["words"]
 
 
 def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
@@ -117,18 +129,81 @@ def test_a_full_disk_is_said(live: Live, capsys: pytest.CaptureFixture[str], mon
 
 
 def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
-    """It has no autopilot and says so; the doctor takes neither camera nor line from it."""
+    """It has no autopilot and says so, once its start is over; the doctor takes neither camera nor line from it."""
     try:
-        live.start()
         health = live.ear("health", pb.Health)
-        health.wait(lambda h: h.cameras and h.cameras[0].frames > 0, 60.0)
-        status, said = looked(live, capsys)
+        live.start()
+        health.wait(lambda h: True, PATIENCE_S)
+        status, said = looked(live, capsys, str(PATIENCE_S))
         assert status == 1
-        assert "heartbeat" in said["service"]["words"] or "attitude" in said["service"]["words"]
-        assert "camera front" not in said
+        assert "no heartbeat of an autopilot" in said["service"]["words"]
+        assert set(said) == {"service", "log", "kernels"}
         assert live.stop() == 0
     finally:
         live.close()
+
+
+def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
+    live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as held:
+        held.bind(str(live.folder / "run" / "health"))
+        held.listen()
+        status, said = looked(live, capsys, "0.5")
+        assert status == 1
+        assert "told nothing within 0.5 s: does it hang?" in said["service"]["words"]
+        assert set(said) == {"service", "log", "kernels"}
+    assert not somebody_publishes(f"ipc://{live.folder}/run/health")
+
+    def closed(address: str) -> bool:
+        raise PermissionError
+
+    monkeypatch.setattr(doctor, "somebody_publishes", closed)
+    said = looked(live, capsys, "1")[1]
+    assert "closed to this user" in said["service"]["words"]
+    assert set(said) == {"service", "log", "kernels"}
+
+
+def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
+    live: Live, capsys: pytest.CaptureFixture[str]
+) -> None:
+    live.config.write_text('[record]\nrecord = "off"\n')
+    with zmq.Context() as context:
+        publisher = Publisher(Stream("health", f"ipc://{live.folder}/run/health"), context)
+        starting = pb.Health(state=pb.Health.STATE_STARTING, troubles=["starting: the kernels are loaded"])
+        reports = chain([starting] * 20, repeat(pb.Health(state=pb.Health.STATE_ACTIVE)))
+        over = threading.Event()
+
+        def tell() -> None:
+            while not over.wait(0.05):
+                publisher.publish(next(reports))
+
+        teller = threading.Thread(target=tell)
+        teller.start()
+        assert main(["doctor", "-c", str(live.config), "--patience", str(PATIENCE_S)]) == 0
+        over.set()
+        teller.join()
+        publisher.close()
+    said = capsys.readouterr().out
+    assert "ok  service: runs, and nothing is wrong" in said
+    assert "all is as it should be" in said
+
+
+def test_whether_a_tcp_port_is_held_is_told_at_once() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert somebody_publishes(f"tcp://127.0.0.1:{port}")
+        assert somebody_publishes(f"tcp://*:{port}")
+    assert not somebody_publishes(f"tcp://127.0.0.1:{port}")
+
+
+def test_what_was_found_in_words(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
+    live.config.write_text('[record]\nrecord = "off"\n')
+    assert main(["doctor", "-c", str(live.config), "--patience", "1"]) == 1
+    said = capsys.readouterr().out
+    assert "ok  service: does not run; its parts are tried here" in said
+    assert " !  cameras: none is configured" in said
+    assert "all is as it should be" not in said
 
 
 def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
