@@ -30,11 +30,12 @@ name = "front"
 kind = "simulated"
 flight = "street"
 width_px = 160
-fps = 30.0
+fps = 10.0
 device = "{cable}"
 
 [autopilot]
 address = "udpin:127.0.0.1:{port}"
+attitude_hz = 20.0
 
 [avoid]
 send = true
