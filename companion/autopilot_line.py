@@ -13,6 +13,9 @@ from .config import Config
 from .config_live import AutopilotConfig
 
 CLOCK_FILE = "signing-clock"
+POINTS_A_CAMERA, MOST_POINTS = 30, 104
+"""Of a camera 90 degrees wide, by which the line is judged: 18 sectors, and three faces in four layers; of all around: 72
+sectors, and eight faces."""
 
 
 def params_of(config: Config) -> MavlinkParams:
@@ -21,6 +24,8 @@ def params_of(config: Config) -> MavlinkParams:
     return MavlinkParams(
         system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz,
         obstacles_hz=config.avoid.rate_hz if config.avoid.send else 0.0,
+        obstacle_points=min(MOST_POINTS, POINTS_A_CAMERA * len(config.cameras)) if config.avoid.points else 0,
+        distance_sensors=config.avoid.upward + config.avoid.downward,
     )  # fmt: skip
 
 

@@ -57,6 +57,7 @@ class Avoidance:
         self._echo = EchoCheck()
         self._texts = StatusTexts()
         self._link: LinkStatus | None = None
+        self._counted: Told | None = None
         self._teller = ObstacleTeller(avoid, cameras, stale_s, ill)
         self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
 
@@ -199,8 +200,9 @@ class Avoidance:
         return AutopilotNow(kind=vehicle.autopilot, margin_m=self.parameters.value("AVOID_MARGIN"))
 
     def _send(self, message: Any) -> None:
-        told = self.sender.told
-        if told is not None and told.values is not None:
+        told = self.sender.told  # may go out as many messages
+        if told is not None and told.values is not None and told is not self._counted:
+            self._counted = told
             self._echo.sent(told.values, clear_cm(self._avoid), told.t_ns)
             seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in told.blind]
             if seeing:

@@ -55,6 +55,14 @@ class AvoidParams:
     avoid_margin_m: float = number(
         2.0, 0.5, 20.0, "m", "AVOID_MARGIN to believe in until the autopilot has told its own"
     )
+    points: bool = switch(
+        False, "ArduPilot: OBSTACLE_DISTANCE_3D instead, with layers above and below; work in progress there"
+    )
+    upward: bool = switch(False, "DISTANCE_SENSOR upward, where something was seen to stand over the vehicle")
+    downward: bool = switch(
+        False, "DISTANCE_SENSOR downward to the ground seen; the autopilot may take its height from it"
+    )
+    remember_up_s: float = number(20.0, 0.0, 120.0, "s", "what stands over the vehicle's way is known for so long")
     recover_frames: int = number(3, 1, 50, "", "good frames in a row after which a blind camera is believed again")
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -25,8 +25,10 @@ from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from .config_avoid import AvoidParams
 from .free_memory import FreeMemory
 from .masks import Mask
-from .obstacle_distance import clear_cm, for_reader, obstacle_distance_message
+from .obstacle_distance import ARDUPILOT, clear_cm, for_reader, obstacle_distance_message
 from .obstacle_memory import Here, ObstacleMemory
+from .obstacle_points import NO_POINTS, level_points, obstacle_points_messages, other_points
+from .overhead import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
 from .pipeline import PrismsResult
 from .reframe import LevelTransform, reframed
 from .sectors import PARTS, SECTORS, Look, Recall, SectorScan, View, covered, looked_into, scan
@@ -48,13 +50,18 @@ RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 class Told:
     """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
 
-    policy: unknown or stop, as the autopilot needs it. fault: what went wrong in reckoning, in words; empty: nothing."""
+    policy: unknown or stop, as the autopilot needs it. fault: what went wrong in reckoning, in words; empty: nothing.
+    points_m: (N, 3) obstacles above and below the band, where they are told; up_m, down_m: to what stands over the vehicle,
+    and to the ground under it; None: nothing is sent of it."""
 
     t_ns: int
     values: NDArray[np.uint16] | None
     blind: dict[str, str]
     policy: str
     fault: str = ""
+    points_m: NDArray[np.float64] = field(default_factory=NO_POINTS.copy)
+    up_m: float | None = None
+    down_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +97,8 @@ class ObstacleTeller:
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
         self._freed = FreeMemory(avoid)
+        self._overhead = Overhead(avoid)
+        self._overhead_ns: dict[str, int] = {}
         self._newest_good_ns: int | None = None
         self._ended = ""
 
@@ -153,7 +162,23 @@ class ObstacleTeller:
         found, recalled = scan(views, self._avoid, recall), NOTHING_REMEMBERED
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
-        return self._told(autopilot, now_ns, causes, found, recalled)
+        told = self._told(autopilot, now_ns, causes, found, recalled)
+        return self._with_heights(told, dict(zip(seeing, views, strict=False)), here, now_ns)
+
+    def _with_heights(self, told: Told, views: dict[str, View], here: Here | None, now_ns: int) -> Told:
+        """What is told besides of what stands above and below, where that is switched on. views: of those that see."""
+        avoid, points_m, up_m, down_m = self._avoid, told.points_m, None, None
+        if avoid.points:
+            points_m = other_points(list(views.values()), avoid)
+        if avoid.upward and here is not None:
+            for camera, view in views.items():
+                if seen_ns(self._newest[camera]) != self._overhead_ns.get(camera):
+                    self._overhead_ns[camera] = seen_ns(self._newest[camera])
+                    self._overhead.see(view, here, now_ns)
+            up_m = self._overhead.upward_m(here, now_ns)
+        if avoid.downward:
+            down_m = downward_m(list(views.values()))
+        return replace(told, points_m=points_m, up_m=up_m, down_m=down_m)
 
     def _told(
         self,
@@ -234,6 +259,22 @@ def all_numbers(model: FrameModel) -> bool:
     return bool(np.isfinite(model.planes).all() and np.isfinite(model.margin_m).all())
 
 
+def messages_of(told: Told, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
+    """What goes out for a decision: OBSTACLE_DISTANCE or, to ArduPilot where it is switched on, points; DISTANCE_SENSOR."""
+    if told.values is None:
+        return []
+    time_ms = now_ns // 1_000_000
+    if avoid.points and autopilot == ARDUPILOT:
+        points_m = np.concatenate([level_points(told.values, avoid), told.points_m])
+        out = obstacle_points_messages(points_m, time_ms, avoid)
+    else:
+        out = [obstacle_distance_message(told.values, now_ns // 1000, avoid)]
+    for distance_m, orientation in ((told.up_m, UPWARD), (told.down_m, DOWNWARD)):
+        if distance_m is not None and distance_m < avoid.max_distance_m:
+            out.append(distance_sensor_message(distance_m, orientation, time_ms, avoid))
+    return out
+
+
 class ObstacleSender:
     """Runs a teller on the line, in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
 
@@ -271,7 +312,8 @@ class ObstacleSender:
             autopilot = self._ask()
             if autopilot.kind:  # which policy is right is known only then
                 self.told = self._teller.decide(autopilot, now_ns)
-                if self.told.values is not None:
-                    self._post(obstacle_distance_message(self.told.values, now_ns // 1000, self._avoid))
-                    self.sent += 1
+                messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
+                for message in messages:
+                    self._post(message)
+                self.sent += bool(messages)
             self.alive_ns = time.monotonic_ns()

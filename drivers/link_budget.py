@@ -13,7 +13,7 @@ SHARE = 0.5
 """Of the line, for us: autopilots send more than what we ask for, and in bursts."""
 FRAME, SIGNATURE = 12, 13
 """Bytes around a payload."""
-ATTITUDE, POSITION, OBSTACLES, FACE, HEARTBEAT, TIMESYNC = 32, 28, 167, 39, 9, 16
+ATTITUDE, POSITION, OBSTACLES, POINT, FACE, HEARTBEAT, TIMESYNC = 32, 28, 167, 28, 39, 9, 16
 """Payloads in bytes."""
 TIMESYNC_HZ, ECHO_HZ, FACES = 10.0, 2.0, 8
 """While the clock is learned, and PX4 asks as often for itself; eight faces come back from ArduPilot."""
@@ -54,16 +54,23 @@ class LinkBudget:
 
 
 def link_budget(
-    attitude_hz: float, position_hz: float, obstacles_hz: float, line: float, *, signed: bool = False
+    attitude_hz: float,
+    position_hz: float,
+    obstacles_hz: float,
+    line: float,
+    *,
+    signed: bool = False,
+    obstacles: tuple[int, ...] = (OBSTACLES,),
 ) -> LinkBudget:
-    """The budget of a line. obstacles_hz: how often we tell of obstacles, 0: never; line: bytes a second."""
+    """The budget of a line. obstacles_hz: how often we tell of obstacles, 0: never; obstacles: the payloads of one time;
+    line: bytes a second."""
     around = FRAME + (SIGNATURE if signed else 0)
     attitude_bytes = ATTITUDE + around
     always = (HEARTBEAT + around) + TIMESYNC_HZ * (TIMESYNC + around)
     echo = ECHO_HZ * FACES * (FACE + around) if obstacles_hz else 0.0
     return LinkBudget(
         need_in=attitude_hz * attitude_bytes + position_hz * (POSITION + around) + 2.0 * always + echo,
-        need_out=obstacles_hz * (OBSTACLES + around) + 2.0 * always,
+        need_out=obstacles_hz * sum(payload + around for payload in obstacles) + 2.0 * always,
         line=line,
         attitude_hz=attitude_hz,
         attitude_bytes=attitude_bytes,

@@ -15,7 +15,7 @@ from core.types import AttitudeSample, PoseSample
 
 from .checked import check, number
 from .clock import NS, ClockEstimate, ClockFilter, ClockParams
-from .link_budget import LinkBudget, link_budget
+from .link_budget import FACE, OBSTACLES, POINT, LinkBudget, link_budget
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .mavlink_frames import MAVLINK1, Frame, MessageSplitter
 from .mavlink_motion import MOTION, MotionDecoder
@@ -35,7 +35,9 @@ HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID})
 MOST_SOURCES = 16
-OBSTACLE_DISTANCE_ID, STATUSTEXT_ID = 330, 253
+DISTANCE_SENSOR_ID, STATUSTEXT_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 253, 330, 11037
+_SURROUNDINGS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
+_TOLD = _SURROUNDINGS | {DISTANCE_SENSOR_ID}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +49,8 @@ class MavlinkParams:
     attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
     position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
     obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
+    obstacle_points: int = number(0, 0, 104, "", "as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around")
+    distance_sensors: int = number(0, 0, 2, "", "and so many DISTANCE_SENSOR with them")
 
     def __post_init__(self) -> None:
         check("mavlink", self)
@@ -126,7 +130,7 @@ class MavlinkSession:
         self._next_heartbeat_ns = 0
         self._heard_ns = 0
         self._clock_restarts = 0
-        self._outbox: deque[Any] = deque(maxlen=64)
+        self._outbox: deque[Any] = deque(maxlen=256)
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -260,8 +264,8 @@ class MavlinkSession:
     def post(self, message: Any) -> None:
         """A message to send with the next `due`; without an autopilot that is heard it is dropped and counted. Of distances to
         obstacles the newest alone waits: after a gap of the line older ones would tell of what is true no more."""
-        if message.get_msgId() == OBSTACLE_DISTANCE_ID:
-            waiting = [m for m in self._outbox if m.get_msgId() != OBSTACLE_DISTANCE_ID]
+        if message.get_msgId() in _TOLD and not (self._outbox and _one_scan(self._outbox[-1], message)):
+            waiting = [m for m in self._outbox if not _replaced(m, message)]
             self._outbox.clear()
             self._outbox.extend(waiting)
         self._outbox.append(message)
@@ -332,8 +336,25 @@ class MavlinkSession:
         )
 
 
+def _one_scan(a: Any, b: Any) -> bool:
+    """Whether two messages are of one scan of points, which all messages of one time are."""
+    return a.get_msgId() == b.get_msgId() == OBSTACLE_DISTANCE_3D_ID and bool(a.time_boot_ms == b.time_boot_ms)
+
+
+def _replaced(waiting: Any, new: Any) -> bool:
+    """Whether a message tells of obstacles as they were before a new one."""
+    old_id, new_id = waiting.get_msgId(), new.get_msgId()
+    if old_id in _SURROUNDINGS and new_id in _SURROUNDINGS:
+        return not _one_scan(waiting, new)
+    return old_id == new_id == DISTANCE_SENSOR_ID and bool(waiting.orientation == new.orientation)
+
+
 def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
     """What a conversation with these parameters needs of a line; None for a line without a bound."""
     if bytes_per_s is None:
         return None
-    return link_budget(params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed)
+    told = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
+    told += (FACE,) * params.distance_sensors
+    return link_budget(
+        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=told
+    )

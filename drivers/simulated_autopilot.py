@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from .ardupilot_layers import ArduPilotHeights, ArduPilotLayers
 from .ardupilot_reader import ArduPilotReader
 from .flight_path import VehicleState
 from .mavlink_dialect import dialect
@@ -75,7 +76,7 @@ class SimulatedAutopilot:
     parameters: name -> value, told when asked for and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
     ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
     not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
-    each came. deaf: it takes none of them."""
+    each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them."""
 
     def __init__(self, personality: Personality | None = None) -> None:
         self.personality = personality or Personality()
@@ -85,6 +86,8 @@ class SimulatedAutopilot:
             ArduPilotReader() if self.personality.kind == ARDUPILOT else Px4Reader()
         )
         self.obstacle_times_ns: list[int] = []
+        self.layers: ArduPilotLayers | None = None
+        self.heights = ArduPilotHeights()
         self.stubborn: set[str] = set()
         self.silent = self.deaf = False
         self._next_ns: dict[int, int] = {}
@@ -141,6 +144,15 @@ class SimulatedAutopilot:
                 self.obstacle_times_ns.append(now_ns)
                 if not self.deaf:
                     self.obstacles.read(message, now_ns)
+            elif kind == "OBSTACLE_DISTANCE_3D" and not self.deaf and isinstance(self.obstacles, ArduPilotReader):
+                self._layers_of(self.obstacles).read(message, now_ns)
+            elif kind == "DISTANCE_SENSOR" and not self.deaf:
+                self.heights.read(message, now_ns)
+
+    def _layers_of(self, fence: ArduPilotReader) -> ArduPilotLayers:
+        """Those that tell this fence."""
+        self.layers = self.layers or ArduPilotLayers(fence)
+        return self.layers
 
     def _takes(self, message: Any) -> bool:
         """By the library's own check, which knows the time by what it hears, too."""

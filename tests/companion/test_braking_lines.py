@@ -8,10 +8,14 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
 from companion.avoidance import Avoidance
+from companion.blind_policy import FENCE_SHARE
+from companion.config_avoid import AvoidParams
+from companion.overhead import DOWNWARD
 from companion.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame, PoseSample
@@ -70,12 +74,12 @@ class Vehicle:
 class Companion:
     """What the service has, without its processes: link, pipeline, avoidance."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, avoid: AvoidParams = AVOID) -> None:
         self.waiting: deque[AttitudeSample | PoseSample] = deque()
         session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
         self.link = MavlinkLink(parse_address(address), session, self._samples)
         self.avoidance = Avoidance(
-            AVOID,
+            avoid,
             ("front",),
             0.3,
             lambda: session.vehicle if session.heard(time.monotonic_ns()) else None,
@@ -110,7 +114,9 @@ class Companion:
 
 
 @contextmanager
-def flying(kind: str, line: str, x_m: float) -> Iterator[tuple[Vehicle, Companion, AutopilotLine]]:
+def flying(
+    kind: str, line: str, x_m: float, avoid: AvoidParams = AVOID
+) -> Iterator[tuple[Vehicle, Companion, AutopilotLine]]:
     vehicle = Vehicle(kind, x_m)
     if line == "udp":
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
@@ -122,7 +128,7 @@ def flying(kind: str, line: str, x_m: float) -> Iterator[tuple[Vehicle, Companio
         end = PtyEnd()
         address = f"serial:{end.device}"
     with AutopilotLine(vehicle.autopilot, end) as running:
-        companion = Companion(address)
+        companion = Companion(address, avoid)
         companion.link.open()
         companion.avoidance.open()
         try:
@@ -141,23 +147,35 @@ def fly(
     until_m: float = 99.0,
     dies_at_m: float = 99.0,
 ) -> Vehicle:
-    """Until it stands for a second beyond some place, or is at until_m. A machine that is busy makes it stand blind before;
-    a minute is enough for that, too."""
+    """Until it stands for a second beyond some place, or is at until_m."""
     with flying(kind, line, x_m) as (vehicle, companion, running):
-        end_ns = time.monotonic_ns() + 60 * NS
-        stands_since_ns = None
-        while time.monotonic_ns() < end_ns:
-            t_ns = time.monotonic_ns()
-            state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
-            companion.avoidance.tick(t_ns)
-            if state.position_ned_m[0] < dies_at_m:
-                companion.see(scene, state, t_ns)
-            still = vehicle.x_m > stands_beyond_m and vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
-            stands_since_ns = (stands_since_ns or t_ns) if still else None
-            if vehicle.x_m > until_m or (stands_since_ns is not None and t_ns - stands_since_ns > NS):
-                break
-            time.sleep(max(0.0, (t_ns + FRAME_NS - time.monotonic_ns()) / NS))
+        fly_on(scene, vehicle, companion, running, stands_beyond_m, until_m, dies_at_m)
         return vehicle
+
+
+def fly_on(
+    scene: Scene,
+    vehicle: Vehicle,
+    companion: Companion,
+    running: AutopilotLine,
+    stands_beyond_m: float,
+    until_m: float = 99.0,
+    dies_at_m: float = 99.0,
+) -> None:
+    """A machine that is busy makes it stand blind before; a minute is enough for that, too."""
+    end_ns = time.monotonic_ns() + 60 * NS
+    stands_since_ns = None
+    while time.monotonic_ns() < end_ns:
+        t_ns = time.monotonic_ns()
+        state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
+        companion.avoidance.tick(t_ns)
+        if state.position_ned_m[0] < dies_at_m:
+            companion.see(scene, state, t_ns)
+        still = vehicle.x_m > stands_beyond_m and vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
+        stands_since_ns = (stands_since_ns or t_ns) if still else None
+        if vehicle.x_m > until_m or (stands_since_ns is not None and t_ns - stands_since_ns > NS):
+            return
+        time.sleep(max(0.0, (t_ns + FRAME_NS - time.monotonic_ns()) / NS))
 
 
 @LINES
@@ -182,3 +200,28 @@ def test_it_stops_when_the_camera_dies(kind: str, line: str) -> None:
 def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(kind: str, line: str) -> None:
     vehicle = fly(facade(gap_m=2 * MARGIN_M + 1.0), kind, line, 17.0, stands_beyond_m=22.0, until_m=22.5)
     assert vehicle.farthest_m > 22.0
+
+
+def test_ardupilot_stops_before_the_wall_that_is_told_as_points_and_knows_the_ground_under_it() -> None:
+    """OBSTACLE_DISTANCE_3D in the place of OBSTACLE_DISTANCE, and DISTANCE_SENSOR downward; then the camera dies."""
+    avoid = replace(AVOID, points=True, upward=True, downward=True)
+    with flying(ARDUPILOT, "udp", 14.0, avoid) as (vehicle, companion, running):
+        fly_on(facade(), vehicle, companion, running, stands_beyond_m=20.0 - MARGIN_M - 2.5)
+        assert 20.0 - MARGIN_M - 2.5 < vehicle.farthest_m <= 20.0 - MARGIN_M + 0.1
+        told = running.change(lambda a: list(a.received))
+        kinds = {m.get_type() for m in told}
+        assert "OBSTACLE_DISTANCE_3D" in kinds
+        assert "OBSTACLE_DISTANCE" not in kinds
+        said = companion.avoidance.troubles(time.monotonic_ns())
+        assert not any("does not take" in words for words in said)  # its echoes are those of OBSTACLE_DISTANCE
+        down = [m.current_distance for m in told if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
+        assert down
+        assert all(abs(cm - 150) < 25 for cm in down)
+        blind_ns = time.monotonic_ns() + NS
+        while time.monotonic_ns() < blind_ns:  # no frame for a second
+            running.change(lambda a: vehicle.state(time.monotonic_ns()))
+            time.sleep(0.02)
+        faces = running.change(lambda a: a.obstacles.faces_m(time.monotonic_ns()))
+        wall_m = (MARGIN_M - avoid.stop_inside_m) / FENCE_SHARE
+        assert 0.0 < faces[0] <= wall_m + 0.01
+        assert running.change(lambda a: a.heights.down_m(time.monotonic_ns())) is None

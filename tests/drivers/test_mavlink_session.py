@@ -357,6 +357,42 @@ def test_what_we_send_and_its_signatures_count() -> None:
     assert "one way" in warning(5_760.0, telling)
 
 
+def test_points_and_distances_up_and_down_count_too() -> None:
+    around = MavlinkParams(obstacles_hz=10)
+    points = MavlinkParams(obstacles_hz=10, obstacle_points=30, distance_sensors=2)
+    a, b = (budget_of(p, 92_160.0) for p in (around, points))
+    assert a is not None
+    assert b is not None
+    assert b.need_out - a.need_out == pytest.approx(10 * (30 * (28 + 12) + 2 * (39 + 12) - (167 + 12)))
+
+
+def test_of_scans_of_points_and_of_distances_the_newest_alone_waits() -> None:
+    """A scan is sent whole; what an older one told is true no more, whichever message told it."""
+    c = talk(ARDUPILOT)
+    c.run(2.0)
+    session = c.session
+
+    def point(time_ms: int, x_m: float) -> None:
+        session.post(dialect.MAVLink_obstacle_distance_3d_message(time_ms, 4, 12, 65535, x_m, 0.0, 0.0, 0.2, 12.0))
+
+    def sensor(orientation: int, cm: int) -> None:
+        session.post(dialect.MAVLink_distance_sensor_message(0, 20, 1200, cm, 4, 1, orientation, 255))
+
+    session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    for scan in range(3):
+        for k in range(100):
+            point(scan, 1.0 + scan + k / 100)
+        sensor(24, 250 + scan)
+        sensor(25, 150 + scan)
+    c.run(0.1)
+    autopilot = c.autopilots[0]
+    points = autopilot.of_kind("OBSTACLE_DISTANCE_3D")
+    assert [m.time_boot_ms for m in points] == [2] * 100
+    assert [round(m.x, 2) for m in points] == [round(3.0 + k / 100, 2) for k in range(100)]
+    assert [m.current_distance for m in autopilot.of_kind("DISTANCE_SENSOR")] == [252, 152]
+    assert autopilot.of_kind("OBSTACLE_DISTANCE") == []
+
+
 def test_the_budget_holds_what_a_line_carries() -> None:
     """The bytes that a session has sent to it and sends, against the figures."""
     some = (0.1, 0.2, 0.3)  # zeros at the end of a message are not sent

@@ -1,0 +1,141 @@
+"""What stands over the vehicle and how far down the ground is: told where it is known, never as clear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.config_avoid import AvoidParams
+from companion.obstacle_memory import Here
+from companion.obstacle_sender import messages_of
+from companion.overhead import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
+from companion.reframe import LevelTransform
+from companion.sectors import View
+from core.types import Ground
+from drivers.ardupilot_layers import ArduPilotHeights
+from drivers.mavlink_dialect import dialect
+
+from .test_obstacle_sender import ARDUPILOT, AVOID, FAULTS, Chain, broken
+from .test_sectors import model
+
+NS = 1_000_000_000
+UP = replace(AVOID, upward=True, remember_up_s=5.0)
+BEAM = (6.0, -3.0, 6.0, 3.0, -4.0, -2.5)
+"""6 m ahead, its underside 2.5 m above the vehicle's middle."""
+AHEAD = LevelTransform(0.0, (0.0, 0.0, 0.0))
+
+
+def test_a_beam_is_told_while_the_vehicle_is_under_it_and_only_then() -> None:
+    known = Overhead(UP)
+    known.see(View(model(BEAM, margin=0.1), AHEAD), Here(0.0, (100.0, 50.0, -10.0), 1), NS)
+    for north in np.arange(98.0, 110.0, 0.05):
+        told = known.upward_m(Here(1.0, (float(north), 50.0, -10.0), 1), 2 * NS)
+        assert (told is not None) == (abs(north - 106.0) <= UP.radius_m + 0.1 + 1e-6), north
+        assert told is None or told == pytest.approx(2.4)
+    assert known.upward_m(Here(0.0, (106.0, 53.5, -10.0), 1), 2 * NS) is None  # beside its end
+    assert known.upward_m(Here(0.0, (106.0, 50.0, -11.5), 1), 2 * NS) == pytest.approx(0.9)  # has climbed
+    assert known.upward_m(Here(0.0, (106.0, 50.0, -14.5), 1), 2 * NS) is None  # is above it
+    assert known.upward_m(Here(0.0, (106.0, 50.0, -10.0), 1), 6 * NS + 1) is None  # long ago
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 35.0, 90.0, 200.0, 341.0])
+def test_it_is_where_it_was_seen_whatever_the_heading(heading_deg: float) -> None:
+    known = Overhead(UP)
+    heading = math.radians(heading_deg)
+    known.see(View(model(BEAM), AHEAD), Here(heading, (10.0, -20.0, -5.0), 1), NS)
+    under = (10.0 + 6.0 * math.cos(heading), -20.0 + 6.0 * math.sin(heading), -5.0)
+    assert known.upward_m(Here(0.0, under, 1), NS) == pytest.approx(2.5)
+    assert known.upward_m(Here(0.0, (10.0, -20.0, -5.0), 1), NS) is None
+
+
+def test_a_position_that_jumps_takes_it_along_and_without_one_nothing_is_told() -> None:
+    known = Overhead(UP)
+    known.see(View(model(BEAM), AHEAD), Here(0.0, (0.0, 0.0, -5.0), 1), NS)
+    assert known.upward_m(Here(0.0, (6.0, 0.0, -5.0), 1), NS) is not None
+    assert known.upward_m(Here(0.0, (506.0, 0.0, -25.0), 2), NS) == pytest.approx(2.5)
+    assert known.upward_m(Here(0.0), NS) is None
+    assert known.upward_m(Here(0.0, (506.0, 0.0, -25.0), 2), NS) is None
+
+
+def test_obstacles_ahead_below_and_invalid_models_are_nothing_overhead() -> None:
+    known = Overhead(UP)
+    for planes in ((0.0, -3.0, 0.0, 3.0, -1.0, 1.0), (0.0, -3.0, 0.0, 3.0, 1.0, 2.0)):
+        known.see(View(model(planes), AHEAD), Here(0.0, (0.0, 0.0, -5.0), 1), NS)
+    over = (0.0, -3.0, 0.0, 3.0, -4.0, -3.0)
+    known.see(View(replace(model(over), valid=False), AHEAD), Here(0.0, (0.0, 0.0, -5.0), 1), NS)
+    assert known.upward_m(Here(0.0, (0.0, 0.0, -5.0), 1), NS) is None
+
+
+def up_of(chain: Chain, avoid: AvoidParams) -> list[float]:
+    """What DISTANCE_SENSOR upward says now."""
+    messages = messages_of(chain.told(ARDUPILOT), "ArduPilot", avoid, chain.now_ns)
+    return [
+        m.current_distance / 100.0 for m in messages if m.get_type() == "DISTANCE_SENSOR" and m.orientation == UPWARD
+    ]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_who_is_blind_still_knows_the_beam_for_a_while_and_then_says_nothing(fault: str) -> None:
+    """It never tells clear; ArduPilot forgets half a second after the last word, and climbs as without us."""
+    over = (0.2, -3.0, 0.2, 3.0, -4.0, -2.5)
+    chain = Chain(model(over, free_to_m=13.0, view_deg=72.0), UP)
+    chain.position = (0.0, 0.0, -5.0)
+    chain.fly(1.0)
+    assert up_of(chain, UP) == [2.5]
+    assert up_of(chain, replace(UP, upward=False)) == [2.5]  # told is told; who does not want it does not reckon it
+    broken(chain, fault, 0.4)
+    assert up_of(chain, UP) in ([2.5], [])  # without an attitude nobody knows where the vehicle is
+    broken(chain, fault, 6.0)
+    assert up_of(chain, UP) == []
+
+
+def test_it_is_off_until_it_is_switched_on() -> None:
+    over = (0.2, -3.0, 0.2, 3.0, -4.0, -2.5)
+    chain = Chain(model(over, free_to_m=13.0, view_deg=72.0))
+    chain.position = (0.0, 0.0, -5.0)
+    chain.fly(1.0)
+    assert [m.get_type() for m in messages_of(chain.told(ARDUPILOT), "ArduPilot", AVOID, 0)] == ["OBSTACLE_DISTANCE"]
+
+
+def test_the_ground_under_the_vehicle_not_under_its_camera() -> None:
+    ground = Ground(seen=True, height_m=3.0, slope_x=0.1, slope_y=-0.2)
+    view = View(replace(model(), ground=ground), LevelTransform(0.0, (0.5, 0.25, -0.4)))
+    assert downward_m([view]) == pytest.approx(-0.4 + 3.0 - 0.05 + 0.05)
+    unseen = replace(view, model=replace(view.model, ground=Ground(seen=False)))
+    blind = replace(view, model=replace(view.model, valid=False))
+    assert downward_m([unseen]) is downward_m([blind]) is downward_m([]) is None
+    nearer = replace(view, transform=LevelTransform(0.0, (0.0, 0.0, -1.0)))
+    assert downward_m([view, nearer, unseen]) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_downward_ends_with_the_sight_of_the_ground(fault: str) -> None:
+    down = replace(AVOID, downward=True)
+    sees = replace(model(free_to_m=13.0, view_deg=72.0), ground=Ground(seen=True, height_m=2.0))
+    chain = Chain(sees, down)
+    chain.fly(1.0)
+    assert chain.told(ARDUPILOT).down_m == pytest.approx(2.0)
+    broken(chain, fault, 0.4)
+    assert chain.told(ARDUPILOT).down_m is None
+
+
+def test_ardupilot_forgets_what_it_is_not_told_again() -> None:
+    heights = ArduPilotHeights()
+    heights.read(distance_sensor_message(2.5, UPWARD, 0, AVOID), NS)
+    assert heights.up_m(NS + NS // 2) == 2.5
+    assert heights.down_m(NS) is None
+    assert heights.up_m(NS + NS // 2 + 1) is None
+
+
+def test_golden_bytes() -> None:
+    packer = dialect.MAVLink(None, 1, 196)
+    told = ((1.239, UPWARD), (99.0, DOWNWARD), (0.0, DOWNWARD))
+    avoid = AvoidParams()
+    assert [distance_sensor_message(m, way, 0x01020304, avoid).pack(packer).hex() for m, way in told] == [
+        "fd0e00000001c4840000040302011400b0047b00040118ff2482",
+        "fd0e00000001c4840000040302011400b004af04040119fff053",
+        "fd0e00000001c4840000040302011400b0041500040119ff5cfa",
+    ]
