@@ -18,7 +18,7 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "demo": ("demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
     "import": ("import_recording", "make a log of a folder of depth images, or of a ROS 2 recording"),
     "replay": ("replay", "run a recorded flight through the pipeline; compare with what was recorded"),
-    "view": ("view", "draw a log: pictures and a page with the prisms in 3-D"),
+    "view": ("view", "draw a log: pictures and a page with the prisms in 3-D; --live: a page that follows the service"),
     "info": ("info", "what is in a log: topics, rates, gaps, damage"),
     "recover": ("recover", "make a whole file of a damaged or unfinished one"),
     "check-config": ("check_config", "check a configuration file"),

@@ -42,13 +42,19 @@ class PublishConfig:
     surround: str = text("ipc://{run}/surround", "address of all cameras as one model, where there are several")
     world: str = text("", "address of the merged world's changes, ipc://{run}/world; empty: nothing is merged")
     world_requests: str = text("", "and where snapshots of it are asked for, ipc://{run}/world-snapshot")
+    depth: str = text(
+        "ipc://{run}/depth",
+        "small depth images for `companion view --live`, made only while somebody listens; empty: none",
+    )
+    depth_hz: float = number(5.0, 0.5, 15.0, "Hz", "of these of each camera, at most")
     keys: str = text("", "folder of the keys (`companion keys`), needed beyond this machine")
 
     def __post_init__(self) -> None:
+        check("publish", self)
         places: dict[str, str] = {}
         if bool(self.world) != bool(self.world_requests):
             raise ValueError("[publish] world and world_requests: give both addresses, or neither")
-        for name in (*STREAMS, *WORLD_STREAMS):
+        for name in (*STREAMS, *WORLD_STREAMS, "depth"):
             address = getattr(self, name)
             if address and not address.startswith(("ipc://", "tcp://")):
                 raise ValueError(f'[publish] {name} = "{address}": expected ipc://PATH or tcp://HOST:PORT')

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers import wire
 from drivers.clock import ClockEstimate, ClockSource
 from drivers.mavlink import LinkStatus
 from drivers.mavlink_link import LineState
@@ -76,6 +77,7 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
     message = pb.CameraHealth(
         camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
         blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, last_loss=s.last_loss, hz=view.hz,
+        info=None if s.info is None else wire.camera_message(s.info),
     )  # fmt: skip
     if view.age_ns is not None:
         message.age_ns = view.age_ns

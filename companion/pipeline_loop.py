@@ -34,8 +34,8 @@ class Clockwork:
 
 
 class PipelineLoop:
-    """Runs until closed. publish: called with each result and its message's bytes, from this thread. `lock` guards what
-    others read."""
+    """Runs until closed. publish: called with each result and its message's bytes, show: with each depth frame after its
+    results, both from this thread. `lock` guards what others read."""
 
     def __init__(
         self,
@@ -47,8 +47,10 @@ class PipelineLoop:
         record: str,
         clockwork: Clockwork,
         warm_up: Callable[[], None],
+        show: Callable[[DepthFrame], None] = lambda frame: None,
     ) -> None:
         self._pipeline, self._inbox, self._blindness, self._publish = pipeline, inbox, blindness, publish
+        self._show = show
         self._recorder, self._record, self._clockwork, self._warm_up = recorder, record, clockwork, warm_up
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
@@ -123,6 +125,7 @@ class PipelineLoop:
             self._tell(output)
         if isinstance(item, DepthFrame):
             self._measure(item, begun_ns, done_ns, cpu_ns)
+            self._show(item)
 
     def _tell(self, output: Output) -> None:
         if isinstance(output, PrismsResult):

@@ -16,13 +16,7 @@ import zmq
 from core.extractor import Extractor
 from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
-from drivers.mavlink import (
-    MAV_STATE_ACTIVE,
-    MAV_STATE_CRITICAL,
-    MAV_STATE_STANDBY,
-    MavlinkSession,
-    Vehicle,
-)
+from drivers.mavlink import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY, MavlinkSession, Vehicle
 from drivers.mavlink_link import MavlinkLink
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
@@ -35,6 +29,7 @@ from .computer_status import ComputerStatus
 from .config import Config, config_text
 from .config_live import STREAMS
 from .curve import AllowList, load_keys
+from .depth_preview import DepthPreviews
 from .health import (
     AutopilotView,
     CameraView,
@@ -92,6 +87,7 @@ class Service:
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.avoidance: Avoidance | None = None
         self.world: WorldService | None = None
+        self._previews = DepthPreviews(config.publish.depth_hz, self._boot)
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
@@ -105,7 +101,7 @@ class Service:
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
         self.loop = PipelineLoop(
             self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
-            warm_up,
+            warm_up, self._previews.show,
         )  # fmt: skip
         self._frames_before: dict[str, tuple[int, int]] = {}
         self._next_health_ns = 0
@@ -195,6 +191,7 @@ class Service:
             address = getattr(publish, name).replace("{run}", str(self._folders.run))
             if address and (name != "surround" or len(self.cameras) > 1):
                 self._publishers[name] = Publisher(Stream(name, address), self._context, keys)
+        self._previews.open(publish.depth.replace("{run}", str(self._folders.run)), self._context, keys)
         if self.recorder is not None:
             self.recorder.open()
         if self.metrics is not None:
@@ -229,6 +226,7 @@ class Service:
             self.metrics.close()
         if self.world is not None:
             self.world.close()
+        self._previews.close()
         for publisher in self._publishers.values():
             publisher.close()
         if self._allow is not None:

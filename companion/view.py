@@ -172,8 +172,11 @@ def _params(source: McapRecording, views: Views) -> Params:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion view`."""
     parser = subparsers.add_parser("view", help="draw a log: pictures and a page with the prisms in 3-D")
-    parser.add_argument("input", type=Path, metavar="FILE.mcap", help="a log, usually one that companion replay wrote")
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder for what is drawn")
+    parser.add_argument(
+        "input", type=Path, nargs="?", metavar="FILE.mcap", help="a log, usually one that companion replay wrote"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for what is drawn")
+    parser.add_argument("--live", action="store_true", help="serve a page that follows the running service instead")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--every", type=_positive, metavar="N", help="a picture of each N-th frame")
     which.add_argument(
@@ -183,6 +186,14 @@ def add_parser(subparsers: Any) -> None:
     what.add_argument("--no-png", action="store_true", help="the page alone")
     what.add_argument("--no-page", action="store_true", help="the pictures alone")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    live = parser.add_argument_group("with --live")
+    live.add_argument("-c", "--config", type=Path, metavar="FILE", help="the service's, where it publishes elsewhere")
+    live.add_argument("--keys", type=Path, metavar="DIR", help="this client's keys, for streams of another machine")
+    live.add_argument("--port", type=int, default=8760, metavar="N", help="of the page (8760); 0: a free one")
+    live.add_argument(
+        "--listen", default="127.0.0.1", metavar="HOST", help="127.0.0.1; 0.0.0.0 shows it to the network"
+    )
+    live.add_argument("--no-depth", action="store_true", help="no depth images, which the service makes for this page")
 
 
 def _positive(text: str) -> int:
@@ -193,7 +204,17 @@ def _positive(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the command; 1 when the log could not be read to its end."""
+    """Runs the command; 1 when the log could not be read to its end, 2 for wrong use."""
+    if args.live:
+        if args.input is not None or args.output is not None:
+            fail("--live follows the running service: without FILE.mcap and -o")
+            return 2
+        from .view_live import run as run_live  # a web server: only where it is asked for
+
+        return run_live(args)
+    if args.input is None or args.output is None:
+        fail("give FILE.mcap and -o DIR, or --live")
+        return 2
     options = ViewOptions(every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page)
     with progress("view") as on_progress:
         views = make_views(args.input, args.output, options, on_progress)

@@ -62,15 +62,21 @@ class PageBuilder:
             "title": self._title,
             "note": note,
             "palette": palette().tobytes().hex(),
-            "cameras": [_camera(info) for info in self._cameras.values()],
+            "cameras": [camera_data(info) for info in self._cameras.values()],
             "frames": sorted(self._frames, key=lambda f: float(f["t"])),
         }
-        packed = gzip.compress(json.dumps(data, separators=(",", ":"), allow_nan=False).encode(), mtime=0)
-        return _fill({"data": base64.b64encode(packed).decode()})
+        return _fill(data, "")
 
 
-def _fill(made: dict[str, str]) -> str:
+def live_page(data: dict[str, Any]) -> str:
+    """The page that asks its own server, and nobody else, for what is new."""
+    return _fill(data, "; connect-src 'self'")
+
+
+def _fill(data: dict[str, Any], policy: str) -> str:
     """The template with each @@name@@ replaced by what was made, or by the file of that name."""
+    packed = gzip.compress(json.dumps(data, separators=(",", ":"), allow_nan=False).encode(), mtime=0)
+    made = {"data": base64.b64encode(packed).decode(), "policy": policy}
     files = resources.files(__package__) / "viewer"
 
     def put(match: re.Match[str]) -> str:
@@ -123,15 +129,16 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
         **_nothing(),
     }
     if frame.depth_mm is not None:
-        packed = cv2.imencode(
-            ".png",
-            small_index(frame.depth_mm, frame.info, depth_width, frame.ke_per_m),
-            [cv2.IMWRITE_PNG_COMPRESSION, 9],
-        )
-        data["depth"] = base64.b64encode(packed[1].tobytes()).decode()
+        data["depth"] = packed_png(small_index(frame.depth_mm, frame.info, depth_width, frame.ke_per_m), 9)
     if frame.model is not None and frame.standing is Standing.VALID:
         data.update(_model(reframed(frame.model, LevelTransform(yaw, (float(t[0]), float(t[1]), float(t[2]))))))
     return data
+
+
+def packed_png(index: NDArray[np.uint8], level: int) -> str:
+    """A small depth image (h, w) of one byte a pixel as PNG in base64. level: 1 quick .. 9 small."""
+    packed = cv2.imencode(".png", index, [cv2.IMWRITE_PNG_COMPRESSION, level])
+    return base64.b64encode(packed[1].tobytes()).decode()
 
 
 def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]:
@@ -202,7 +209,8 @@ def _cm(metres: NDArray[np.float32]) -> list[int]:
     return [int(v) for v in np.rint(100.0 * finite).ravel()]
 
 
-def _camera(info: CameraInfo) -> dict[str, Any]:
+def camera_data(info: CameraInfo) -> dict[str, Any]:
+    """A camera as the page knows it."""
     k = info.intrinsics
     return {
         "name": info.camera, "width": k.width, "height": k.height, "fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy,

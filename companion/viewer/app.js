@@ -3,6 +3,7 @@
 import * as THREE from "three";
 import { Orbit } from "viewer/orbit";
 import { FrameScene } from "viewer/scene";
+import { KEPT, Live } from "viewer/live";
 import * as model from "viewer/model";
 
 const $ = (id) => document.getElementById(id);
@@ -21,10 +22,9 @@ async function unpack(text) {
 }
 
 class App {
-  constructor(data) {
-    this.data = data;
-    this.at = 0;
-    this.camera = -1;
+  /** live: what this page follows, null for a log. */
+  constructor(data, live = null) {
+    Object.assign(this, { data, live, at: 0, camera: live ? 0 : -1, playing: Boolean(live) });
     this.view = "behind";
     THREE.ColorManagement.enabled = false; // the scale's colours are meant as they are
     this.renderer = new THREE.WebGLRenderer({ canvas: $("canvas"), antialias: true, preserveDrawingBuffer: true });
@@ -32,7 +32,7 @@ class App {
     this.eye = new THREE.PerspectiveCamera(55, 1, 0.05, 1000);
     this.frames = new FrameScene(data);
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
-    this.images = new Map();
+    this.images = new Map(); // of frames
     this.#controls();
     this.#fromAddress();
     new ResizeObserver(() => this.#resize()).observe($("stage"));
@@ -83,7 +83,7 @@ class App {
     $("slider").value = String(this.at);
     this.frames.draw(frame, options, place, null, 0);
     this.ask();
-    const image = await this.image(this.at);
+    const image = await this.image(frame);
     if (this.data.frames[this.at] !== frame) return;
     this.#depth(frame, image);
     if (options.points && image) this.frames.draw(frame, options, place, image.bytes, image.width);
@@ -101,12 +101,9 @@ class App {
 
   #words(frame, options) {
     const { data } = this, camera = data.cameras[frame.c];
-    $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.standing] || "empty";
-    $("banner").textContent = frame.standing === "BLIND"
-      ? `BLIND: ${frame.cause}. Nothing may be taken as free.` : frame.standing === "VALID" ? "VALID"
-        : "NO PRISMS in this log: run companion replay first";
-    $("stage").classList.toggle("blind", frame.standing === "BLIND");
-    $("count").textContent = `${this.at + 1} / ${data.frames.length}`;
+    if (this.live) this.live.tell();
+    else this.#banner(frame);
+    $("count").textContent = this.live ? $("count").textContent : `${this.at + 1} / ${data.frames.length}`;
     const rows = [["camera", camera.name], ["frame", frame.sequence], ["time", `${frame.t.toFixed(2)} s`],
       ["attitude", frame.attitude ? `roll ${frame.attitude[0]}°, pitch ${frame.attitude[1]}°, yaw ${frame.attitude[2]}°` : "none"],
       ["position", frame.pos ? `${frame.pos.map((v) => v.toFixed(2)).join(", ")} m (north, east, down)`
@@ -118,11 +115,18 @@ class App {
     }));
   }
 
+  #banner(frame) {
+    $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.standing] || "empty";
+    $("banner").textContent = frame.standing === "BLIND"
+      ? `BLIND: ${frame.cause}. Nothing may be taken as free.` : frame.standing === "VALID" ? "VALID"
+        : "NO PRISMS in this log: run companion replay first";
+    $("stage").classList.toggle("blind", frame.standing === "BLIND");
+  }
+
   /** {bytes, width, height} of a frame's small depth image, null without one. */
-  async image(k) {
-    const frame = this.data.frames[k];
+  async image(frame) {
     if (!frame.depth) return null;
-    if (!this.images.has(k)) {
+    if (!this.images.has(frame)) {
       if (this.images.size > 32) this.images.delete(this.images.keys().next().value);
       const picture = new Image();
       picture.src = `data:image/png;base64,${frame.depth}`;
@@ -132,9 +136,9 @@ class App {
       const rgba = pen.getImageData(0, 0, picture.width, picture.height).data;
       const bytes = new Uint8Array(rgba.length / 4);
       for (let i = 0; i < bytes.length; i++) bytes[i] = rgba[4 * i];
-      this.images.set(k, { bytes, width: picture.width, height: picture.height });
+      this.images.set(frame, { bytes, width: picture.width, height: picture.height });
     }
-    return this.images.get(k);
+    return this.images.get(frame);
   }
 
   #depth(frame, image) {
@@ -174,13 +178,45 @@ class App {
   }
 
   step(direction) {
-    const next = model.stepFrame(this.data.frames, this.at, direction, this.camera);
-    if (next === this.at) this.play(false);
+    const { frames } = this.data, next = model.stepFrame(frames, this.at, direction, this.camera);
+    if (this.live && next === model.stepFrame(frames, frames.length, -1, this.camera)) this.play(true);
+    else if (next === this.at) this.play(false);
     else this.show(next);
+  }
+
+  /** One more frame of what this page follows; the oldest gives way. */
+  append(frame) {
+    const { frames } = this.data;
+    frames.push(frame);
+    if (frames.length > KEPT) {
+      this.images.delete(frames.shift());
+      this.at -= 1;
+    }
+    $("slider").max = String(frames.length - 1);
+    if (frame.pos) $("world").disabled = false;
+    if (this.playing && frame.c === this.camera) this.show(frames.length - 1);
+    else if (this.at < 0) this.show(0);
+    else $("slider").value = String(this.at);
+  }
+
+  /** What came before is of another service. */
+  forget() {
+    this.data.frames.splice(0, this.data.frames.length - 1);
+    this.images.clear();
+    this.show(0);
+  }
+
+  /** A camera that came or changed. */
+  meet() {
+    const { cameras } = this.data;
+    $("camera").replaceChildren(...cameras.map((camera, k) => new Option(camera.name, String(k), false, k === this.camera)));
+    $("camera").parentElement.hidden = cameras.length < 2;
+    this.#legend();
   }
 
   play(on) {
     this.playing = on;
+    if (this.live) return this.#follow_live(on);
     $("play").textContent = on ? "❚❚" : "▶";
     $("play").title = on ? "pause (space)" : "play (space)";
     if (!on) return;
@@ -196,6 +232,13 @@ class App {
     };
     this.began = began;
     requestAnimationFrame(tick);
+  }
+
+  #follow_live(on) {
+    $("play").textContent = on ? "● live" : "▶ live";
+    $("play").title = on ? "stop here (space)" : "back to now (space)";
+    if (on) this.show(model.stepFrame(this.data.frames, this.data.frames.length, -1, this.camera));
+    this.live.tell();
   }
 
   #controls() {
@@ -214,11 +257,15 @@ class App {
     $("world").disabled = !data.frames.some((f) => f.pos);
     $("world").addEventListener("change", () => { this.look(this.view); this.show(this.at); });
     for (const name of Object.keys(VIEWS)) $(`view-${name}`).addEventListener("click", () => this.look(name));
-    data.cameras.forEach((camera, k) => $("camera").add(new Option(camera.name, String(k))));
+    if (this.live) {
+      this.meet();
+      this.play(true);
+    } else data.cameras.forEach((camera, k) => $("camera").add(new Option(camera.name, String(k))));
     $("camera").parentElement.hidden = data.cameras.length < 2;
     $("camera").addEventListener("change", () => {
       this.camera = Number($("camera").value);
-      if (this.camera >= 0 && data.frames[this.at].c !== this.camera) this.step(1);
+      if (this.live) this.play(true);
+      else if (this.camera >= 0 && data.frames[this.at].c !== this.camera) this.step(1);
     });
     addEventListener("keydown", (e) => this.#key(e));
     $("canvas").addEventListener("pointermove", (e) => this.#hover(e));
@@ -231,7 +278,7 @@ class App {
   #key(e) {
     if (e.target.matches?.("select, input:not([type=checkbox]):not([type=range])") || e.ctrlKey || e.metaKey || e.altKey) return;
     const acts = { ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), Home: () => this.show(0),
-      End: () => this.show(this.data.frames.length - 1), " ": () => this.play(!this.playing),
+      End: () => (this.live ? this.play(true) : this.show(this.data.frames.length - 1)), " ": () => this.play(!this.playing),
       1: () => this.look("behind"), 2: () => this.look("top"), 3: () => this.look("side"), 4: () => this.look("eye") };
     if (!acts[e.key]) return;
     e.preventDefault();
@@ -321,4 +368,6 @@ function complain(error) {
 
 addEventListener("error", (e) => complain(e.error ?? e.message));
 addEventListener("unhandledrejection", (e) => complain(e.reason));
-window.app = new App(await unpack($("data").textContent));
+const data = await unpack($("data").textContent);
+if (data.live) window.live = new Live(data, (live) => (window.app = new App(data, live)));
+else window.app = new App(data);

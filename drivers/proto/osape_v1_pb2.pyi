@@ -411,7 +411,7 @@ class ClockEstimate(_message.Message):
     def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
 
 class CameraHealth(_message.Message):
-    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz")
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     CONDITION_FIELD_NUMBER: _ClassVar[int]
     CAUSE_FIELD_NUMBER: _ClassVar[int]
@@ -423,6 +423,7 @@ class CameraHealth(_message.Message):
     LAST_LOSS_FIELD_NUMBER: _ClassVar[int]
     AGE_NS_FIELD_NUMBER: _ClassVar[int]
     HZ_FIELD_NUMBER: _ClassVar[int]
+    INFO_FIELD_NUMBER: _ClassVar[int]
     camera: str
     condition: str
     cause: str
@@ -434,7 +435,8 @@ class CameraHealth(_message.Message):
     last_loss: str
     age_ns: int
     hz: float
-    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ...) -> None: ...
+    info: CameraInfo
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ...) -> None: ...
 
 class AutopilotHealth(_message.Message):
     __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns")
@@ -598,3 +600,23 @@ class WorldUpdate(_message.Message):
     counts: _containers.ScalarMap[str, int]
     publication: Publication
     def __init__(self, schema_version: _Optional[int] = ..., snapshot: bool = ..., sequence: _Optional[int] = ..., section: _Optional[int] = ..., valid: bool = ..., cause_text: _Optional[str] = ..., t_ns: _Optional[int] = ..., planes: _Optional[bytes] = ..., removed: _Optional[_Iterable[int]] = ..., blocks: _Optional[_Iterable[int]] = ..., masks: _Optional[bytes] = ..., counts: _Optional[_Mapping[str, int]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+
+class DepthPreview(_message.Message):
+    __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "width_px", "height_px", "depth_mm", "publication")
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    T_EXPOSURE_NS_FIELD_NUMBER: _ClassVar[int]
+    WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_PX_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_MM_FIELD_NUMBER: _ClassVar[int]
+    PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    width_px: int
+    height_px: int
+    depth_mm: bytes
+    publication: Publication
+    def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., depth_mm: _Optional[bytes] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...

@@ -1,0 +1,176 @@
+"""`companion view --live`: a page that follows the service, for people's eyes.
+
+A process of its own, at the lowest priority, that listens as a planner does. It answers pages on this machine only unless
+it is asked for more; it can be looked at and not spoken to."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from socketserver import ThreadingTCPServer
+from urllib.parse import parse_qs, urlsplit
+
+from drivers.base import DeviceNotFound
+
+from .config import load_config
+from .config_live import PublishConfig
+from .console import say, warn
+from .live_feed import Feed, Streams
+from .live_news import Newsroom
+from .service_folders import run_folder
+
+LOOPBACK = "127.0.0.1"
+PAGES = 16
+"""Questions that may be under way at a time."""
+PATIENCE_S = 20.0
+"""With a browser that keeps a connection and says nothing."""
+POLL_S = 0.1
+NICE = 10
+
+
+class LiveServer:
+    """The pages. Raises DeviceNotFound from `open` where the port cannot be had."""
+
+    def __init__(self, room: Newsroom, host: str, port: int) -> None:
+        self._room, self.host, self.port = room, host, port
+        self._server: _Server | None = None
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Starts to answer, in threads."""
+        room, names, places = self._room, names_of(self.host), threading.BoundedSemaphore(PAGES)
+
+        class Handler(_Handler):
+            def reply(self) -> tuple[int, str, bytes]:
+                host = self.headers.get("Host", "")
+                if names and (host.rpartition(":")[0] or host) not in names:
+                    return 403, "text/plain", b"this server answers to its own name only\n"
+                if not places.acquire(blocking=False):
+                    return 503, "text/plain", b"too many pages are open\n"
+                try:
+                    return answer(room, self.path)
+                finally:
+                    places.release()
+
+        try:
+            self._server = _Server((self.host, self.port), Handler)
+        except OSError as error:
+            raise DeviceNotFound(
+                f"the page: port {self.port} on {self.host} cannot be had ({error.strerror}); choose another with --port"
+            ) from error
+        self.port = self._server.server_address[1]
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(POLL_S,), name="pages", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """May be called again."""
+        if self._server is not None and self._thread is not None:
+            self._server.shutdown()
+            self._thread.join(5.0)
+            self._server.server_close()
+            self._server = None
+
+
+def names_of(host: str) -> frozenset[str]:
+    """What a browser may call a server that listens on a host: on this machine its own names only, or any page of the
+    network could read it through a name that leads here; beyond it every name (empty)."""
+    return frozenset({LOOPBACK, "localhost", "[::1]"}) if is_loopback(host) else frozenset()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether nobody else reaches it."""
+    return host == "localhost" or host.startswith("127.")
+
+
+def answer(room: Newsroom, path: str) -> tuple[int, str, bytes]:
+    """(status, type, body) of one question."""
+    asked = urlsplit(path)
+    if asked.path == "/":
+        return 200, "text/html; charset=utf-8", room.page().encode()
+    if asked.path != "/news":
+        return 404, "text/plain", b"there is the page (/) and its news\n"
+    words = parse_qs(asked.query)
+    after = words.get("after", ["0"])[0]
+    if not (after.isascii() and after.isdigit() and len(after) < 16):
+        return 400, "text/plain", b"after: a number was expected\n"
+    return 200, "application/json", room.answer(words.get("name", [""])[0], int(after))
+
+
+class _Server(ThreadingTCPServer):
+    """Not http.server's own: that one asks the name service for our name before it listens."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+    block_on_close = False
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Questions of one connection; `reply` is given by the server."""
+
+    timeout = PATIENCE_S
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    server_version = "osape-companion"
+    sys_version = ""
+
+    def reply(self) -> tuple[int, str, bytes]:
+        raise NotImplementedError
+
+    def do_GET(self) -> None:
+        status, kind, body = self.reply()
+        try:
+            self.send_response(status)
+            for name, value in {
+                "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
+                "X-Content-Type-Options": "nosniff", "X-Frame-Options": "DENY",
+            }.items():  # fmt: skip
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(body)
+        except (BrokenPipeError, ConnectionResetError, TimeoutError):
+            self.close_connection = True  # the page was closed
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Each question would be a line."""
+
+
+def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
+    """Where a service with this configuration publishes."""
+    run = str(run_folder())
+    prisms, health, depth = (a.replace("{run}", run) for a in (publish.prisms, publish.health, publish.depth))
+    return Streams(prisms=prisms, health=health, depth=depth, keys=keys)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serves the page until it is stopped."""
+    publish = PublishConfig() if args.config is None else load_config(args.config).publish
+    if args.no_depth:
+        publish = replace(publish, depth="")
+    feed = Feed(streams_of(publish, args.keys))
+    server = LiveServer(Newsroom(feed, "Live"), args.listen, args.port)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    os.nice(NICE)  # nobody flies by this: the service goes first
+    try:
+        feed.open()
+        server.open()
+        if not is_loopback(args.listen):
+            warn(
+                f"whoever reaches port {server.port} of this machine sees what the cameras see and where the vehicle is, and "
+                "nothing on the way is encrypted; `ssh -L` is the safe way to look from elsewhere"
+            )
+        shown = LOOPBACK if args.listen == "0.0.0.0" else args.listen
+        say(f"the page is at http://{shown}:{server.port}/ until Ctrl-C")
+        sys.stdout.flush()
+        stop.wait()
+    finally:
+        server.close()
+        feed.close()
+    return 0

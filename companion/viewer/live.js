@@ -1,0 +1,132 @@
+// A page that follows a service: asks its own server again and again, one question at a time, and tells at every moment how
+// old what it shows is. Whatever keeps news away (service, server, connection, this page itself) makes the age grow, and an
+// age that is too great is told across the page: an old picture never passes for the present.
+
+const CUT_MS = 1000, OLD_S = 1, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
+export const KEPT = 300;
+const $ = (id) => document.getElementById(id);
+const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+
+/** "0.2 s", "14 s", "3 min". */
+export function span(seconds) {
+  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  return seconds < 120 ? `${Math.round(seconds)} s` : `${Math.round(seconds / 60)} min`;
+}
+
+/** What the page says of itself now: {state, word, text, age}. state: valid, blind, stale, cut, waiting or paused; word: large across
+ *  the page, "" for none. seen: {heard_ms: since an answer came, null before the first; since_s: of its ages at most; news: it;
+ *  shown_s: how old the frame is that is drawn, null without; following: whether it is meant to be the newest}. */
+export function verdict(seen, stale_s) {
+  const { news, since_s } = seen, none = "Nothing may be taken as free.";
+  if (seen.heard_ms === null) return { state: "waiting", word: "", text: seen.trouble ? `companion view does not answer: ${seen.trouble}` : "Waiting for the first answer of companion view…" };
+  if (seen.heard_ms > CUT_MS) {
+    return { state: "cut", word: "CUT OFF", text: `CUT OFF: companion view has not answered for ${span(seen.heard_ms / 1000)}`
+      + ` (${seen.trouble || "no answer"}). What is shown is old. ${none}` };
+  }
+  if (!news.cameras.length) return { state: "blind", word: "BLIND", text: `BLIND: ${news.service.missing[0] || "no camera is known"}. ${none}` };
+  const ages = news.cameras.map((c) => (c.age_s === null ? Infinity : c.age_s + since_s));
+  const blind = news.cameras.map((c, k) => c.blind || (ages[k] > stale_s ? `its newest exposure is ${span(ages[k])} old` : ""));
+  const said = news.cameras.map((c, k) => blind[k] && (news.cameras.length > 1 ? `${c.name}: ${blind[k]}` : blind[k])).filter(Boolean);
+  const age = Math.max(...ages);
+  if (said.length) return { state: "blind", word: "BLIND", text: `BLIND: ${said.join("; ")}. ${none}`, blind };
+  if (seen.shown_s === null) return { state: "waiting", word: "", text: "Waiting for the first frame…", blind, age };
+  if (!seen.following) return { state: "paused", word: "", text: "NOT LIVE (space or End: back to now)", blind, age };
+  if (seen.shown_s > OLD_S) {
+    return { state: "stale", word: "STALE", text: `STALE: what is shown is ${span(seen.shown_s)} old, though the service sees. ${none}`, blind, age };
+  }
+  return { state: "valid", word: "", text: "VALID", blind, age };
+}
+
+export class Live {
+  /** open: makes the app, called with the first frame. */
+  constructor(data, open) {
+    Object.assign(this, { data, open, app: null, name: "", after: 0, news: null, heard: null, made: 0, trouble: "", broken: null });
+    $("service").hidden = false;
+    $("title").textContent = data.title;
+    $("speed").hidden = true;
+    $("hint").textContent = $("hint").textContent.replace("space: play", "← and space: stop, End: now");
+    setInterval(() => this.tell(), TELL_MS);
+    document.addEventListener("visibilitychange", () => this.tell()); // a page that slept tells its age before all else
+    this.#ask();
+  }
+
+  async #ask() {
+    for (;;) {
+      const asked = performance.now();
+      let news = null;
+      try {
+        const reply = await fetch(`news?name=${encodeURIComponent(this.name)}&after=${this.after}`,
+          { cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
+        if (!reply.ok) throw new Error(`${reply.status} ${(await reply.text()).trim()}`);
+        news = await reply.json();
+      } catch (error) {
+        this.trouble = error?.name === "TimeoutError" ? "it does not answer" : String(error?.message ?? error);
+        await wait(AGAIN_MS);
+        continue;
+      }
+      try {
+        this.#take(news, asked);
+      } catch (error) {
+        this.broken = error;
+        throw error;
+      }
+    }
+  }
+
+  /** asked: when the question was sent; the answer was made no sooner than held_ms later, so no age is told too small. */
+  #take(news, asked) {
+    if (news.name !== this.name) { // another server, with numbers of its own
+      this.name = news.name;
+      this.app?.forget();
+    }
+    Object.assign(this, { news, after: news.number, heard: performance.now(), made: asked + news.held_ms, trouble: "" });
+    news.cameras.forEach((c, k) => { if (c.info) this.#meet(c.info, k); });
+    for (const frame of news.frames) {
+      if (this.app) this.app.append(frame);
+      else {
+        this.data.frames.push(frame);
+        this.app = this.open(this);
+      }
+    }
+    this.tell();
+    this.#service(news.service);
+  }
+
+  #meet(info, k) {
+    const known = this.data.cameras[k];
+    if (JSON.stringify(known) === JSON.stringify(info)) return;
+    this.data.cameras[k] = info;
+    this.app?.meet();
+  }
+
+  /** The banner and the large word; ten times a second, whether or not anything came. */
+  tell() {
+    const now = performance.now(), { app } = this;
+    const shown = app?.data.frames[app.at], newest_s = shown && this.news.cameras[shown.c]?.shown_s;
+    const since_s = (now - this.made) / 1000, last = shown && app.data.frames.findLast((f) => f.c === shown.c);
+    const shown_s = typeof newest_s === "number" ? newest_s + since_s + (last.t - shown.t) : null;
+    const v = this.broken ? { state: "cut", word: "BROKEN", text: `This page cannot go on: ${this.broken.message}. Load it again.` }
+      : verdict({ news: this.news, since_s, trouble: this.trouble, heard_ms: this.heard === null ? null : now - this.heard,
+        shown_s, following: !app || app.playing }, this.data.live.stale_s);
+    const mine = v.state === "blind" && shown && v.blind ? v.blind[shown.c] : v.word;
+    $("banner").className = { valid: "valid", waiting: "empty", paused: "empty" }[v.state] || "blind";
+    $("banner").textContent = v.text;
+    const chip = document.createElement("span");
+    chip.id = "age";
+    chip.textContent = shown_s === null || (shown.standing === "BLIND" && !shown.depth) ? "" : v.state === "valid" ? `${span(shown_s)} old` : `shown is ${span(shown_s)} old`;
+    $("banner").append(chip);
+    $("stage").classList.toggle("blind", Boolean(mine));
+    $("stage").dataset.word = v.word;
+    $("depth").classList.toggle("old", v.state === "cut" || shown_s > OLD_S);
+    Object.assign(document.body.dataset, { state: v.state, shown: shown_s === null ? "" : shown_s.toFixed(3) });
+    if (app) $("count").textContent = app.playing ? "live" : `−${span(Math.max(0, last.t - shown.t))}`;
+  }
+
+  #service(service) {
+    const line = (text) => Object.assign(document.createElement("div"), { textContent: text, className: text.startsWith("  !") ? "trouble" : "" });
+    const told = service.lines.findIndex((text) => text.startsWith("frames:")), at = told < 0 ? service.lines.length : told;
+    $("health").replaceChildren(...service.lines.slice(0, at).map(line));
+    $("more").replaceChildren(...service.lines.slice(at).map(line));
+    $("missing").replaceChildren(...service.missing.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  }
+}

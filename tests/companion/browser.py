@@ -1,0 +1,158 @@
+"""A real browser without a screen, spoken to over a pipe (the DevTools protocol): pages opened, asked, pictured."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import pytest
+
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update",
+    "--disable-sync", "--disable-quic", "--disable-dev-shm-usage", "--hide-scrollbars", "--window-size=1200,800",
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--remote-debugging-pipe",
+)  # fmt: skip
+PATIENCE_S = 60.0
+
+
+def found_browser() -> str:
+    """The browser of this machine; without one the test is skipped."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        found = shutil.which(name)
+        if found:
+            return found
+    pytest.skip("no browser here (chromium) to open the page with")
+
+
+class Browser:
+    """One process with a new empty profile. complaints: what pages wrote on their consoles as errors, or threw."""
+
+    def __init__(self, profile: Path) -> None:
+        ours_in, theirs_out = os.pipe()
+        theirs_in, ours_out = os.pipe()
+        words = ["bash", "-c", f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', found_browser(), *FLAGS]
+        with (profile.parent / "browser.txt").open("wb") as said:
+            self.process = subprocess.Popen(
+                [*words, f"--user-data-dir={profile}"], pass_fds=(theirs_in, theirs_out),
+                stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True,
+            )  # fmt: skip
+        os.close(theirs_in)
+        os.close(theirs_out)
+        self._in, self._out, self._rest, self._number = ours_in, ours_out, b"", 0
+        self.complaints: list[str] = []
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._out)  # it ends when nobody speaks to it any more
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        os.close(self._in)
+
+    def page(self, address: str) -> Page:
+        """Opens an address in a page of its own."""
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        page = Page(self, session)
+        for domain in ("Page", "Runtime", "Log"):
+            page.call(f"{domain}.enable")
+        page.call("Page.navigate", url=address)
+        page.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
+        return page
+
+    def call(self, method: str, session: str = "", **params: Any) -> dict[str, Any]:
+        """A command and its result."""
+        self._number += 1
+        told = {"id": self._number, "method": method, "params": params} | ({"sessionId": session} if session else {})
+        os.write(self._out, json.dumps(told).encode() + b"\0")
+        end_s = time.monotonic() + PATIENCE_S
+        while True:
+            message = self._next(end_s, method)
+            if message.get("id") == self._number:
+                assert "error" not in message, f"{method}: {message['error']}"
+                result: dict[str, Any] = message["result"]
+                return result
+            self._hear(message)
+
+    def _next(self, end_s: float, what: str) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            ready, _, _ = select.select([self._in], [], [], max(0.0, end_s - time.monotonic()))
+            assert ready, f"the browser does not answer: {what}"
+            data = os.read(self._in, 1 << 20)
+            assert data, f"the browser has ended: {what}"
+            self._rest += data
+        line, self._rest = self._rest.split(b"\0", 1)
+        message: dict[str, Any] = json.loads(line)
+        return message
+
+    def _hear(self, message: dict[str, Any]) -> None:
+        params = message.get("params", {})
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.complaints.append(json.dumps(params["exceptionDetails"])[:500])
+        elif message.get("method") == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
+            self.complaints.append(json.dumps(params["args"])[:500])
+        elif message.get("method") == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.complaints.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
+
+
+class Page:
+    """One open page."""
+
+    def __init__(self, browser: Browser, session: str) -> None:
+        self._browser, self._session = browser, session
+
+    def call(self, method: str, **params: Any) -> dict[str, Any]:
+        """A command to this page."""
+        return self._browser.call(method, self._session, **params)
+
+    def ask(self, expression: str) -> Any:
+        """The value of a JavaScript expression, awaited."""
+        told = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in told, f"{expression}: {told['exceptionDetails']}"
+        return told["result"].get("value")
+
+    def wait(self, expression: str, seconds: float = PATIENCE_S) -> float:
+        """Waits until an expression is true; after how many seconds it was."""
+        begun_s = time.monotonic()
+        while not self.ask(expression):
+            waited_s = time.monotonic() - begun_s
+            assert waited_s < seconds, f"not so after {seconds} s: {expression}; the page says: {self.ask(SAID)}"
+            time.sleep(0.02)
+        return time.monotonic() - begun_s
+
+    def key(self, name: str) -> None:
+        """Presses a key."""
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=name)
+
+    def picture(self, path: Path) -> None:
+        """As it looks now."""
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+
+
+SAID = "document.getElementById('banner')?.textContent"
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[Browser]:
+    """A browser whose pages have nothing to complain of at the end."""
+    with Browser(folder / "profile") as browser:
+        yield browser
+        browser.call("Browser.getVersion")  # what was said until now is heard
+        assert not browser.complaints
