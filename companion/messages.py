@@ -7,13 +7,14 @@ arrays are float32 on both sides.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from core.prism_table import prism_table
 from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.wire import (
@@ -87,17 +88,21 @@ def planes_message(model: FrameModel) -> pb.Planes:
     )
 
 
-def prism_message(prism: Prism) -> pb.Prism:
-    """One prism."""
-    return pb.Prism(
-        cluster=prism.cluster,
-        top_m=prism.top_m,
-        bottom_m=prism.bottom_m,
-        closed=prism.closed,
-        margin_m=prism.margin_m,
-        vertices_m=prism.vertices_m.ravel().tolist(),
-        plane=prism.plane.tolist(),
+def prism_messages(prisms: Sequence[Prism]) -> list[pb.Prism]:
+    """All prisms of a frame."""
+    table = prism_table(prisms)
+    vertices_m, plane = table.vertices_m.ravel().tolist(), table.plane.tolist()
+    vertex, edge = (2 * table.vertex_begin).tolist(), table.edge_begin.tolist()
+    rows = zip(
+        table.cluster.tolist(), table.heights_m.tolist(), table.closed.tolist(), table.margin_m.tolist(), strict=True
     )
+    return [
+        pb.Prism(
+            cluster=cluster, top_m=top, bottom_m=bottom, closed=closed, margin_m=margin,
+            vertices_m=vertices_m[vertex[k] : vertex[k + 1]], plane=plane[edge[k] : edge[k + 1]],
+        )
+        for k, (cluster, (top, bottom), closed, margin) in enumerate(rows)
+    ]  # fmt: skip
 
 
 def prism_from_message(message: pb.Prism) -> Prism:
@@ -206,7 +211,7 @@ def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: st
 
 def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
     message.planes.CopyFrom(planes_message(model))
-    message.prisms.extend(prism_message(prism) for prism in model.prisms)
+    message.prisms.extend(prism_messages(model.prisms))
     message.free.CopyFrom(free_message(model.free))
     message.ground.CopyFrom(ground_message(model.ground))
     message.stats.CopyFrom(pb.FrameStats(**{name: getattr(model.stats, name) for name in _STATS}))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from core.prism_table import PrismTable, prism_table
 from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause, Prism
 
 
@@ -30,8 +32,7 @@ def numbers_only(model: FrameModel) -> FrameModel:
     that cannot be compared with anything may hide all others: the frame is blind."""
     free = model.free
     told = [model.planes, model.margin_m, free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m]
-    if model.prisms:
-        told.append(np.concatenate([prism.vertices_m for prism in model.prisms]))
+    told.append(prism_table(model.prisms).vertices_m)
     if all(np.isfinite(numbers).all() for numbers in told):
         return model
     d, layers = free.end.shape
@@ -85,30 +86,17 @@ def _turned(xy_m: NDArray[np.float32], transform: LevelTransform) -> NDArray[np.
     return np.stack([c * x - s * y + tx, s * x + c * y + ty], axis=1).astype(np.float32)
 
 
-def _prisms(prisms: tuple[Prism, ...], transform: LevelTransform) -> tuple[Prism, ...]:
+def _prisms(prisms: Sequence[Prism], transform: LevelTransform) -> Sequence[Prism]:
     """All vertices are turned at once: a frame has hundreds of prisms of a few vertices each."""
     if not prisms:
         return ()
-    vertices_m = _turned(np.concatenate([prism.vertices_m for prism in prisms]), transform)
-    z_m = transform.translation_m[2]
-    moved, begin = [], 0
-    for prism in prisms:
-        end = begin + len(prism.vertices_m)
-        top = np.float32(prism.top_m + z_m)
-        bottom = max(np.float32(prism.bottom_m + z_m), np.nextafter(top, np.float32(np.inf)))
-        moved.append(
-            Prism(
-                cluster=prism.cluster,
-                top_m=float(top),
-                bottom_m=float(bottom),
-                closed=prism.closed,
-                margin_m=prism.margin_m,
-                vertices_m=vertices_m[begin:end],
-                plane=prism.plane,
-            )
-        )
-        begin = end
-    return tuple(moved)
+    table = prism_table(prisms)
+    heights_m = (table.heights_m.astype(np.float64) + transform.translation_m[2]).astype(np.float32)
+    heights_m[:, 1] = np.maximum(heights_m[:, 1], np.nextafter(heights_m[:, 0], np.float32(np.inf)))
+    return PrismTable(
+        table.cluster, heights_m, table.closed, table.margin_m, table.vertex_begin, table.edge_begin,
+        _turned(table.vertices_m, transform), table.plane,
+    )  # fmt: skip
 
 
 def _free(free: FreeProfile, transform: LevelTransform) -> FreeProfile:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner, kernel
-from .types import Prism
+from .prism_table import PrismTable, prism_table
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
 
@@ -168,39 +168,42 @@ def cut_into_prisms(planes, join_m, end_m, heights, starts, plane_of):
     return size, edges
 
 
+@inner
+def draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins, clusters, begins):
+    """Vertices (V, 2), greatest margin (N,), cluster (N,) and first vertex (N + 1,) of each of N prisms, out: one vertex
+    before its edges, the left end of its first plane, and the right end of each."""
+    at = 0
+    for k in range(margins.shape[0]):
+        first = plane_of[starts[k]]
+        clusters[k], begins[k] = cluster[first], at
+        vertices[at, 0], vertices[at, 1] = planes[first, AX], planes[first, AY]
+        at += 1
+        most = margin_m[first]
+        for edge in range(starts[k], starts[k + 1]):
+            p = plane_of[edge]
+            vertices[at, 0], vertices[at, 1] = planes[p, BX], planes[p, BY]
+            at += 1
+            most = max(most, margin_m[p])
+        margins[k] = most
+    begins[margins.shape[0]] = at
+
+
 def layered_prisms(
     planes: NDArray[np.float32], margin_m: NDArray[np.float32], cluster: NDArray[np.int32], join_m: float, end_m: float
-) -> tuple[Prism, ...]:
+) -> PrismTable:
     """The multi-layer prisms of a frame. planes: (N, 6) as in FrameModel; every plane stands in each layer it reaches.
 
     join_m: heights closer than this are one cut; end_m: ends closer than this are one vertex."""
     n = len(planes)
     if not n:
-        return ()
+        return prism_table(())
     heights, starts = np.empty((3 * n, 2), np.float32), np.empty(3 * n + 1, np.int32)
     plane_of = np.empty(3 * n, np.int32)
     size, edges = cut_into_prisms(planes, join_m, end_m, heights, starts[:-1], plane_of)
     starts[size] = edges
-    begins, tops_bottoms, clusters = (
-        starts[: size + 1].tolist(),
-        heights[:size].tolist(),
-        cluster[plane_of[starts[:size]]],
+    vertices, margins = np.empty((edges + size, 2), np.float32), np.empty(size, np.float32)
+    clusters, begins = np.empty(size, np.int32), np.empty(size + 1, np.int32)
+    draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins, clusters, begins)
+    return PrismTable(
+        clusters, heights[:size], np.zeros(size, bool), margins, begins, starts[: size + 1], vertices, plane_of[:edges]
     )
-    margins = np.maximum.reduceat(margin_m[plane_of[:edges]], starts[:size]).tolist()
-    # one vertex before each prism's edges: its first plane's left end
-    vertices = np.empty((edges + size, 2), np.float32)
-    heads = starts[:size] + np.arange(size)
-    tails = np.ones(edges + size, bool)
-    tails[heads] = False
-    vertices[heads] = planes[plane_of[starts[:size]], AX : AY + 1]
-    vertices[tails] = planes[plane_of[:edges], BX : BY + 1]
-    vertices.flags.writeable = plane_of.flags.writeable = False  # once, not for each prism
-    return tuple(
-        Prism(
-            cluster=c, top_m=top, bottom_m=bottom, closed=False, margin_m=margin,
-            vertices_m=vertices[begin + k : end + k + 1], plane=plane_of[begin:end],
-        )
-        for k, (c, (top, bottom), margin, begin, end) in enumerate(
-            zip(clusters.tolist(), tops_bottoms, margins, begins[:-1], begins[1:], strict=True)
-        )
-    )  # fmt: skip

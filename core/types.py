@@ -9,8 +9,10 @@ Frames: `optical` (x right, y down, z forward), `frd` (vehicle body), `ned` (the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag, StrEnum
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +25,10 @@ SATURATED_MM = 65535
 """Treated like UNKNOWN_MM everywhere: some sensors write it for invalid pixels."""
 
 
-def readonly(
-    a: NDArray[np.generic], dtype: type[np.generic], shape: tuple[int | None, ...], name: str
-) -> NDArray[np.generic]:
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def readonly(a: NDArray[Any], dtype: type[_Scalar], shape: tuple[int | None, ...], name: str) -> NDArray[_Scalar]:
     """A read-only C-contiguous view of `a` after checking dtype and shape (None: any length); `a` itself where it is one.
     Raises ValueError."""
     if a.dtype != dtype:
@@ -311,7 +314,7 @@ class FrameModel:
     margin_m: NDArray[np.float32]
     flags: NDArray[np.uint8]
     cluster: NDArray[np.int32]
-    prisms: tuple[Prism, ...]
+    prisms: Sequence[Prism]
     free: FreeProfile
     ground: Ground
     stats: FrameStats

@@ -24,7 +24,7 @@ def prisms(rows: np.ndarray, join: float = 0.25, cluster: np.ndarray | None = No
 
 
 def test_no_planes_no_prisms_and_one_plane_one_layer() -> None:
-    assert prisms(np.zeros((0, 6), np.float32)) == ()
+    assert len(prisms(np.zeros((0, 6), np.float32))) == 0
     (only,) = prisms(planes((5, -1, 6, 1, -2, 1)))
     assert (only.top_m, only.bottom_m, only.closed, only.plane.tolist()) == (-2.0, 1.0, False, [0])
     np.testing.assert_array_equal(only.vertices_m, [[5, -1], [6, 1]])
