@@ -1,0 +1,26 @@
+"""The example flight stops before its wall, and for both autopilots when its camera dies; its picture is written."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import cv2
+import pytest
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "avoid_flight.py"
+
+
+def test_the_flight_stops_and_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "avoid.png"
+    assert runpy.run_path(str(EXAMPLE))["main"]([str(picture)]) == 0
+    under_way, stands, px4, ardupilot, written = capsys.readouterr().out.splitlines()
+    assert float(re.findall(r"([\d.]+) m/s", under_way)[0]) > 2.0
+    assert 2.5 <= float(re.findall(r"stands ([\d.]+) m", stands)[0]) < 4.0
+    for line, told in ((px4, "silence"), (ardupilot, "the wall of the policy")):
+        assert f"is told {told}, 0.0 m/s" in line
+        assert float(re.findall(r"at ([\d.]+) m$", line)[0]) < 10.0
+    assert written == f"written: {picture}"
+    height, width, _ = cv2.imread(str(picture)).shape
+    assert width > 2 * height > 1000
