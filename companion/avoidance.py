@@ -26,6 +26,9 @@ NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
 ECHOES = {"PX4": 330, "ArduPilot": 132}
 """The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
+PARAM_VALUE = 22
+READS = frozenset({PARAM_VALUE, *ECHOES.values()})
+"""The autopilot's messages that `message` has to be given."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
 EXPOSURE_TO_TOLD = "exposure to told"
@@ -103,7 +106,7 @@ class Avoidance:
         self._teller.result(result)
 
     def message(self, message: Any, arrival_ns: int) -> None:
-        """Every message of the autopilot."""
+        """A message of the autopilot, of READS."""
         self.parameters.take(message, arrival_ns)
         self._echo.take(message, arrival_ns)
 

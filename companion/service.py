@@ -22,7 +22,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
 
 from .autopilot_line import params_of, signing_of
-from .avoidance import Avoidance
+from .avoidance import READS, Avoidance
 from .blindness import Blindness
 from .camera_supervisor import CameraCondition, CameraSupervisor
 from .computer_status import ComputerStatus
@@ -126,8 +126,9 @@ class Service:
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
         keep = (lambda data, t_ns: self.inbox.put([RawFrame(data, t_ns)])) if log_raw else None
         session = MavlinkSession(
-            params_of(self.config), on_frame=keep, on_message=self._autopilot_says, signing=self.signing
-        )
+            params_of(self.config), on_frame=keep, signing=self.signing, reads=READS,
+            on_message=self._autopilot_says if self.config.avoid.send else None,
+        )  # fmt: skip
         link = MavlinkLink(parse_address(a.address), session, self._deliver)
         if self.config.avoid.send:
             names = tuple(self.cameras)

@@ -105,17 +105,18 @@ class MavlinkSession:
         on_frame: Callable[[bytes, int], None] | None = None,
         on_message: Callable[[Any, int], None] | None = None,
         signing: Signing | None = None,
+        reads: frozenset[int] | None = None,
     ) -> None:
         """on_frame: is given every good frame as it came (but without a signature), with its arrival, for the log.
-        on_message: every good message of the autopilot, but of its motion only what is read. signing: with our key;
-        without it nothing is signed, and everything is believed."""
+        on_message: every good message of the autopilot of these kinds (reads; None: of all but its motion), decoded, which
+        is most of the work. signing: with our key; without it nothing is signed, and everything is believed."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
         self.vehicle: Vehicle | None = None
         self.counts: Counter[str] = Counter()
         self.received = 0
-        self._on_frame, self._on_message = on_frame, on_message
+        self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
         self._timesync = TimeSync(self.clock)
         self._motion = MotionDecoder(self.clock)
         self.rates = RateKeeper(self.params.wishes())
@@ -174,36 +175,47 @@ class MavlinkSession:
             if self._from_autopilot(frame):
                 self._speaks(kind, arrival_ns)
             return None
+        if kind in MOTION:
+            return self._moves(frame, kind, arrival_ns) if self._from_autopilot(frame) else None
         message = frame.message()
         if message is None:
             self.counts["messages that cannot be decoded"] += 1
-            return None
-        return self._read(kind, message, arrival_ns)
+        else:
+            self._read(kind, message, arrival_ns)
+        return None
 
     def _is_read(self, kind: int, arrival_ns: int) -> bool:
         """Whether anybody reads such a message: decoding takes by far most of the time."""
-        if kind in _READ or self._motion.wants(kind, arrival_ns):
-            return True
-        return self._on_message is not None and kind not in MOTION
+        if kind in MOTION:
+            return self._motion.wants(kind, arrival_ns)
+        return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
 
-    def _read(self, kind: int, message: Any, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+    def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        self._speaks(kind, arrival_ns)
+        sample = self._motion.decode(frame, arrival_ns)
+        self._follow_clock()
+        return sample
+
+    def _read(self, kind: int, message: Any, arrival_ns: int) -> None:
         if kind == HEARTBEAT_ID:
             self._heartbeat(message, arrival_ns)
         own = self._from_autopilot(message)
         if kind == TIMESYNC_ID:
             self._timesync.take(message, arrival_ns, from_autopilot=own)
         if not own:
-            return None
+            return
         self._speaks(kind, arrival_ns)
         if kind == COMMAND_ACK_ID:
             self.rates.acknowledged(int(message.command), int(message.result))
-        if self._on_message is not None:
+        if self._on_message is not None and (self._reads is None or kind in self._reads):
             self._on_message(message, arrival_ns)
-        sample = self._motion.decode(message, arrival_ns)
+        self._follow_clock()
+
+    def _follow_clock(self) -> None:
+        """A clock that began anew belongs to an autopilot that booted: it has forgotten what we asked for."""
         if self.clock.restarts != self._clock_restarts:
             self._clock_restarts = self.clock.restarts
             self._begin_anew()
-        return sample
 
     def _speaks(self, kind: int, arrival_ns: int) -> None:
         """The autopilot said something."""

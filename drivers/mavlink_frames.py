@@ -40,6 +40,12 @@ class Frame:
     def get_msgbuf(self) -> bytes:
         return self._data
 
+    def payload(self, size: int) -> bytes:
+        """So many bytes of its payload; zeros at the end are not sent."""
+        data = self._data
+        begin, length = (6 if data[0] == MAVLINK1 else 10), data[1]
+        return data[begin : begin + min(size, length)].ljust(size, b"\0")
+
     def message(self) -> Any:
         """The dialect's message; None where it cannot be made of the payload."""
         try:

@@ -6,13 +6,18 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from core.types import AttitudeSample, PoseSample
 from drivers.clock import ClockSource
 from drivers.flight_path import VehicleState
 from drivers.mavlink import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_of
 from drivers.mavlink_dialect import dialect
+from drivers.mavlink_frames import MessageSplitter
+from drivers.mavlink_motion import motion_fields
 from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot, hovering
 
 MS, NS = 1_000_000, 1_000_000_000
@@ -309,19 +314,37 @@ def test_a_message_that_nobody_reads_is_logged_and_heard_all_the_same() -> None:
     assert session.status(9 * NS).counts["bytes of noise"] == 8 * len(broken)
 
 
-def test_who_reads_everything_is_given_everything_but_idle_motion() -> None:
+def test_who_reads_is_given_what_he_reads_and_no_motion() -> None:
     encoder = dialect.MAVLink(None, 1, 1)
     words = [
         dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0),
         dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        dialect.MAVLink_param_value_message(b"CP_DIST", 2.0, 9, 1, 0),
     ]  # fmt: skip
-    given: list[str] = []
-    session = MavlinkSession(on_message=lambda m, t_ns: given.append(m.get_type()))
-    session.receive([(bytes(m.pack(encoder)), NS) for m in words])
-    assert given == ["HEARTBEAT", "VFR_HUD", "ATTITUDE_QUATERNION"]
-    session.receive([(bytes(words[3].pack(encoder)), 2 * NS)])  # the quaternions have stopped
-    assert given[3:] == ["ATTITUDE"]
+    for reads, expected in ((None, ["HEARTBEAT", "VFR_HUD", "PARAM_VALUE"]), (frozenset({22}), ["PARAM_VALUE"])):
+        told: list[Any] = []
+        session = MavlinkSession(on_message=lambda m, t_ns, told=told: told.append(m.get_type()), reads=reads)
+        session.receive([(bytes(m.pack(encoder)), NS) for m in words])
+        assert told == expected
+
+
+@given(
+    st.sampled_from([30, 31, 32]),
+    st.integers(0, 2**32 - 1),
+    st.lists(st.floats(width=32) | st.just(0.0), min_size=7, max_size=7),
+    st.booleans(),
+)
+def test_motion_is_read_as_the_dialect_reads_it(kind: int, boot_ms: int, numbers: list[float], first: bool) -> None:
+    """Also where the zeros at the end of a payload were not sent, and in MAVLink 1."""
+    message = dialect.mavlink_map[kind](boot_ms, *numbers[: 7 if kind == 31 else 6])
+    data = bytes(message.pack(dialect.MAVLink(None, 1, 1), force_mavlink1=first))
+    (frame,) = MessageSplitter().frames(data)
+    theirs = frame.message()
+    names = [name for name in theirs.ordered_fieldnames if name != "repr_offset_q"]
+    fields = motion_fields(frame)
+    assert fields is not None
+    np.testing.assert_array_equal(fields, [getattr(theirs, name) for name in names])
 
 
 def warning(bytes_per_s: float | None, params: MavlinkParams | None = None, *, signed: bool = False) -> str:
