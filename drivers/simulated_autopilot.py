@@ -200,6 +200,10 @@ class SimulatedAutopilot:
             self.parameters[name] = value
         self._read_parameter(message)
 
+    def relay(self, data: bytes) -> None:
+        """Somebody else's bytes, which a router brings to the companion with the next words."""
+        self._answers.append(data)
+
     def _answer(self, message: Any) -> None:
         self._answers.append(self._pack(message))
 

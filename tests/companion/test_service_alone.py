@@ -133,9 +133,11 @@ def test_of_two_cameras_each_fails_alone_and_the_required_one_blinds_the_whole(t
 
 
 def test_whatever_breaks_in_a_flight_is_said(tmp_path: Path, renders: Path) -> None:
-    """The flight `broken`: blind pixels, a frozen image, no attitude, no frames, on the way there and back."""
-    sections = CAMERA.replace('"street"', '"broken"') + AUTOPILOT + QUICK + NO_LOG
-    with service(tmp_path, sections, renders) as live, flown(live):
+    """The flight `broken`: blind pixels, a frozen image, no attitude, no frames, on the way there and back. What the
+    autopilot is told while the newest good exposure is older than 0.4 s is nothing but unknown."""
+    avoid = "\n[avoid]\nsend = true\nremember_s = 0.0\n"
+    sections = CAMERA.replace('"street"', '"broken"') + AUTOPILOT + QUICK + NO_LOG + avoid
+    with service(tmp_path, sections, renders) as live, flown(live) as line:
         prisms = live.ear("prisms", pb.PrismsFrame)
         live.start()
         prisms.wait(lambda m: m.valid, PATIENCE_S)
@@ -147,6 +149,11 @@ def test_whatever_breaks_in_a_flight_is_said(tmp_path: Path, renders: Path) -> N
         assert max(attitude_error_deg(m, flight) for m in valid) < 1.0
         lost = [m for m in valid if any(a <= flight.on_path(m.t_exposure_ns)[0] / NS < b for a, b in ((1.05, 1.75),))]
         assert not lost  # nothing but unknown pixels was in view
+        told = line.change(lambda a: [(1000 * m.time_usec, set(m.distances)) for m in a.of_kind("OBSTACLE_DISTANCE")])
+        seen_ns = [m.t_exposure_ns for m in valid]
+        late = [values for t, values in told if t > seen_ns[0] and not any(0 <= t - s <= 4 * NS // 10 for s in seen_ns)]
+        assert len(late) > 5  # four faults, each longer than that
+        assert [values for values in late if values != {65535}] == []
         assert live.stop() == 0
 
 

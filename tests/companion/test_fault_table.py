@@ -1,0 +1,239 @@
+"""Each fault of the chain over a real line: what the autopilot is told from 0.4 s after the newest good exposure on.
+
+Link, clock, sync, pipeline and sender are the service's, and so is what judges a frozen image; frames and what the
+extractor finds are made up: a field that is clear, the one thing that nobody blind may tell. The table of all faults, with
+the tests of the service as a process, is in docs/autopilot.md."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.avoidance import Avoidance
+from companion.camera_supervisor import FrozenJudge
+from companion.config_avoid import AvoidParams
+from companion.obstacle_distance import UNKNOWN
+from companion.pipeline import Pipeline, PrismsResult
+from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.flight_path import VehicleState
+from drivers.mavlink import MavlinkSession
+from drivers.mavlink_dialect import dialect
+from drivers.mavlink_link import MavlinkLink
+from drivers.simulated_autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, Personality, SimulatedAutopilot, hovering
+from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.transport import parse_address
+
+from .live import free_port, until
+from .test_obstacle_sender import CAMERA, CLEAR, Sees
+
+NS = 1_000_000_000
+AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, avoid_margin_m=2.5, remember_s=0.0)
+CLEAR_CM, WALL_CM = 1201, 266
+FRAME_S = 0.05
+NOISE = Faults(jitter_s=0.003, noise_share=0.1, double_share=0.05)
+
+
+class Flown:
+    """A companion without its processes, whose camera takes a frame whenever `fly` comes round."""
+
+    def __init__(self, address: str, line: AutopilotLine, kind: str) -> None:
+        self.line, self.kind = line, kind
+        self.waiting: deque[AttitudeSample | PoseSample] = deque()
+        self.words = ""
+        session = MavlinkSession(on_message=lambda message, t_ns: self.avoidance.message(message, t_ns))
+        self.link = MavlinkLink(parse_address(address), session, self._samples)
+        self.avoidance = Avoidance(
+            AVOID, ("front",), 0.3, lambda: session.vehicle if session.heard(time.monotonic_ns()) else None,
+            self.link.post, lambda camera: self.words,
+        )  # fmt: skip
+        self.avoidance.announce(CAMERA)
+        self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))
+        self._judge = FrozenJudge(4)
+        self._dice = np.random.default_rng(1)
+        self._image = self._dice.integers(1000, 9000, (48, 64), np.uint16)
+        self.frames = self.good_ns = self.judged_ns = 0
+        self.delivers, self.repeats = True, False
+
+    def _samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        self.waiting.extend(samples)
+        self.avoidance.samples(samples)
+
+    def fly(self, seconds: float) -> None:
+        """Frames at 20 Hz, exposed now."""
+        end_ns = time.monotonic_ns() + round(seconds * NS)
+        while (now_ns := time.monotonic_ns()) < end_ns:
+            self.avoidance.tick(now_ns)
+            if self.delivers:
+                self._see(now_ns)
+            time.sleep(FRAME_S)
+
+    def _see(self, now_ns: int) -> None:
+        self.frames += 1
+        if not self.repeats:
+            self._image = self._dice.integers(1000, 9000, (48, 64), np.uint16)
+        while self.waiting:
+            self._pipeline.handle(self.waiting.popleft())
+        frame = DepthFrame(
+            camera="front", sequence=self.frames, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=self._image
+        )
+        before, self.words = self.words, self._judge.judge(frame)
+        self.judged_ns = self.judged_ns if before or not self.words else time.monotonic_ns()
+        for output in self._pipeline.handle(frame):
+            if isinstance(output, PrismsResult):
+                self.avoidance.result(output)
+                if output.valid and not self.words and not self.repeats:
+                    self.good_ns = now_ns
+
+    def told(self, since_ns: int = 0) -> list[tuple[int, int, list[int]]]:
+        """(decided, received, values) of each message: the instant of the decision is in it."""
+
+        def those(autopilot: SimulatedAutopilot) -> list[tuple[int, int, list[int]]]:
+            messages = autopilot.of_kind("OBSTACLE_DISTANCE")
+            times = autopilot.obstacle_times_ns
+            return [(1000 * m.time_usec, t, list(m.distances)) for m, t in zip(messages, times, strict=True)]
+
+        return [told for told in self.line.change(those) if told[0] >= since_ns]
+
+    def sees(self) -> bool:
+        """Whether it tells the field ahead clear."""
+        told = self.told()
+        return bool(told) and told[-1][2][0] == CLEAR_CM
+
+    def comes_to_see(self) -> bool:
+        """Flies until it does."""
+
+        def look() -> bool:
+            self.fly(0.2)
+            return self.sees()
+
+        return until(look)
+
+
+LINES = [(PX4, "udp"), (ARDUPILOT, "pty")]
+
+
+@contextmanager
+def connected(kind: str, way: str) -> Iterator[Flown]:
+    autopilot = SimulatedAutopilot(Personality(kind=kind, boot_at_ns=time.monotonic_ns() - 30 * NS))
+    autopilot.parameters = {"AVOID_MARGIN": 2.5} if kind == ARDUPILOT else {"CP_DIST": 2.5}
+    end = UdpEnd("127.0.0.1", port := free_port()) if way == "udp" else PtyEnd()
+    address = f"serial:{end.device}" if isinstance(end, PtyEnd) else f"udpin:127.0.0.1:{port}"
+    with AutopilotLine(autopilot, end, NOISE) as line:
+        flown = Flown(address, line, kind)
+        flown.link.open()
+        flown.avoidance.open()
+        try:
+            assert flown.comes_to_see()
+            yield flown
+        finally:
+            flown.avoidance.close()
+            flown.link.close()
+
+
+@pytest.fixture(scope="module", params=LINES, ids=[f"{kind}-{way}" for kind, way in LINES])
+def flown(request: pytest.FixtureRequest) -> Iterator[Flown]:
+    with connected(*request.param) as flown:
+        yield flown
+
+
+def nan(t_ns: int) -> VehicleState:
+    return replace(hovering(t_ns), euler_rad=(math.nan, 0.0, 0.0))
+
+
+Act = Callable[[Flown], Any]
+
+
+def personality(name: str, value: Any) -> Act:
+    return lambda flown: flown.line.change(lambda a: setattr(a.personality, name, value))
+
+
+FAULTS: dict[str, tuple[Act, Act]] = {
+    "the camera dies": (lambda f: setattr(f, "delivers", False), lambda f: setattr(f, "delivers", True)),
+    "the image is frozen": (lambda f: setattr(f, "repeats", True), lambda f: setattr(f, "repeats", False)),
+    "no attitude": (personality("hides_attitude", lambda _: True), personality("hides_attitude", lambda _: False)),
+    "an attitude of no numbers": (personality("motion", nan), personality("motion", hovering)),
+    "the autopilot's clock starts anew and stands": (personality("drift", -1.0), personality("drift", 0.0)),
+}
+"""What breaks, and what mends it."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_who_is_blind_tells_nothing_clear_from_0_4_s_on(flown: Flown, fault: str) -> None:
+    assert flown.comes_to_see()
+    breaks, mends = FAULTS[fault]
+    breaks(flown)
+    broken_ns = time.monotonic_ns()
+    try:
+        flown.fly(0.9)
+        # what ages is the newest frame, or the newest attitude: none that is good is newer than the fault
+        deadline_ns = min(flown.good_ns, broken_ns) + 400_000_000
+        if fault == "the image is frozen":  # a busy machine needs longer for four frames
+            deadline_ns = max(deadline_ns, flown.judged_ns)
+        late = flown.told(deadline_ns)
+        allowed = {UNKNOWN} if flown.kind == PX4 else {WALL_CM}
+        assert late
+        assert {values[i] for _, _, values in late for i in (71, 0, 1)} == allowed, late[0]
+        assert min(received for _, received, _ in late) - deadline_ns < 2 * NS
+    finally:
+        mends(flown)
+    assert flown.comes_to_see()
+
+
+def packed(message: Any, component: int) -> bytes:
+    return bytes(message.pack(dialect.MAVLink(None, 1, component)))
+
+
+def strangers(flown: Flown) -> list[bytes]:
+    """A second companion that sees all clear, attitudes of another component, answers to a TIMESYNC that nobody asked."""
+    clear = dialect.MAVLink_obstacle_distance_message(0, 4, [CLEAR_CM] * 72, 5, 20, 1200, 5.0, 0.0, 12)
+    attitude = dialect.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0)
+    beat = dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[flown.kind], 0, 0, 4, 3)
+    answer = dialect.MAVLink_timesync_message(10**15, 10**12)
+    return [packed(clear, 197), packed(attitude, 100), packed(beat, 100), packed(answer, 1)]
+
+
+def test_others_on_the_line_make_no_blind_one_tell_clear(flown: Flown) -> None:
+    """As a router brings them, in between the autopilot's own words."""
+    words = strangers(flown)
+    flown.delivers = False
+    died_ns = flown.good_ns
+    try:
+        for _ in range(6):
+            flown.line.change(lambda a: [a.relay(data) for data in words])
+            flown.fly(0.2)
+        late = flown.told(died_ns + 400_000_000)
+        assert late
+        assert {values[i] for _, _, values in late for i in (71, 0, 1)} == (
+            {UNKNOWN} if flown.kind == PX4 else {WALL_CM}
+        )
+        strange = flown.link.status().strangers
+        assert "component 197 tells it of obstacles too" in strange["two companions"]
+    finally:
+        flown.delivers = True
+    assert flown.comes_to_see()
+
+
+def test_a_forged_kind_of_autopilot_brings_the_wall_and_no_silence(flown: Flown) -> None:
+    """Heartbeats in the autopilot's own name that say another kind: told what is safe for both."""
+    forged = AUTOPILOT_IDS[ARDUPILOT if flown.kind == PX4 else PX4]
+    beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3), 1)
+    flown.delivers = False
+    died_ns = flown.good_ns
+    try:
+        for _ in range(14):
+            flown.line.change(lambda a: a.relay(beat))
+            flown.fly(0.2)
+        late = flown.told(died_ns + NS)
+        assert late[-1][0] - died_ns > 2.3 * NS  # PX4's policy would be silent by then
+        assert all(values[0] < 1200 for _, _, values in late)
+    finally:
+        flown.delivers = True
+    assert flown.comes_to_see()
