@@ -48,6 +48,7 @@ class App {
     requestAnimationFrame(() => {
       this.asked = false;
       this.renderer.render(this.frames.scene, this.eye);
+      this.frames.release();
       document.body.dataset.drawn = String(this.at);
     });
   }

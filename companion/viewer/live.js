@@ -25,10 +25,14 @@ export function verdict(seen, stale_s) {
   }
   if (!news.cameras.length) return { state: "blind", word: "BLIND", text: `BLIND: ${news.service.missing[0] || "no camera is known"}. ${none}` };
   const ages = news.cameras.map((c) => (c.age_s === null ? Infinity : c.age_s + since_s));
-  const blind = news.cameras.map((c, k) => c.blind || (ages[k] > stale_s ? `its newest exposure is ${span(ages[k])} old` : ""));
+  const blind = news.cameras.map((c) => c.blind || (c.age_s === null ? "nothing has been seen yet" : ""));
   const said = news.cameras.map((c, k) => blind[k] && (news.cameras.length > 1 ? `${c.name}: ${blind[k]}` : blind[k])).filter(Boolean);
   const age = Math.max(...ages);
   if (said.length) return { state: "blind", word: "BLIND", text: `BLIND: ${said.join("; ")}. ${none}`, blind };
+  if (age > stale_s) {
+    return { state: "stale", word: "STALE", text: `STALE: the newest exposure known to this page is ${span(age)} old; companion view,`
+      + ` the network or this page is slow. ${none}`, blind, age };
+  }
   if (seen.shown_s === null) return { state: "waiting", word: "", text: "Waiting for the first frame…", blind, age };
   if (!seen.following) return { state: "paused", word: "", text: "NOT LIVE (space or End: back to now)", blind, age };
   if (seen.shown_s > OLD_S) {

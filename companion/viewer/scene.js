@@ -1,9 +1,10 @@
-// What is drawn of one frame. Everything is made anew for each frame and given back to the graphics card before the next.
+// What is drawn of one frame. Everything is made anew for each frame; the old is given back to the graphics card once the new
+// has been drawn, so that the card's programs, which both use, are not compiled again for each. Words are kept.
 
 import * as THREE from "three";
 import * as model from "viewer/model";
 
-const FREE = 0x43c46b, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20];
+const FREE = 0x43c46b, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
 
 export class FrameScene {
   constructor(data) {
@@ -13,16 +14,28 @@ export class FrameScene {
     this.group = new THREE.Group();
     this.scene.add(this.group);
     this.walls = null;
+    this.gone = [];
+    this.words = new Map(); // text, colour -> texture, the latest used last
   }
 
   clear() {
-    this.group.traverse((o) => {
-      o.geometry?.dispose();
-      o.material?.map?.dispose();
-      o.material?.dispose();
-    });
+    this.gone.push(...this.group.children);
     this.group.clear();
     this.walls = null;
+  }
+
+  /** Gives back what is drawn no more; after the drawing of what came in its place. */
+  release() {
+    for (const o of this.gone) {
+      if (!o.isSprite) o.geometry?.dispose(); // all sprites share one
+      o.material?.dispose();
+    }
+    this.gone = [];
+    while (this.words.size > KEPT_WORDS) {
+      const [key, map] = this.words.entries().next().value;
+      this.words.delete(key);
+      map.dispose();
+    }
   }
 
   /** Draws a frame. show: what to show and how; index: bytes of the small depth image or null, w: its width. */
@@ -99,6 +112,20 @@ export class FrameScene {
   }
 
   #text(text, at, color, size) {
+    const map = this.#word(text, color), { width, height } = map.image;
+    const sprite = this.#add(new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false })));
+    sprite.scale.set((size * width) / height, size, 1);
+    sprite.position.set(...at);
+    sprite.renderOrder = 10;
+  }
+
+  #word(text, color) {
+    const key = `${text} ${color}`, known = this.words.get(key);
+    if (known) {
+      this.words.delete(key);
+      this.words.set(key, known);
+      return known;
+    }
     const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "600 44px sans-serif";
     pen.font = font;
     canvas.width = Math.ceil(pen.measureText(text).width) + 24;
@@ -110,10 +137,8 @@ export class FrameScene {
     pen.textBaseline = "middle";
     pen.fillText(text, 12, 32);
     const map = new THREE.CanvasTexture(canvas);
-    const sprite = this.#add(new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false })));
-    sprite.scale.set((size * canvas.width) / canvas.height, size, 1);
-    sprite.position.set(...at);
-    sprite.renderOrder = 10;
+    this.words.set(key, map);
+    return map;
   }
 
   #free(frame) {

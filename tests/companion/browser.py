@@ -19,10 +19,12 @@ import pytest
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--disable-quic", "--disable-dev-shm-usage", "--hide-scrollbars", "--window-size=1200,800",
+    "--disable-sync", "--disable-quic", "--disable-dev-shm-usage", "--hide-scrollbars",
     "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--remote-debugging-pipe",
 )  # fmt: skip
 PATIENCE_S = 60.0
+REFUSED = {("error", source) for source in ("security", "javascript", "rendering", "other")}
+"""Of the browser's own words; that a server does not answer is none of the page's faults."""
 
 
 def found_browser() -> str:
@@ -37,13 +39,13 @@ def found_browser() -> str:
 class Browser:
     """One process with a new empty profile. complaints: what pages wrote on their consoles as errors, or threw."""
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, size: str = "1200,800") -> None:
         ours_in, theirs_out = os.pipe()
         theirs_in, ours_out = os.pipe()
         words = ["bash", "-c", f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', found_browser(), *FLAGS]
         with (profile.parent / "browser.txt").open("wb") as said:
             self.process = subprocess.Popen(
-                [*words, f"--user-data-dir={profile}"], pass_fds=(theirs_in, theirs_out),
+                [*words, f"--user-data-dir={profile}", f"--window-size={size}"], pass_fds=(theirs_in, theirs_out),
                 stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True,
             )  # fmt: skip
         os.close(theirs_in)
@@ -107,7 +109,10 @@ class Browser:
             self.complaints.append(json.dumps(params["exceptionDetails"])[:500])
         elif message.get("method") == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
             self.complaints.append(json.dumps(params["args"])[:500])
-        elif message.get("method") == "Log.entryAdded" and params["entry"]["level"] == "error":
+        elif (
+            message.get("method") == "Log.entryAdded"
+            and (params["entry"]["level"], params["entry"]["source"]) in REFUSED
+        ):
             self.complaints.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
 
 
@@ -150,9 +155,9 @@ SAID = "document.getElementById('banner')?.textContent"
 
 
 @contextmanager
-def opened(folder: Path) -> Iterator[Browser]:
+def opened(folder: Path, size: str = "1200,800") -> Iterator[Browser]:
     """A browser whose pages have nothing to complain of at the end."""
-    with Browser(folder / "profile") as browser:
+    with Browser(folder / "profile", size) as browser:
         yield browser
         browser.call("Browser.getVersion")  # what was said until now is heard
         assert not browser.complaints

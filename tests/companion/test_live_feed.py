@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import zmq
 
+from companion.cli import main
 from companion.depth_preview import DepthPreviews
 from companion.live_feed import Feed, Streams
 from companion.live_news import Newsroom
@@ -297,3 +298,12 @@ def test_a_foreign_name_that_leads_here_is_refused(server: LiveServer, host: str
 def test_a_port_that_is_taken_is_named(room: Newsroom, server: LiveServer) -> None:
     with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 .*--port"):
         LiveServer(room, "127.0.0.1", server.port).open()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["--live", "flight.mcap"], "without FILE.mcap"), (["--live", "-o", "x"], "without FILE.mcap"), ([], "or --live")],
+)
+def test_wrong_use_is_told(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", *words]) == 2
+    assert told in capsys.readouterr().err

@@ -1,0 +1,178 @@
+"""The page that follows the service, in a real browser, with the service, its camera and `companion view` as processes:
+what is old, blind or cut off never passes for the present."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from .browser import Browser, Page, opened
+from .live import ROOT, Live, flown
+
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+fps = 15.0
+device = "{cable}"
+
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+
+[record]
+record = "off"
+
+[supervision]
+restart_s = 1.0
+first_backoff_s = 0.5
+longest_backoff_s = 1.0
+"""
+SOON_S = 8.0
+"""On a busy machine; on an idle one the page is red within a second."""
+STATE, BANNER = "document.body.dataset.state", "document.getElementById('banner').textContent"
+VALID = f"{STATE} === 'valid' && app.frames.shown?.length > 0"
+
+
+def said(words: str) -> str:
+    """That the page is red and says so."""
+    return f"{STATE} !== 'valid' && document.getElementById('banner').className === 'blind' && {BANNER}.includes({words!r})"
+
+
+class Following:
+    """A service, `companion view --live` beside it, and its page in a browser."""
+
+    def __init__(self, live: Live, view: subprocess.Popen[str], page: Page) -> None:
+        self.live, self.view, self.page = live, view, page
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with opened(tmp_path_factory.mktemp("browser"), "640,420") as browser:  # small: drawn by the processor
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def following(browser: Browser, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Following]:
+    live = Live(tmp_path_factory.mktemp("live"), CONFIG, renders)
+    command = [sys.executable, "-m", "companion", "view", "--live", "-c", str(live.config), "--port", "0"]
+    with (
+        flown(live),
+        subprocess.Popen(command, cwd=ROOT, env=live.environment, stdout=subprocess.PIPE, text=True) as view,
+    ):
+        try:
+            live.start()
+            assert view.stdout is not None
+            address = re.search(r"http://\S+", view.stdout.readline())
+            assert address is not None
+            yield Following(live, view, browser.page(address.group()))
+            view.terminate()
+            assert view.wait(10.0) == 0
+            assert live.stop() == 0
+        finally:
+            view.kill()
+            live.close()
+
+
+@pytest.fixture
+def page(following: Following) -> Page:
+    """The page, following a service that sees."""
+    following.page.wait(VALID)
+    return following.page
+
+
+def test_depth_planes_and_health_are_shown(page: Page, tmp_path: Path) -> None:
+    page.wait("!document.getElementById('depth').hidden && app.data.frames.at(-1).depth !== null")
+    assert page.ask("document.getElementById('health').textContent.includes('camera front: running')")
+    page.wait(f"{STATE} === 'valid' && Number(document.body.dataset.shown) < 1")
+    page.picture(tmp_path / "live.png")
+    image = cv2.imread(str(tmp_path / "live.png"))
+    assert image is not None
+    assert len(np.unique(image[60:300:2, 10:270:2].reshape(-1, 3), axis=0)) > 200, "walls, ground, words"
+
+
+def test_one_may_go_back_and_is_told_so(page: Page) -> None:
+    page.wait("app.data.frames.length > 3")
+    page.key("ArrowLeft")
+    page.wait(f"{STATE} === 'paused' && {BANNER}.startsWith('NOT LIVE')")
+    at = page.ask("app.data.frames[app.at].t")
+    page.wait("app.data.frames.at(-1).t > app.data.frames[app.at].t + 0.5")
+    assert page.ask("app.data.frames[app.at].t") == at
+    assert float(page.ask("document.body.dataset.shown")) > 0.5
+    page.key("End")
+    page.wait(VALID)
+
+
+def test_a_lost_camera_is_blind_and_sees_again(page: Page, following: Following) -> None:
+    live = following.live
+    camera = live.camera_pids()["front"]
+    live.cable.unlink()  # so that it stays away
+    try:
+        with suppress(ProcessLookupError):  # it may have seen that already
+            os.kill(camera, signal.SIGKILL)
+        page.wait(said("BLIND"), SOON_S)
+        page.wait(f"{said('lost: ')} && document.getElementById('stage').classList.contains('blind')")
+    finally:
+        live.cable.touch()
+    page.wait(VALID)
+
+
+def test_a_view_that_hangs_is_cut_off(page: Page, following: Following) -> None:
+    following.view.send_signal(signal.SIGSTOP)
+    try:
+        page.wait(f"{said('CUT OFF')} && document.getElementById('stage').dataset.word === 'CUT OFF'", SOON_S)
+    finally:
+        following.view.send_signal(signal.SIGCONT)
+    page.wait(VALID)
+
+
+def test_a_service_that_is_killed_is_said_to_be_silent(page: Page, following: Following) -> None:
+    live = following.live
+    live.stop(signal.SIGKILL)
+    page.wait(said("BLIND"), SOON_S)
+    page.wait(said("nothing has been heard from the service for"), SOON_S)
+    live.start()
+    page.wait(VALID)
+
+
+def test_the_verdict_of_what_was_heard(page: Page) -> None:
+    """All that the band may say, from made-up answers; the worst wins, and unknown is never valid."""
+    cases = [
+        ("waiting", {"heard_ms": None}),
+        ("waiting", {"shown_s": None}),
+        ("valid", {}),
+        ("cut", {"heard_ms": 1001}),
+        ("cut", {"heard_ms": 1001, "following": False}),
+        ("stale", {"since_s": 0.35}),
+        ("stale", {"since_s": 0.35, "following": False}),
+        ("stale", {"shown_s": 1.1}),
+        ("paused", {"shown_s": 30.0, "following": False}),
+        ("blind", {"cameras": []}),
+        ("blind", {"cameras": [{"name": "a", "blind": "", "age_s": None}]}),
+        ("blind", {"cameras": [{"name": "a", "blind": "lost", "age_s": 0.1}]}),
+        ("stale", {"cameras": [{"name": "a", "blind": "", "age_s": 0.1}, {"name": "b", "blind": "", "age_s": 0.5}]}),
+        (
+            "blind",
+            {"cameras": [{"name": "a", "blind": "lost", "age_s": 0.1}, {"name": "b", "blind": "", "age_s": 9.0}]},
+        ),
+    ]
+    for state, change in cases:
+        well = {"heard_ms": 50, "since_s": 0.1, "shown_s": 0.2, "following": True, "trouble": ""}
+        cameras = change.pop("cameras", [{"name": "a", "blind": "", "age_s": 0.1}])
+        seen = well | change | {"news": {"cameras": cameras, "service": {"missing": []}}}
+        told = page.ask(f"import('viewer/live').then(m => m.verdict({json.dumps(seen)}, 0.4))")
+        assert told["state"] == state, (seen, told)
+        assert ("Nothing may be taken as free" in told["text"]) == (state in ("cut", "blind", "stale"))
+        assert bool(told["word"]) == (state in ("cut", "blind", "stale"))
