@@ -44,6 +44,8 @@ What the algorithm reaches, and what it does not, measured by
 
 which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page says when it was measured, on what and with what. Figures are of simulated scenes with known truth unless the page says otherwise. Nothing here is edited by hand.
 
+Where a goal is missed: why, what was tried and what would do it, in `docs/attempts.md`, for time in `docs/speed.md`.
+
 On a drone, without this checkout, `companion bench` tells how fast that machine is.
 
 How to read the times: one thread on one core, after everything is compiled, medians of many frames that differ in their noise. *Processor* is the time that the core worked for us; *wall* is what a clock on the wall shows, other work on the machine included. To compare two machines, or two days, compare the ratios to the reference workload of the same run.
