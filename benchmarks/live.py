@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zmq
@@ -142,7 +143,7 @@ def running(*words: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
         process.kill()
 
 
-def measure(args: argparse.Namespace, folder: Path) -> dict[str, object]:
+def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Runs the service; the figures. Raises TimeoutError when it does not see."""
     config = folder / "live.toml"
     values = {"flight": args.flight, "width": args.width, "hz": args.hz, "seed": args.seed, "port": free_port()}
@@ -183,7 +184,7 @@ def figures(
     sizes: list[int],
     before: pb.Health,
     after: pb.Health,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """All of it as plain values."""
     ages = np.array(ear.ages_ms)
     quarter = max(1, len(sizes) // 4)

@@ -146,11 +146,8 @@ def measure(place: Place) -> dict[str, float]:
     return found
 
 
-def main() -> int:
-    """0: measured."""
-    parser = argparse.ArgumentParser(description="how soon the live service is there")
-    parser.add_argument("--runs", type=int, default=5)
-    runs = parser.parse_args().runs
+def runs_of(runs: int) -> dict[str, list[float]]:
+    """Seconds by what was measured, of so many runs after one that fills the caches."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         with place.service():
@@ -159,8 +156,15 @@ def main() -> int:
                 until_prisms(place.prisms, lambda m: m.valid)
         place.forget()
         found = [measure(place) for _ in range(runs)]
-    for name in found[0]:
-        times = [f[name] for f in found]
+    return {name: [f[name] for f in found] for name in found[0]}
+
+
+def main() -> int:
+    """0: measured."""
+    parser = argparse.ArgumentParser(description="how soon the live service is there")
+    parser.add_argument("--runs", type=int, default=5)
+    runs = parser.parse_args().runs
+    for name, times in runs_of(runs).items():
         print(f"{name:20s} {statistics.median(times):5.2f} s, worst {max(times):5.2f} s of {runs}")
     return 0
 
