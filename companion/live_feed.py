@@ -23,6 +23,7 @@ from drivers.wire import camera_from_message
 from .arrival import Ear, age_ns
 from .client import STALE_S
 from .curve import use_client_keys
+from .live_world import LiveWorld
 
 NS = 1_000_000_000
 POLL_S = 0.05
@@ -46,6 +47,8 @@ class Streams:
     prisms: str
     health: str
     depth: str
+    world: str = ""
+    world_requests: str = ""
     keys: Path | None = None
 
 
@@ -94,6 +97,7 @@ class Feed:
         self._ears: dict[zmq.Socket[bytes], tuple[Ear, type[Message]]] = {}
         self._depth: zmq.Socket[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
+        self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
 
     def open(self) -> None:
         """Starts to listen; the service may come later. Raises DriverError for keys that cannot be used."""
@@ -114,9 +118,11 @@ class Feed:
                 socket.setsockopt(zmq.SUBSCRIBE, b"")
             socket.connect(address)
         self._thread.start()
+        self.world.open()
 
     def close(self) -> None:
         """May be called again."""
+        self.world.close()
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(5.0)
@@ -127,6 +133,16 @@ class Feed:
         self.watch(WATCHED_S)
         with self.changed:
             self.changed.wait_for(lambda: self.number > after, timeout_s)
+
+    def vehicle(self) -> tuple[float, float, float] | None:
+        """Where the vehicle is in ned, by the newest frame that knows; None: none does."""
+        posed = [c for c in self.cameras.copy().values() if c.newest is not None and c.newest.HasField("pose")]
+        if not posed:
+            return None
+        newest = max(posed, key=lambda c: c.exposed_ns).newest
+        assert newest is not None
+        p = newest.pose.position_ned_m
+        return p.x, p.y, p.z
 
     def watch(self, seconds: float) -> None:
         """Depth images are wanted for so long."""

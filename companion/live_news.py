@@ -43,10 +43,10 @@ class Newsroom:
             }
         )  # fmt: skip
 
-    def answer(self, name: str, after: int) -> bytes:
-        """JSON. name, after: of the newest answer that the page has had; "" and 0: none."""
+    def answer(self, name: str, after: int, world: int = 0) -> bytes:
+        """JSON. name, after, world: of the newest answer that the page has had; "" and 0: none."""
         began_ns = time.monotonic_ns()
-        after = after if name == self._name else 0
+        after, world = (after, world) if name == self._name else (0, 0)
         self.feed.wait(after, HOLD_S)
         feed, frames = self.feed, []
         with feed.changed:
@@ -64,7 +64,7 @@ class Newsroom:
             service = service_words(feed, now_ns)
         news = {
             "name": self._name, "number": number, "held_ms": (now_ns - began_ns) / 1e6, "service": service,
-            "cameras": cameras, "frames": frames,
+            "cameras": cameras, "frames": frames, "world": feed.world.told(world),
         }  # fmt: skip
         return json.dumps(news, separators=(",", ":"), allow_nan=False).encode()
 

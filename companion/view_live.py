@@ -96,10 +96,10 @@ def answer(room: Newsroom, path: str) -> tuple[int, str, bytes]:
     if asked.path != "/news":
         return 404, "text/plain", b"there is the page (/) and its news\n"
     words = parse_qs(asked.query)
-    after = words.get("after", ["0"])[0]
-    if not (after.isascii() and after.isdigit() and len(after) < 16):
-        return 400, "text/plain", b"after: a number was expected\n"
-    return 200, "application/json", room.answer(words.get("name", [""])[0], int(after))
+    after, world = (words.get(key, ["0"])[0] for key in ("after", "world"))
+    if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in (after, world)):
+        return 400, "text/plain", b"after, world: numbers were expected\n"
+    return 200, "application/json", room.answer(words.get("name", [""])[0], int(after), int(world))
 
 
 class _Server(ThreadingTCPServer):
@@ -142,14 +142,15 @@ class _Handler(BaseHTTPRequestHandler):
 
 def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     """Where a service with this configuration publishes."""
+    names = ("prisms", "health", "depth", "world", "world_requests")
     run = str(run_folder())
-    prisms, health, depth = (a.replace("{run}", run) for a in (publish.prisms, publish.health, publish.depth))
-    return Streams(prisms=prisms, health=health, depth=depth, keys=keys)
+    return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serves the page until it is stopped."""
-    publish = PublishConfig() if args.config is None else load_config(args.config).publish
+    usual = PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot")
+    publish = usual if args.config is None else load_config(args.config).publish
     if args.no_depth:
         publish = replace(publish, depth="")
     feed = Feed(streams_of(publish, args.keys))

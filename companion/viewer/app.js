@@ -57,7 +57,7 @@ class App {
     return {
       what: $("what").value, by: $("by").value, world: $("world").value, ground: $("ground").checked,
       free: $("free").checked, inferred: $("inferred").checked, labels: $("labels").checked,
-      normals: $("normals").checked, points: $("points").checked,
+      normals: $("normals").checked, points: $("points").checked, merged: $("merged").checked,
     };
   }
 
@@ -200,6 +200,13 @@ class App {
     else $("slider").value = String(this.at);
   }
 
+  /** The merged world, in the place of the one before: planes in whole centimetres of ned. */
+  merged(planes) {
+    this.planes = planes;
+    this.frames.merged(planes);
+    this.show(this.at);
+  }
+
   /** What came before is of another service. */
   forget() {
     this.data.frames.splice(0, this.data.frames.length - 1);
@@ -252,7 +259,7 @@ class App {
     $("next").addEventListener("click", () => { this.play(false); this.step(1); });
     $("play").addEventListener("click", () => this.play(!this.playing));
     $("speed").addEventListener("change", () => this.playing && this.play(true));
-    for (const id of ["what", "by", "ground", "free", "inferred", "labels", "normals", "points"]) {
+    for (const id of ["what", "by", "ground", "free", "inferred", "labels", "normals", "points", "merged"]) {
       $(id).addEventListener("change", () => { this.#legend(); this.show(this.at); });
     }
     $("world").disabled = !data.frames.some((f) => f.pos);
@@ -344,7 +351,7 @@ class App {
     for (const id of ["what", "by", "world"]) {
       if ([...$(id).options].some((o) => o.value === wants.get(id)) && !$(id).disabled) $(id).value = wants.get(id);
     }
-    for (const id of ["ground", "free", "inferred", "labels", "normals", "points"]) {
+    for (const id of ["ground", "free", "inferred", "labels", "normals", "points", "merged"]) {
       if (wants.has(id)) $(id).checked = wants.get(id) === "1";
     }
     this.at = Math.min(this.data.frames.length - 1, Math.max(0, Number(wants.get("frame")) || 0));

@@ -44,7 +44,7 @@ export function verdict(seen, stale_s) {
 export class Live {
   /** open: makes the app, called with the first frame. */
   constructor(data, open) {
-    Object.assign(this, { data, open, app: null, name: "", after: 0, news: null, heard: null, made: 0, trouble: "", broken: null });
+    Object.assign(this, { data, open, app: null, name: "", after: 0, world: 0, news: null, heard: null, made: 0, trouble: "", broken: null });
     $("service").hidden = false;
     $("title").textContent = data.title;
     $("speed").hidden = true;
@@ -59,7 +59,7 @@ export class Live {
       const asked = performance.now();
       let news = null;
       try {
-        const reply = await fetch(`news?name=${encodeURIComponent(this.name)}&after=${this.after}`,
+        const reply = await fetch(`news?name=${encodeURIComponent(this.name)}&after=${this.after}&world=${this.world}`,
           { cache: "no-store", signal: AbortSignal.timeout(PATIENCE_MS) });
         if (!reply.ok) throw new Error(`${reply.status} ${(await reply.text()).trim()}`);
         news = await reply.json();
@@ -92,8 +92,15 @@ export class Live {
         this.app = this.open(this);
       }
     }
+    if (news.world.planes && this.app) {
+      this.world = news.world.number;
+      this.app.merged(news.world.planes);
+    }
     this.tell();
     this.#service(news.service);
+    $("merged").parentElement.hidden = !news.world.heard;
+    $("worldwords").textContent = !news.world.heard ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
+      : `merged world: ${news.world.total} planes`;
   }
 
   #meet(info, k) {

@@ -4,7 +4,7 @@
 import * as THREE from "three";
 import * as model from "viewer/model";
 
-const FREE = 0x43c46b, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
+const WORLD = 0xe0c080, FREE = 0x43c46b, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
 
 export class FrameScene {
   constructor(data) {
@@ -15,6 +15,8 @@ export class FrameScene {
     this.scene.add(this.group);
     this.walls = null;
     this.gone = [];
+    this.world = new THREE.Group();
+    this.scene.add(this.world);
     this.words = new Map(); // text, colour -> texture, the latest used last
   }
 
@@ -43,6 +45,7 @@ export class FrameScene {
     this.clear();
     const camera = this.data.cameras[frame.c];
     this.at = (p) => model.toDrawing(model.toWorld(p, place));
+    this.#placeWorld(frame, show);
     this.#vehicle(frame, camera);
     if (show.ground) this.#ground(frame, place);
     if (show.world === "ned") this.#path();
@@ -50,6 +53,41 @@ export class FrameScene {
     if (show.points && index && frame.R) this.#points(frame, camera, index, w);
     if (show.free) this.#free(frame);
     this.#walls(frame, show, camera);
+  }
+
+  /** Takes the merged world in the place of the one before; planes: whole centimetres of ned, six numbers each. */
+  merged(planes) {
+    for (const o of this.world.children) {
+      o.geometry.dispose();
+      o.material.dispose();
+    }
+    this.world.clear();
+    if (!planes.length) return;
+    const faces = [], edges = [];
+    for (let k = 0; k < planes.length; k += 6) {
+      const [ax, ay, bx, by, top, bottom] = planes.slice(k, k + 6).map((cm) => cm / 100);
+      const [a, b, c, d] = [[ax, ay, top], [bx, by, top], [bx, by, bottom], [ax, ay, bottom]].map(model.toDrawing);
+      faces.push(a, b, c, a, c, d);
+      edges.push(a, b, b, c, c, d, d, a);
+    }
+    const made = (points) => {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(points.flat(), 3));
+      return geometry;
+    };
+    const look = { color: WORLD, transparent: true, depthWrite: false };
+    this.world.add(new THREE.Mesh(made(faces), new THREE.MeshBasicMaterial({ ...look, opacity: 0.12, side: THREE.DoubleSide })),
+      new THREE.LineSegments(made(edges), new THREE.LineBasicMaterial({ ...look, opacity: 0.35 })));
+  }
+
+  /** Puts it where the frame stands in it; a frame without a position has no place there. */
+  #placeWorld(frame, show) {
+    const level = show.world !== "ned", yaw = level ? frame.heading : 0;
+    this.world.visible = Boolean(show.merged && frame.pos);
+    if (!frame.pos) return;
+    const [x, y, z] = level ? model.toDrawing(frame.pos) : [0, 0, 0], c = Math.cos(yaw), s = Math.sin(yaw);
+    this.world.rotation.y = yaw;
+    this.world.position.set(-(c * x + s * z), -y, s * x - c * z);
   }
 
   #add(object) { this.group.add(object); return object; }

@@ -32,6 +32,10 @@ device = "{cable}"
 [autopilot]
 address = "udpin:127.0.0.1:{port}"
 
+[publish]
+world = "ipc://{run}/world"
+world_requests = "ipc://{run}/world-snapshot"
+
 [record]
 record = "off"
 
@@ -101,6 +105,31 @@ def test_depth_planes_and_health_are_shown(page: Page, tmp_path: Path) -> None:
     image = cv2.imread(str(tmp_path / "live.png"))
     assert image is not None
     assert len(np.unique(image[60:300:2, 10:270:2].reshape(-1, 3), axis=0)) > 200, "walls, ground, words"
+
+
+PLACED = """(async () => {
+  const model = await import("viewer/model"), { world } = app.frames, frame = app.data.frames[app.at];
+  const ned = app.planes, apart = [];
+  world.updateMatrixWorld();
+  const m = world.matrixWorld.elements, p = world.children[0].geometry.attributes.position.array;
+  for (let k = 0; k < ned.length / 6; k++) {
+    const [ax, ay, , , top] = ned.slice(6 * k, 6 * k + 5).map((cm) => cm / 100), q = p.slice(18 * k, 18 * k + 3);
+    const drawn = [0, 1, 2].map((i) => m[i] * q[0] + m[4 + i] * q[1] + m[8 + i] * q[2] + m[12 + i]);
+    const right = model.toDrawing(model.toLevel([ax, ay, top], { yaw: frame.heading, t: frame.pos }));
+    apart.push(Math.hypot(...drawn.map((v, i) => v - right[i])));
+  }
+  return Math.max(...apart);
+})()"""
+
+
+def test_the_merged_world_stands_where_the_vehicle_sees_it(page: Page) -> None:
+    page.wait("app.frames.world.visible && app.frames.world.children.length === 2")
+    assert page.ask("document.getElementById('worldwords').textContent").startswith("merged world: ")
+    assert page.ask(PLACED) < 0.001
+    page.ask("document.getElementById('merged').click()")
+    page.wait("!app.frames.world.visible")
+    page.ask("document.getElementById('merged').click()")
+    page.wait("app.frames.world.visible")
 
 
 def test_one_may_go_back_and_is_told_so(page: Page) -> None:
