@@ -47,9 +47,9 @@ REFUSED = 2.0
 O_MARGIN, O_WEIGHT, O_SIGMA, O_FLAGS = 6, 7, 8, 9
 # indices of the rules (see world.rules_of)
 (
-    R_COS, R_GAP, R_JOIN, R_SIGMAS, R_CAP, R_CORNER, R_SHORT, R_LONGEST, R_MEET, R_MEMORY, R_AFTER, R_HIT, R_BEHIND,
+    R_COS, R_GAP, R_JOIN, R_SIGMAS, R_CAP, R_CORNER, R_SHORT, R_LONGEST, R_MEMORY, R_AFTER, R_HIT, R_BEHIND,
     R_CLEAR_SIGMAS, R_SHARE, R_STEP, R_POSE, R_TRUST,
-) = range(18)  # fmt: skip
+) = range(17)  # fmt: skip
 _GAP_POINTS = 3
 """Not tuning: a gap is asked for free space at so many places along it and so many heights."""
 _OVER = int(PlaneFlags.IRREGULAR) | int(PlaneFlags.UNKNOWN_BEHIND)
@@ -59,8 +59,6 @@ _IRREGULAR = int(PlaneFlags.IRREGULAR)
 _WHOLE = 0.9
 """Not tuning: a look onto so much of a plane has measured all of it."""
 _TINY = 1e-9
-_MET_M = 1e-3
-"""Not tuning: ends this near have met, but for rounding to float32."""
 
 
 @inner
@@ -343,27 +341,3 @@ def take_plane(tables, i, k, found, rules):
     take_out(tables, k)
     state[JOINED] += 1
     put_box(tables, i, found[1] + x, found[2] + y, found[3] + x, found[4] + y, min(a[4], b[4]), max(a[5], b[5]))
-
-
-@inner
-def meet(tables, i, k, most):
-    """Moves the b end of slot i and the a end of slot k to where their lines cross, when both are that near."""
-    p, q = box_of(tables[0], i), box_of(tables[0], k)
-    if min(p[5], q[5]) <= max(p[4], q[4]):
-        return False
-    ex, ey, fx, fy = p[2] - p[0], p[3] - p[1], q[2] - q[0], q[3] - q[1]
-    cross = ex * fy - ey * fx
-    if abs(cross) < 0.2 * length_of(0.0, 0.0, ex, ey) * length_of(0.0, 0.0, fx, fy):
-        return False
-    s = ((q[0] - p[0]) * fy - (q[1] - p[1]) * fx) / cross
-    x, y = p[0] + s * ex, p[1] + s * ey
-    if length_of(x, y, p[2], p[3]) > most or length_of(x, y, q[0], q[1]) > most:
-        return False
-    # neither may turn round, nor be left without a length
-    if (x - p[0]) * ex + (y - p[1]) * ey < 0.01 or (q[2] - x) * fx + (q[3] - y) * fy < 0.01:
-        return False
-    if max(length_of(x, y, p[2], p[3]), length_of(x, y, q[0], q[1])) < _MET_M:
-        return False
-    put_box(tables, i, p[0], p[1], x, y, p[4], p[5])
-    put_box(tables, k, x, y, q[2], q[3], q[4], q[5])
-    return True

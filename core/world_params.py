@@ -22,7 +22,6 @@ class WorldParams:
     join_corner_m: float = _number(0.5, 0.1, 3.0, "m", "a joined plane takes in no empty corner of this side")
     short_m: float = _number(1.0, 0.0, 5.0, "m", "shorter planes have no angle of their own: a half turn of facing")
     longest_m: float = _number(100.0, 5.0, 400.0, "m", "no joined plane is longer")
-    meet_m: float = _number(0.5, 0.0, 3.0, "m", "neighbours' ends move by at most this to meet")
 
     # How much an observation weighs
     pose_sigma_m: float = _number(0.1, 0.0, 5.0, "m", "error of the position and attitude, common to one frame")

@@ -1,7 +1,7 @@
 """The world's planes as layered prisms: side profiles that close are solid, others are open sheets. Only numpy.
 
-Planes whose ends meet make a chain; walking along it free space is on the right, so a chain that comes back to its beginning
-the other way round than the clock, seen from above, encloses what it stands for. A profile that runs the other way round
+Planes that follow each other around corners (world_corners.py) make a chain; walking along it free space is on the right, so
+a chain that comes back to its beginning the other way round than the clock, seen from above, encloses what it stands for. A profile that runs the other way round
 encloses free space (a courtyard), one that crosses itself is no profile: both stay open.
 """
 
@@ -13,42 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .types import Prism
+from .world_corners import NONE, followers
 
 Floats = NDArray[np.float64]
-END_M = 0.05
-"""Ends nearer than this are one vertex: neighbours that met differ by rounding only."""
 LAYER_JOIN_M = 0.25
 """Tops or bottoms closer than this are one cut (Params.layer_join_m)."""
 _MOST_EDGES = 400
 """Not tuning: longer profiles are not tried for crossings, and stay open."""
-NONE = -1
-
-
-def successors(planes: Floats) -> NDArray[np.int32]:
-    """(N,) int32 the plane whose left end is the right end of each plane, the nearest first; -1: none. Planes are
-    (N, 6) a_x, a_y, b_x, b_y, top, bottom; heights overlap."""
-    after, taken = np.full(len(planes), NONE, np.int32), np.zeros(len(planes), bool)
-    cells: dict[tuple[int, int], list[int]] = {}
-    for k, (x, y) in enumerate(np.floor(planes[:, 0:2] / END_M).astype(np.int64).tolist()):
-        cells.setdefault((x, y), []).append(k)
-    pairs = []
-    for i, (x, y) in enumerate(np.floor(planes[:, 2:4] / END_M).astype(np.int64).tolist()):
-        for k in (k for dx in (-1, 0, 1) for dy in (-1, 0, 1) for k in cells.get((x + dx, y + dy), ())):
-            gap = float(np.hypot(*(planes[i, 2:4] - planes[k, 0:2])))
-            overlap = min(planes[i, 5], planes[k, 5]) > max(planes[i, 4], planes[k, 4])
-            if i != k and gap < END_M and overlap:
-                pairs.append((gap, i, k))
-    for _, i, k in sorted(pairs):
-        if after[i] == NONE and not taken[k]:
-            after[i], taken[k] = k, True
-    return after
 
 
 def world_prisms(planes: NDArray[np.float32], margin_m: NDArray[np.float32]) -> tuple[Prism, ...]:
     """The prisms of a world's planes; each plane stands in every layer of its chain that it reaches into."""
     rows = planes.astype(np.float64)
     found: list[Prism] = []
-    for number, (members, ring) in enumerate(_chains(successors(rows))):
+    around = followers(rows)
+    for number, (members, ring) in enumerate(_chains(around.after)):
         tops, bottoms = _joined(rows[members, 4]), -_joined(-rows[members, 5])
         cuts = np.unique(np.concatenate([tops, bottoms]))
         layers: list[tuple[float, float, list[tuple[bool, list[int]]]]] = []
@@ -59,7 +38,7 @@ def world_prisms(planes: NDArray[np.float32], margin_m: NDArray[np.float32]) -> 
             else:
                 layers.append((top, bottom, runs))
         for top, bottom, runs in layers:
-            found += _layer(number, top, bottom, runs, members, rows, margin_m)
+            found += _layer(number, top, bottom, runs, members, rows, around.corner, margin_m)
     return tuple(found)
 
 
@@ -109,13 +88,15 @@ def _runs(on: NDArray[np.bool_], ring: bool) -> list[tuple[bool, list[int]]]:
 
 def _layer(
     number: int, top: float, bottom: float, runs: list[tuple[bool, list[int]]], members: NDArray[np.int64],
-    planes: Floats, margin_m: NDArray[np.float32],
+    planes: Floats, corner: Floats, margin_m: NDArray[np.float32],
 ) -> list[Prism]:  # fmt: skip
     out = []
     for ring, places in runs:
         mine = members[places]
-        vertices = np.concatenate([planes[mine[:1], 0:2], planes[mine, 2:4]])
-        closed = ring and encloses(vertices[1:])
+        closed = ring and encloses(corner[mine])
+        last = corner[mine[-1:]] if ring else planes[mine[-1:], 2:4]
+        begin = last if ring else planes[mine[:1], 0:2]
+        vertices = np.concatenate([begin, corner[mine[:-1]], last])
         out.append(
             Prism(
                 cluster=number, top_m=top, bottom_m=bottom, closed=closed, margin_m=float(margin_m[mine].max()),

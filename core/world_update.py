@@ -15,10 +15,8 @@ from .world_index import ANCHOR_X, ANCHOR_Y, FLAGS, HITS, MARGIN, Tables, gather
 from .world_join import (
     O_FLAGS,
     R_GAP,
-    R_MEET,
     box_of,
     look_box,
-    meet,
     moved_moments,
     new_plane,
     put_box,
@@ -39,11 +37,11 @@ _JOINS = 4
 
 
 def rules_of(p: WorldParams) -> NDArray[np.float64]:
-    """(18,) float64 by the R_ indices of world_join."""
+    """(17,) float64 by the R_ indices of world_join."""
     return np.array(
         [
             math.cos(math.radians(p.plane_angle_deg)), p.passable_width_m, p.join_m, p.join_sigmas, p.join_noise_cap_m,
-            p.join_corner_m, p.short_m, p.longest_m, p.meet_m, p.memory_frames, p.clear_after, p.clear_hit,
+            p.join_corner_m, p.short_m, p.longest_m, p.memory_frames, p.clear_after, p.clear_hit,
             p.clear_behind_m, p.clear_sigmas, p.clear_share, p.clear_step_m, p.pose_sigma_m,
             p.clear_trust,
         ]
@@ -100,7 +98,7 @@ def see_planes(tables, free, looks, rules, t_ns, near, touched):
 
 @inner
 def join_neighbours(tables, free, i, rules, near):
-    """Slot i takes in the neighbours that are one with it by now, then meets those beside it."""
+    """Slot i takes in the neighbours that are one with it by now."""
     box, ints = tables[0], tables[3]
     grow = rules[R_GAP]
     for _ in range(_JOINS):
@@ -124,10 +122,6 @@ def join_neighbours(tables, free, i, rules, near):
         if best < 0:
             break
         take_plane(tables, i, best, weigh_planes(tables, i, best, rules), rules)
-    for m in range(n):
-        alive = near[m] != i and ints[near[m], HITS] > 0 and ints[i, HITS] > 0
-        if alive and not meet(tables, i, near[m], rules[R_MEET]):
-            meet(tables, near[m], i, rules[R_MEET])
 
 
 @kernel
