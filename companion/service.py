@@ -51,10 +51,10 @@ from .recorder import Recorder
 from .run_info import run_info
 from .service_folders import Folders
 from .surround import SurroundKeeper, surround_message
-from .world_service import WorldService, opened_world
 
 if TYPE_CHECKING:
     from .metrics import MetricsServer
+    from .world_service import WorldService
 
 NS = 1_000_000_000
 HEALTH_NS = NS
@@ -187,7 +187,10 @@ class Service:
         keys = load_keys(Path(publish.keys)) if publish.keys else None
         if keys is not None:
             self._allow = AllowList(self._context, keys)
-        self.world = opened_world(self.config, self._folders.run, self._context, keys, self._boot)
+        if publish.world:
+            from .world_service import opened_world  # much to import: only where a world is asked for
+
+            self.world = opened_world(self.config, self._folders.run, self._context, keys, self._boot)
         for name in STREAMS:
             address = getattr(publish, name).replace("{run}", str(self._folders.run))
             if address and (name != "surround" or len(self.cameras) > 1):

@@ -25,8 +25,8 @@ class BadData(DriverError):
 
 
 class DepthSource(Protocol):
-    """One depth camera, live or not. Usable as a context manager; close is idempotent; a half-failed open closes
-    what it opened."""
+    """One depth camera, live or not. close is idempotent; a half-failed open closes what it opened; read before open and
+    after close raises DeviceNotFound. tests/drivers/test_sources.py holds every driver to it."""
 
     @property
     def info(self) -> CameraInfo:

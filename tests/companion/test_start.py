@@ -13,7 +13,17 @@ from companion.service import Service
 from companion.service_folders import Folders
 from core.types import AttitudeSample
 
-NOT_NEEDED = ("asyncio", "cv2", "depthai", "linuxpy", "matplotlib", "rich", "scipy.interpolate", "scipy.spatial")
+NOT_NEEDED = (
+    "asyncio",
+    "core.world",
+    "cv2",
+    "depthai",
+    "linuxpy",
+    "matplotlib",
+    "rich",
+    "scipy.interpolate",
+    "scipy.spatial",
+)
 LOADED = f"""
 import sys
 import companion.run, companion.service, companion.warmup

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import zmq
 
+import companion.health as health
 import companion.service_folders as service_folders
 from companion.camera_supervisor import CameraCondition, CameraStatus
 from companion.cli import main
@@ -158,6 +159,25 @@ def test_troubles_name_the_worst_first() -> None:
         "no autopilot is configured: set [autopilot] address",
         "recording stopped: full",
     ]
+
+
+def test_temperatures_are_those_of_the_sensors_that_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number, (kind, told) in enumerate(
+        {"cpu-thermal": "51234\n", "off": None, "odd": "warm\n", "npu": "-3000\n"}.items()
+    ):
+        zone = tmp_path / f"thermal_zone{number}"
+        zone.mkdir()
+        (zone / "type").write_text(f"{kind}\n")
+        if told is not None:
+            (zone / "temp").write_text(told)
+    monkeypatch.setattr(health, "THERMAL", tmp_path)
+    report = pb.Health()
+    health.Machine().fill(report)
+    assert [(t.sensor, t.celsius) for t in report.temperatures] == [
+        ("cpu-thermal", pytest.approx(51.234)),
+        ("npu", -3.0),
+    ]
+    assert report.memory_bytes > 10_000_000
 
 
 def test_the_folders_are_those_that_systemd_gives(run_folder: Path) -> None:
