@@ -90,6 +90,16 @@ def test_the_wanted_rates_are_asked_for_and_arrive(kind: str) -> None:
     assert status.position_hz == pytest.approx(30.0, rel=0.1)
 
 
+@pytest.mark.parametrize(("kind", "hz"), [(ARDUPILOT, 5.0), (ARDUPILOT, 200.0), (PX4, 200.0)])
+def test_slow_and_quick_attitudes_stand_at_their_measurement(kind: str, hz: float) -> None:
+    c = talk(kind, MavlinkParams(attitude_hz=hz), motion=turning, boot_at_ns=90 * NS)
+    c.run(8.0)
+    assert c.session.status(c.now_ns).attitude_hz == pytest.approx(hz, rel=0.1)
+    for s in [s for s in c.samples if isinstance(s, AttitudeSample)][-10:]:
+        yaw = 2.0 * math.atan2(s.q_ned_frd_wxyz[3], s.q_ned_frd_wxyz[0])
+        assert abs(math.remainder(yaw - turning(s.t_ns).euler_rad[2], 2.0 * math.pi)) < math.radians(0.1)
+
+
 def test_nothing_is_sent_before_a_heartbeat_of_the_autopilot() -> None:
     c = Conversation(MavlinkSession(), [])
     c.session.post(dialect.MAVLink_statustext_message(6, b"nobody hears"))
