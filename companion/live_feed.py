@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,7 @@ class Camera:
 
 
 class Feed:
-    """Listens in a thread of its own; `news` may be asked from any."""
+    """Listens in a thread of its own; may be asked from any. hear: called from it with each message and its camera."""
 
     def __init__(self, streams: Streams, stale_s: float = STALE_S) -> None:
         self.streams, self.stale_s = streams, stale_s
@@ -90,6 +91,7 @@ class Feed:
         self.health_ns = 0
         self.number = 0
         self.foreign = ""
+        self.hear: Callable[[Message, CameraInfo | None], None] | None = None
         self.begun_ns = time.monotonic_ns()
         self._watched_ns = self._depth_since_ns = 0
         self._stop = threading.Event()
@@ -198,6 +200,10 @@ class Feed:
                 camera = self.cameras.setdefault(message.camera, Camera())
                 camera.preview = message
                 camera.preview_exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, came_ns)
+            hear = self.hear
+            if hear is not None:
+                known = self.cameras.get(getattr(message, "camera", ""))
+                hear(message, None if known is None else known.info)
 
     def _health(self, message: pb.Health, now_ns: int) -> None:
         self.health, self.health_ns = message, now_ns

@@ -193,6 +193,9 @@ def add_parser(subparsers: Any) -> None:
     live.add_argument(
         "--listen", default="127.0.0.1", metavar="HOST", help="127.0.0.1; 0.0.0.0 shows it to the network"
     )
+    live.add_argument(
+        "--foxglove", type=int, nargs="?", const=8765, metavar="N", help="a WebSocket for Foxglove's viewer, too (8765)"
+    )
     live.add_argument("--no-depth", action="store_true", help="no depth images, which the service makes for this page")
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from socketserver import ThreadingTCPServer
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
 
 from drivers.base import DeviceNotFound
@@ -25,6 +26,9 @@ from .live_feed import Feed, Streams
 from .live_news import Newsroom
 from .service_folders import run_folder
 
+if TYPE_CHECKING:
+    from .view_foxglove import FoxgloveServer
+
 LOOPBACK = "127.0.0.1"
 PAGES = 16
 """Questions that may be under way at a time."""
@@ -32,6 +36,7 @@ PATIENCE_S = 20.0
 """With a browser that keeps a connection and says nothing."""
 POLL_S = 0.1
 NICE = 10
+TICK_S = 0.1
 
 
 class LiveServer:
@@ -147,6 +152,12 @@ def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
 
 
+def _foxglove(feed: Feed, args: argparse.Namespace) -> FoxgloveServer:
+    from .view_foxglove import FoxgloveServer  # an extra: only where it is asked for
+
+    return FoxgloveServer(feed, args.listen, args.foxglove)
+
+
 def run(args: argparse.Namespace) -> int:
     """Serves the page until it is stopped."""
     usual = PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot")
@@ -155,6 +166,7 @@ def run(args: argparse.Namespace) -> int:
         publish = replace(publish, depth="")
     feed = Feed(streams_of(publish, args.keys))
     server = LiveServer(Newsroom(feed, "Live"), args.listen, args.port)
+    foxglove = None if args.foxglove is None else _foxglove(feed, args)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -162,6 +174,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         feed.open()
         server.open()
+        if foxglove is not None:
+            foxglove.open()
         if not is_loopback(args.listen):
             warn(
                 f"whoever reaches port {server.port} of this machine sees what the cameras see and where the vehicle is, and "
@@ -169,9 +183,15 @@ def run(args: argparse.Namespace) -> int:
             )
         shown = LOOPBACK if args.listen == "0.0.0.0" else args.listen
         say(f"the page is at http://{shown}:{server.port}/ until Ctrl-C")
+        if foxglove is not None:
+            say(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
         sys.stdout.flush()
-        stop.wait()
+        while not stop.wait(TICK_S):
+            if foxglove is not None:
+                foxglove.tick()
     finally:
+        if foxglove is not None:
+            foxglove.close()
         server.close()
         feed.close()
     return 0

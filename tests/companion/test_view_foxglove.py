@@ -1,0 +1,176 @@
+"""The WebSocket for Foxglove's viewer, spoken to as that viewer does."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import socket
+import struct
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+from companion.live_feed import Feed
+from companion.view_foxglove import FoxgloveServer
+from drivers.base import DeviceNotFound
+from drivers.proto import osape_v1_pb2 as pb
+
+from .live import until
+from .test_live_feed import Told
+
+pytest.importorskip("foxglove", reason="foxglove-sdk is not installed (extra foxglove)")
+
+
+class Viewer:
+    """A WebSocket client of Foxglove's protocol: heard has topic -> payloads."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=10.0)
+        key = base64.b64encode(os.urandom(16)).decode()
+        self._socket.sendall(
+            (
+                f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+            ).encode()
+        )
+        self._rest = b""
+        while b"\r\n\r\n" not in self._rest:
+            self._more()
+        head, self._rest = self._rest.split(b"\r\n\r\n", 1)
+        assert b" 101 " in head.split(b"\r\n")[0]
+        self._topics: dict[int, str] = {}
+        self.schemas: dict[str, str] = {}
+        self.heard: dict[str, list[bytes]] = {}
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def listen(self) -> None:
+        """Takes what is there, and subscribes to each new topic."""
+        while (frame := self._frame()) is not None:
+            kind, body = frame
+            if kind == 1:
+                self._words(json.loads(body))
+            elif kind == 2 and body[0] == 1:
+                number, _ = struct.unpack_from("<IQ", body, 1)
+                self.heard.setdefault(self._topics[number], []).append(body[13:])
+
+    def newest(self, topic: str, kind: type[Any]) -> Any:
+        """Its newest message, None without."""
+        said = self.heard.get(topic)
+        return kind.FromString(said[-1]) if said else None
+
+    def _words(self, told: dict[str, Any]) -> None:
+        if told["op"] != "advertise":
+            return
+        for channel in told["channels"]:
+            self._topics[channel["id"]] = channel["topic"]
+            self.schemas[channel["topic"]] = channel["schemaName"]
+        wanted = [{"id": c["id"], "channelId": c["id"]} for c in told["channels"]]
+        text = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
+        size = bytes([0x80 | len(text)]) if len(text) < 126 else b"\xfe" + struct.pack(">H", len(text))
+        self._socket.sendall(b"\x81" + size + b"\0\0\0\0" + text)
+
+    def _frame(self) -> tuple[int, bytes] | None:
+        """(opcode, body) of one frame; None: nothing comes."""
+        self._socket.settimeout(0.02)
+        try:
+            while True:
+                if len(self._rest) >= 2:
+                    size, at = self._rest[1] & 0x7F, 2
+                    if size == 126 and len(self._rest) >= 4:
+                        size, at = struct.unpack_from(">H", self._rest, 2)[0], 4
+                    elif size == 127 and len(self._rest) >= 10:
+                        size, at = struct.unpack_from(">Q", self._rest, 2)[0], 10
+                    if (size < 126 or at > 2) and len(self._rest) >= at + size:
+                        kind, body = self._rest[0] & 0x0F, self._rest[at : at + size]
+                        self._rest = self._rest[at + size :]
+                        return kind, body
+                self._more()
+        except TimeoutError:
+            return None
+
+    def _more(self) -> None:
+        data = self._socket.recv(1 << 16)
+        assert data, "the server has closed the connection"
+        self._rest += data
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Iterator[Told]:
+    told = Told(tmp_path)
+    yield told
+    told.close()
+
+
+@pytest.fixture
+def server(told: Told) -> Iterator[FoxgloveServer]:
+    feed = Feed(told.streams)
+    feed.open()
+    server = FoxgloveServer(feed, "127.0.0.1", 0)
+    server.open()
+    yield server
+    server.close()
+    feed.close()
+
+
+def test_a_viewer_gets_what_a_log_would_hold_and_is_told_of_blindness(told: Told, server: FoxgloveServer) -> None:
+    viewer = Viewer(server.port)
+    wanted = {
+        "/health": pb.Health, "/camera/front/prisms": pb.PrismsFrame, "/camera/front/scene": SceneUpdate,
+        "/tf": FrameTransform, "/camera/front/depth": RawImage, "/said": Log,
+    }  # fmt: skip
+
+    def all_heard() -> bool:
+        told.health()
+        told.frame(depth=True)
+        server.tick()
+        viewer.listen()
+        said = viewer.newest("/said", Log)
+        return all(viewer.newest(t, k) is not None for t, k in wanted.items()) and said.message == "front sees"
+
+    assert until(all_heard)
+    assert viewer.schemas == {topic: kind.DESCRIPTOR.full_name for topic, kind in wanted.items()}
+    scene = viewer.newest("/camera/front/scene", SceneUpdate)
+    assert len(scene.entities[0].triangles[0].points) == 6
+    assert scene.entities[0].lifetime.seconds == 1
+    depth = viewer.newest("/camera/front/depth", RawImage)
+    assert (depth.width, depth.height, depth.encoding) == (320, 240, "16UC1")
+    assert depth.data[:2] == (4000).to_bytes(2, "little")
+
+    def blind() -> bool:
+        told.blind("lost: its process has ended")
+        server.tick()
+        viewer.listen()
+        said = viewer.newest("/said", Log)
+        return bool(said.level == Log.FATAL and "front is BLIND: lost: its process has ended" in said.message)
+
+    assert until(blind)
+    assert until(lambda: (viewer.listen(), viewer.newest("/camera/front/scene", SceneUpdate).deletions)[1])
+
+    def silent() -> bool:
+        server.tick()
+        viewer.listen()
+        return "nothing has been heard from the service" in viewer.newest("/said", Log).message
+
+    assert until(silent)
+    viewer.close()
+
+
+def test_a_port_that_is_taken_is_named(told: Told, server: FoxgloveServer) -> None:
+    with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 cannot be had"):
+        FoxgloveServer(Feed(told.streams), "127.0.0.1", server.port).open()
+
+
+def test_without_the_extra_the_remedy_is_told(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(DeviceNotFound, match=r"pip install 'osape-companion\[foxglove\]'"):
+        FoxgloveServer(Feed(told.streams), "127.0.0.1", 0).open()
