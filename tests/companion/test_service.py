@@ -93,7 +93,7 @@ def flying(module_flying: Flying) -> Iterator[Flying]:
 
 def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None:
     begun_ns = time.monotonic_ns()
-    assert until(lambda: len(flying.prisms.since(begun_ns)) > 60, 10.0)
+    assert until(lambda: len(flying.prisms.since(begun_ns)) > 60, 30.0)
     frames = flying.prisms.since(begun_ns)
     assert all(m.valid and m.frame == "ned" for m in frames)
     assert sum(len(m.planes.corners_m) > 0 for m in frames) > 50
@@ -135,7 +135,7 @@ def test_one_that_hangs_costs_nothing(flying: Flying) -> None:
             assert sleeper.stdout.readline().strip() == "joined"
             sleeper.send_signal(signal.SIGSTOP)
             before, begun_ns = flying.live.memory_bytes(), time.monotonic_ns()
-            assert until(lambda: len(flying.prisms.since(begun_ns)) > 120, 10.0)
+            assert until(lambda: len(flying.prisms.since(begun_ns)) > 120, 30.0)
             assert longest_silence_s(flying.prisms, begun_ns) < 1.0
             assert flying.live.memory_bytes() - before < 20e6
         finally:

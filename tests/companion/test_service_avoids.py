@@ -90,7 +90,7 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_obstacles_are_told_at_ten_hertz_and_more(told: Told) -> None:
     assert until(told.sees)
     begun_ns = time.monotonic_ns()
-    assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 40, 10.0)
+    assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 40, 30.0)
     times = [t for t, _ in told.messages() if t > begun_ns]
     assert len(times) / ((times[-1] - times[0]) / NS) > 10.0
     assert max(b - a for a, b in pairwise(times)) < NS // 2  # a machine that is busy; both readers wait so long
@@ -126,7 +126,7 @@ def test_a_dead_camera_is_blind_on_the_wire_in_time(told: Told) -> None:
     wrong = [(round((t - newest_ns) / 1e6), values) for t, values in blind if not set(values) <= allowed]
     assert not wrong, wrong[:3]
     assert until(told.sees, 15.0)
-    assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()), 10.0)
+    assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()), 30.0)
 
 
 def test_px4_hears_nothing_after_two_blind_seconds_and_ardupilot_a_wall_for_good(told: Told) -> None:

@@ -150,9 +150,9 @@ def test_a_second_companion_is_told_to_people_and_ours_goes_on(told: Told) -> No
     with speaking(told, lambda k: [clear] if k % 10 == 0 else []):
         health = told.health.wait(lambda h: any("component 197 tells it of obstacles" in t for t in h.troubles), 10.0)
         assert health.state == pb.Health.STATE_DEGRADED
-        assert until(lambda: "OA: component 197 tells it of obstacles too" in told.texts(), 10.0)
+        assert until(lambda: "OA: component 197 tells it of obstacles too" in told.texts(), 30.0)
         begun_ns = time.monotonic_ns()
-        assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 10.0)
+        assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 30.0)
         assert until(told.sees)
 
 
