@@ -206,6 +206,10 @@ def _ardupilot_advice(v: dict[str, float], max_distance_m: float) -> list[str]:
         said.append(
             f"AVOID_BACKUP_SPD = {v['AVOID_BACKUP_SPD']:g} m/s: nearer than AVOID_MARGIN it backs away, where nobody may be looking; 0 lets it stand"
         )
+    if v.get("OA_TYPE", 0.0) > 0.0:
+        said.append(
+            f"OA_TYPE = {v['OA_TYPE']:g}: in AUTO, GUIDED and RTL a path planner goes round what it is told of, when blind round the wall to where nobody looks; 0 switches it off"
+        )
     return said
 
 

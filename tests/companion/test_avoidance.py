@@ -87,6 +87,7 @@ def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
         (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
         (ARDUPILOT, {"AVOID_BEHAVE": 0.0}, "AVOID_BEHAVE = 0"),
         (ARDUPILOT, {"AVOID_BACKUP_SPD": 0.75}, "backs away"),
+        (ARDUPILOT, {"OA_TYPE": 1.0}, "when blind round the wall"),
     ],
 )
 def test_what_keeps_the_vehicle_from_braking_is_said(kind: str, values: dict[str, float], word: str) -> None:
@@ -107,7 +108,14 @@ def test_a_delay_shorter_than_what_was_measured_is_said_with_the_one_to_set() ->
 
 def test_nothing_is_said_of_good_parameters() -> None:
     assert advice(PX4, {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}, (), 12.0) == []
-    good = {"PRX1_TYPE": 2.0, "AVOID_ENABLE": 7.0, "AVOID_MARGIN": 2.0, "AVOID_BEHAVE": 1.0, "AVOID_BACKUP_SPD": 0.0}
+    good = {
+        "PRX1_TYPE": 2.0,
+        "AVOID_ENABLE": 7.0,
+        "AVOID_MARGIN": 2.0,
+        "AVOID_BEHAVE": 1.0,
+        "AVOID_BACKUP_SPD": 0.0,
+        "OA_TYPE": 0.0,
+    }
     assert advice(ARDUPILOT, good, (), 12.0) == []
 
 
