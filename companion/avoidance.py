@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from core.types import AttitudeSample, CameraInfo, PoseSample
-from drivers.mavlink import LinkStatus, Vehicle
+from drivers.mavlink import LinkStatus, MavlinkSession, Vehicle
 from drivers.mavlink_dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink_link import MavlinkLink
 
 from .autopilot_parameters import WANTED, ParameterReader, advice, delay_advice
+from .camera_supervisor import CameraCondition, CameraSupervisor
+from .config import Config
 from .config_avoid import AvoidParams
 from .echo_check import EchoCheck, likely_cause
 from .flight_modes import mode_trouble
@@ -47,10 +50,12 @@ class Avoidance:
         vehicle: Callable[[], Vehicle | None],
         post: Callable[[Any], None],
         ill: Callable[[str], str] = lambda camera: "",
+        silent: Callable[[], Vehicle | None] = lambda: None,
     ) -> None:
-        """ill: why a camera's frames mean nothing though they come, in words."""
+        """ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
+        more, None: none; it is told on, since it may hear us."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
-        self._cameras = cameras
+        self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
         self._lock = threading.Lock()
         self._latencies = Latencies((EXPOSURE_TO_TOLD,))
@@ -197,7 +202,7 @@ class Avoidance:
 
     def _autopilot(self) -> AutopilotNow:
         self._before_ns = self._exposed_ns.copy()  # the decision that comes knows these at least
-        vehicle = self._vehicle()
+        vehicle = self._vehicle() or self._silent()
         if vehicle is None:
             return AutopilotNow()
         return AutopilotNow(kind=vehicle.autopilot, margin_m=self.parameters.value("AVOID_MARGIN"))
@@ -212,6 +217,24 @@ class Avoidance:
                 with self._lock:
                     self._latencies.add(EXPOSURE_TO_TOLD, time.monotonic_ns() - min(seeing))
         self._post(message)
+
+
+def avoidance_of(
+    config: Config, cameras: Mapping[str, CameraSupervisor], session: MavlinkSession, link: MavlinkLink
+) -> Avoidance:
+    """What tells the autopilot of this line of obstacles."""
+
+    def heard() -> Vehicle | None:
+        return session.vehicle if session.heard(time.monotonic_ns()) else None
+
+    def silent() -> Vehicle | None:
+        return session.vehicle if session.fell_silent(time.monotonic_ns()) else None
+
+    def frozen(camera: str) -> str:
+        status = cameras[camera].status
+        return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
+
+    return Avoidance(config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent)
 
 
 def last_words(autopilot: str) -> str:

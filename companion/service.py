@@ -16,15 +16,15 @@ import zmq
 from core.extractor import Extractor
 from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
-from drivers.mavlink import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY, MavlinkSession, Vehicle
+from drivers.mavlink import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY, MavlinkSession
 from drivers.mavlink_link import MavlinkLink
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
 
 from .autopilot_line import params_of, signing_of
-from .avoidance import READS, Avoidance
+from .avoidance import READS, Avoidance, avoidance_of
 from .blindness import Blindness
-from .camera_supervisor import CameraCondition, CameraSupervisor
+from .camera_supervisor import CameraSupervisor
 from .computer_status import ComputerStatus
 from .config import Config, config_text
 from .config_live import STREAMS
@@ -131,16 +131,8 @@ class Service:
         )  # fmt: skip
         link = MavlinkLink(parse_address(a.address), session, self._deliver)
         if self.config.avoid.send:
-            names = tuple(self.cameras)
-            stale_s = self.config.service.stale_s
-            self.avoidance = Avoidance(
-                self.config.avoid, names, stale_s, lambda: self._vehicle(session), link.post, self._frozen
-            )
+            self.avoidance = avoidance_of(self.config, self.cameras, session, link)
         return session, link
-
-    def _frozen(self, camera: str) -> str:
-        status = self.cameras[camera].status
-        return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
         self.inbox.put(samples)
@@ -150,10 +142,6 @@ class Service:
     def _autopilot_says(self, message: Any, arrival_ns: int) -> None:
         if self.avoidance is not None:
             self.avoidance.message(message, arrival_ns)
-
-    def _vehicle(self, session: MavlinkSession) -> Vehicle | None:
-        """The autopilot, while it is heard."""
-        return session.vehicle if session.heard(time.monotonic_ns()) else None
 
     def _recorder(self) -> Recorder | None:
         record = self.config.record

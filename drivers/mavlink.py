@@ -273,9 +273,14 @@ class MavlinkSession:
         """Whether the autopilot, known by a heartbeat, said anything lately: on a bad line heartbeats alone are soon lost."""
         return self.vehicle is not None and now_ns - self._heard_ns < SILENT_NS
 
+    def fell_silent(self, now_ns: int) -> bool:
+        """Whether the autopilot was armed when it was heard last: it may fly and hear us on a line that works one way only."""
+        return self.vehicle is not None and self.vehicle.armed and not self.heard(now_ns)
+
     def post(self, message: Any) -> None:
-        """A message to send with the next `due`; without an autopilot that is heard it is dropped and counted. Of distances to
-        obstacles the newest alone waits: after a gap of the line older ones would tell of what is true no more."""
+        """A message to send with the next `due`; without an autopilot that is heard it is dropped and counted, but for
+        obstacles told to one that fell silent. Of distances to obstacles the newest alone waits: after a gap of the line
+        older ones would tell of what is true no more."""
         if message.get_msgId() in _TOLD and not (self._outbox and _one_scan(self._outbox[-1], message)):
             waiting = [m for m in self._outbox if not _replaced(m, message)]
             self._outbox.clear()
@@ -292,7 +297,8 @@ class MavlinkSession:
         messages: list[Any] = []
         if not self.heard(now_ns):
             unbelieved = self._signing.unbelieved_autopilot(now_ns)
-            words = [m for m in self._outbox if unbelieved and m.get_msgId() == STATUSTEXT_ID]
+            kinds = {STATUSTEXT_ID} if unbelieved else _TOLD if self.fell_silent(now_ns) else set()
+            words = [m for m in self._outbox if m.get_msgId() in kinds]
             self.counts["messages without an autopilot to hear them"] += len(self._outbox) - len(words)
             self._outbox.clear()
             if (speaks_first or unbelieved) and now_ns >= self._next_heartbeat_ns:

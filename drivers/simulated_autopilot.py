@@ -76,7 +76,8 @@ class SimulatedAutopilot:
     parameters: name -> value, told when asked for and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
     ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
     not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
-    each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them."""
+    each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them;
+    mute: it hears, and is not heard."""
 
     def __init__(self, personality: Personality | None = None) -> None:
         self.personality = personality or Personality()
@@ -89,7 +90,7 @@ class SimulatedAutopilot:
         self.layers: ArduPilotLayers | None = None
         self.heights = ArduPilotHeights()
         self.stubborn: set[str] = set()
-        self.silent = self.deaf = False
+        self.silent = self.deaf = self.mute = False
         self._next_ns: dict[int, int] = {}
         self._intervals: dict[int, float] = {}
         self._answers: list[bytes] = []
@@ -212,7 +213,7 @@ class SimulatedAutopilot:
     def due(self, now_ns: int) -> list[bytes]:
         """What to send now."""
         out, self._answers = self._answers, []
-        if self.silent:
+        if self.silent or self.mute:
             return []
         if self._is_due(_HEARTBEAT, 1.0, now_ns):
             out.append(self._pack(self._heartbeat()))

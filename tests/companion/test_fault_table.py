@@ -53,6 +53,7 @@ class Flown:
         self.avoidance = Avoidance(
             AVOID, ("front",), 0.3, lambda: session.vehicle if session.heard(time.monotonic_ns()) else None,
             self.link.post, lambda camera: self.words,
+            lambda: session.vehicle if session.fell_silent(time.monotonic_ns()) else None,
         )  # fmt: skip
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))
@@ -184,6 +185,25 @@ def test_who_is_blind_tells_nothing_clear_from_0_4_s_on(flown: Flown, fault: str
         assert min(received for _, received, _ in late) - deadline_ns < 2 * NS
     finally:
         mends(flown)
+    assert flown.comes_to_see()
+
+
+def test_an_autopilot_in_flight_that_is_heard_no_more_is_told_on(flown: Flown) -> None:
+    """The line may work one way only: ArduPilot would fly on if the wall ceased; PX4 stands in silence."""
+    personality("armed", True)(flown)
+    assert until(lambda: getattr(flown.link.status().vehicle, "armed", False))
+    flown.line.change(lambda a: setattr(a, "mute", True))
+    mute_ns = time.monotonic_ns()
+    try:
+        flown.fly(4.5)
+        late = flown.told(mute_ns + 5 * NS // 10)
+        allowed = {UNKNOWN} if flown.kind == PX4 else {WALL_CM}
+        assert late
+        assert {values[i] for _, _, values in late for i in (71, 0, 1)} == allowed
+        assert (late[-1][0] > mute_ns + 4 * NS) == (flown.kind == ARDUPILOT)
+    finally:
+        flown.line.change(lambda a: setattr(a, "mute", False))
+        personality("armed", False)(flown)
     assert flown.comes_to_see()
 
 
