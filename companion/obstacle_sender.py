@@ -309,11 +309,16 @@ class ObstacleSender:
         while not self._stop.wait(max(0.0, (next_ns - time.monotonic_ns()) / NS)):
             now_ns = time.monotonic_ns()
             next_ns = max(next_ns + step_ns, now_ns)
-            autopilot = self._ask()
-            if autopilot.kind:  # which policy is right is known only then
-                self.told = self._teller.decide(autopilot, now_ns)
-                messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
-                for message in messages:
-                    self._post(message)
-                self.sent += bool(messages)
+            self._tell(now_ns)
             self.alive_ns = time.monotonic_ns()
+        self._tell(time.monotonic_ns())  # whoever stops us has said why: the last word is not one of before
+
+    def _tell(self, now_ns: int) -> None:
+        autopilot = self._ask()
+        if not autopilot.kind:  # which policy is right is known only then
+            return
+        self.told = self._teller.decide(autopilot, now_ns)
+        messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
+        for message in messages:
+            self._post(message)
+        self.sent += bool(messages)

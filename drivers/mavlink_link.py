@@ -126,6 +126,10 @@ class MavlinkLink:
             if samples:
                 self._deliver(samples)
             self._state = LineState(True, "", warning, losses, time.monotonic_ns())
+        with self._lock:  # the last words: what was posted before we were told to close
+            if self._session.has_posted:
+                for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
+                    transport.write(data)
 
     def _wait(self, seconds: float, error: str, losses: int) -> None:
         """Waits and stays alive: a missing line is a state, not a hang."""

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from companion.config_avoid import AvoidParams
 from companion.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.obstacle_sender import AutopilotNow, ObstacleTeller, Told
+from companion.obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told
 from companion.pipeline import Pipeline, PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
 from drivers.ardupilot_reader import ArduPilotReader
 from drivers.px4_reader import Px4Reader
 
+from .live import until
 from .made_up import MS, frame
 from .test_sectors import model, wall_at
 
@@ -147,6 +150,21 @@ def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps
     assert chain.ahead(PX4) == UNKNOWN  # not before some good frames
     chain.fly(0.5)
     assert chain.ahead(PX4) == 1201
+
+
+def test_the_last_word_of_one_that_is_stopped_is_blind() -> None:
+    """Stopped within a round of the thread, what was told before would else be the last."""
+    chain = Chain(CLEAR)
+    chain.now_ns = time.monotonic_ns() - NS
+    posted: list[Any] = []
+    sender = ObstacleSender(chain.teller, AVOID, lambda: PX4, posted.append)
+    chain.fly(1.0)
+    sender.open()
+    assert until(lambda: posted)
+    chain.teller.end("the service stops")
+    sender.close()
+    assert set(posted[-1].distances) == {UNKNOWN}
+    assert not sender.running
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -159,6 +159,19 @@ def test_tcp_and_the_loss_of_it() -> None:
             server.accept()[0].close()
 
 
+def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
+    port = free_port()
+    autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
+    with (
+        AutopilotLine(autopilot, UdpEnd("127.0.0.1", port)) as line,
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
+    ):
+        assert until(lambda: link.status().vehicle is not None)
+        link.post(dialect.MAVLink_statustext_message(2, b"OA: the last words"))
+        link.close()
+        assert until(lambda: "OA: the last words" in line.change(lambda a: [m.text for m in a.of_kind("STATUSTEXT")]))
+
+
 def test_what_we_post_reaches_the_autopilot() -> None:
     port = free_port()
     with (
