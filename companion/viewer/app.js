@@ -204,7 +204,7 @@ class App {
   merged(planes) {
     this.planes = planes;
     this.frames.merged(planes);
-    this.show(this.at);
+    this.ask();
   }
 
   /** What came before is of another service. */

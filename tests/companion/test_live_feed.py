@@ -7,6 +7,7 @@ import json
 import time
 from base64 import b64decode
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,9 @@ class Told:
     def health(self) -> None:
         report = pb.Health(schema_version=1, state=pb.Health.STATE_ACTIVE, number=self.sequence)
         report.cameras.add(camera="front", condition="running", required=True, hz=30.0, info=camera_message(INFO))
+        self.publish_health(report)
+
+    def publish_health(self, report: pb.Health) -> None:
         self._health.publish(report)
 
     def message(self, age_ns: int = 60_000_000) -> pb.PrismsFrame:
@@ -89,8 +93,8 @@ class Told:
                 )
             )
 
-    def blind(self, cause: str) -> None:
-        self._prisms.publish(blind_message("front", self.sequence, time.monotonic_ns(), cause))
+    def blind(self, cause: str, camera: str = "front") -> None:
+        self._prisms.publish(blind_message(camera, self.sequence, time.monotonic_ns(), cause))
 
     def nonsense(self) -> None:
         self._prisms.publish(b"\xff\xff\xff\xff")
@@ -222,6 +226,28 @@ def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, room
     assert until(lambda: news(room)["cameras"][0]["blind"], 5.0)
     words = "nothing has been heard from the service for "
     assert until(lambda: news(room)["cameras"][0]["blind"].startswith(words), 5.0)
+
+
+def test_of_two_cameras_each_is_told_for_itself(told: Told, room: Newsroom) -> None:
+    def both() -> bool:
+        report = pb.Health(schema_version=1, state=pb.Health.STATE_BLIND)
+        for camera in ("front", "rear"):
+            info = camera_message(replace(INFO, camera=camera))
+            report.cameras.add(camera=camera, condition="running", required=True, info=info)
+        told.publish_health(report)
+        told.frame()
+        told.blind("silent: its process says nothing", "rear")
+        return len(news(room)["frames"]) == 2
+
+    assert until(both)
+    answer = news(room)
+    assert [(c["name"], c["blind"]) for c in answer["cameras"]] == [
+        ("front", ""),
+        ("rear", "silent: its process says nothing"),
+    ]
+    drawn = {frame["c"]: frame for frame in answer["frames"]}
+    assert drawn[0]["standing"] == "VALID"
+    assert drawn[1]["standing"] == "BLIND"
 
 
 def test_an_old_exposure_is_blind_however_fresh_the_message(told: Told, room: Newsroom) -> None:
