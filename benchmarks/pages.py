@@ -31,6 +31,7 @@ SECTIONS: Final = (
     Section("fidelity", "Fidelity", "Is what is there in the model, and is what is in the model there?"),
     Section("peers", "Beside others", "What would an engineer get from a grid, an octree or a plane extractor?"),
     Section("paper", "The paper's figures", "Which of the paper's claims hold?"),
+    Section("world", "The merged world", "What becomes of a flight: is it closed, true, small, and what does it cost?"),
     Section("recordings", "Recordings", "What becomes of images that no simulator made?"),
     Section("memory", "Memory", "Does anything grow over 100 000 frames?"),
 )

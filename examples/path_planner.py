@@ -1,4 +1,5 @@
-"""Paths through what the companion sees: RRT, RRT-Connect and PRM of OMPL, asking core.queries what may be flown through.
+"""Paths through what the companion sees: RRT, RRT-Connect and PRM of OMPL, asking what may be flown through of one frame
+(core.queries) or of the merged world (core.world_space), which answer alike.
 
 Occupied is never entered. Unknown is a policy: avoided, or allowed at a price. Needs the extra `planner` (ompl).
 """
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ompl import base, geometric, util
 
 from core.queries import Answer, Space
+from core.world_space import WorldSpace
 
 Floats = NDArray[np.float64]
 PLANNERS = {"rrt": geometric.RRT, "rrt-connect": geometric.RRTConnect, "prm": geometric.PRM}
@@ -37,12 +39,12 @@ class NoPath(Exception):
 class Room:
     """Where a vehicle may fly.
 
-    space: what was seen, in any frame. radius_m: of the vehicle, rotors and the controller's room included.
+    space: what one frame saw, in any frame, or the merged world, in ned. radius_m: of the vehicle, rotors and the controller's room included.
     unknown_price: a metre through unknown costs as much as so many more metres through free. start: (3,) where the
     vehicle is; been_m: so far around it its middle may move unseen, because it came from there (no camera sees the room
     close before it): what is seen to be occupied stays so there too."""
 
-    space: Space
+    space: Space | WorldSpace
     radius_m: float
     start: Floats
     been_m: float = 0.0
