@@ -1,0 +1,116 @@
+"""What holds the merged world against the truth: its own geometry, its flights, its tables."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.paper_cases import EXACT
+from benchmarks.section_world import bytes_table, cost_table, truth_table
+from benchmarks.world_bytes import Bytes, grid_bytes
+from benchmarks.world_cost import AREA_M2, SIZES, Cost, saved
+from benchmarks.world_flights import DRIFTING, ESTIMATES, NOISY, TRUE, flights, flown, frame
+from benchmarks.world_truth import Verdict, in_level, seen_by, to_ned
+from drivers.scenes import SceneBuilder
+
+WALL = SceneBuilder("wall")
+WALL.ground()
+WALL.box("wall", 6.0, 0.0, 0.5, 6.0, 4.0, 0.0)
+SCENE = WALL.build()
+AHEAD = frame(SCENE, (0.0, 0.0, -2.0, 0.0, 0.0), EXACT, 0, 0)
+ASIDE = frame(SCENE, (6.0, -9.0, -2.0, math.pi / 2, 0.1), EXACT, 0, 0)
+
+
+def test_there_and_back_between_the_frames() -> None:
+    for view in (AHEAD, ASIDE):
+        rng = np.random.default_rng(1)
+        planes = np.column_stack([rng.normal(size=(5, 4)) * 5.0, np.full(5, -4.0), np.zeros(5)])
+        level = in_level(planes, view)
+        for side in (slice(0, 2), slice(2, 4)):
+            back = to_ned(view, np.column_stack([level[:, side], level[:, 4]]))
+            assert np.allclose(back, np.column_stack([planes[:, side], planes[:, 4]]))
+
+
+def test_true_points_in_ned_lie_on_the_wall() -> None:
+    hit = AHEAD.truth.obstacle(0.6)
+    points = to_ned(AHEAD, AHEAD.truth.points_level_cam_m[hit])
+    assert np.allclose(points[:, 0], 5.75, atol=1e-6)
+
+
+def test_seen_is_what_stood_in_sight() -> None:
+    points = np.array([[5.75, 0.0, -2.0], [6.25, 0.0, -2.0], [6.0, -3.0, -2.0], [40.0, 0.0, -5.0]])
+    assert seen_by(points, [AHEAD], least=1).tolist() == [True, False, False, False]  # the back, the edge, beyond
+    assert seen_by(points, [ASIDE], least=1).tolist() == [False, False, True, False]
+    assert not seen_by(points, [AHEAD, ASIDE], least=2).any()
+    assert seen_by(points, [AHEAD, AHEAD], least=2)[0]
+
+
+def test_every_flight_is_judged_from_where_it_never_was_and_sees_something() -> None:
+    found = flights(0)
+    assert [f.name for f in found] == ["block", "alley", "trees", "cylinder", "trapezoidal prism", "sphere"]
+    for f in found:
+        way = np.array(f.way)[:, :3]
+        steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        assert np.median(steps) < 0.7
+        for pose in f.judged:
+            assert np.linalg.norm(way - np.array(pose[:3]), axis=1).min() > 0.2
+        if f.inside is not None:
+            x, y, _ = f.around
+            assert f.inside(np.array([[x, y, -1.5]])).tolist() == [True]
+            assert not f.inside(np.array([[x + 9.0, y, -1.5], [x, y + 6.5, -1.5], [x, y, -9.0]])).any()
+
+
+def test_estimates_are_wrong_by_what_they_say() -> None:
+    flight = flights(0)[3]
+    rendered = [AHEAD, AHEAD, ASIDE]
+    true, noisy, drifting = (list(flown(flight, e, 3, rendered)) for e in (TRUE, NOISY, DRIFTING))
+    assert all(np.array_equal(s.place_m, s.rendered.position_ned_m) and not s.drift_m.any() for s in true)
+    off = [np.linalg.norm(s.place_m - s.rendered.position_ned_m) for s in noisy]
+    assert 0.0 < max(off) < 0.3
+    assert not any(s.drift_m.any() for s in noisy)
+    jump = np.linalg.norm(AHEAD.position_ned_m - ASIDE.position_ned_m)
+    assert np.linalg.norm(drifting[2].drift_m - drifting[1].drift_m) == pytest.approx(0.01 * jump)
+    again = list(flown(flight, NOISY, 3, rendered))
+    assert all(np.array_equal(a.place_m, b.place_m) for a, b in zip(noisy, again, strict=True))
+
+
+def test_worlds_of_any_size_are_alike_nearby() -> None:
+    small, large = saved(SIZES[0], 1), saved(5000, 1)
+    middle = 0.5 * (large.box[:, :2] + large.box[:, 2:4])
+    assert np.allclose(middle[:1000], 0.5 * (small.box[:, :2] + small.box[:, 2:4]))
+    inner = 0.5 * math.sqrt(SIZES[0] * AREA_M2)
+    assert len(middle) == 5000
+    assert (np.abs(middle[1000:]).max(axis=1) > inner).all()
+
+
+def test_a_box_of_cells_is_four_corners_and_one_polygon_a_layer() -> None:
+    x, y, z = np.meshgrid(np.arange(4.05, 5.0, 0.1), np.arange(0.05, 1.0, 0.1), [-0.5, -1.0, -1.5])
+    points = np.repeat(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), 400, axis=0)
+    assert grid_bytes([points, points], [AHEAD, AHEAD], 0.2) == 4 * 8 + 8
+    assert grid_bytes([points], [AHEAD], 0.2) == 0  # one frame alone is noise
+    assert grid_bytes([np.zeros((0, 3))], [AHEAD], 0.2) == 0
+
+
+def test_tables_say_the_worst_and_what_is_not_there() -> None:
+    one = {
+        "flight": "alley", "frames": 9, "closed": math.nan, "missed": 0.01, "missed_all": 0.02, "phantom": 0.0, "mean_m": 0.1,
+        "p95_m": 0.2, "false_free": 0.0, "air": 0.5, "planes": 7, "told": 30, "sections": 1,
+    }  # fmt: skip
+    rows = [Verdict(**one, estimate=e.name) for e in ESTIMATES] + [
+        Verdict(**(one | {"missed": 0.5}), estimate=e.name) for e in ESTIMATES
+    ]
+    table = truth_table(rows)
+    assert len(table.strip().splitlines()) == 2 + len(ESTIMATES)
+    assert "| alley | true pose | - | 50.0 % | 2.0 % |" in table
+    cost = [
+        Cost(planes=n, add_ms=0.2 * k, p99_ms=1.0, changes_ms=0.1, memory_bytes=160.0)
+        for k, n in ((1, 1000), (2, 10000))
+    ]
+    assert "| 10,000 | 0.400 | 1.00 | 2.00 | 0.100 | 160 |" in cost_table(cost)
+    size = Bytes(
+        flight="alley", frames=10, planes=7, disk=400, stream=9000, stream_planes=3000,
+        grids={0.1: 4, 0.2: 3, 0.4: 2, 0.8: 1}, octomap=None, octomap_free=None,
+    )  # fmt: skip
+    assert "| 900 | 4 | 3 | 2 | 1 | not installed | not installed |" in bytes_table([size])
