@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,19 @@ from benchmarks.paper_cases import EXACT
 from benchmarks.section_world import bytes_table, cost_table, truth_table
 from benchmarks.world_bytes import Bytes, grid_bytes
 from benchmarks.world_cost import AREA_M2, SIZES, Cost, saved
-from benchmarks.world_flights import DRIFTING, ESTIMATES, NOISY, TRUE, flights, flown, frame
-from benchmarks.world_truth import Verdict, in_level, seen_by, to_ned
+from benchmarks.world_flights import (
+    CONDITION,
+    DRIFTING,
+    ESTIMATES,
+    NOISY,
+    TRUE,
+    flights,
+    flown,
+    frame,
+    judged,
+    renderings,
+)
+from benchmarks.world_truth import Verdict, in_level, merged, seen_by, to_ned, verdict
 from drivers.scenes import SceneBuilder
 
 WALL = SceneBuilder("wall")
@@ -91,6 +103,21 @@ def test_a_box_of_cells_is_four_corners_and_one_polygon_a_layer() -> None:
     assert grid_bytes([points, points], [AHEAD, AHEAD], 0.2) == 4 * 8 + 8
     assert grid_bytes([points], [AHEAD], 0.2) == 0  # one frame alone is noise
     assert grid_bytes([np.zeros((0, 3))], [AHEAD], 0.2) == 0
+
+
+@pytest.mark.parametrize("name", ["block", "cylinder"])
+def test_what_is_flown_around_becomes_solid_and_nothing_of_it_is_missed(name: str) -> None:
+    """A sixth of a flight's frames, with noise, a camera's faults and an error of the pose."""
+    flight = next(f for f in flights(0) if f.name == name)
+    flight = replace(flight, way=flight.way[:: 6 if name == "block" else 2][:60], judged=flight.judged[:2])
+    rendered = renderings(flight, CONDITION, 0)
+    found = verdict(flight, NOISY, merged(flight, NOISY, 0, rendered), rendered, judged(flight, 0))
+    assert found.closed > 0.95
+    assert found.missed < 0.01
+    assert found.phantom < 0.02
+    assert found.false_free == 0.0
+    assert found.mean_m < 0.12
+    assert found.planes < 20 < found.told
 
 
 def test_tables_say_the_worst_and_what_is_not_there() -> None:

@@ -267,6 +267,30 @@ def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker:
         assert until(follows, 60.0)
 
 
+def test_what_comes_twice_or_too_late_changes_nothing() -> None:
+    """Without sockets: the messages of a service in another order than it sent them."""
+    world, said = World(), []
+    for k in range(4):
+        world.add(seen(WALLS + 0.01 * k, (0.0, 0.0), 0.0, now()))
+        message = world_message(world.picture(now()), np.zeros(0, np.int32), now())
+        message.schema_version, message.sequence, message.snapshot, message.valid = 1, k + 1, k == 0, True
+        message.t_ns, message.publication.boot_id = now(), "one"
+        said.append(message.SerializeToString())
+    with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
+        for data in said[:3]:
+            mirror._read(data, now())
+        assert mirror.usable
+        before = mirror.space.picture.planes.copy()
+        for data in (said[2], said[1], said[0]):  # an old snapshot, too, is no new beginning
+            mirror._read(data, now())
+            assert mirror.usable
+        assert (mirror.counts.late, mirror.counts.gaps, mirror.counts.messages) == (3, 0, 3)
+        assert np.array_equal(mirror.space.picture.planes, before)
+        mirror._read(said[3], now())
+        assert mirror.usable
+        assert mirror.counts.messages == 4
+
+
 def test_a_request_of_many_parts_and_a_listener_that_hangs_cost_nothing(speaker: Speaker) -> None:
     speaker.service.open()
     rude, deaf = speaker.context.socket(zmq.REQ), speaker.context.socket(zmq.SUB)
