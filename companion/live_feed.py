@@ -130,6 +130,11 @@ class Feed:
             self._thread.join(5.0)
         self._context.destroy(linger=0)
 
+    @property
+    def alive(self) -> bool:
+        """Whether it listens."""
+        return self._thread.is_alive()
+
     def wait(self, after: int, timeout_s: float) -> None:
         """Until there is something to draw that has a higher number, or the time is over. Pages are open meanwhile."""
         self.watch(WATCHED_S)
@@ -231,7 +236,8 @@ class Feed:
             return
         if p is not None and now_ns - camera.preview_exposed_ns <= PICTURE_NS:
             of_p, exposed_ns = camera.recent.get(p.sequence, (None, 0))
-            if of_p is not None and of_p.valid == m.valid and camera.exposed_ns - exposed_ns < PAIR_NS:
+            same = of_p is not None and (not of_p.valid or of_p.t_exposure_ns == p.t_exposure_ns)
+            if of_p is not None and same and of_p.valid == m.valid and camera.exposed_ns - exposed_ns < PAIR_NS:
                 self._show(camera, of_p, p, exposed_ns, now_ns)
                 return
         turned = camera.shown is None or camera.shown.message.valid != m.valid

@@ -122,6 +122,8 @@ def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: 
 
 def silence(feed: Feed, now_ns: int) -> str:
     """That the service as a whole says nothing, in words; empty: it does."""
+    if not feed.alive:
+        return "companion view listens no more: start it again"
     if feed.health is None:
         return f"nothing has been heard from the service on {feed.streams.health}: does it run? (companion status)"
     newest_ns = max([feed.health_ns, *(c.heard_ns for c in feed.cameras.values())])

@@ -21,7 +21,7 @@ from drivers.base import DeviceNotFound
 
 from .config import load_config
 from .config_live import PublishConfig
-from .console import say, warn
+from .console import fail, say, warn
 from .live_feed import Feed, Streams
 from .live_news import Newsroom
 from .service_folders import run_folder
@@ -187,6 +187,9 @@ def run(args: argparse.Namespace) -> int:
             say(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
         sys.stdout.flush()
         while not stop.wait(TICK_S):
+            if not feed.alive:
+                fail("what listened to the service has ended; its last words stand above. Start it again")
+                return 1
             if foxglove is not None:
                 foxglove.tick()
     finally:
