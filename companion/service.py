@@ -382,11 +382,8 @@ class Service:
         if self.recorder is not None:
             report.recording.CopyFrom(recording_message(self.recorder.status))
         with self.loop.lock:
-            for stage, p50, p95, p99 in self.loop.latencies.percentiles():
-                report.latencies.append(pb.Latency(stage=stage, p50_ms=p50, p95_ms=p95, p99_ms=p99))
-            latency = self.avoidance.latency() if self.avoidance is not None else None
-            if latency is not None:
-                stage, p50, p95, p99 = latency
+            told = self.avoidance.latency() if self.avoidance is not None else None
+            for stage, p50, p95, p99 in [*self.loop.latencies.percentiles(), *([told] if told is not None else [])]:
                 report.latencies.append(pb.Latency(stage=stage, p50_ms=p50, p95_ms=p95, p99_ms=p99))
             report.frames_used = sum(self.loop.used.values())
             for cause, count in self.loop.dropped.items():
