@@ -32,6 +32,7 @@ class App {
     this.eye = new THREE.PerspectiveCamera(55, 1, 0.05, 1000);
     this.frames = new FrameScene(data);
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
+    $("canvas").addEventListener("webglcontextlost", () => complain(new Error("the graphics card has dropped the drawing")));
     this.images = new Map(); // of frames
     this.#controls();
     this.#fromAddress();
@@ -369,7 +370,9 @@ class App {
   }
 }
 
+/** A page that follows a service says so from then on, whatever comes: what it shows may be old. */
 function complain(error) {
+  if (window.live) window.live.broken ??= error instanceof Error ? error : new Error(String(error));
   $("banner").className = "blind";
   $("banner").textContent = `This page cannot be shown: ${error?.message ?? error}. It needs a browser of 2023 or later with WebGL.`;
 }

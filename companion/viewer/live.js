@@ -71,7 +71,7 @@ export class Live {
       try {
         this.#take(news, asked);
       } catch (error) {
-        this.broken = error;
+        this.broken ??= error;
         throw error;
       }
     }
@@ -116,7 +116,7 @@ export class Live {
     const shown = app?.data.frames[app.at], newest_s = shown && this.news.cameras[shown.c]?.shown_s;
     const since_s = (now - this.made) / 1000, last = shown && app.data.frames.findLast((f) => f.c === shown.c);
     const shown_s = typeof newest_s === "number" ? newest_s + since_s + (last.t - shown.t) : null;
-    const v = this.broken ? { state: "cut", word: "BROKEN", text: `This page cannot go on: ${this.broken.message}. Load it again.` }
+    const v = this.broken ? { state: "cut", word: "BROKEN", text: `BROKEN: this page cannot go on (${this.broken.message}). What is shown is old; load it again.` }
       : verdict({ news: this.news, since_s, trouble: this.trouble, heard_ms: this.heard === null ? null : now - this.heard,
         shown_s, following: !app || app.playing }, this.data.live.stale_s);
     const mine = v.state === "blind" && shown && v.blind ? v.blind[shown.c] : v.word;

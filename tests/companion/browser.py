@@ -52,6 +52,7 @@ class Browser:
         os.close(theirs_out)
         self._in, self._out, self._rest, self._number = ours_in, ours_out, b"", 0
         self.complaints: list[str] = []
+        self.forgiven: set[str] = set()
 
     def __enter__(self) -> Browser:
         return self
@@ -67,11 +68,13 @@ class Browser:
             self.process.wait()
         os.close(self._in)
 
-    def page(self, address: str) -> Page:
-        """Opens an address in a page of its own."""
+    def page(self, address: str, forgiven: bool = False) -> Page:
+        """Opens an address in a page of its own. forgiven: its complaints do not count."""
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         page = Page(self, target, session)
+        if forgiven:
+            page.forgive()
         for domain in ("Page", "Runtime", "Log"):
             page.call(f"{domain}.enable")
         page.call("Page.navigate", url=address)
@@ -105,6 +108,8 @@ class Browser:
 
     def _hear(self, message: dict[str, Any]) -> None:
         params = message.get("params", {})
+        if message.get("sessionId") in self.forgiven:
+            return
         if message.get("method") == "Runtime.exceptionThrown":
             self.complaints.append(json.dumps(params["exceptionDetails"])[:500])
         elif message.get("method") == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
@@ -148,6 +153,10 @@ class Page:
             assert waited_s < seconds, f"not so after {seconds} s: {expression}; the page says: {self.ask(SAID)}"
             time.sleep(0.02)
         return time.monotonic() - begun_s
+
+    def forgive(self) -> None:
+        """What it complains of from now on does not count: it is or will be broken."""
+        self._browser.forgiven.add(self._session)
 
     def key(self, name: str) -> None:
         """Presses a key."""

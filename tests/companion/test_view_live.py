@@ -58,8 +58,8 @@ def said(words: str) -> str:
 class Following:
     """A service, `companion view --live` beside it, and its page in a browser."""
 
-    def __init__(self, live: Live, view: subprocess.Popen[str], page: Page) -> None:
-        self.live, self.view, self.page = live, view, page
+    def __init__(self, live: Live, view: subprocess.Popen[str], address: str, page: Page) -> None:
+        self.live, self.view, self.address, self.page = live, view, address, page
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def following(browser: Browser, tmp_path_factory: pytest.TempPathFactory, render
             assert view.stdout is not None
             address = re.search(r"http://\S+", view.stdout.readline())
             assert address is not None
-            yield Following(live, view, browser.page(address.group()))
+            yield Following(live, view, address.group(), browser.page(address.group()))
             view.terminate()
             assert view.wait(10.0) == 0
             assert live.stop() == 0
@@ -205,3 +205,21 @@ def test_the_verdict_of_what_was_heard(page: Page) -> None:
         assert told["state"] == state, (seen, told)
         assert ("Nothing may be taken as free" in told["text"]) == (state in ("cut", "blind", "stale"))
         assert bool(told["word"]) == (state in ("cut", "blind", "stale"))
+
+
+@pytest.mark.parametrize(
+    "defect",
+    ["app.frames.draw = () => { throw new Error('a defect') }", "live.tell = () => { throw new Error('a defect') }"],
+)
+def test_a_page_that_cannot_draw_any_more_does_not_pretend(
+    page: Page, following: Following, browser: Browser, defect: str
+) -> None:
+    with browser.page(following.address) as other:
+        other.wait(VALID)
+        other.forgive()
+        other.ask(defect)
+        other.wait("document.getElementById('banner').className === 'blind'", SOON_S)
+        assert "a defect" in other.ask(BANNER)
+        at = other.ask("live.after")
+        other.wait(f"live.after > {at} || live.broken !== null")
+        assert other.ask("document.getElementById('banner').className") == "blind"
