@@ -48,7 +48,7 @@ def draw_growing(path: Path, seed: int) -> None:
 def draw_world(ax: Any, picture: WorldPicture, z_m: float) -> None:
     """A picture of the world from above: free cells at a height, planes, closed solids."""
     free_cells(ax, picture, z_m)
-    for prism in world_prisms(picture.planes, picture.margin_m):
+    for prism in world_prisms(picture.planes, picture.margin_m, picture.hits):
         draw_prism(ax, prism)
     for p in picture.planes:
         ax.plot([p[1], p[3]], [p[0], p[2]], color="#c62828", linewidth=1.3, solid_capstyle="butt")

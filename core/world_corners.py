@@ -22,12 +22,15 @@ FLAT = 0.2
 """Sine of the angle below which two lines have no crossing worth the name; their ends meet halfway, within MEET_M / 2."""
 MEET_M = 0.5
 """So much may a plane end short of a corner; and past one where free space is inside of the corner."""
-PAST_M, PAST_SHARE = 1.5, 0.6
+PAST_M, PAST_SHARE = 2.0, 0.6
 """So far, and so much of its length, may a plane run past a corner that the solid is inside of."""
 OVERLAP = 0.5
 """Share of the lower plane's height that both must have."""
 BIG_M2 = 2.0
-"""Planes smaller than this stand back where they keep a profile from closing."""
+LOOKS = (5, 10, 20, 40)
+"""Planes that are smaller, and then those that were seen less often, stand back where they keep a profile from closing."""
+_MOST_EDGES = 400
+"""Not tuning: longer profiles are not tried for crossings, and stay open."""
 _CELL_M = 2.0 * PAST_M
 """Not tuning: farther apart than this no two ends can be that have one corner."""
 
@@ -40,50 +43,78 @@ class Around:
     corner: Floats
 
 
-def followers(planes: Floats) -> Around:
+def followers(planes: Floats, hits: NDArray[np.int32] | None = None) -> Around:
     """The follower of each plane (N, 6) a_x, a_y, b_x, b_y, top, bottom; at most one follows, and is followed by, each.
+    hits: (N,) looks onto each; None: alike.
 
-    Of several the larger planes go first, then those that run past each other most: of planes
+    Of several those that are larger and were seen more often go first, then those that run past each other most: of planes
     that touch something round these are the neighbours."""
-    found = _matched(planes, np.arange(len(planes)))
+    looks = np.full(len(planes), LOOKS[0], np.int32) if hits is None else hits
+    found = _matched(planes, looks, np.arange(len(planes)))
     area = np.hypot(*(planes[:, 2:4] - planes[:, 0:2]).T) * (planes[:, 5] - planes[:, 4])
-    left = np.flatnonzero((area >= BIG_M2) & ~in_rings(found.after))
-    again = _matched(planes, left)
-    ring = in_rings(again.after)
-    if ring.any():
-        after, corner = found.after.copy(), found.corner.copy()
-        after[np.isin(after, np.flatnonzero(ring))] = NONE
-        after[ring], corner[ring] = again.after[ring], again.corner[ring]
-        return Around(after, corner)
+    for least in LOOKS:
+        ring = in_solids(found)
+        left = np.flatnonzero((area >= BIG_M2) & (looks >= least) & ~ring)
+        again = _matched(planes, looks, left)
+        new = in_solids(again)
+        found.after[new], found.corner[new] = again.after[new], again.corner[new]
+        found.after[np.isin(found.after, np.flatnonzero(new)) & ~new] = NONE  # each is followed once
     return found
 
 
-def in_rings(after: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(N,) whether following leads each plane back to itself."""
-    n = len(after)
-    ring, state = np.zeros(n, np.bool_), np.zeros(n, np.int64)
+def in_solids(around: Around) -> NDArray[np.bool_]:
+    """(N,) whether following leads each plane back to itself, around what it stands for."""
+    after, n = around.after, len(around.after)
+    solid, seen = np.zeros(n, np.bool_), np.zeros(n, np.int64)
     for begin in range(n):
         k, way = begin, []
-        while k != NONE and state[k] == 0:
-            state[k] = begin + 1
+        while k != NONE and seen[k] == 0:
+            seen[k] = begin + 1
             way.append(k)
             k = int(after[k])
-        if k != NONE and state[k] == begin + 1:
-            ring[way[way.index(k) :]] = True
-    return ring
+        if k != NONE and seen[k] == begin + 1:
+            ring = way[way.index(k) :]
+            solid[ring] = encloses(around.corner[ring])
+    return solid
 
 
-def _matched(planes: Floats, rows: Indices) -> Around:
+def encloses(vertices: Floats) -> bool:
+    """Whether a closed profile is a simple polygon with what it stands for inside: its area, x north and y east, is
+    negative where free space is on the right."""
+    if not 3 <= len(vertices) <= _MOST_EDGES:
+        return False
+    x, y = (vertices - vertices[0]).T
+    area = 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+    return area < 0.0 and is_simple(vertices)
+
+
+def is_simple(vertices: Floats) -> bool:
+    """Whether no two edges of a closed polygon touch but neighbours at their common end."""
+    a, b = vertices, np.roll(vertices, -1, axis=0)
+    n = len(a)
+    for i in range(n - 1):
+        k = np.arange(i + 2, n - (1 if i == 0 else 0))
+        e, f = b[i] - a[i], b[k] - a[k]
+        to_a, to_b = a[k] - a[i], b[k] - a[i]
+        side_a, side_b = e[0] * to_a[:, 1] - e[1] * to_a[:, 0], e[0] * to_b[:, 1] - e[1] * to_b[:, 0]
+        back, on = a[i] - a[k], b[i] - a[k]
+        side_c, side_d = f[:, 0] * back[:, 1] - f[:, 1] * back[:, 0], f[:, 0] * on[:, 1] - f[:, 1] * on[:, 0]
+        if ((side_a * side_b <= 0.0) & (side_c * side_d <= 0.0)).any():
+            return False
+    return True
+
+
+def _matched(planes: Floats, looks: NDArray[np.int32], rows: Indices) -> Around:
     after, corner = np.full(len(planes), NONE, np.int32), np.zeros((len(planes), 2))
     taken = np.zeros(len(planes), np.bool_)
-    first, second, at = _candidates(planes, rows)
+    first, second, at = _candidates(planes, looks, rows)
     for i, k, place in zip(first.tolist(), second.tolist(), at, strict=True):
         if after[i] == NONE and not taken[k]:
             after[i], corner[i], taken[k] = k, place, True
     return Around(after, corner)
 
 
-def _candidates(planes: Floats, rows: Indices) -> tuple[Indices, Indices, Floats]:
+def _candidates(planes: Floats, looks: NDArray[np.int32], rows: Indices) -> tuple[Indices, Indices, Floats]:
     """(first, second, corner) of all pairs that may follow each other, the best first."""
     i, k = _near(planes[rows, 2:4], planes[rows, 0:2])
     i, k = rows[i], rows[k]
@@ -108,7 +139,8 @@ def _candidates(planes: Floats, rows: Indices) -> tuple[Indices, Indices, Floats
     corner = p[:, 0:2] + (length_p - past_p)[:, None] * e
     corner[flat] = 0.5 * (p[:, 2:4] + q[:, 0:2])[flat]
     corner[gap < END_M] = p[gap < END_M, 2:4]
-    size = np.floor(0.5 * np.log2(np.maximum(height * np.minimum(length_p, length_q), 1e-6)))
+    size = height * np.minimum(length_p, length_q) * np.minimum(looks[i], looks[k])
+    size = np.floor(0.5 * np.log2(np.maximum(size, 1e-6)))
     past = np.where(flat, -gap, past_p + past_q)
     order = np.lexsort((k, i, gap, -past, -size))
     order = order[good[order]]

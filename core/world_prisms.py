@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .types import Prism
-from .world_corners import NONE, followers
+from .world_corners import NONE, encloses, followers
 
 Floats = NDArray[np.float64]
 LAYER_JOIN_M = 0.25
 """Tops or bottoms closer than this are one cut (Params.layer_join_m)."""
-_MOST_EDGES = 400
-"""Not tuning: longer profiles are not tried for crossings, and stay open."""
 
 
-def world_prisms(planes: NDArray[np.float32], margin_m: NDArray[np.float32]) -> tuple[Prism, ...]:
-    """The prisms of a world's planes; each plane stands in every layer of its chain that it reaches into."""
+def world_prisms(
+    planes: NDArray[np.float32], margin_m: NDArray[np.float32], hits: NDArray[np.int32] | None = None
+) -> tuple[Prism, ...]:
+    """The prisms of a world's planes, hits: looks onto each; each plane stands in every layer of its chain that it reaches into."""
     rows = planes.astype(np.float64)
     found: list[Prism] = []
-    around = followers(rows)
+    around = followers(rows, hits)
     for number, (members, ring) in enumerate(_chains(around.after)):
         tops, bottoms = _joined(rows[members, 4]), -_joined(-rows[members, 5])
         cuts = np.unique(np.concatenate([tops, bottoms]))
@@ -105,32 +105,6 @@ def _layer(
             )
         )  # fmt: skip
     return out
-
-
-def encloses(vertices: Floats) -> bool:
-    """Whether a closed profile is a simple polygon with what it stands for inside: its area, x north and y east, is
-    negative where free space is on the right."""
-    if not 3 <= len(vertices) <= _MOST_EDGES:
-        return False
-    x, y = (vertices - vertices[0]).T
-    area = 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
-    return area < 0.0 and is_simple(vertices)
-
-
-def is_simple(vertices: Floats) -> bool:
-    """Whether no two edges of a closed polygon touch but neighbours at their common end."""
-    a, b = vertices, np.roll(vertices, -1, axis=0)
-    n = len(a)
-    for i in range(n - 1):
-        k = np.arange(i + 2, n - (1 if i == 0 else 0))
-        e, f = b[i] - a[i], b[k] - a[k]
-        to_a, to_b = a[k] - a[i], b[k] - a[i]
-        side_a, side_b = e[0] * to_a[:, 1] - e[1] * to_a[:, 0], e[0] * to_b[:, 1] - e[1] * to_b[:, 0]
-        back, on = a[i] - a[k], b[i] - a[k]
-        side_c, side_d = f[:, 0] * back[:, 1] - f[:, 1] * back[:, 0], f[:, 0] * on[:, 1] - f[:, 1] * on[:, 0]
-        if ((side_a * side_b <= 0.0) & (side_c * side_d <= 0.0)).any():
-            return False
-    return True
 
 
 def inside(solid: Prism, points: Floats, grow_m: float = 0.0) -> NDArray[np.bool_]:

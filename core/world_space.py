@@ -39,7 +39,7 @@ class WorldSpace:
         self._rectangles: Rectangles = rectangles(
             picture.planes.astype(np.float64), picture.margin_m.astype(np.float64)
         )
-        self.prisms = world_prisms(picture.planes, picture.margin_m)
+        self.prisms = world_prisms(picture.planes, picture.margin_m, picture.hits)
         self._solids = [prism for prism in self.prisms if prism.closed]
         self._windows: dict[tuple[int, ...], NDArray[np.uint64]] = {}
 

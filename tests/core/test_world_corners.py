@@ -17,10 +17,11 @@ from core.world_corners import (
     OVERLAP,
     PAST_M,
     PAST_SHARE,
+    Around,
     _matched,
     _near,
     followers,
-    in_rings,
+    in_solids,
 )
 from core.world_prisms import world_prisms
 
@@ -30,7 +31,7 @@ shapely = pytest.importorskip("shapely")
 SEED = st.integers(0, 2**32 - 1)
 
 
-def naive_pair(p: np.ndarray, q: np.ndarray) -> tuple[float, float, float, np.ndarray] | None:
+def naive_pair(p: np.ndarray, q: np.ndarray, looks: int) -> tuple[float, float, float, np.ndarray] | None:
     """(size class, how far past, gap, corner) of q following p; None: it does not."""
     both, height = min(p[5], q[5]) - max(p[4], q[4]), min(p[5] - p[4], q[5] - q[4])
     if both <= 0.0 or both < OVERLAP * height:
@@ -38,7 +39,7 @@ def naive_pair(p: np.ndarray, q: np.ndarray) -> tuple[float, float, float, np.nd
     lengths = math.dist(p[:2], p[2:4]), math.dist(q[:2], q[2:4])
     e, f = (p[2:4] - p[:2]) / lengths[0], (q[2:4] - q[:2]) / lengths[1]
     sine, gap = e[0] * f[1] - e[1] * f[0], math.dist(p[2:4], q[:2])
-    size = math.floor(0.5 * math.log2(height * min(lengths)))
+    size = math.floor(0.5 * math.log2(height * min(lengths) * looks))
     if abs(sine) < FLAT:
         if gap >= max(END_M, 0.5 * MEET_M + 1e-12):
             return None
@@ -62,11 +63,17 @@ def random_planes(rng: np.random.Generator, n: int) -> np.ndarray:
 @settings(max_examples=25)
 @given(SEED)
 def test_as_by_looking_at_all_pairs(seed: int) -> None:
-    planes = random_planes(np.random.default_rng(seed), 24)
+    rng = np.random.default_rng(seed)
+    planes = random_planes(rng, 24)
+    hits = rng.integers(1, 50, 24).astype(np.int32)
     found = []
     for i, p in enumerate(planes):
         for k, q in enumerate(planes):
-            pair = naive_pair(p, q) if i != k and math.dist(p[2:4], q[:2]) <= 2.0 * PAST_M else None
+            pair = (
+                naive_pair(p, q, int(min(hits[i], hits[k])))
+                if i != k and math.dist(p[2:4], q[:2]) <= 2.0 * PAST_M
+                else None
+            )
             if pair is not None:
                 found.append((-pair[0], -pair[1], pair[2], i, k, pair[3]))
     after, corner, taken = [NONE] * len(planes), np.zeros((len(planes), 2)), set()
@@ -75,7 +82,7 @@ def test_as_by_looking_at_all_pairs(seed: int) -> None:
             after[i], corner[i] = k, at
             taken.add(k)
     # a corner within 1.5 m of both ends: they are within 3 m of each other, which is all that is looked at
-    result = _matched(planes, np.arange(len(planes)))
+    result = _matched(planes, hits, np.arange(len(planes)))
     assert result.after.tolist() == after
     assert np.allclose(result.corner, corner, atol=1e-6)
 
@@ -143,7 +150,30 @@ def test_scraps_beside_a_corner_keep_nothing_from_closing() -> None:
         assert any(shapely.Polygon(p.vertices_m).area > 35.0 for p in closed)
 
 
-def test_rings() -> None:
-    after = np.array([1, 2, 0, 1, NONE, 4], np.int32)
-    assert in_rings(after).tolist() == [True, True, True, False, False, False]
+def test_what_is_a_solid() -> None:
+    """A ring around what it stands for; not one around free space, none that crosses itself, no end that leads into one."""
+    square = np.array([[0.0, 2.0], [2.0, 2.0], [2.0, 0.0], [0.0, 0.0]])
+    after = np.array([1, 2, 3, 0, 1, NONE], np.int32)
+    corner = np.concatenate([square, [[5.0, 5.0], [0.0, 0.0]]])
+    around = [True, True, True, True, False, False]
+    ways = {
+        name: in_solids(Around(after, c)).tolist()
+        for name, c in (("one", corner), ("other", corner[[3, 2, 1, 0, 4, 5]]))
+    }
+    assert sorted(ways.values()) == sorted([around, [False] * 6])
+    knot = corner[[0, 2, 1, 3, 4, 5]]
+    assert not in_solids(Around(after, knot)).any()
     assert len(followers(np.zeros((0, 6))).after) == 0
+
+
+def test_what_was_seen_often_closes_without_what_was_seen_once() -> None:
+    """Large planes of single looks stand across the corners of a house, and take the walls' followers from each other."""
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        corner = house(0.0, 0.0)[:, 0:2]
+        begin = corner + rng.normal(0.0, 0.5, (4, 2))
+        across = np.column_stack([begin, begin + rng.normal(0.0, 2.0, (4, 2)), np.full(4, -4.0), np.full(4, 4.0)])
+        planes = np.concatenate([house(0.0, 0.0), across]).astype(np.float32)
+        hits = np.array([60, 70, 80, 90, 1, 2, 1, 3], np.int32)
+        closed = [p for p in world_prisms(planes, np.full(8, 0.1, np.float32), hits) if p.closed]
+        assert any(shapely.Polygon(p.vertices_m).area == pytest.approx(36.0, abs=0.01) for p in closed)

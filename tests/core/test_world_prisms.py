@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from core.queries import Answer
 from core.types import Prism
 from core.world import World
-from core.world_prisms import inside, is_simple, way_inside, world_prisms
+from core.world_corners import is_simple
+from core.world_prisms import inside, way_inside, world_prisms
 from core.world_space import WorldSpace
 
 from .worlds import NS, house, seen
