@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import functools
 import multiprocessing
 import os
 import sys
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.grid_prisms import EPSILON_CELLS, HOLE_M, LAYER_M, MIN_POINTS, MIN_SHARE
+from benchmarks.machine import stamp
 from benchmarks.matrix import FEW_TILTS_DEG, GOAL_KE, cases, spread
+from benchmarks.pages import INDEX, SECTIONS, index, page
 from benchmarks.peer_list import contestants
 from benchmarks.peer_open3d import THIN_M
 from benchmarks.peer_plots import draw_scatter, draw_times
@@ -41,12 +45,17 @@ class Effort:
 
 
 FULL = Effort(scenes=100, tilts=FEW_TILTS_DEG, kes=GOAL_KE, rounds=60, seeds=3, budget_s=40.0)
+BRIEF = Effort(scenes=6, tilts=((0, 0), (30, 0)), kes=GOAL_KE, rounds=30, seeds=1, budget_s=15.0)
 QUICK = Effort(scenes=2, tilts=((0, 0),), kes=GOAL_KE[:1], rounds=5, seeds=1, budget_s=4.0)
 
 
 def section(out: Path, quick: bool) -> str:
     """The page: runs every peer, draws the pictures into `out`, tells progress on stderr."""
-    effort = QUICK if quick else FULL
+    return compared(out, QUICK if quick else FULL)
+
+
+def compared(out: Path, effort: Effort) -> str:
+    """The page of that effort."""
     with one_core():
         peers, absent = contestants()
         timings = time_peers(peers, timed_cases(effort), effort.rounds, effort.budget_s)
@@ -153,3 +162,23 @@ _FAIR = """## What this does not say
 - A patch stands for what is flat, and what is not flat it leaves out: its missed rays are what a plane extractor costs in foliage.
 
 Again: `python -m benchmarks --only peers`, a rough look with `--quick`."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """`python -m benchmarks.section_peers --brief`: the shortened page in docs/benchmarks."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.section_peers", description=main.__doc__)
+    parser.add_argument("--brief", action="store_true", required=True, help="a fifth of the work; else: make bench")
+    parser.add_argument("--out", type=Path, default=Path("docs/benchmarks"), help="folder of the page and its pictures")
+    args = parser.parse_args(arguments)
+    begun = time.monotonic()
+    text = compared(args.out, BRIEF)
+    minutes = (time.monotonic() - begun) / 60.0
+    section_of = next(s for s in SECTIONS if s.name == "peers")
+    told = replace(stamp([], minutes=minutes, quick=False), command=f"{parser.prog} --brief")
+    (args.out / "peers.md").write_text(page(section_of, text, told))
+    (args.out / INDEX).write_text(index(args.out))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
