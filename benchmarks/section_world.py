@@ -59,8 +59,8 @@ def page(
     around = [v.closed for v in true if not math.isnan(v.closed)]
     return "\n".join(
         [
-            f"Flown around, a building and the shapes of Fig. 15 become closed solids: of their inside {_p(min(around), 0)} or "
-            f"more is occupied in the true pose, {_p(float(np.median(around)), 0)} in the median. Of what a flight saw, the "
+            f"Flown around, a building and the shapes of Fig. 15 become closed solids: of their inside at least "
+            f"{_p(min(around), 0)} is occupied in the true pose, {_p(float(np.median(around)), 0)} in the median. Of what a flight saw, the "
             f"world misses at most {_p(max(v.missed for v in true))} of the obstacle rays from other places. A frame costs "
             f"{cost[-1].add_ms:.2f} ms in a world of {cost[-1].planes:,} planes, {cost[-1].add_ms / cost[0].add_ms:.2f} "
             f"times that of {cost[0].planes:,}.\n",
