@@ -11,6 +11,7 @@ Needs pyzmq, protobuf and numpy only; nothing is compiled. ZeroMQ connects again
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ import zmq
 from google.protobuf.message import DecodeError
 
 from core.queries import SeenFrom, Space
+from core.world_level import LevelMemory
 from drivers.proto import osape_v1_pb2 as pb
 
 from .arrival import Ear, age_ns
@@ -90,6 +92,22 @@ class News:
                 at = frame.transform.translation_m
                 parts.append(SeenFrom(model, (at.x, at.y, at.z)))
         return Space(parts)
+
+
+def remember(memory: LevelMemory, message: pb.PrismsFrame) -> float | None:
+    """Takes a frame without a position into a planner's short memory; the vehicle's heading at its exposure, rad clockwise from
+    north, for `LevelMemory.picture`. None: not taken, since it is blind, has a position, or does not fit together."""
+    if message.frame != "level" or not message.valid or not message.HasField("attitude"):
+        return None
+    q = message.attitude.q_ned_frd
+    heading_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    try:
+        model = model_from_message(message)
+        if model is not None:
+            memory.add(message.camera, model, heading_rad, message.t_exposure_ns)
+    except ValueError:
+        return None
+    return heading_rad if model is not None else None
 
 
 @dataclass(slots=True)

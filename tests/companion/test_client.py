@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import subprocess
 import sys
@@ -16,13 +17,15 @@ import zmq
 from google.protobuf.message import Message
 
 from companion.arrival import own_boot_id
-from companion.client import Client
+from companion.client import Client, remember
 from companion.curve import AllowList, load_keys, make_keys
 from companion.messages import blind_message, prisms_message
 from companion.pipeline import Pipeline, PrismsResult
 from companion.publisher import Publisher, Stream
 from companion.surround import SurroundKeeper, surround_message
+from core.frames import quaternion_from_euler
 from core.queries import Answer
+from core.world_level import LevelMemory
 from drivers.base import DriverError
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -72,6 +75,30 @@ def joined(client: Client, service: Service, message: Message | None = None) -> 
     """A subscriber takes a moment to be known."""
     assert until(lambda: (service.say(message or a_frame()), client.wait(0.05))[1] is not None, 60.0)
     assert until(lambda: client.wait(0.05) is None, 60.0)
+
+
+def test_a_frame_without_a_position_is_remembered_and_any_other_is_not() -> None:
+    memory, message = LevelMemory(), a_frame()
+    q = quaternion_from_euler(0.3, -0.2, 2.0)
+    at = message.attitude.q_ned_frd
+    at.w, at.x, at.y, at.z = q
+    assert remember(memory, message) == pytest.approx(2.0)
+    kept = memory.picture(2.0, message.t_exposure_ns)
+    assert len(kept.planes) == len(message.planes.margin_m) > 0
+    spoilt = pb.PrismsFrame.FromString(message.SerializeToString())
+    spoilt.t_exposure_ns += MS
+    spoilt.planes.corners_m.append(1.0)
+    assert remember(memory, spoilt) is None
+    for change in ({"frame": "ned"}, {"valid": False}):
+        other = pb.PrismsFrame.FromString(message.SerializeToString())
+        for name, value in change.items():
+            setattr(other, name, value)
+        assert remember(memory, other) is None
+    assert remember(memory, blind_message("front", 1, START_NS, "unplugged")) is None
+    at.w = math.nan
+    message.t_exposure_ns += MS
+    assert remember(memory, message) is None
+    assert len(memory.picture(2.0, START_NS).planes) == len(kept.planes)
 
 
 def test_the_newest_message_with_its_age(service: Service) -> None:
