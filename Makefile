@@ -42,7 +42,7 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 # The core runs twice more: without the JIT and with bounds checks (their kernels are cached apart, a cached kernel
 # without checks must not stand in for one with them). The whole suite comes last: its summary closes the run; a file of
 # it stays with one worker, which so renders and compiles what its tests share but once.
-test: lint ## all checks, at most 10 minutes on two cores
+test: lint ## all checks, some 15 minutes on two cores
 	@echo "== the core without the JIT"
 	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
 	@echo "== the core with bounds checks"
