@@ -193,6 +193,8 @@ class WorldMirror:
             message.ParseFromString(data)
             if message.schema_version != SCHEMA_VERSION:
                 raise ValueError(f"schema version {message.schema_version}; this mirror reads {SCHEMA_VERSION}")
+            if not message.HasField("publication"):
+                raise ValueError("cut short: what is written last is missing")
             self._apply(message, came_ns)
         except (DecodeError, ValueError) as error:
             self.counts.foreign += 1

@@ -291,6 +291,22 @@ def test_what_comes_twice_or_too_late_changes_nothing() -> None:
         assert mirror.counts.messages == 4
 
 
+def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
+    speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now())))
+    speaker.service._take()
+    whole = speaker.service._told(speaker.service._snapshot(now()), now()).SerializeToString()
+    with WorldMirror(*speaker.addresses) as mirror:
+        for size in range(len(whole)):
+            mirror._read(whole[:size], now())
+            assert not mirror.usable
+            assert not mirror._planes
+            assert not mirror._blocks
+        assert mirror.counts.foreign == len(whole)
+        mirror._read(whole, now())
+        assert mirror.usable
+        assert len(mirror._planes) == 1
+
+
 def test_a_request_of_many_parts_and_a_listener_that_hangs_cost_nothing(speaker: Speaker) -> None:
     speaker.service.open()
     rude, deaf = speaker.context.socket(zmq.REQ), speaker.context.socket(zmq.SUB)
