@@ -55,13 +55,16 @@ def along(path: np.ndarray) -> np.ndarray:
     return np.concatenate([np.linspace(a, b, 30) for a, b in pairwise(path)])
 
 
-@pytest.mark.parametrize(("planner", "unknown"), [("rrt", "avoid"), ("rrt-connect", "avoid"), ("prm", "allow")])
+@pytest.mark.parametrize(
+    ("planner", "unknown", "tries"), [("rrt", "avoid", 16), ("rrt-connect", "avoid", 16), ("prm", "allow", 4)]
+)
 def test_around_a_house_of_which_no_frame_saw_all(
-    pp: ModuleType, around_a_house: WorldSpace, planner: str, unknown: str
+    pp: ModuleType, around_a_house: WorldSpace, planner: str, unknown: str, tries: int
 ) -> None:
+    """Two of three tries of a tree find the way: it is chance which, and of sixteen one does."""
     start, goal = [9.5, 0.0, 0.0], [-9.0, 0.0, 0.0]
     path = pp.plan(
-        room(pp, around_a_house, unknown, start, 3.0), goal, BOUNDS, planner=planner, tries=4, questions=3000
+        room(pp, around_a_house, unknown, start, 3.0), goal, BOUNDS, planner=planner, tries=tries, questions=12000
     )
     assert path[-1] == pytest.approx(goal)
     points = along(path)
@@ -89,7 +92,7 @@ def test_a_gap_is_passed_where_the_vehicle_fits(pp: ModuleType, width: float, pa
     mine = room(pp, WorldSpace(world.picture(2 * NS)), "allow", [0.0, 0.0, 0.0])
     bounds = [[-2.0, -8.0, -0.9], [14.0, 8.0, 0.9]]
     if passes:
-        path = pp.plan(mine, [10.0, 0.0, 0.0], bounds, tries=4)
+        path = pp.plan(mine, [10.0, 0.0, 0.0], bounds, tries=16)
         points = along(path)
         through = points[np.abs(points[:, 0] - 6.0) < 0.5]
         assert len(through)

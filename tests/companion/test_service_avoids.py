@@ -172,6 +172,7 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
             live.start()
             assert until(told.sees, 60.0)
             told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
+            assert until(lambda: line.change(lambda a: a.of_kind("HEARTBEAT"))[-1].system_status == 4, 30.0)
             stopped_ns = time.monotonic_ns()
             assert live.stop() == 0
             ended_ns = time.monotonic_ns()
