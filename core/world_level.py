@@ -35,7 +35,9 @@ class _Seen:
 
 class LevelMemory:
     """Frames in `level` go in, in any order of cameras; a picture for `WorldSpace` comes out, in the level frame of the heading
-    that is asked for. Free is nowhere in it: what is no obstacle is unknown."""
+    that is asked for. Free is nowhere in it: what is no obstacle is unknown.
+    All instants are of one clock: on another machine than the service's, add its stamps' distance to the own clock first, or
+    nothing grows, or all is gone at once."""
 
     def __init__(self, params: WorldParams | None = None) -> None:
         p = params or WorldParams()
