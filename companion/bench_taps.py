@@ -20,6 +20,7 @@ HOSTS: Final = ("core.extractor",)
 STAGE_OF_MODULE: Final[dict[str, str]] = {
     "classify": "classify, flying pixels",
     "level": "level",
+    "view_geometry": "level",
     "ground": "ground",
     "density": "density, windows, strips, rest",
     "settings": "density, windows, strips, rest",

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner
-from .level import ViewGeometry
 from .openings import is_open
 from .strips import BOTTOM, SUPPORT, TOP, D, U
 from .types import Intrinsics
+from .view_geometry import ViewGeometry
 
 # columns of the frame of the grid: cells per unit of tangent across and down; cell of tangent 0, both ways
 G_ACROSS, G_DOWN, G_CU, G_CV = range(4)

@@ -16,17 +16,7 @@ from .density import BinTable, bin_table
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
-from .level import (
-    ViewGeometry,
-    is_rotation,
-    level_paper,
-    level_safe,
-    pool_columns,
-    pooled_geometry,
-    tilt_rad,
-    view_geometry,
-    view_geometry_paper,
-)
+from .level import level_paper, level_safe, pool_columns
 from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_rows, strip_table
 from .openings import opening_masks
 from .params import Params
@@ -43,6 +33,7 @@ from .types import (
     Ground,
     InvalidCause,
 )
+from .view_geometry import ViewGeometry, is_rotation, pooled_geometry, tilt_rad, view_geometry, view_geometry_paper
 
 
 class Extractor:

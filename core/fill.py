@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from .clusters import Z_BOTTOM, Z_TOP, X
 from .kernels import copy_row, inner
-from .level import ViewGeometry
 from .params import Params
 from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, FILL, NEAR, SIGMA, SUPPORT, TOP, D
+from .view_geometry import ViewGeometry
 
 MAX_RUNS = 32
 """Room for the runs of gaps that are open at one time: what does not fit stays open, which is never wrong."""

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner, kernel
-from .level import Q_FAR, Q_UNKNOWN, ViewGeometry
+from .level import Q_FAR, Q_UNKNOWN
 from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
 from .types import FreeEnd, FreeProfile, Ground
+from .view_geometry import ViewGeometry
 
 _MAX_RINGS = 250
 """Rings are counted in one byte; beyond so many nothing is called free."""

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from .frames import Rotation
 from .kernels import inner, inner_ieee, kernel
-from .level import Q_FAR, Q_UNKNOWN, ViewGeometry
+from .level import Q_FAR, Q_UNKNOWN
 from .params import Params
 from .strips import BOTTOM, KIND, MERGED, TOP, D, U
 from .support import compact
 from .types import FAR_MM, CameraInfo, Ground
+from .view_geometry import ViewGeometry
 
 NO_GROUND = Ground(seen=False)
 _FAR = np.uint16(FAR_MM)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from .cheapest import STEPS, begin, put, take
 from .evidence import nearest_seen, uncovered_share
 from .kernels import inner, kernel
-from .level import ViewGeometry
 from .pairs import (
     R_BEHIND,
     R_EMPTY_WEIGHT,
@@ -38,6 +37,7 @@ from .params import Params
 from .planes import FRONT, MIDDLE, P_CLUSTER, P_SUPPORT, T0, T1, Z0, Z1, A, B, distance_at
 from .scratch import Scratch
 from .types import Intrinsics
+from .view_geometry import ViewGeometry
 
 _SAME = 1e-9
 """Not tuning: costs that differ by less are one cost, but for rounding."""

@@ -12,9 +12,9 @@ from . import strips
 from .free_space import nothing_known
 from .ground import NO_GROUND
 from .kernels import inner
-from .level import ViewGeometry
 from .params import Params
 from .types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
+from .view_geometry import ViewGeometry
 
 _OUTWARD = 1e-6
 """Not tuning: tangent by which outlines grow, so that rounding to float32 takes no ray that runs along an edge."""

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner, kernel
-from .level import ViewGeometry
 from .params import Params
 from .scratch import Scratch
 from .strips import BOTTOM, SUPPORT, TOP, D, U
+from .view_geometry import ViewGeometry
 
 F_ACROSS, F_DOWN, F_CU, F_CV, F_STEPS = range(5)
 """What `is_open` needs to know of the masks: cells per tangent across and down, the cell of the axis, and from F_STEPS

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inline_ieee, inner, inner_ieee
-from .level import ViewGeometry
 from .lines import misfit
 from .params import Params
 from .planes import FRONT, LEAST_S, MIDDLE, T0, T1, Z0, Z1, A, B
+from .view_geometry import ViewGeometry
 
 # indices of the rules of merging
 (

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import strips as st
-from .level import ViewGeometry
 from .lines import add_point
 from .params import Params
+from .view_geometry import ViewGeometry
 
 _MOST_SPLITS = 100000
 """Not tuning: more splits than any frame has strips."""

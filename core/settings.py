@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import strips as s
-from .level import ViewGeometry
 from .params import Params
+from .view_geometry import ViewGeometry
 
 
 def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:

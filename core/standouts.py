@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner
-from .level import ViewGeometry
 from .lines import SS, TS, TT, S, T, W, add_point, fit_line, misfit
 from .params import Params
 from .planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, A, B, distance_at, near_excess_m
 from .scratch import Scratch
 from .strips import BOTTOM, KIND, NEAR, SIGMA, SUPPORT, TOP, TRACK, D, U
 from .tracks import is_jump, strip_variance, tangent
+from .view_geometry import ViewGeometry
 
 _STEPS, _STEP_M = 32, 0.05
 """Not tuning: excesses are told apart in so many steps; what is over counts as the last."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from .kernels import copy_row, inner, kernel
-from .level import outside_source
 from .strips import (
     BOTTOM,
     CUT,
@@ -31,6 +30,7 @@ from .strips import (
     D,
     U,
 )
+from .view_geometry import outside_source
 
 
 @kernel

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from .clusters import Z_BOTTOM, Z_TOP
 from .kernels import inner
-from .level import ViewGeometry
 from .lines import SS, TS, TT, S, T, W
 from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
 from .params import Params
 from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, CUT, SIGMA, SUPPORT, TOP, TRACK, D, U
+from .view_geometry import ViewGeometry
 
 # columns of the table of tracks: first and last t; highest top of all and lowest real one; highest real bottom, lowest
 # of all; the line s = a + b*t so far, its mean t, scatter of t with the prior, and variance of its mean

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner
-from .level import ViewGeometry
 from .strips import BOTTOM, KIND, NEAR, SMOOTH, TOP, D
+from .view_geometry import ViewGeometry
 
 _LEAST, _MOST, _STEPS = -1.0, 3.5, 90
 """Not tuning: range and steps of the table, means of whole distributions in sigma above where they are cut off."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from core import strips as s
 from core.irregular import irregular_rest
-from core.level import ViewGeometry
 from core.params import Params
 from core.pixels import CLOSED, NO_PEAK, free_rows, gather_rows
 from core.settings import float_settings, int_settings
+from core.view_geometry import ViewGeometry
 
 F, QUANTUM = 100.0, 64.0
 ROWS = 100

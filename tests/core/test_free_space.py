@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from core import free_space as fs
 from core.ground import NO_GROUND
-from core.level import ViewGeometry
 from core.params import Params
 from core.types import FreeEnd, FreeProfile, Ground
+from core.view_geometry import ViewGeometry
 
 from . import naive
 from .columns import QUANTUM, F, code, view

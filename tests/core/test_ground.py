@@ -21,9 +21,9 @@ from core.ground import (
     height_bins,
     vote,
 )
-from core.level import view_geometry
 from core.params import Params
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
+from core.view_geometry import view_geometry
 from drivers.simulated import camera_info
 
 from . import naive

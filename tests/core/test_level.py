@@ -9,21 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.level import (
+from core.level import level_as_it_is, level_nearest, level_paper, level_safe, pool_columns
+from core.params import Params
+from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
+from core.view_geometry import (
     ViewGeometry,
-    level_as_it_is,
-    level_nearest,
-    level_paper,
-    level_safe,
     outside_source,
-    pool_columns,
     pooled_geometry,
     source_px_per_cell,
     view_geometry,
     view_geometry_paper,
 )
-from core.params import Params
-from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
 from drivers.simulated import camera_info
 
 from . import naive

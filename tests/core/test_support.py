@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from core import strips as s
 from core import support
-from core.level import view_geometry
 from core.params import Params
 from core.settings import float_settings, int_settings
+from core.view_geometry import view_geometry
 
 from . import naive
 from .columns import F
