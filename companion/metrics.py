@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer
 
@@ -40,14 +40,8 @@ class MetricsServer:
 
     def open(self) -> None:
         """Starts the thread; a port that cannot be had is a trouble and no error: nobody flies by it."""
-        newest = self.newest
-
-        class Handler(_Handler):
-            def text(self) -> str | None:
-                return newest()
-
         try:
-            self._server = _Server((LOOPBACK, self.port), Handler)
+            self._server = _Server(self.port, self.newest)
         except OSError as error:
             self.trouble = (
                 f"no metrics: port {self.port} on {LOOPBACK} cannot be had ({error.strerror}); "
@@ -83,22 +77,24 @@ class _Server(TCPServer):
 
     allow_reuse_address = True
 
+    def __init__(self, port: int, text: Callable[[], str | None]) -> None:
+        self.text = text
+        super().__init__((LOOPBACK, port), _Handler)
+
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request; `text` is given by the server."""
+    """One request."""
 
+    server: _Server
     timeout = PATIENCE_S
     server_version = "osape-companion"
     sys_version = ""
-
-    def text(self) -> str | None:
-        raise NotImplementedError
 
     def do_GET(self) -> None:
         if self.path.split("?")[0] != "/metrics":
             self._answer(404, "there is only /metrics\n")
             return
-        text = self.text()
+        text = self.server.text()
         if text is None:
             self._answer(503, "the service has not told for seconds how it is\n")
         else:

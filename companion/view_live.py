@@ -49,22 +49,8 @@ class LiveServer:
 
     def open(self) -> None:
         """Starts to answer, in threads."""
-        room, names, places = self._room, names_of(self.host), threading.BoundedSemaphore(PAGES)
-
-        class Handler(_Handler):
-            def reply(self) -> tuple[int, str, bytes]:
-                host = self.headers.get("Host", "")
-                if names and (host.rpartition(":")[0] or host) not in names:
-                    return 403, "text/plain", b"this server answers to its own name only\n"
-                if not places.acquire(blocking=False):
-                    return 503, "text/plain", b"too many pages are open\n"
-                try:
-                    return answer(room, self.path)
-                finally:
-                    places.release()
-
         try:
-            self._server = _Server((self.host, self.port), Handler)
+            self._server = _Server(self._room, self.host, self.port)
         except OSError as error:
             raise DeviceNotFound(
                 f"the page: port {self.port} on {self.host} cannot be had ({error.strerror}); choose another with --port"
@@ -114,21 +100,35 @@ class _Server(ThreadingTCPServer):
     daemon_threads = True
     block_on_close = False
 
+    def __init__(self, room: Newsroom, host: str, port: int) -> None:
+        self._room, self._names = room, names_of(host)
+        self._places = threading.BoundedSemaphore(PAGES)
+        super().__init__((host, port), _Handler)
+
+    def reply(self, host: str, path: str) -> tuple[int, str, bytes]:
+        """(status, type, body) of one question. host: what the browser calls us."""
+        if self._names and (host.rpartition(":")[0] or host) not in self._names:
+            return 403, "text/plain", b"this server answers to its own name only\n"
+        if not self._places.acquire(blocking=False):
+            return 503, "text/plain", b"too many pages are open\n"
+        try:
+            return answer(self._room, path)
+        finally:
+            self._places.release()
+
 
 class _Handler(BaseHTTPRequestHandler):
-    """Questions of one connection; `reply` is given by the server."""
+    """Questions of one connection."""
 
+    server: _Server
     timeout = PATIENCE_S
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
     server_version = "osape-companion"
     sys_version = ""
 
-    def reply(self) -> tuple[int, str, bytes]:
-        raise NotImplementedError
-
     def do_GET(self) -> None:
-        status, kind, body = self.reply()
+        status, kind, body = self.server.reply(self.headers.get("Host", ""), self.path)
         try:
             self.send_response(status)
             for name, value in {
