@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from hypothesis import settings
@@ -44,3 +47,16 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("recorded data not present beside the checkout (../shared/data)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def pp() -> ModuleType:
+    """examples/path_planner.py as a module."""
+    pytest.importorskip("ompl", reason="the extra `planner` is not installed")
+    spec = importlib.util.spec_from_file_location("path_planner", CHECKOUT / "examples" / "path_planner.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["path_planner"] = module
+    spec.loader.exec_module(module)
+    return module

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import subprocess
 import sys
@@ -21,18 +20,6 @@ from tests.golden import recording_path
 
 ROOT = Path(__file__).resolve().parents[2]
 BOUNDS = [[-14.0, -14.0, -0.9], [14.0, 14.0, 0.9]]
-
-
-@pytest.fixture(scope="module")
-def pp() -> ModuleType:
-    pytest.importorskip("ompl", reason="the extra `planner` is not installed")
-    spec = importlib.util.spec_from_file_location("path_planner", ROOT / "examples" / "path_planner.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["path_planner"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")

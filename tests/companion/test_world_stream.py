@@ -4,8 +4,10 @@ fresh is never free."""
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -64,9 +66,13 @@ def speaker(tmp_path: Path) -> Iterator[Speaker]:
 
 
 def now() -> int:
-    import time
-
     return time.monotonic_ns()
+
+
+def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
+    """Another look at the walls is told; whether the mirror can be used then."""
+    look(speaker)
+    return mirror.update(0.1)
 
 
 def result(sight: Sight, frame: str = "ned") -> PrismsResult:
@@ -103,10 +109,7 @@ def test_a_late_joiner_asks_and_follows(speaker: Speaker) -> None:
         assert not mirror.usable
         assert mirror.space.points([[4, 0, 0]]).tolist() == [Answer.UNKNOWN]
 
-        def follows() -> bool:
-            look(speaker)
-            return mirror.update(0.1)
-
+        follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0), mirror.cause
         assert mirror.counts.snapshots >= 1
         assert mirror.space.points([[4, 0, 0], [8, 0, 0], [10, 0, 0]], 0.2).tolist() == [1, 2, 0]
@@ -127,11 +130,7 @@ def test_a_late_joiner_asks_and_follows(speaker: Speaker) -> None:
 def test_one_that_missed_messages_is_right_again(speaker: Speaker) -> None:
     speaker.service.open()
     with WorldMirror(*speaker.addresses) as mirror:
-
-        def follows() -> bool:
-            look(speaker)
-            return mirror.update(0.1)
-
+        follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         assert mirror._ear.take(5000) is not None  # lost
 
@@ -174,11 +173,7 @@ def test_a_new_service_and_a_jump_begin_anew(tmp_path: Path) -> None:
 def test_what_is_old_or_has_no_position_is_not_free(speaker: Speaker) -> None:
     speaker.service.open()
     with WorldMirror(*speaker.addresses, stale_s=0.7) as mirror:
-
-        def follows() -> bool:
-            look(speaker)
-            return mirror.update(0.1)
-
+        follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         assert mirror.space.points([[4, 0, 0]]).tolist() == [Answer.FREE]
         # frames go on, without a position
@@ -196,11 +191,7 @@ def test_what_waited_while_the_planner_was_busy_is_not_fresh(speaker: Speaker) -
     """Changes of a service that has ended meanwhile are not news, though they come only now."""
     speaker.service.open()
     with WorldMirror(*speaker.addresses, stale_s=0.7) as mirror:
-
-        def follows() -> bool:
-            look(speaker)
-            return mirror.update(0.1)
-
+        follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         look(speaker)
         assert mirror._ear.socket.poll(5000)
@@ -214,11 +205,7 @@ def test_what_waited_while_the_planner_was_busy_is_not_fresh(speaker: Speaker) -
 def test_a_position_that_cannot_be_one_is_refused_and_leaves_nothing_free(speaker: Speaker) -> None:
     speaker.service.open()
     with WorldMirror(*speaker.addresses) as mirror:
-
-        def follows() -> bool:
-            look(speaker)
-            return mirror.update(0.1)
-
+        follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         sight = seen(WALLS, (0.0, 0.0), 0.0, now())
 
@@ -236,11 +223,7 @@ def test_a_position_that_cannot_be_one_is_refused_and_leaves_nothing_free(speake
 def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker: Speaker) -> None:
     speaker.service.open()
     with WorldMirror(*speaker.addresses) as mirror:
-
-        def follows() -> bool:
-            look(speaker)
-            return mirror.update(0.1)
-
+        follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
         good = world_message(speaker.service.world.picture(now()), np.zeros(0, np.int32), now())
         broken = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 from itertools import pairwise
@@ -19,18 +18,6 @@ from .test_queries import HERE, model, profile, sampled_distance
 ROOT = Path(__file__).resolve().parents[2]
 BOUNDS = [[-1.0, -8.0, -0.9], [14.0, 8.0, 0.9]]
 GOAL = [11.0, 0.0, 0.0]
-
-
-@pytest.fixture(scope="module")
-def pp() -> ModuleType:
-    pytest.importorskip("ompl", reason="the extra `planner` is not installed")
-    spec = importlib.util.spec_from_file_location("path_planner", ROOT / "examples" / "path_planner.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["path_planner"] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def wall_with_gap(width_m: float, at_m: float = 3.0) -> list[tuple[float, ...]]:
