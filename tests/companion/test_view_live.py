@@ -218,8 +218,8 @@ def test_a_page_that_cannot_draw_any_more_does_not_pretend(
         other.wait(VALID)
         other.forgive()
         other.ask(defect)
-        other.wait("document.getElementById('banner').className === 'blind'", SOON_S)
-        assert "a defect" in other.ask(BANNER)
+        # on a slow machine the page may say "stale" first, which has the same colour
+        other.wait(f"{BANNER}.includes('a defect')", SOON_S)
         at = other.ask("live.after")
         other.wait(f"live.after > {at} || live.broken !== null")
         assert other.ask("document.getElementById('banner').className") == "blind"
