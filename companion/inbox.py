@@ -44,8 +44,9 @@ class Note:
 
 Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame | Note
 Item = Sample | CameraInfo
-TOGETHER = 8
-"""Samples that wait together before the pipeline is woken for them: they matter to the next frame, which wakes it too."""
+TOGETHER = 64
+"""Samples that wait together before the pipeline is woken for them: they matter to the next frame, which wakes it too. To
+wake takes more than to handle some dozens."""
 MOST = 4096
 """Samples that wait; at 200 Hz those of 20 s. Older ones give way and are counted."""
 

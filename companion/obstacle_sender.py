@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -89,6 +90,7 @@ class ObstacleTeller:
         self._ill = ill
         self._lock = threading.Lock()
         self._motion = Synchroniser(MOTION)
+        self._moved: deque[AttitudeSample | PoseSample] = deque(maxlen=4 * MOTION.held_samples)
         self._newest: dict[str, PrismsResult] = {}
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
@@ -104,12 +106,7 @@ class ObstacleTeller:
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Attitudes and positions, as they come."""
-        with self._lock:
-            for sample in samples:
-                if isinstance(sample, AttitudeSample):
-                    self._motion.attitudes.add(sample)
-                else:
-                    self._motion.poses.add(sample)
+        self._moved.extend(samples)  # not with the lock: who brings them has a frame to hand on and must not wait
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """A camera that was opened: where it looks; hidden: pixels that are never measured."""
@@ -143,6 +140,12 @@ class ObstacleTeller:
             return self._told(autopilot, now_ns, causes, scan([], self._avoid), NOTHING_REMEMBERED, fault)
 
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+        while self._moved:
+            sample = self._moved.popleft()
+            if isinstance(sample, AttitudeSample):
+                self._motion.attitudes.add(sample)
+            else:
+                self._motion.poses.add(sample)
         here = self._here(now_ns)
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
         self._recovery.blind(causes)

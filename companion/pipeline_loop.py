@@ -8,10 +8,11 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from itertools import groupby
+from typing import cast
 
-from core.types import CameraInfo, DepthFrame
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
-from drivers.proto import osape_v1_pb2 as pb
 
 from .blindness import Blindness
 from .health import clock_message
@@ -23,6 +24,7 @@ from .recorder import Recorder
 
 TAKE_S = 0.1
 """Longest wait for anything to arrive: so often, at least, the loop shows that it lives."""
+Motion = AttitudeSample | PoseSample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,19 +94,38 @@ class PipelineLoop:
         while not self._stop.is_set():
             taken = self._inbox.take(TAKE_S)
             with self._recorder.holding() if self._recorder is not None else nullcontext():
-                for item in taken:
-                    self._handle(item)
+                for kind, alike in groupby(taken, type):
+                    if kind is RawFrame:
+                        self._log_line(cast(list[RawFrame], list(alike)))
+                    elif kind is AttitudeSample or kind is PoseSample:
+                        self._move(cast(list[Motion], list(alike)))
+                    else:
+                        for item in alike:
+                            self._handle(item)
             self.alive_ns = time.monotonic_ns()
+
+    def _log_line(self, frames: list[RawFrame]) -> None:
+        """Of what came on the autopilot's line."""
+        self._open_log(frames[0])
+        if self._recorder is not None:
+            self._recorder.frames(frames)
+
+    def _move(self, samples: list[Motion]) -> None:
+        """The vehicle moved: some attitudes, or some positions."""
+        self._open_log(samples[0])
+        if self._recorder is not None:
+            self._log_clock(samples[0].t_arrival_ns)
+            self._recorder.events(samples)
+        for sample in samples:
+            self._pipeline.handle(sample)
+        with self.lock:
+            self.newest_attitude_ns = self._pipeline.newest_attitude_ns
 
     def _handle(self, item: Item) -> None:
         if isinstance(item, CameraInfo):
             self._pipeline.announce(item)
             return
         self._open_log(item)
-        if isinstance(item, RawFrame):
-            if self._recorder is not None:
-                self._recorder.message("mavlink", pb.MavlinkFrame(frame=item.data), item.t_arrival_ns)
-            return
         if isinstance(item, Note):
             if self._recorder is not None:
                 self._recorder.message(item.key, item.message, item.t_arrival_ns)
@@ -112,6 +133,9 @@ class PipelineLoop:
         if isinstance(item, Overtaken):
             decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
             self._tell(decision)
+            return
+        if isinstance(item, RawFrame):
+            self._log_line([item])
             return
         if self._recorder is not None:
             self._log_clock(item.t_arrival_ns)

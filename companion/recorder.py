@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,7 @@ from drivers.base import Event
 from drivers.proto import osape_v1_pb2 as pb
 
 from .config_live import RecordParams
+from .inbox import RawFrame
 from .log_folder import files_of, free_bytes, make_room, new_flight, part_path, repair
 from .log_writer import LogWriter
 from .pipeline import Output, PipelineState
@@ -63,7 +64,6 @@ class _Begin:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Item:
     write: Callable[[LogWriter], None]
-    bytes: int
 
 
 class Recorder:
@@ -133,6 +133,24 @@ class Recorder:
         else:
             self._take(lambda log: log.event(event), _SMALL)
 
+    def events(self, events: Sequence[Event]) -> None:
+        """The same of several samples: one thing in the queue."""
+
+        def write(log: LogWriter) -> None:
+            for event in events:
+                log.event(event)
+
+        self._take(write, len(events) * _SMALL, len(events))
+
+    def frames(self, frames: Sequence[RawFrame]) -> None:
+        """What came on the autopilot's line."""
+
+        def write(log: LogWriter) -> None:
+            for raw in frames:
+                log.write("mavlink", pb.MavlinkFrame(frame=raw.data), raw.t_arrival_ns)
+
+        self._take(write, sum(len(raw.data) + _SMALL for raw in frames), len(frames))
+
     def output(self, output: Output, prisms: bytes | None = None) -> None:
         """What the pipeline said; prisms: the bytes of its message, where they are known already."""
         drawn = self._params.drawings
@@ -153,21 +171,22 @@ class Recorder:
             self._holding = False
             self._hand_over()
 
-    def _take(self, write: Callable[[LogWriter], None], size: int) -> None:
+    def _take(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
+        """count: how many messages it is, where they are dropped."""
         if not self._taking:
             # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
-            self._dropped += self._wanting and self._begun
+            self._dropped += count if self._wanting and self._begun else 0
             return
-        if not self._put(_Item(write, size), size):
+        if not self._put(_Item(write), size, count):
             self._taking = False
             self._wanting = True
 
-    def _put(self, item: _Begin | _Item | None, size: int) -> bool:
+    def _put(self, item: _Begin | _Item | None, size: int, count: int = 1) -> bool:
         waiting = len(self._queue) + len(self._held)
         waiting_bytes = self._queued_bytes + self._held_bytes + size
         full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
         if full and item is not None:
-            self._dropped += 1
+            self._dropped += count
             return False
         self._held.append(item)
         self._held_bytes += size

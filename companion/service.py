@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import zmq
 
 from core.extractor import Extractor
-from core.types import AttitudeSample, CameraInfo, PoseSample
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
 from drivers.mavlink import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY, MavlinkSession
 from drivers.mavlink_link import MavlinkLink
@@ -88,6 +88,7 @@ class Service:
         self.avoidance: Avoidance | None = None
         self.world: WorldService | None = None
         self._previews = DepthPreviews(config.publish.depth_hz, self._boot)
+        self._heard: list[RawFrame] = []
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
@@ -117,14 +118,20 @@ class Service:
             if self.avoidance is not None:
                 self.avoidance.announce(info, hidden(self.config.camera(name), info))
 
-        return CameraSupervisor(self.config.camera(name), opened, self.inbox.put_frame, self.config.supervision)
+        return CameraSupervisor(self.config.camera(name), opened, self._take_frame, self.config.supervision)
+
+    def _take_frame(self, frame: DepthFrame) -> None:
+        """What the autopilot said before the frame came goes before it."""
+        if self.link is not None:
+            self.link.catch_up()
+        self.inbox.put_frame(frame)
 
     def _autopilot(self) -> tuple[MavlinkSession | None, MavlinkLink | None]:
         a = self.config.autopilot
         if not a.address:
             return None, None
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
-        keep = (lambda data, t_ns: self.inbox.put([RawFrame(data, t_ns)])) if log_raw else None
+        keep = (lambda data, t_ns: self._heard.append(RawFrame(data, t_ns))) if log_raw else None
         session = MavlinkSession(
             params_of(self.config), on_frame=keep, signing=self.signing, reads=READS,
             on_message=self._autopilot_says if self.config.avoid.send else None,
@@ -135,7 +142,9 @@ class Service:
         return session, link
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
-        self.inbox.put(samples)
+        """What was read of the line together, its frames for the log first; from one thread at a time."""
+        self.inbox.put([*self._heard, *samples])
+        self._heard.clear()
         if self.avoidance is not None:
             self.avoidance.samples(samples)
 

@@ -14,7 +14,7 @@ from typing import Any
 from core.types import AttitudeSample, PoseSample
 
 from .checked import check, number
-from .clock import NS, ClockEstimate, ClockFilter, ClockParams
+from .clock import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
 from .link_budget import FACE, OBSTACLES, POINT, LinkBudget, link_budget
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .mavlink_frames import MAVLINK1, Frame, MessageSplitter
@@ -266,6 +266,11 @@ class MavlinkSession:
     def _begin_anew(self) -> None:
         self._timesync.restart()
         self.rates.restart()
+
+    def patient(self, now_ns: int) -> bool:
+        """Whether what comes may lie for a moment before it is read. Not while the clock is found by the instants of
+        arrivals, nor while an answer to TIMESYNC is awaited: the time that it lies would count as the line's."""
+        return self.clock.estimate.source is ClockSource.TIMESYNC and not self._timesync.awaits(now_ns)
 
     # ---- out ----------------------------------------------------------------------------------------------------
 

@@ -18,6 +18,8 @@ FAST_FOR_NS = 3 * NS
 _PENDING = 64
 UNANSWERED_NS = 4 * NS
 """Without any answer for so long nobody answers."""
+AWAITED_NS = NS // 10
+"""After a request, so long its answer is waited for at the line: later than that it would say little."""
 
 
 class TimeSync:
@@ -66,6 +68,10 @@ class TimeSync:
         self.answered += 1
         self._waits_since_ns = arrival_ns
         self._clock.exchange(ts1, int(message.tc1), arrival_ns)
+
+    def awaits(self, now_ns: int) -> bool:
+        """Whether the newest request was sent a moment ago and its answer has not come."""
+        return self._asked_ns in self._pending and now_ns - self._asked_ns < AWAITED_NS
 
     def answers(self, now_ns: int) -> bool:
         """Whether what we ask is answered, or it is too early to say."""

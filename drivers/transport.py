@@ -50,7 +50,11 @@ class Transport(Protocol):
         """Who sent each chunk of the newest `read`; None: always the one other end."""
         ...
 
-    def read(self, timeout_s: float) -> list[Chunk]:
+    def wait(self, timeout_s: float) -> None:
+        """Until something has arrived, at most timeout_s. Raises DeviceLost."""
+        ...
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
         """What has arrived, waiting at most timeout_s for it. Raises DeviceLost."""
         ...
 
@@ -122,8 +126,15 @@ class SerialLine:
     def bytes_per_s(self) -> float | None:
         return self._address.number / 10.0  # 8 bits, start and stop
 
-    def read(self, timeout_s: float) -> list[Chunk]:
+    def wait(self, timeout_s: float) -> None:
         try:
+            select.select([self._port.fileno()], [], [], timeout_s)
+        except (OSError, serial.SerialException, TypeError) as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        try:
+            # asked each time: of an empty line a read brings the same nothing as of one that hung up
             ready, _, _ = select.select([self._port.fileno()], [], [], timeout_s)
             if not ready:
                 return []
@@ -175,8 +186,12 @@ class UdpLine:
         """The local port."""
         return int(self._socket.getsockname()[1])
 
-    def read(self, timeout_s: float) -> list[Chunk]:
+    def wait(self, timeout_s: float) -> None:
         select.select([self._socket], [], [], timeout_s)
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        if timeout_s > 0.0:
+            self.wait(timeout_s)
         chunks: list[Chunk] = []
         self.sources = []
         for _ in range(256):  # then the rest of the loop has its turn
@@ -231,10 +246,12 @@ class TcpLine:
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def read(self, timeout_s: float) -> list[Chunk]:
-        ready, _, _ = select.select([self._socket], [], [], timeout_s)
-        if not ready:
-            return []
+    def wait(self, timeout_s: float) -> None:
+        select.select([self._socket], [], [], timeout_s)
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        if timeout_s > 0.0:
+            self.wait(timeout_s)
         try:
             data = self._socket.recv(_READ_BYTES)
         except BlockingIOError:

@@ -18,6 +18,7 @@ import pytest
 from companion import recorder as recorder_module
 from companion.config import Config
 from companion.config_live import RecordParams
+from companion.inbox import RawFrame
 from companion.log_folder import files_of, make_room, new_flight, part_path, repair
 from companion.pipeline import Pipeline
 from companion.recorder import Recorder
@@ -123,6 +124,9 @@ def test_what_is_held_is_bounded_too(tmp_path: Path) -> None:
             recorder.event(sample)
         assert recorder.status.queued == 100
         assert recorder.status.dropped == 51
+        recorder.events([sample, sample])  # not taken any more, and each is counted
+        recorder.frames([RawFrame(b"x", 1), RawFrame(b"y", 2), RawFrame(b"z", 3)])
+        assert recorder.status.dropped == 56
         assert recorder.wants_begin
     recorder.close()
 

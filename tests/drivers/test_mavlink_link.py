@@ -159,6 +159,42 @@ def test_tcp_and_the_loss_of_it() -> None:
             server.accept()[0].close()
 
 
+def test_what_lies_on_the_line_is_there_when_somebody_catches_up() -> None:
+    port = free_port()
+    started_ns = time.monotonic_ns() - 10**10
+    place = ("127.0.0.1", port)
+    with linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples):
+        with AutopilotLine(SimulatedAutopilot(Personality(boot_at_ns=started_ns)), UdpEnd(*place)):
+            assert until(lambda: synchronised(link) and len(samples) > 20)
+        link.catch_up()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+            encoder = dialect.MAVLink(None, 1, 1)
+            for k in range(20):  # whatever the link's own thread is at
+                boot_ms = (time.monotonic_ns() - started_ns) // 1_000_000
+                message = dialect.MAVLink_attitude_quaternion_message(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.01 * k, 0.0, 0.0)
+                autopilot.sendto(message.pack(encoder), place)
+                link.catch_up()
+                newest = samples[-1]
+                assert isinstance(newest, AttitudeSample)
+                assert newest.rates_frd_rad_s == pytest.approx((0.01 * k, 0.0, 0.0))
+        stamps = [s.t_arrival_ns for s in samples]
+        assert stamps == sorted(stamps)
+
+
+def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Path) -> None:
+    place = tmp_path / "usb-autopilot"
+    end = PtyEnd()
+    place.symlink_to(end.device)
+    with linked(Address("serial", str(place), 921600)) as (link, samples):
+        link.catch_up()  # perhaps there is no line yet
+        with AutopilotLine(SimulatedAutopilot(), end):
+            assert until(lambda: synchronised(link) and len(samples) > 20)
+        for _ in range(50):
+            link.catch_up()
+        assert until(lambda: link.line.losses == 1)
+        link.catch_up()
+
+
 def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
     port = free_port()
     autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))

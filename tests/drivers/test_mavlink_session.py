@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,24 @@ def test_two_seconds_after_the_first_heartbeat_attitudes_come_on_a_synchronised_
     assert (status.vehicle.autopilot, status.vehicle.system_id) == (kind, 1)
     assert status.clock.source is ClockSource.TIMESYNC
     assert any(isinstance(s, AttitudeSample) for s in c.samples)
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_messages_may_lie_while_no_instant_of_an_arrival_counts(kind: str) -> None:
+    c = talk(kind)
+    c.run(0.2)
+    assert c.session.status(c.now_ns).clock.source is not ClockSource.TIMESYNC
+    assert not c.session.patient(c.now_ns)  # the clock is found by arrivals
+    c.run(6.0)
+    c.lost = frozenset({111})  # the answers to TIMESYNC
+    patient = []
+    for _ in range(1000):
+        c.run(0.001)
+        patient.append(c.session.patient(c.now_ns))
+    assert 100 < patient.count(False) < 400  # 0.1 s after each of the two requests, in vain
+    assert sum(a and not b for a, b in pairwise(patient)) == 2
+    c.session.clock.restart()
+    assert not c.session.patient(c.now_ns)
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
