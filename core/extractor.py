@@ -18,6 +18,7 @@ from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
 from .level import level_paper, level_safe, pool_columns
 from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_rows, strip_table
+from .noisy import noisy_share
 from .openings import opening_masks
 from .params import Params
 from .prisms import layered_prisms
@@ -71,7 +72,8 @@ class Extractor:
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         marks, counts = self._classify(depth_mm, info, ke)
         stats = pixel_stats(counts, depth_mm.size)
-        if stats.measured_share + stats.far_share < self.params.min_measured_share or self._is_noise(counts):
+        too_few = stats.measured_share + stats.far_share < self.params.min_measured_share
+        if too_few or self._is_noise(depth_mm, info, ke, counts):
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
@@ -109,12 +111,19 @@ class Extractor:
         )
         return marks, counts
 
-    def _is_noise(self, counts: tuple[int, int, int]) -> bool:
-        """Whether so many pixels fly that the rest is no measurement either: pure noise has 27 %, foliage 0.2 %.
+    def _is_noise(
+        self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float, counts: tuple[int, int, int]
+    ) -> bool:
+        """Whether so many pixels fly that the rest is no measurement either, or many tiles of the picture are noise.
 
-        Without this such an image would cost minutes in the merge, and its model would be no one's."""
-        measured, _, flying = counts
-        return not self.params.paper and flying > self.params.max_flying_share * measured
+        Pure noise has 27 % flying, foliage 0.2 %. Without this such an image would cost minutes in the merge, and its model
+        would be no one's."""
+        p, (measured, _, flying) = self.params, counts
+        if p.paper or flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
+            return False
+        if flying > p.max_flying_share * measured:
+            return True
+        return noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p) > p.max_noisy_share
 
     def _is_shreds(self, strips: int, view: ViewGeometry) -> bool:
         """Whether there are more strips than any scene has: noise whose pixels come in blocks, so that none flies by itself.

@@ -81,6 +81,19 @@ class Params:
     )
     flying_sigmas: float = _number(5.0, 1.0, 20.0, "sigma", "and least step in noise")
 
+    # Noise in a part of the picture: pixels alone, unlike each of their neighbours
+    noisy_look_share: float = _number(
+        0.003, 0.0, 1.0, "", "with more of the measured pixels flying, noise is looked for"
+    )
+    noisy_tiles: int = _number(16, 1, 64, "", "in so many tiles across and down")
+    noisy_judged_share: float = _number(
+        0.25, 0.01, 1.0, "", "a tile counts with so many of its pixels amid measured ones"
+    )
+    noisy_alone_share: float = _number(
+        0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone"
+    )
+    max_noisy_share: float = _number(0.04, 0.0, 1.0, "", "with more of the tiles noise the frame says nothing")
+
     # Ground
     ground_tolerance_m: float = _number(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
     ground_sigmas: float = _number(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")

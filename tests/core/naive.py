@@ -43,6 +43,16 @@ def is_flying(inverse: np.ndarray, v: int, u: int, step: float) -> bool:
     return False
 
 
+def alone(inverse: np.ndarray, v: int, u: int, step: float) -> bool | None:
+    """Whether a pixel is farther than `step` (1/m) from each measured neighbour; None where it has fewer than three."""
+    rows, cols = inverse.shape
+    beside = [(v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)]
+    near = [inverse[at] for at in beside if 0 <= at[0] < rows and 0 <= at[1] < cols and inverse[at] > 0]
+    if inverse[v, u] <= 0 or len(near) < 3:
+        return None
+    return all(abs(d - inverse[v, u]) > step for d in near)
+
+
 def bends(mm: np.ndarray, focal_px: float, least_m: float, step: int) -> list[float]:
     """|Second differences| of disparity in px along the rows of a part of an image, their middle beyond least_m."""
     out = []

@@ -1,0 +1,103 @@
+"""Noise in a part of the picture: which pixels are alone, and that such a frame says nothing while leaves do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.classify import measured_mm
+from core.extractor import Extractor
+from core.noisy import count_alone, noisy_share
+from core.params import Params
+from core.types import FAR_MM, SATURATED_MM, InvalidCause
+from drivers.sensor_model import TYPICAL
+from drivers.simulated import camera_info, render
+
+from . import naive
+from .views import INFO, anything_free, extract, flat_wall, level, noisy
+
+P = Params()
+
+
+@pytest.mark.nojit
+@given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([100, 3000, 19000]), tiles=st.sampled_from([1, 3, 5]))
+def test_pixels_that_are_alone_against_their_definition(seed: int, spread: int, tiles: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = (rng.integers(300, 19400 - spread) + rng.integers(0, spread + 1, (12, 17))).astype(np.uint16)
+    depth[rng.random(depth.shape) < 0.1] = rng.choice([0, 1, 299, 300, FAR_MM, SATURATED_MM])
+    ke, relative, absolute = 0.0005, 0.08, 0.02
+    judged, alone = np.full((tiles, tiles), -1, np.int32), np.full((tiles, tiles), -1, np.int32)
+    count_alone(depth, *measured_mm(INFO, ke, P), relative, absolute, judged, alone)
+    raw = naive.inverse_image(depth, INFO.min_range_m, INFO.max_range_m, ke).astype(np.float32)
+    want = np.zeros((2, tiles, tiles), int)
+    for v, u in np.ndindex(depth.shape):
+        step = np.float32(absolute) + np.float32(relative) * raw[v, u]
+        what = naive.alone(raw, v, u, step)
+        # tile n holds what begins at n * size // tiles
+        tile = v * tiles // 12, max(n for n in range(tiles) if n * 17 // tiles <= u)
+        want[0][tile] += what is not None
+        want[1][tile] += what is True
+    np.testing.assert_array_equal(judged, want[0])
+    np.testing.assert_array_equal(alone, want[1])
+
+
+def spoiled(depth: np.ndarray, share: float, seed: int) -> np.ndarray:
+    """The image with noise in one block of so large a share of its pixels."""
+    rng = np.random.default_rng(seed)
+    rows, cols = (round(n * share**0.5) for n in depth.shape)
+    top, left = rng.integers(0, depth.shape[0] - rows), rng.integers(0, depth.shape[1] - cols)
+    out = depth.copy()
+    out[top : top + rows, left : left + cols] = rng.integers(300, 20000, (rows, cols))
+    return out
+
+
+@pytest.mark.parametrize("ke", [0.0015, 0.005, 0.01])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_frame_with_noise_in_a_tenth_of_it_says_nothing(ke: float, seed: int) -> None:
+    info = camera_info(320, 240, ke_per_m=ke)
+    clean = noisy(flat_wall(info, 5.0), ke, seed)
+    assert extract(clean, info).valid
+    model = extract(spoiled(clean, 0.1, seed), info)
+    assert not model.valid
+    assert model.cause == InvalidCause.NO_MEASUREMENT
+    assert not anything_free(model)
+    assert len(model.planes) == 0
+
+
+def test_noise_in_a_part_teaches_nothing() -> None:
+    info = camera_info(320, 240, ke_per_m=0.005)
+    clean = noisy(flat_wall(info, 5.0), 0.005, 1)
+    ex = Extractor()
+    _, state = ex.extract(clean, info, level())
+    model, after = ex.extract(spoiled(clean, 0.1, 1), info, level(), state)
+    assert not model.valid
+    assert after == state
+
+
+@pytest.mark.parametrize("ke", [0.0015, 0.005])
+@pytest.mark.parametrize("seed", range(3))
+def test_leaves_seen_by_a_faulty_camera_are_no_noise(ke: float, seed: int) -> None:
+    """Many pixels of small leaves fly, but hardly any is unlike all of its neighbours."""
+    info = camera_info(320, 240, ke_per_m=ke)
+    shot = render(
+        "trees", info, position_ned_m=(0.0, 0.0, -2.0), sensor=replace(TYPICAL, ke_per_m=ke).scaled_to(320), seed=seed
+    )
+    assert noisy_share(shot.depth_mm, *measured_mm(info, ke, P), ke, P) == 0.0
+    assert extract(shot.depth_mm, info).valid
+
+
+@pytest.mark.nojit
+def test_a_tile_counts_with_enough_of_its_pixels_amid_measured_ones() -> None:
+    rng = np.random.default_rng(3)
+    noise = rng.integers(300, 19000, (32, 32)).astype(np.uint16)
+    sparse = np.where(rng.random(noise.shape) < 0.5, noise, 0).astype(np.uint16)
+    one = Params(noisy_tiles=1)
+    assert noisy_share(noise, 300, 19500, 0.001, one) == 1.0
+    assert noisy_share(sparse, 300, 19500, 0.001, one) == 0.0
+    assert noisy_share(np.zeros_like(noise), 300, 19500, 0.001, one) == 0.0
+    # more tiles than pixels, all alike
+    assert noisy_share(np.full((3, 4), 5000, np.uint16), 300, 19500, 0.001, Params(noisy_tiles=64)) == 0.0
