@@ -22,6 +22,8 @@ from .view_geometry import ViewGeometry
 
 _MAX_RINGS = 250
 """Rings are counted in one byte; beyond so many nothing is called free."""
+_COUNTED = 32768
+"""Cells that are counted in one go."""
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
 )  # fmt: skip
@@ -42,63 +44,65 @@ def walk_settings(g: ViewGeometry, ground: Ground, ke: float, p: Params) -> NDAr
 
 
 @inner
-def rings_through(gain, spread, cap, ring_m, ring_of_code):
-    """How many rings each code sees through: those that it measures behind by its noise, min(spread X, cap) X.
+def rings_seen(gain, spread, cap, ring_m, behind):
+    """behind[r]: the least code that does not see through ring r: it measures no more than the ring's distance when it is
+    brought nearer by its noise, min(spread X, cap) X.
 
-    gain: f_px * quantum. ring_m: (R,) float32 rising. ring_of_code: (65536,) uint8 out; R for far, R + 1 for unknown.
-    Distance less noise rises with distance (cap <= 0.5), so each ring ends at one code."""
-    rings = len(ring_m)
+    gain: f_px * quantum. ring_m: (R,) float32 rising. behind: (R,) int32 out, 2..65536, falling: distance less noise
+    rises with distance (cap <= 0.5), so each ring ends at one code. Far sees through all, unknown through none."""
     end = 65536
-    for r in range(rings + 1):
-        first = Q_FAR + 1  # codes first..end see through r rings and no more
-        if r < rings:
-            last, ring = end, np.float64(ring_m[r])  # else a comparison without the JIT is in float32
-            for _ in range(17):
-                if first >= last:
-                    break
-                q = (first + last) // 2
-                x = gain / q
-                if x - min(spread * x * x, cap * x) >= ring:
-                    first = q + 1
-                else:
-                    last = q
-        ring_of_code[first:end] = r
-        end = first
-    ring_of_code[Q_FAR] = rings
-    ring_of_code[Q_UNKNOWN] = rings + 1
+    for r in range(len(ring_m)):
+        first, last, ring = Q_FAR + 1, end, np.float64(ring_m[r])  # else a comparison without the JIT is in float32
+        for _ in range(17):
+            if first >= last:
+                break
+            q = (first + last) // 2
+            x = gain / q
+            if x - min(spread * x * x, cap * x) >= ring:
+                first = q + 1
+            else:
+                last = q
+        behind[r] = end = first
 
 
-@kernel
-def count_rings(codes, u0, u1, ring_of_code, block_rows, hist, counts):
-    """Counts cells of columns u0..u1 - 1 by block of rows and by how many rings they see through, summed downwards:
-    counts[b, k] is the number of cells above block b that see through k rings.
+@inner
+def look_at(flat, rows, u0, u1, block_rows, cells, begin):
+    """Lays the cells of columns u0..u1 - 1 that are looked at side by side, block by block of rows.
 
     Every second pair of rows of a column is looked at, the other ones in the next column: half of the cells, and no line,
-    column or chequers of single cells that would be seen only or never. codes: (cols, rows) uint16. hist: (2 * K,) int32
-    scratch: neighbours mostly are alike, and counting one and the same number would make each wait for the other.
-    counts: (B + 1, K + 1) int32 out; K - 1 is for unknown cells, K for all."""
-    rows, width = codes.shape[1], counts.shape[1] - 1
-    flat, stride = codes.ravel(), np.uint64(2 * rows)
-    second = np.uint64(width)
-    counts[0], hist[:], looked_at = 0, 0, 0
-    for b in range(counts.shape[0] - 1):
+    column or chequers of single cells that would be seen only or never. flat: (cols * rows,) uint16 codes. cells:
+    uint16 out, room for two for each column of each pair. begin: (B + 1,) int64 out, the cells of block b are
+    cells[begin[b]:begin[b + 1]]."""
+    n, stride = np.uint64(0), np.uint64(2 * rows)
+    one, two = np.uint64(1), np.uint64(2)
+    for b in range(begin.shape[0] - 1):
         v0 = b * block_rows
         high = min(rows - v0, block_rows)
+        begin[b] = n
         for pair in range(0, high, 2):
             # columns of one parity at a time: those that have this pair
             first = u0 + ((u0 ^ ((v0 + pair) >> 1)) & 1)
             lower = np.uint64(1 if pair + 1 < high else 0)  # an odd last row counts twice
             at = np.uint64(first * rows + v0 + pair)
-            n = (u1 - first + 1) >> 1
-            for _ in range(n):
-                hist[ring_of_code[flat[at]]] += 1
-                hist[second + np.uint64(ring_of_code[flat[at + lower]])] += 1
+            for _ in range((u1 - first + 1) >> 1):
+                cells[n], cells[n + one] = flat[at], flat[at + lower]
                 at += stride
-            looked_at += 2 * n
-        here = counts[b + 1]
-        for k in range(width):
-            here[k] = hist[k] + hist[width + k]
-        here[width] = looked_at
+                n += two
+    begin[begin.shape[0] - 1] = n
+
+
+@inner
+def count_codes(cells, first, end, least, most):
+    """How many of cells[first..end - 1] have a code of least..most.
+
+    Counted in numbers as narrow as the codes, so that many are done at a time; in parts that these can hold."""
+    least, most, count, last = np.uint16(least), np.uint16(most), np.int64(0), np.uint64(end)
+    for begin in range(first, end, _COUNTED):
+        part, at = np.uint16(0), np.uint64(begin)
+        for i in range(at, min(at + np.uint64(_COUNTED), last)):
+            part = np.uint16(part + np.uint16((cells[i] >= least) & (cells[i] <= most)))
+        count += np.int64(part)
+    return count
 
 
 @inner
@@ -111,10 +115,10 @@ def lowest_clear(t, x, w):
 
 
 @inner
-def walk_rings(counts, t, ring_m, top, bottom, w):
+def walk_rings(cells, begin, t, ring_m, behind, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
-    counts: of `count_rings`, for direction t. The layer reaches from z = top down to bottom, or to
+    cells, begin: see `look_at`, for direction t; behind: see `rings_seen`. The layer reaches from z = top down to bottom, or to
     what can be told from ground; where that may hide an obstacle of the least height, none of it is free. w:
     `walk_settings`."""
     first, last, why = -1, -1, _NOT_SEEN
@@ -137,44 +141,41 @@ def walk_rings(counts, t, ring_m, top, bottom, w):
                 break
             continue
         b0, b1 = int(v0) // block, int(v1) // block + 1
-        above, below = counts[b0], counts[b1]
-        seen = 0
-        for k in range(r + 1, rings + 1):
-            seen += below[k] - above[k]
-        dark = below[rings + 1] - above[rings + 1]
-        total = below[rings + 2] - above[rings + 2]
-        near = total - seen - dark
+        from_cell, to_cell = begin[b0], begin[b1]
+        total = to_cell - from_cell
+        seen = count_codes(cells, from_cell, to_cell, Q_FAR, behind[r] - 1)
         if total > 0 and seen >= w[W_SHARE] * total:
             if first < 0:
                 first = r
             last = r
             why = _RANGE
-        elif first >= 0 or near > (1.0 - w[W_SHARE]) * total:
+            continue
+        dark = count_codes(cells, from_cell, to_cell, Q_UNKNOWN, Q_UNKNOWN)
+        near = total - seen - dark
+        if first >= 0 or near > (1.0 - w[W_SHARE]) * total:
             why = _OBSTACLE if near >= dark else _UNKNOWN
             break
-        else:
-            why = _UNKNOWN
+        why = _UNKNOWN
     return first, last, why
 
 
 @kernel
-def walk_view(codes, cu, f_u, edges_t, ring_of_code, ring_m, layers, w, free_from, free_to, end):
+def walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, free_to, end):
     """Every direction and layer of a levelled view: free_from, free_to (D, L) float32 forward distances, end (D, L).
 
     Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64."""
     cols, rows = codes.shape
-    rings, block = len(ring_m), int(w[W_BLOCK])
-    counts = np.empty(((rows + block - 1) // block + 1, rings + 3), np.int32)
-    hist = np.empty(2 * (rings + 2), np.int32)
+    block, flat = int(w[W_BLOCK]), codes.reshape(-1)
+    cells, begin = np.empty(cols * (rows + block), np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
     u1 = 0
     for d in range(len(edges_t) - 1):
         u0 = u1
         while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
             u1 += 1
-        count_rings(codes, u0, u1, ring_of_code, block, hist, counts)
+        look_at(flat, rows, u0, u1, block, cells, begin)
         t = 0.5 * (edges_t[d] + edges_t[d + 1])
         for layer in range(len(layers) - 1):
-            first, last, why = walk_rings(counts, t, ring_m, layers[layer], layers[layer + 1], w)
+            first, last, why = walk_rings(cells, begin, t, ring_m, behind, layers[layer], layers[layer + 1], w)
             end[d, layer] = why
             free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
             free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
@@ -252,13 +253,13 @@ def seen_free(
     edges[-1] = last
     edges_t = np.asarray(np.tan(edges), np.float64)
     ring_m = np.arange(params.profile_ring_m, clear_m, params.profile_ring_m).astype(np.float32)[:_MAX_RINGS]
-    ring_of_code = np.empty(65536, np.uint8)
-    rings_through(g.f_px * g.quantum, params.profile_sigmas * ke, params.profile_noise_cap, ring_m, ring_of_code)
+    behind = np.empty(len(ring_m), np.int32)
+    rings_seen(g.f_px * g.quantum, params.profile_sigmas * ke, params.profile_noise_cap, ring_m, behind)
     layers = layer_edges(params)
     free_from, free_to = np.empty((n, len(layers) - 1), np.float32), np.empty((n, len(layers) - 1), np.float32)
     end = np.empty(free_to.shape, np.uint8)
     settings = walk_settings(g, ground, ke, params)
-    walk_view(codes, g.cu, f_u, edges_t, ring_of_code, ring_m, layers, settings, free_from, free_to, end)
+    walk_view(codes, g.cu, f_u, edges_t, behind, ring_m, layers, settings, free_from, free_to, end)
     return SeenFree(
         edges_rad=edges, edges_t=edges_t, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
     )  # fmt: skip

@@ -61,27 +61,25 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     inside = v % block
     looked_at = ((v - inside + inside // 2 * 2) // 2 + u) % 2 == 0
     weight = looked_at * np.where((inside % 2 == 0) & ((inside == block - 1) | (v == 89)), 2, 1)
-    rings = len(ring_m)
-    counts, hist = np.full((blocks + 1, rings + 3), -1, np.int32), np.full(2 * (rings + 2), -1, np.int32)
-    kind = np.where(codes == 0, rings + 1, ring_of_code[codes]).astype(np.uint8)
-    table = ring_of_code.copy()
-    table[0] = rings + 1
+    cells, begin = np.full(24 * (90 + block), 7, np.uint16), np.full(blocks + 1, -1, np.int64)
+    behind = np.full(len(ring_m), -1, np.int32)
+    fs.rings_seen(F * QUANTUM, 2 * KE, 0.3, ring_m, behind)
     for d in range(3):
         own = np.flatnonzero(direction == d)
         if len(own) == 0:
             continue
-        fs.count_rings(codes, own[0], own[-1] + 1, table, block, hist, counts)
-        for b in range(blocks + 1):
-            part = (direction[:, None] == d) & (v < b * block)
-            for k in range(rings + 2):
-                assert counts[b, k] == weight[part & (kind == k)].sum()
-            assert counts[b, rings + 2] == weight[part].sum()
+        fs.look_at(codes.reshape(-1), 90, own[0], own[-1] + 1, block, cells, begin)
+        assert begin[0] == 0
+        for b in range(blocks):
+            part = (direction[:, None] == d) & (v // block == b)
+            want = np.sort(np.repeat(codes[part], weight[part]))
+            np.testing.assert_array_equal(np.sort(cells[begin[b] : begin[b + 1]]), want)
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
     shape = (3, 3)
     start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
     g = replace(view(cols=24, rows=90), cv=44.5, cu=11.5)
     w = fs.walk_settings(g, NO_GROUND, KE, Params(profile_block_px=block))
-    fs.walk_view(codes, 11.5, F, edges_t, table, ring_m, layers, w, start, to, end)
+    fs.walk_view(codes, 11.5, F, edges_t, behind, ring_m, layers, w, start, to, end)
     for d in range(3):
         for layer in range(3):
             first, last = naive.free_walk(
@@ -95,13 +93,29 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
 @given(st.floats(0.0001, 0.05), st.floats(0.0, 0.5), st.floats(50.0, 5000.0))
 def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap: float, gain: float) -> None:
     ring_m = np.arange(0.4, 15.0, 0.7).astype(np.float32)
-    table = np.full(65536, 99, np.uint8)
-    fs.rings_through(gain, spread, cap, ring_m, table)
+    behind = np.full(len(ring_m), -1, np.int32)
+    fs.rings_seen(gain, spread, cap, ring_m, behind)
     x = gain / np.arange(2, 65536)
-    np.testing.assert_array_equal(
-        table[2:], np.searchsorted(ring_m, x - np.minimum(spread * x * x, cap * x), side="right")
-    )
-    assert (table[1], table[0]) == (len(ring_m), len(ring_m) + 1)
+    through = np.searchsorted(ring_m, x - np.minimum(spread * x * x, cap * x), side="right")
+    for r in range(len(ring_m)):
+        np.testing.assert_array_equal(through > r, np.arange(2, 65536) < behind[r])
+    assert behind.min() >= 2
+    assert behind.max() <= 65536
+
+
+@given(SEED)
+def test_codes_are_counted_from_the_first_to_the_last_of_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = rng.choice(np.array([0, 1, 2, 300, 301, 65535], np.uint16), 200)
+    least, most = np.sort(rng.choice([0, 1, 2, 300, 65535], 2))
+    first, end = np.sort(rng.integers(0, 201, 2))
+    part = cells[first:end]
+    assert fs.count_codes(cells, first, end, least, most) == np.sum((part >= least) & (part <= most))
+
+
+def test_more_cells_are_counted_than_a_narrow_number_holds() -> None:
+    cells = np.full(150_000, 9, np.uint16)
+    assert fs.count_codes(cells, 1, 150_000, 9, 9) == 149_999
 
 
 def profile(
