@@ -6,7 +6,7 @@ import numpy as np
 
 from .density import LANES, MAX_PEAKS, count_bins, peaks_of_column, soft_counts
 from .irregular import irregular_rest
-from .kernels import inner, kernel
+from .kernels import inner_inline, kernel
 from .pixels import CLOSED, ROW, free_rows, gate_rises, gather_rows, mark_rows, open_rows, tile_columns, tile_limits
 from .strips import (
     FIRST,
@@ -82,7 +82,7 @@ def extract_strips(
     return tally[N], np.int64(measured.sum()) - opened, tally[OVERFLOW]
 
 
-@inner
+@inner_inline
 def peak_range(low, high, top, bin_px, bin_width_px, weights, fs, si):
     """(disparity of a peak, px, the codes it reaches from and to, whether it is rough: wider than noise and kernel)."""
     spread = bin_px[high] - bin_px[low] + bin_width_px[top]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import inner
+from .kernels import inner_inline
 from .params import Params
 from .pixels import CODE
 
@@ -82,7 +82,7 @@ def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) ->
     )  # fmt: skip
 
 
-@inner
+@inner_inline
 def count_bins(px, n, bin_of_code, lanes):
     """How many of the first n pixels of px are in each bin; returns the least and the greatest bin with any.
 
@@ -96,7 +96,7 @@ def count_bins(px, n, bin_of_code, lanes):
     return np.int64(bin_of_code[least]), np.int64(bin_of_code[most])
 
 
-@inner
+@inner_inline
 def soft_counts(lanes, first, last, weights, hist, counts):
     """counts[b] = sum_k weights[k] hist[b + k - half] for the bins with pixels (first..last) and around them.
 
@@ -131,7 +131,7 @@ def soft_counts(lanes, first, last, weights, hist, counts):
     return begin, end
 
 
-@inner
+@inner_inline
 def peaks_of_column(counts, begin, end, threshold, valley_share, alpha, low, high, top):
     """Peaks of counts[begin..end] over `threshold`, from near to far, as `find_peaks` over all bins would give them.
 
@@ -155,7 +155,7 @@ def peaks_of_column(counts, begin, end, threshold, valley_share, alpha, low, hig
     return found
 
 
-@inner
+@inner_inline
 def last_over(counts, threshold, begin, end):
     """The greatest bin of begin..end whose count is not below its threshold and not zero, or -1."""
     none = np.int32(-1)
@@ -166,7 +166,7 @@ def last_over(counts, threshold, begin, end):
     return np.int64(last)
 
 
-@inner
+@inner_inline
 def find_peaks(counts, threshold, first, last, valley_share, alpha, found, low, high, top):
     """Adds the peaks of counts[first..last] over `threshold`, from near (high bins) to far, to the `found` ones;
     returns how many there are then (at most MAX_PEAKS).
@@ -197,7 +197,7 @@ def find_peaks(counts, threshold, first, last, valley_share, alpha, found, low, 
     return found
 
 
-@inner
+@inner_inline
 def peak_interval(counts, top, first, last, least):
     """The bins around `top`, within first..last, whose counts are not below `least`: (first, last)."""
     low, high = top, top

@@ -47,7 +47,7 @@ def is_horizontal(px, first, last, fs):
     return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
 
 
-@inner
+@inner_inline
 def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally):
     """Section 4.3: the first n pixels of px, which no window took, in segments.
 

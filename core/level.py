@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import Rotation
-from .kernels import inner, inner_ieee, kernel
+from .kernels import inline_ieee, inner, inner_ieee, inner_inline, kernel
 from .types import FAR_MM, CameraInfo
 from .view_geometry import ViewGeometry
 
@@ -54,7 +54,7 @@ def seen_rows(H, u, src_cols, src_rows, rows):
     return first, max(first, last + 1)
 
 
-@inner_ieee
+@inline_ieee
 def codes_of(marks, forward, gain, out):
     """Codes of pixels: disparity of marks (N,) uint16 times forward (N,) float32, Z_optical / X, in quanta."""
     for i in range(len(out)):
@@ -69,7 +69,7 @@ def codes_of(marks, forward, gain, out):
         out[i] = np.uint16(code)
 
 
-@inner_ieee
+@inline_ieee
 def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
     """The nearest source pixel of cells (u, first), (u, first + 1), ...: its index in the flat image and Z_optical / X.
 
@@ -154,7 +154,7 @@ def level_as_it_is(marks, gain, out):
                 out[u0 + i, four] = packed[i]
 
 
-@inner
+@inner_inline
 def left_over(marks, picked, want, found):
     """Measured pixels that were not picked: writes their places to found, returns how many.
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from .kernels import inner, kernel
+from .kernels import inner, inner_inline, kernel
 
 ROW, CODE = range(2)
 """Lines of a list of pixels: their row and their code."""
@@ -84,7 +84,7 @@ def tile_limits(gate, rises, tan_mid, shifts, below, above):
     return True
 
 
-@inner
+@inner_inline
 def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, measured):
     """mask[v] = 1 where row v of a column is measured and not ground, else 0.
 
@@ -106,7 +106,7 @@ def open_rows(line, gate, shift, tan_mid, below, above, between, mask, doubt, me
                         mask[v] = 0
 
 
-@inner
+@inner_inline
 def gather_rows(line, mask, px):
     """ROW and CODE of the rows with mask = 1, from top to bottom; returns their number.
 
@@ -133,7 +133,7 @@ def gather_rows(line, mask, px):
     return count
 
 
-@inner
+@inner_inline
 def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
     """mark[v] for the rows first..last: the peak whose bins hold its code, NO_PEAK or CLOSED.
 
@@ -149,14 +149,14 @@ def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
             mark[v] = np.uint8(p) if inside else mark[v]
 
 
-@inner
+@inner_inline
 def free_rows(mark, first, last, mask):
     """mask[v] = 1 where row v of first..last is open."""
     for v in range(np.uint64(first), np.uint64(last + 1)):
         mask[v] = mark[v] <= NO_PEAK
 
 
-@inner
+@inner_inline
 def ends_of(mark, label, first, last):
     """(first, last) row of first..last with this mark; first > last where there is none."""
     for _ in range(last + 1 - first):

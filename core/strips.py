@@ -157,7 +157,7 @@ def emit(
     add_strip(ints, floats, tally, si[I_ROOM], u, top, bottom, support, kind, d, near, np.float32(sigma), filled)
 
 
-@inner
+@inner_inline
 def rows_missed(mark, label, top, bottom, count, gap):
     """Rows top..bottom that lie in gaps of more than `gap` rows without one of the `count` pixels that have this mark:
     they were never seen at this distance."""
@@ -184,7 +184,7 @@ def rows_missed(mark, label, top, bottom, count, gap):
     return missed
 
 
-@inner
+@inner_inline
 def running_sums(line, mark, label, first, last, seen, own):
     """Sums over the rows of first..last before a row, (V + 1,) int64: of what is open in `seen`, of what has this mark in
     `own`. Each holds the number of pixels, times 2^32, and the sum of their codes: the difference of two is that of the
@@ -199,7 +199,7 @@ def running_sums(line, mark, label, first, last, seen, own):
     seen[last + 1], own[last + 1] = open_sum, own_sum
 
 
-@inner
+@inner_inline
 def split_bands(own, top, bottom, least, fs, si, parts):
     """Where a run of pixels steps in depth: returns the number of its parts. own: see `running_sums`. parts: (3, > rows
     / band_rows) int64 out: first row, number of pixels, sum of their codes.
@@ -260,7 +260,7 @@ def window_half_rows(d, fs, si, rows):
     return max(1, int(length / 2.0 + 0.5))
 
 
-@inner
+@inner_inline
 def slide_windows(
     line, mark, first, last, label, d, low_code, high_code, rough, u, H, area, fs, si, seen, own, best, parts, ints,
     floats, tally,
@@ -299,7 +299,7 @@ def slide_windows(
                 break
 
 
-@inner
+@inner_inline
 def finish_segment(
     line, mark, top, bottom, label, low_code, high_code, rough, u, H, area, fs, si, own, best, parts, ints, floats, tally
 ):  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .kernels import copy_row, inner, kernel
+from .kernels import copy_row, inner, inner_inline, kernel
 from .strips import (
     BOTTOM,
     CUT,
@@ -72,7 +72,7 @@ def lowest_rows(ints, cols, first_of_column, lowest):
             lowest[i] = least
 
 
-@inner
+@inner_inline
 def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, cursor):
     """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0.
 
