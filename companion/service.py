@@ -22,7 +22,6 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.transport import parse_address
 
 from .autopilot_line import params_of, signing_of
-from .avoidance import READS, Avoidance, avoidance_of
 from .blindness import Blindness
 from .camera_supervisor import CameraSupervisor
 from .computer_status import ComputerStatus
@@ -53,6 +52,7 @@ from .service_folders import Folders
 from .surround import SurroundKeeper, surround_message
 
 if TYPE_CHECKING:
+    from .avoidance import Avoidance
     from .metrics import MetricsServer
     from .world_service import WorldService
 
@@ -132,13 +132,17 @@ class Service:
             return None, None
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
         keep = (lambda data, t_ns: self._heard.append(RawFrame(data, t_ns))) if log_raw else None
+        params, address = params_of(self.config), parse_address(a.address)
+        if not self.config.avoid.send:
+            session = MavlinkSession(params, on_frame=keep, signing=self.signing)
+            return session, MavlinkLink(address, session, self._deliver)
+        from .avoidance import READS, avoidance_of  # much to import: only where obstacles are told
+
         session = MavlinkSession(
-            params_of(self.config), on_frame=keep, signing=self.signing, reads=READS,
-            on_message=self._autopilot_says if self.config.avoid.send else None,
-        )  # fmt: skip
-        link = MavlinkLink(parse_address(a.address), session, self._deliver)
-        if self.config.avoid.send:
-            self.avoidance = avoidance_of(self.config, self.cameras, session, link)
+            params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._autopilot_says
+        )
+        link = MavlinkLink(address, session, self._deliver)
+        self.avoidance = avoidance_of(self.config, self.cameras, session, link)
         return session, link
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:

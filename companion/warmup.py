@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
+import importlib
 import os
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -39,6 +40,7 @@ COMPLETE = "complete-"
 """With a mode behind it: stands beside the cached kernels when all that a service in this mode uses are there."""
 MARK = "loading"
 """Stands beside the cached kernels while a service loads them."""
+BLAS = "scipy.linalg.cython_blas"
 COMPILED_S = 5.0
 """Loading cached kernels takes less, compiling them far more."""
 
@@ -135,12 +137,26 @@ def make_ready(*modes: str) -> None:
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
+    load_without_blas()
     run_kernels(modes, metres=False)
     if mark is not None:
         mark.unlink(missing_ok=True)
     if time.monotonic() - begun_s > COMPILED_S:
         gc.collect()  # compiling leaves much behind, loading little
     gc.freeze()
+
+
+def load_without_blas() -> None:
+    """Loads the part of numba that else loads all of scipy.linalg, a quarter of a second of a start, to see whether there
+    is a BLAS. No kernel of ours multiplies matrices; one that is compiled later and does finds it all the same."""
+    if BLAS in sys.modules or "numba.np.arraymath" in sys.modules:
+        return
+    loaded = cast(dict[str, Any], sys.modules)
+    loaded[BLAS] = None  # "there is none"
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del loaded[BLAS]
 
 
 def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:
