@@ -158,7 +158,8 @@ class CameraSupervisor:
             if frame is not None:
                 heard_ns = now_ns
                 self._take_frame(frame, now_ns, dropped + reader.dropped)
-            self._change(alive_ns=now_ns)
+            else:
+                self._change(alive_ns=now_ns)
             reason = self._ill(now_ns, begun_ns, opened_ns, heard_ns)
             if reason:
                 return reason
@@ -176,13 +177,12 @@ class CameraSupervisor:
             self._on_info(info)
 
     def _take_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
-        self._change(frames=self._status.frames + 1, dropped=dropped, last_arrival_ns=now_ns)
         frozen = self._judge.judge(frame)
-        if frozen:
-            self._say(CameraCondition.FROZEN, frozen)
-            return  # what does not change says nothing about now
-        self._say(CameraCondition.RUNNING, "")
-        self._on_frame(frame)
+        now = CameraCondition.FROZEN if frozen else CameraCondition.RUNNING
+        frames = self._status.frames + 1
+        self._say(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
+        if not frozen:  # what does not change says nothing about now
+            self._on_frame(frame)
 
     def _ill(self, now_ns: int, begun_ns: int, opened_ns: int | None, heard_ns: int) -> str:
         """Names silence, and returns why the process has to be started anew, if it has."""
@@ -195,7 +195,7 @@ class CameraSupervisor:
         if silent_s > p.silent_s:
             mute = now_ns - heard_ns > p.silent_s * NS
             what = "its process says nothing" if mute else "no frame"
-            self._say(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s", same_if=CameraCondition.SILENT)
+            self._say(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s")
         # the first frame may take long: pipelines start, models load, kernels compile
         delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns
         if silent_s > (p.restart_s if delivered else p.open_s):
@@ -214,12 +214,10 @@ class CameraSupervisor:
         while _now() < until_ns and not self._stop.wait(_POLL_S):
             self._change(alive_ns=_now())
 
-    def _say(self, condition: CameraCondition, cause: str, same_if: CameraCondition | None = None) -> None:
-        same = self._status.condition is condition
-        if same and (same_if is condition or self._status.cause == cause):
-            self._change(cause=cause)
-            return
-        self._change(condition=condition, cause=cause, since_ns=self._status.since_ns if same else _now())
+    def _say(self, condition: CameraCondition, cause: str, **changes: Any) -> None:
+        """The condition, with whatever else changes: one new status, since making it is most of a frame's work here."""
+        since_ns = self._status.since_ns if self._status.condition is condition else _now()
+        self._change(condition=condition, cause=cause, since_ns=since_ns, **changes)
 
     def _change(self, **changes: Any) -> None:
         self._status = dataclasses.replace(self._status, **changes)

@@ -9,14 +9,14 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, DataEnd, Footer, Header, Schema, Statistics, SummaryOffset
+from mcap.records import Channel, DataEnd, Footer, Header, Schema, Statistics, SummaryOffset
 
 from drivers.mcap_scan import MAGIC
 
@@ -29,6 +29,12 @@ _MESSAGE_HEAD: Final = 22
 _CHUNK: Final = struct.Struct("<BQQQQII4sQ")
 """Opcode, length, first and last time, uncompressed size and checksum, "zstd" with its length, compressed size."""
 _INDEX: Final = struct.Struct("<BQHI")
+_CHUNK_INDEX: Final = struct.Struct("<BQQQQQI")
+"""Opcode, length, first and last time, where the chunk begins, its length, bytes of the places that follow."""
+_PLACE: Final = struct.Struct("<HQ")
+"""A channel, and where its index of the chunk begins."""
+_CHUNK_SIZES: Final = struct.Struct("<QI4sQQ")
+"""Length of all the indexes, "zstd" with its length, compressed and uncompressed size."""
 _START: Final = 1 << 16
 
 Part = bytes | memoryview
@@ -61,7 +67,7 @@ class McapWriter:
         self._channels: list[Channel] = []
         self._indexes: dict[int, array[int]] = {}
         self._counts: dict[int, int] = {}
-        self._chunks: list[ChunkIndex] = []
+        self._chunks: list[bytes] = []
         self._in_chunk, self._in_file = _Times(), _Times()
 
     def start(self, library: str) -> None:
@@ -115,11 +121,15 @@ class McapWriter:
             self._finish_chunk()
         self._write(_record(DataEnd(0)))
         start = self._offset
-        groups = ((Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels),
-                  (Opcode.STATISTICS, [self._statistics()]), (Opcode.CHUNK_INDEX, self._chunks))  # fmt: skip
+        groups: tuple[tuple[int, Iterable[bytes]], ...] = (
+            (Opcode.SCHEMA, map(_record, self._schemas)),
+            (Opcode.CHANNEL, map(_record, self._channels)),
+            (Opcode.STATISTICS, [_record(self._statistics())]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+        )
         summary, offsets = b"", b""
         for opcode, records in groups:
-            data = b"".join(map(_record, records))
+            data = b"".join(records)
             if data:
                 offsets += _record(SummaryOffset(opcode, start + len(summary), len(data)))
             summary += data
@@ -157,18 +167,18 @@ class McapWriter:
             )
         )  # fmt: skip
         self._write(data)
-        places, after = {}, self._offset
+        places, after = b"", self._offset
         for channel_id, index in self._indexes.items():
-            places[channel_id] = self._offset
+            places += _PLACE.pack(channel_id, self._offset)
             packed = struct.pack(f"<{len(index)}Q", *index)
             self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(packed), channel_id, len(packed)) + packed)
+        # as it will be written: made at the end, those of a thousand chunks would keep the interpreter from a frame or two
+        size = _CHUNK_INDEX.size - 9 + len(places) + _CHUNK_SIZES.size
         self._chunks.append(
-            ChunkIndex(
-                message_start_time=times.first, message_end_time=times.last, chunk_start_offset=start,
-                chunk_length=after - start, message_index_offsets=places, message_index_length=self._offset - after,
-                compression="zstd", compressed_size=len(data), uncompressed_size=len(content),
-            )
-        )  # fmt: skip
+            _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, size, times.first, times.last, start, after - start, len(places))
+            + places
+            + _CHUNK_SIZES.pack(self._offset - after, 4, b"zstd", len(data), len(content))
+        )
         self._filled, self._indexes, self._in_chunk = 0, {}, _Times()
 
     def _statistics(self) -> Statistics:
