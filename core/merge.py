@@ -78,14 +78,15 @@ def weigh_neighbours(
             order[alive] = order[k]
             alive += 1
     fill_tiles(order, alive, traits, tiles)
+    start, group = np.empty(alive), np.empty(alive, np.int32)
+    for k in range(alive):
+        start[k], group[k] = planes[order[k], T0], plane_ints[order[k], P_CLUSTER]
     for k in range(alive):
         i = order[k]
         far = planes[i, T1] + _WINDOW * rules[R_GAP] / planes[i, MIDDLE]
-        cluster = plane_ints[i, P_CLUSTER]
         end = k + 1
         for _ in range(min(alive - end, most)):
-            j = order[end]
-            if planes[j, T0] > far or plane_ints[j, P_CLUSTER] != cluster:
+            if start[end] > far or group[end] != group[k]:
                 break
             end += 1
         if end == k + 1:

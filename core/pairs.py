@@ -121,9 +121,10 @@ def pair_cost(p, q, rules):
     at = a + b * t_mean
     left, right = a + b * min(p[Q_T0], q[Q_T0]), a + b * max(p[Q_T1], q[Q_T1])
     refused = (worst >= 1.0) | (left < 0.5 * at) | (right < 0.5 * at)
-    # the gap between ends that face each other, along the line
+    # distances of all four ends on the line; the gap between those that face each other
+    p0, p1, q0, q1 = 1.0 / (a + b * p[Q_T0]), 1.0 / (a + b * p[Q_T1]), 1.0 / (a + b * q[Q_T0]), 1.0 / (a + b * q[Q_T1])
     t0, t1 = min(p[Q_T1], q[Q_T1]), max(p[Q_T0], q[Q_T0])
-    x0, x1 = 1.0 / (a + b * t0), 1.0 / (a + b * t1)
+    x0, x1 = p1 if p[Q_T1] < q[Q_T1] else q1, q0 if p[Q_T0] < q[Q_T0] else p0
     ahead, aside = x0 - x1, t0 * x0 - t1 * x1
     refused |= (t0 < t1) & (ahead * ahead + aside * aside > rules[R_GAP] * rules[R_GAP])
     # long ones must agree in direction
@@ -131,7 +132,7 @@ def pair_cost(p, q, rules):
     dot = p[Q_A] * q[Q_A] + p[Q_B] * q[Q_B]
     both_long = min(p[Q_T1] - p[Q_T0], q[Q_T1] - q[Q_T0]) > rules[R_LONG] * at
     refused |= both_long & ((dot <= 0.0) | (abs(cross) > rules[R_TURN] * dot))
-    shift = max(0.0, max(front_on(p, a, b), front_on(q, a, b)))
+    shift = max(0.0, max(p[Q_FRONT] + max(p0 - p[Q_X0], p1 - p[Q_X1]), q[Q_FRONT] + max(q0 - q[Q_X0], q1 - q[Q_X1])))
     front = p[Q_FRONT] if p[Q_W] > q[Q_W] else q[Q_FRONT]
     moved = (shift - max(0.0, front)) * at * at / (rules[R_SHIFT] * at * at + rules[R_SIGMA_S])
     refused |= moved >= 1.0

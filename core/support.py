@@ -32,6 +32,9 @@ from .strips import (
 )
 from .view_geometry import outside_source
 
+_BAND = 16
+"""Not tuning: rows of a column among which a strip is looked for one by one."""
+
 
 @kernel
 def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, lowest, keep):
@@ -45,17 +48,17 @@ def drop_unsupported(ints, floats, n, cols, fs, si, first_of_column, lowest, kee
     Strips in order of `sort_columns`. fs, si: settings by the S_ and I_ indices. first_of_column: (cols + 1,) int32, see
     `index_columns`, in and out. lowest: (N,) int32, keep: (N,) uint8, both scratch."""
     lowest_rows(ints, cols, first_of_column, lowest)
-    reach = si[I_SUPPORT_COLUMNS]
-    cursor = np.zeros(2 * reach + 1, np.int64)
+    deepest = 0
+    for i in range(n):
+        deepest = max(deepest, lowest[i])
+    first_below = np.empty((cols, deepest // _BAND + 1), np.int32)
+    index_rows(cols, first_of_column, lowest, first_below)
     least, per_px = PX * si[I_SUPPORT], fs[S_SUPPORT_PER_PX]
-    for u in range(cols):
-        for w in range(max(0, u - reach), min(cols - 1, u + reach) + 1):
-            cursor[w - u + reach] = first_of_column[w]
-        for i in range(first_of_column[u], first_of_column[u + 1]):
-            need = max(least, int(per_px * floats[i, D]))
-            keep[i] = 1
-            if ints[i, SUPPORT] < need:
-                keep[i] = _carried(ints, floats, i, cols, need, fs, si, first_of_column, lowest, cursor)
+    for i in range(n):
+        need = max(least, int(per_px * floats[i, D]))
+        keep[i] = 1
+        if ints[i, SUPPORT] < need:
+            keep[i] = _carried(ints, floats, i, cols, need, fs, si, first_of_column, lowest, first_below)
     n = compact(ints, floats, n, keep)
     index_columns(ints, n, cols, first_of_column)
     return n
@@ -72,12 +75,26 @@ def lowest_rows(ints, cols, first_of_column, lowest):
             lowest[i] = least
 
 
+@inner
+def index_rows(cols, first_of_column, lowest, first_below):
+    """first_below[u, b] (cols, B) int32 out: the first strip of column u that may reach row b * _BAND or a lower one; what
+    follows the column where none does. lowest: of `lowest_rows`."""
+    for u in range(cols):
+        at, last = first_of_column[u], first_of_column[u + 1]
+        for b in range(first_below.shape[1]):
+            for _ in range(last - at):
+                if lowest[at] >= b * _BAND:
+                    break
+                at += 1
+            first_below[u, b] = at
+
+
 @inner_inline
-def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, cursor):
+def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, first_below):
     """1 where the small strip i is carried by small neighbours and is not the noise of a large one, else 0.
 
     A large one lies beside it when it touches its rows in its own column or the next; so these columns come first.
-    cursor: for each column in reach the first strip that may touch this one or a lower one; moved on."""
+    first_below: of `index_rows`."""
     total = ints[i, SUPPORT]
     u, top, bottom, d = ints[i, U], ints[i, TOP], ints[i, BOTTOM], floats[i, D]
     reach, rows = si[I_SUPPORT_COLUMNS], si[I_SUPPORT_ROWS]
@@ -90,12 +107,12 @@ def _carried(ints, floats, i, cols, least, fs, si, first_of_column, lowest, curs
             return 1
         if w < 0 or w >= cols:
             continue
-        first, last = cursor[w - u + reach], first_of_column[w + 1]
+        row = top - rows - off
+        first, last = first_below[w, max(row, 0) // _BAND], first_of_column[w + 1]
         for _ in range(last - first):
-            if lowest[first] >= top - rows - off:
+            if lowest[first] >= row:
                 break
             first += 1
-        cursor[w - u + reach] = first
         for j in range(first, last):
             if ints[j, TOP] > bottom + rows + off:
                 break
@@ -196,10 +213,11 @@ def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
         a, b = first_of_column[u - 1], first_of_column[u + 1]
         for i in range(first_of_column[u], first_of_column[u + 1]):
             left, a = _touching(ints, floats, i, fs, a, first_of_column[u], lowest)
+            if left < 0 or raw[left] >= raw[i]:
+                continue  # the median of three would be no farther than its own, which it keeps
             right, b = _touching(ints, floats, i, fs, b, first_of_column[u + 2], lowest)
-            if left >= 0 and right >= 0:
-                x, y, z = raw[left], raw[i], raw[right]
-                floats[i, NEAR] = min(y, max(min(x, y), min(max(x, y), z)))
+            if right >= 0:
+                floats[i, NEAR] = min(raw[i], max(raw[left], raw[right]))
 
 
 @inner

@@ -142,6 +142,21 @@ def smooth(t: Strips, p: Params | None = None) -> None:
     )
 
 
+@given(SEED, st.integers(1, 60), st.sampled_from([0.01, 0.1]), st.sampled_from([0.0, 3.0]))
+def test_near_edges_against_their_definition(seed: int, n: int, relative: float, sigmas: float) -> None:
+    rng = np.random.default_rng(seed)
+    p = Params(smooth_relative=relative, smooth_sigmas=sigmas)
+    t = random_strips(rng, n, cols=8)
+    t.floats[:, s.NEAR] = t.floats[:, s.D] * rng.uniform(1.0, 1.1, n)
+    rows = [
+        (int(r[s.U]), int(r[s.TOP]), int(r[s.BOTTOM]), *(float(f[c]) for c in (s.D, s.NEAR, s.SIGMA)))
+        for r, f in zip(t.ints, t.floats, strict=True)
+    ]
+    want = [naive.smoothed_near(rows, i, p) for i in range(n)]
+    smooth(t, p)
+    np.testing.assert_array_equal(t.floats[:, s.NEAR], np.float32(want))
+
+
 def test_the_near_edge_is_the_median_of_three_touching_columns_and_never_nearer_than_its_own() -> None:
     t = Strips(sigma_px=0.5)
     near = [5.0, 4.2, 5.0, 4.8, 4.6, 5.0]
