@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .kernels import inner
+from .kernels import inner, inner_inline
 
 STEPS = 1024
 """Not tuning: lists of costs, so many that few entries share one."""
@@ -25,7 +25,7 @@ def begin(waits, at):
     at[STEP], at[SIZE] = -1, 0
 
 
-@inner
+@inner_inline
 def put(cost, pair, waits, after, heap, at, entry):
     """Puts an entry in. Its cost is below 1 and not below that of the last one taken."""
     step = np.int64(cost[entry] * STEPS)
@@ -43,7 +43,7 @@ def put(cost, pair, waits, after, heap, at, entry):
     heap[k] = entry
 
 
-@inner
+@inner_inline
 def take(cost, pair, waits, after, heap, at):
     """Takes the cheapest entry out; -1 where there is none."""
     if at[SIZE] == 0:

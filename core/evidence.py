@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import inner
+from .kernels import inner, inner_inline
 from .openings import is_open
 from .strips import BOTTOM, SUPPORT, TOP, D, U
 from .types import Intrinsics
@@ -70,7 +70,7 @@ def first_cell(value):
     return int(math.ceil(value - 0.5))
 
 
-@inner
+@inner_inline
 def uncovered_share(t0, t1, z0, z1, a, b, p, q, behind_m, noise_s, gap_m, slack_m, grid, frame, masks, mask_frame, run):
     """Share of a joined rectangle's cells that are not blocked, 2 where it must not be at all.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .cheapest import STEPS, begin, put, take
 from .evidence import nearest_seen, uncovered_share
-from .kernels import inner, kernel
+from .kernels import inner, inner_inline, kernel
 from .pairs import (
     R_BEHIND,
     R_EMPTY_WEIGHT,
@@ -51,7 +51,7 @@ _MOST_LOOKS = 64
 """Not tuning: a bound on looks per pair that no frame has come near."""
 
 
-@inner
+@inner_inline
 def cover_cost(planes, i, j, a, b, rules, grid, frame, masks, mask_frame, run):
     """What the joined rectangle of i and j on the line s = a + b*t costs for the empty cells that it takes in."""
     p = planes[i, T0], planes[i, T1], planes[i, Z0], planes[i, Z1]
@@ -192,7 +192,7 @@ def root_of(parent, k):
     return k
 
 
-@inner
+@inner_inline
 def absorb(planes, plane_ints, moments, traits, i, j, a, b):
     """Makes plane i, on the line s = a + b*t, stand for j too; j gets a negative support."""
     p, q = planes[i], planes[j]

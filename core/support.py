@@ -220,7 +220,7 @@ def smooth_near(ints, floats, n, cols, fs, first_of_column, lowest, raw):
                 floats[i, NEAR] = min(raw[i], max(raw[left], raw[right]))
 
 
-@inner
+@inner_inline
 def _touching(ints, floats, i, fs, first, last, lowest):
     """(The strip among first..last-1 that overlaps strip i in rows and lies nearest to it in disparity, or -1; the
     first that may overlap this one or a lower one)."""
