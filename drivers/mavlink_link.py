@@ -5,7 +5,6 @@ for a while and are read together; whoever needs the newest, since a frame has c
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -27,6 +26,8 @@ PAUSE_S = 0.04
 by itself. What is posted goes at once."""
 MUCH_BYTES = 2048
 """Read at once: more may wait, a serial line's buffer is 4096."""
+FEW_BYTES, MOST_WAIT_S = 4096, 0.005
+"""Of the line, and so long for it, whoever catches up takes upon himself; an autopilot sends a tenth of it in a pause."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
 
 
@@ -58,6 +59,7 @@ class MavlinkLink:
         self._lock = threading.Lock()
         self._turn = threading.Lock()
         self._transport: Transport | None = None
+        self._left: list[Chunk] = []
         self._stop = threading.Event()
         self._news = threading.Event()
         self.budget: LinkBudget | None = None
@@ -88,10 +90,22 @@ class MavlinkLink:
 
     def catch_up(self) -> None:
         """Reads and delivers what has arrived by now, in the caller's thread. Without a line it does nothing, and what is
-        wrong with one is the link's own affair: its thread meets it, too."""
-        with self._turn, contextlib.suppress(DriverError):
-            if self._transport is not None:
+        wrong with one is the link's own affair: its thread meets it, too. So is more than comes in a moment: noise takes
+        long to look through, and no frame may wait for that."""
+        if not self._turn.acquire(timeout=MOST_WAIT_S):
+            return
+        try:
+            if self._transport is None or self._left:
+                return
+            self._left = self._transport.read()
+            if _bytes(self._left) > FEW_BYTES:
+                self._news.set()
+            elif self._left:
                 self._round(self._transport)
+        except DriverError:
+            return
+        finally:
+            self._turn.release()
 
     def set_system_status(self, status: int) -> None:
         """The MAV_STATE of our heartbeat: how the pipeline is."""
@@ -123,7 +137,7 @@ class MavlinkLink:
             finally:
                 if transport is not None:
                     with self._turn:
-                        self._transport = None
+                        self._transport, self._left = None, []
                         transport.close()
             if not self._stop.is_set():
                 self._wait(backoff_s, error, losses)
@@ -155,8 +169,9 @@ class MavlinkLink:
             transport.wait(READ_S)
 
     def _round(self, transport: Transport) -> int:
-        """Reads what is there, sends what is due, delivers; the number of bytes read. One thread at a time."""
-        chunks: list[Chunk] = transport.read()
+        """Takes what was left or reads what is there, sends what is due, delivers; the number of bytes. One thread at a
+        time."""
+        chunks, self._left = self._left or transport.read(), []
         with self._lock:
             samples = self._session.receive(chunks, transport.sources)
             if self._session.spoke_in is not None:
@@ -165,10 +180,14 @@ class MavlinkLink:
                 transport.write(data)
         if chunks:
             self._deliver(samples)
-        return sum(len(data) for data, _ in chunks)
+        return _bytes(chunks)
 
     def _wait(self, seconds: float, error: str, losses: int) -> None:
         """Waits and stays alive: a missing line is a state, not a hang."""
         until_ns = time.monotonic_ns() + round(seconds * NS)
         while time.monotonic_ns() < until_ns and not self._stop.wait(0.1):
             self._state = LineState(False, error, "", losses, time.monotonic_ns())
+
+
+def _bytes(chunks: list[Chunk]) -> int:
+    return sum(len(data) for data, _ in chunks)

@@ -181,6 +181,32 @@ def test_what_lies_on_the_line_is_there_when_somebody_catches_up() -> None:
         assert stamps == sorted(stamps)
 
 
+def test_noise_is_left_to_the_links_own_thread() -> None:
+    line = UdpLine(Address("udpin", "127.0.0.1", free_port()))
+    samples: Samples = []
+    link = MavlinkLink(Address("udpin", "127.0.0.1", line.port), MavlinkSession(), samples.extend)
+    link._transport = line  # its thread does not run: it is busy elsewhere
+    noise, heartbeat = b"\x55" * 1000, SimulatedAutopilot().due(time.monotonic_ns())
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for data in (*[noise] * 5, *heartbeat):
+                sender.sendto(data, ("127.0.0.1", line.port))
+            link.catch_up()
+            assert link.status().counts == {}
+            sender.sendto(noise, ("127.0.0.1", line.port))
+            link.catch_up()  # nothing is read before what was left
+            assert link.status().counts == {}
+        link._round(line)
+        assert link.status().counts == {"bytes of noise": 5000}
+        assert link.status().vehicle is not None
+        link.catch_up()
+        assert link.status().counts == {"bytes of noise": 6000}
+        with link._turn:
+            link.catch_up()  # whoever has a frame does not wait for a thread that is at it
+    finally:
+        line.close()
+
+
 def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Path) -> None:
     place = tmp_path / "usb-autopilot"
     end = PtyEnd()
