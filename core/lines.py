@@ -46,6 +46,6 @@ def misfit(w, t, s, tt, ts, ss, a, b):
 
 
 @inner
-def incidence_cosine(a, b, t):
-    """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1."""
-    return abs(a + b * t) / (math.hypot(a, b) * math.sqrt(1.0 + t * t))
+def incidence_cosine(a, b, length, t):
+    """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1; length: hypot(a, b), one for all rays."""
+    return abs(a + b * t) / (length * math.sqrt(1.0 + t * t))

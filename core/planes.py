@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 
-from .kernels import copy_row, inner
+import numpy as np
+
+from .kernels import copy_row, inner, kernel
 from .lines import fit_line, incidence_cosine
 from .strips import BOTTOM, CLUSTER, CUT, FILL, KIND, NEAR, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
 from .tracks import T_T0, T_T1, tangent
@@ -41,7 +43,7 @@ def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, plan
         plane_of[k] = k
 
 
-@inner
+@kernel
 def measure_planes(
     ints, floats, n, f, cu, lateral, tan_edge, footprint_t, cut_t, safe_m, along_m, near_sigmas, count, plane_of, planes,
     plane_ints,
@@ -51,7 +53,9 @@ def measure_planes(
     footprint_t: tangent by which rows go beyond their edges, cut_t: where the border of the image cuts them, which go on.
     plane_of: (tracks,) int32 root plane of a track. FRONT is the largest excess of the robust near edge over
     safe_m, perpendicular to the plane, and at least what keeps along_m along the viewing ray."""
+    length = np.empty(count)
     for k in range(count):
+        length[k] = math.hypot(planes[k, A], planes[k, B])
         planes[k, Z0], planes[k, Z1], planes[k, FRONT] = MOST_M, -MOST_M, -MOST_M
         plane_ints[k, P_SUPPORT], plane_ints[k, P_FILL], plane_ints[k, P_CUT], plane_ints[k, P_KIND] = 0, 0, 0, 0
         plane_ints[k, P_ROWS], plane_ints[k, P_COLUMNS], plane_ints[k, P_LAST_U] = 0, 0, -1
@@ -81,23 +85,23 @@ def measure_planes(
         planes[k, FRONT] = max(
             planes[k, FRONT],
             near_excess_m(
-                x, t, floats[i, D], floats[i, NEAR], floats[i, SIGMA], ints[i, KIND], planes[k, A], planes[k, B], f, safe_m,
-                along_m, near_sigmas,
+                x, t, floats[i, D], floats[i, NEAR], floats[i, SIGMA], ints[i, KIND], planes[k, A], planes[k, B], length[k],
+                f, safe_m, along_m, near_sigmas,
             ),
         )  # fmt: skip
 
 
 @inner
-def near_excess_m(x, t, d, near, sigma, kind, a, b, f, safe_m, along_m, near_sigmas):
+def near_excess_m(x, t, d, near, sigma, kind, a, b, length, f, safe_m, along_m, near_sigmas):
     """How far the near edge of a strip stands out in front of its plane a, b, at x along its tangent t, beyond safe_m:
     perpendicular to the plane, and at least what keeps along_m along the ray.
 
-    d, near, sigma: disparities of the strip. The edge of a rough one lies no farther than near_sigmas of its noise behind the
+    d, near, sigma: disparities of the strip; length: hypot(a, b). The edge of a rough one lies no farther than near_sigmas of its noise behind the
     strip itself, whatever its neighbours say."""
     if kind != SMOOTH:
         near = max(near, d - near_sigmas * sigma)
     ray = (x - f / near) * math.sqrt(1.0 + t * t)
-    cosine = incidence_cosine(a, b, t)
+    cosine = incidence_cosine(a, b, length, t)
     return max(ray * cosine - safe_m, (ray - along_m) * cosine)
 
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import inner
+from .kernels import inner, kernel
 from .lines import SS, TS, TT, S, T, W, add_point, fit_line, misfit
 from .params import Params
 from .planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, A, B, distance_at, near_excess_m
@@ -58,13 +58,16 @@ def split_standouts(
     )  # fmt: skip
 
 
-@inner
+@kernel
 def measure_excess(
     ints, floats, n, f, cu, lateral, count, plane_of, planes, safe_m, along_m, near_sigmas, excess, above
 ):  # fmt: skip
     """excess (n,) float32 out: `near_excess_m` of each strip over its plane. above (count, _STEPS) float64 out: support of
     the strips of a plane by the step of their excess; what has none counts nowhere."""
     above[:count] = 0.0
+    length = np.empty(count)
+    for k in range(count):
+        length[k] = math.hypot(planes[k, A], planes[k, B])
     for i in range(n):
         if ints[i, SUPPORT] == 0:
             excess[i] = -1.0
@@ -73,7 +76,7 @@ def measure_excess(
         t = tangent(ints, i, cu, f, lateral)
         excess[i] = near_excess_m(
             distance_at(planes[k], t), t, floats[i, D], floats[i, NEAR], floats[i, SIGMA], ints[i, KIND], planes[k, A],
-            planes[k, B], f, safe_m, along_m, near_sigmas,
+            planes[k, B], length[k], f, safe_m, along_m, near_sigmas,
         )  # fmt: skip
         if excess[i] > 0.0:
             above[k, min(int(excess[i] / _STEP_M), _STEPS - 1)] += ints[i, SUPPORT]

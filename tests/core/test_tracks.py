@@ -58,7 +58,7 @@ def test_a_wall_along_the_view_axis_is_a_line_like_any_other() -> None:
     assert (a, b) == pytest.approx((0.0, 1 / 1.5), abs=1e-6)
     assert lines.misfit(*m, a, b) == pytest.approx(0.0, abs=1e-9)
     # the ray (1, 0.1) against the normal (0, 1)
-    assert lines.incidence_cosine(0.0, 1 / 1.5, 0.1) == pytest.approx(0.1 / math.hypot(1, 0.1))
+    assert lines.incidence_cosine(0.0, 1 / 1.5, 1 / 1.5, 0.1) == pytest.approx(0.1 / math.hypot(1, 0.1))
 
 
 def test_one_point_is_a_wall_across_the_view() -> None:
