@@ -103,6 +103,7 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
             after[:] = 0.0
         left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
         mm, marks = depth_mm[v], out[v]
+        # sums of 32 bits as the disparities have: wider ones would halve how many pixels are done at a time
         row_measured, row_far, row_flying = np.int32(0), np.int32(0), np.int32(0)
         for u in range(cols):
             d = middle[u]
@@ -117,9 +118,9 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
             if (d == zero) | fly:
                 mark = np.uint16(0)
             marks[u] = mark
-            row_measured += np.int32(d > zero)
-            row_far += np.int32(d < zero)
-            row_flying += np.int32(fly)
+            row_measured = np.int32(row_measured + np.int32(d > zero))
+            row_far = np.int32(row_far + np.int32(d < zero))
+            row_flying = np.int32(row_flying + np.int32(fly))
         measured += row_measured
         far += row_far
         flying += row_flying

@@ -20,9 +20,10 @@ from .view_geometry import ViewGeometry
 
 Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
 """Codes of the levelled image: no measurement, free to the maximum, and the least measured value."""
-_TILE_COLS, _TILE_ROWS, _TILE_WIDE = 32, 64, 128
-"""Cells that are worked on together: their part of the source fits the nearest cache. Places are rounded from the first
-of them on, so the few that lie within 2e-4 px of two pixels may take the other with other tiles."""
+_TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
+"""Cells that are worked on together: their part of the source fits the nearest cache. Those of a column are written in
+one go, so that memory is asked for lines that follow each other. Places are rounded from the first of _TILE_ROWS cells
+on: the few that lie within 2e-4 px of two pixels may take the other with other tiles."""
 _AS_IT_IS = np.eye(3)
 _FAR = np.uint16(FAR_MM)
 
@@ -118,17 +119,18 @@ def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, seen, at, forw
             seen[k, 0], seen[k, 1] = seen_rows(H, u0 + k, src_cols, src_rows, rows)
             out[u0 + k, : seen[k, 0]] = Q_UNKNOWN
             out[u0 + k, seen[k, 1] :] = Q_UNKNOWN
-        for v0 in range(0, rows, _TILE_ROWS):
+        for high in range(0, rows, _TILE_HIGH):
             for k in range(wide):
-                first, end = max(seen[k, 0], v0), min(seen[k, 1], v0 + _TILE_ROWS)
-                n = end - first
-                if n <= 0:
-                    continue
-                source_of_rows(H, u0 + k, first, src_cols, src_rows, forward, at[:n])
-                for i in range(n):
-                    mark[i] = flat[at[i]]
-                    picked[at[i]] = 1
-                codes_of(mark, forward, gain, out[u0 + k, first:end])
+                for v0 in range(high, min(rows, high + _TILE_HIGH), _TILE_ROWS):
+                    first, end = max(seen[k, 0], v0), min(seen[k, 1], v0 + _TILE_ROWS)
+                    n = end - first
+                    if n <= 0:
+                        continue
+                    source_of_rows(H, u0 + k, first, src_cols, src_rows, forward, at[:n])
+                    for i in range(n):
+                        mark[i] = flat[at[i]]
+                        picked[at[i]] = 1
+                    codes_of(mark, forward, gain, out[u0 + k, first:end])
 
 
 @kernel
