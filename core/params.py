@@ -243,6 +243,9 @@ class Params:
     link_slope_px: float = _number(
         1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
     )
+    rough_slope_px: float = _number(
+        0.4, 0.1, 10.0, "px", "and in a piece with a rough strip, while it grows: that leaves scatter is no slope"
+    )
     link_gap_px: int = _number(4, 1, 64, "px", "columns that one surface may miss")
     roughness_m: float = _number(
         0.02, 0.0, 0.2, "m", "roughness of surfaces, added to the noise so that near strips do not rule alone"
@@ -281,7 +284,7 @@ class Params:
         0.4, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
     )
     rough_near_sigmas: float = _number(
-        2.0,
+        1.5,
         0.0,
         8.0,
         "sigma",

@@ -2,7 +2,8 @@
 
 Greedy growth: a strip joins the piece whose line predicts it within the line tolerance and the noise of both, as long as
 the heights go on; else it begins a piece. The misfit is judged along the viewing ray, so that walls seen edge-on
-are judged as strictly as those seen face-on.
+are judged as strictly as those seen face-on. A piece that has a rough strip is expected to lie flatter across the view: near
+sides of leaves scatter, and side by side they would pass for walls along the rays.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ from .lines import SS, TS, TT, S, T, W
 from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
 from .params import Params
 from .scratch import Scratch
-from .strips import BOTTOM, CLUSTER, CUT, SIGMA, SUPPORT, TOP, TRACK, D, U
+from .strips import BOTTOM, CLUSTER, CUT, KIND, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
 from .view_geometry import ViewGeometry
 
 # columns of the table of tracks: first and last t; highest top of all and lowest real one; highest real bottom, lowest
-# of all; the line s = a + b*t so far, its mean t, scatter of t with the prior, and variance of its mean
-T_T0, T_T1, T_TOP_MIN, T_TOP_MAX, T_BOTTOM_MIN, T_BOTTOM_MAX, T_A, T_B, T_MEAN, T_SCATTER, T_VARIANCE = range(11)
+# of all; the line s = a + b*t so far, its mean t, scatter of t with the prior, variance of its mean, and that prior
+T_T0, T_T1, T_TOP_MIN, T_TOP_MAX, T_BOTTOM_MIN, T_BOTTOM_MAX, T_A, T_B, T_MEAN, T_SCATTER, T_VARIANCE, T_PRIOR = range(
+    12
+)
 # rows of the front, a column for each track that may go on: the track and its last strip; that one's top and bottom row
 # and cluster
 F_TRACK, F_STRIP, F_TOP, F_BOTTOM, F_CLUSTER = range(5)
@@ -37,15 +40,15 @@ def grow_tracks(
     first_of_column: NDArray[np.int32], view: ViewGeometry, params: Params, masks: NDArray[np.uint8],
     frame: NDArray[np.float64], moments: NDArray[np.float64], scratch: Scratch,
 ) -> tuple[int, NDArray[np.float64]]:  # fmt: skip
-    """(tracks, table): writes TRACK of every strip; table: (n, 11) float64 by the T_ indices, a row a track, in `scratch`.
+    """(tracks, table): writes TRACK of every strip; table: (n, 12) float64 by the T_ indices, a row a track, in `scratch`.
 
     Strips in order of their columns; place: see place_strips; masks, frame: see opening_masks. moments: (N, 6) float64 out, see lines.py, N >= n."""
     p = params
-    table, front = scratch("tracks", (n + 1, 11), np.float64), scratch("front", (5, n + 1), np.int32)
+    table, front = scratch("tracks", (n + 1, 12), np.float64), scratch("front", (5, n + 1), np.int32)
     touches, near = scratch("front_touches", (n + 1,), np.uint8), scratch("front_near", (n + 1,), np.int32)
     count = grow(
         ints, floats, place, view.cols, first_of_column, view.f_px, view.cu, view.lateral, p.height_step_m,
-        p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.link_gap_px, p.roughness_m, p.track_jump, p.track_jump_sigmas,
+        p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.rough_slope_px, p.link_gap_px, p.roughness_m, p.track_jump, p.track_jump_sigmas,
         p.opening_edge_px, masks, frame, moments, table, front, touches, near,
     )  # fmt: skip
     return int(count), table
@@ -94,21 +97,21 @@ def misfit_share(t, s, variance, a, b, mean, scatter, mean_variance, line_m, sig
 
 @inner
 def grow(
-    ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, link, rough_m, jump,
+    ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, rough_slope, link, rough_m, jump,
     jump_sigmas, edge_px, masks, frame, moments, table, front, touches, near,
 ):  # fmt: skip
     """See grow_tracks; returns the number of tracks.
 
     A strip goes on with the track of least misfit (of equals, the oldest) of its cluster that touches its rows and has
     no strip in its column yet. hs: step of heights that ends a piece. line_m, sigmas: tolerance of its line, in metres
-    and in noise. slope: px of disparity from one column to the next, the prior of the line. link: columns that it may
-    miss. rough_m: roughness added to the noise. jump, jump_sigmas: step of disparity that ends it, as a share and in
+    and in noise. slope, rough_slope: px of disparity from one column to the next, the prior of the line, and that of one with a
+    rough strip. link: columns that it may miss. rough_m: roughness added to the noise. jump, jump_sigmas: step of disparity that ends it, as a share and in
     noise. edge_px: what heights may step beside an opening. Scratch: front (5, N) int32, see F_; touches (N,) uint8; near (N,) int32. All in one loop on purpose: to hand
     arrays to a function costs more than what it would do here."""
     tracks, size = 0, 0
     front_track, front_strip, front_top = front[F_TRACK], front[F_STRIP], front[F_TOP]
     front_bottom, front_cluster = front[F_BOTTOM], front[F_CLUSTER]
-    prior = 1.0 / (slope * slope)
+    prior, rough_prior = 1.0 / (slope * slope), 1.0 / (rough_slope * rough_slope)
     for u in range(cols):
         size = _go_on(u, link, ints, front, size)
         for i in range(first_of_column[u], first_of_column[u + 1]):
@@ -167,19 +170,21 @@ def grow(
                 k = front_track[best] = tracks
                 tracks += 1
                 moments[k] = 0.0
-                table[k, T_T0] = t
+                table[k, T_T0], table[k, T_PRIOR] = t, prior
                 table[k, T_TOP_MIN], table[k, T_TOP_MAX] = 1e9, -1e9
                 table[k, T_BOTTOM_MIN], table[k, T_BOTTOM_MAX] = 1e9, -1e9
             k = front_track[best]
             front_strip[best], front_top[best] = i, BEYOND
             ints[i, TRACK] = k
             table[k, T_T1] = t
+            if ints[i, KIND] != SMOOTH:
+                table[k, T_PRIOR] = rough_prior
             table[k, T_TOP_MIN], table[k, T_BOTTOM_MAX] = min(table[k, T_TOP_MIN], z0), max(table[k, T_BOTTOM_MAX], z1)
             if not cut & 1:
                 table[k, T_TOP_MAX] = max(table[k, T_TOP_MAX], z0)
             if not cut & 2:
                 table[k, T_BOTTOM_MIN] = min(table[k, T_BOTTOM_MIN], z1)
-            _add_to_line(moments, table, k, t, s, 1.0 / variance, prior)
+            _add_to_line(moments, table, k, t, s, 1.0 / variance, table[k, T_PRIOR])
     return tracks
 
 

@@ -327,6 +327,51 @@ def runs(strips, link, meets):
     return groups
 
 
+def tracks(strips, p, f):
+    """Number of the track of each strip (u, top, bottom, t, d, sigma, cluster, cut, smooth, z0, z1), in order of columns:
+    the one out of all tracks of its cluster that it fits best, of equals the oldest. No opening is anywhere."""
+    found, numbers = [], []
+    for strip in strips:
+        costs = [_misfit_of(strip, track, p, f) for track in found]
+        best = int(np.argmin(costs)) if costs else 0
+        if not costs or costs[best] >= 1.0:
+            best = len(found)
+            found.append([])
+        found[best].append(strip)
+        numbers.append(best)
+    return numbers
+
+
+def _misfit_of(strip, track, p, f):
+    """Misfit of a strip to the line of a track, over what is allowed; infinite where it cannot go on with it."""
+    u, top, bottom, t, d, sigma, cluster, _, _, _, _ = strip
+    last = track[-1]
+    together = [*track, strip]
+    tops, bottoms = [s[9] for s in together], [s[10] for s in together]
+    ends = [s[9] for s in together if not s[7] & 1], [s[10] for s in together if not s[7] & 2]
+    if (
+        not 0 < u - last[0] <= p.link_gap_px
+        or top > last[2]
+        or last[1] > bottom
+        or cluster != last[6]
+        or abs(d - last[4]) > p.track_jump * d + p.track_jump_sigmas * math.hypot(sigma, last[5])
+        or max(ends[0], default=-math.inf) - min(tops) > p.height_step_m
+        or max(bottoms) - min(ends[1], default=math.inf) > p.height_step_m
+    ):
+        return math.inf
+    s = np.array([q[4] for q in track]) / f
+    at = np.array([q[3] for q in track])
+    w = np.array([1.0 / ((q[5] / f) ** 2 + (p.roughness_m * (q[4] / f) ** 2) ** 2) for q in track])
+    prior = (p.link_slope_px if all(q[8] for q in track) else p.rough_slope_px) ** -2
+    mean = np.average(at, weights=w)
+    scatter = np.sum(w * (at - mean) ** 2) + prior
+    b = np.sum(w * (at - mean) * (s - np.average(s, weights=w))) / scatter
+    now = d / f
+    variance = (sigma / f) ** 2 + (p.roughness_m * now**2) ** 2 + 1.0 / np.sum(w) + (t - mean) ** 2 / scatter
+    off = abs(now - np.average(s, weights=w) - b * (t - mean))
+    return off / (p.line_tolerance_m * now**2 + p.line_sigmas * math.sqrt(variance))
+
+
 # ---- free space -------------------------------------------------------------------------------------------------
 
 

@@ -30,11 +30,20 @@ class Strips:
         self.cols, self.sigma_px = cols, sigma_px
         self.rows: list[tuple[list[int], list[float]]] = []
 
-    def add(self, u: int, top: int, bottom: int, x_m: float, support_px: int = 20, near_m: float | None = None) -> None:
+    def add(
+        self,
+        u: int,
+        top: int,
+        bottom: int,
+        x_m: float,
+        support_px: int = 20,
+        near_m: float | None = None,
+        kind: int = s.SMOOTH,
+    ) -> None:
         """Strips must come in order of their columns."""
         d = F / x_m
         near = d if near_m is None else F / near_m
-        self.rows.append(([u, top, bottom, support_px * s.PX, s.SMOOTH, -1, -1, 0, 0], [d, near, self.sigma_px]))
+        self.rows.append(([u, top, bottom, support_px * s.PX, kind, -1, -1, 0, 0], [d, near, self.sigma_px]))
 
     def build(self) -> Strips:
         """Makes the arrays; rows in order of columns and from top to bottom."""

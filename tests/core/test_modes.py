@@ -100,29 +100,33 @@ def test_notch() -> None:
     assert first_hit(wide["paper"], 0.0, 0.0) == pytest.approx(6.0, abs=0.3)
 
 
+def spike(out_m: float, y_m: float) -> SceneBuilder:
+    """A wedge 10 cm wide at its foot that stands out of a wall at 8 m."""
+    s = SceneBuilder("spike")
+    s.wall("wall", (8.0, -30.0), (8.0, 30.0), 20.0, base=-10.0)
+    outline = ((8.0 - out_m, y_m), (8.0, y_m - 0.05), (8.0, y_m + 0.05))
+    s.convex("spike", np.array([[x, y, z] for z in (-8.0, 4.0) for x, y in outline]))
+    return s
+
+
 def test_spike() -> None:
     """A thing three columns wide that stands out towards the camera: the listing's dot product deletes it (real
     obstacle), the corrected form never deletes what is nearer than the chord."""
-    s = SceneBuilder("spike")
-    s.wall("wall", (8.0, -30.0), (8.0, 30.0), 20.0, base=-10.0)
-    s.convex(
-        "spike",
-        np.array(
-            [
-                [7.0, 0.3, -8.0],
-                [8.0, 0.25, -8.0],
-                [8.0, 0.35, -8.0],
-                [7.0, 0.3, 4.0],
-                [8.0, 0.25, 4.0],
-                [8.0, 0.35, 4.0],
-            ]
-        ),
-    )
+    s = spike(1.0, 0.3)
     info = camera_info(640, 480)
     model = both(seen(s, info))
     at = math.atan2(0.3, 7.0)
     assert first_hit(model["safe"], at, 0.0) * math.cos(at) <= 7.0 + 0.28
     assert first_hit(model["paper"], at, 0.0) * math.cos(at) > 7.5
+
+
+@pytest.mark.parametrize("out_m", [0.6, 1.0, 1.5])
+def test_a_spike_is_stopped_wherever_its_tip_falls_between_two_columns(out_m: float) -> None:
+    for y in (-1.3, -0.4, 0.1, 0.29, 0.3, 0.302, 0.31):
+        r = seen(spike(out_m, y), camera_info(640, 480))
+        at = math.atan2(y, 8.0 - out_m)
+        x = first_hit(extract(r.depth_mm, r.info, r.R_level_optical), at, 0.0) * math.cos(at)
+        assert 8.0 - out_m - 0.1 <= x <= 8.0 - out_m + 0.28, y
 
 
 def test_two_sided_occlusion() -> None:

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from core import lines, openings
 from core import strips as s
 from core import tracks as tr
+from core.params import Params
 
+from . import naive
 from .columns import F
 from .tables import CLOSED, Strips
 
@@ -101,6 +103,48 @@ def test_what_holds_for_every_track(seed: int, n: int, hs: float, link: int) -> 
         np.testing.assert_allclose(t.moments[k], m, rtol=1e-6, atol=1e-7 * m[0])
         assert t.tracks[k, tr.T_T0] == pytest.approx((us[0] - t.view.cu) / F)
         assert t.tracks[k, tr.T_T1] == pytest.approx((us[-1] - t.view.cu) / F)
+
+
+@given(SEED, st.integers(1, 80), st.sampled_from([0.0, 0.5, 1.0]))
+def test_growth_against_a_look_at_every_track(seed: int, n: int, rough_share: float) -> None:
+    t = scatter_strips(seed, n)
+    rng = np.random.default_rng(seed)
+    t.ints[:, s.KIND] = np.where(rng.random(t.n) < rough_share, rng.choice([s.ROUGH, s.IRREGULAR], t.n), s.SMOOTH)
+    t.ints[:, s.CUT] = rng.choice([0, 0, 0, 1, 2, 3], t.n)
+    t.floats[:, s.SIGMA] = rng.choice([0.02, 0.3, 1.0], t.n)
+    count = t.track(0.5)
+    tangents = [tr.tangent(t.ints, i, t.view.cu, F, t.view.lateral) for i in range(t.n)]
+    strips = [
+        (*t.ints[i, [s.U, s.TOP, s.BOTTOM]].tolist(), tangents[i], *t.floats[i, [s.D, s.SIGMA]].tolist(),
+         int(t.ints[i, s.CLUSTER]), int(t.ints[i, s.CUT]), t.ints[i, s.KIND] == s.SMOOTH, *t.place[i, 2:].tolist())
+        for i in range(t.n)
+    ]  # fmt: skip
+    want = naive.tracks(strips, Params(height_step_m=0.5), F)
+    assert t.track_of.tolist() == want
+    assert count == max(want) + 1
+
+
+def climb(kind: int, px_a_column: float, columns: int, sigma_px: float = 0.02) -> Strips:
+    """Strips that come nearer by so many pixels of disparity from column to column, from 5 m on."""
+    t = Strips(cols=60, sigma_px=sigma_px)
+    for u in range(columns):
+        t.add(u, 20, 80, F / (20.0 + px_a_column * u), kind=kind)
+    t.build().cluster()
+    return t
+
+
+def test_rough_strips_that_step_nearer_are_no_wall_along_the_rays_and_smooth_ones_are() -> None:
+    assert climb(s.SMOOTH, 1.9, 3).track(hs=3.0) == 1
+    assert climb(s.ROUGH, 1.9, 3).track(hs=3.0) > 1
+    assert climb(s.IRREGULAR, 1.9, 3).track(hs=3.0) > 1
+    # one rough strip is enough, whichever comes first
+    t = climb(s.SMOOTH, 1.9, 3)
+    t.ints[0, s.KIND] = s.ROUGH
+    assert t.track(hs=3.0) > 1
+
+
+def test_rough_strips_on_a_slant_that_many_columns_tell_are_one_track() -> None:
+    assert climb(s.ROUGH, 0.5, 30).track(hs=3.0) == 1
 
 
 def faces(*pieces: tuple[range, float, float], noise: float = 0.0) -> Strips:
