@@ -1,6 +1,6 @@
 """Figure 13 b, c: time and error over the sampling interval, error over noise.
 
-The interval is `Params.column_step`: so many columns are pooled into one, the nearest value winning. The paper takes one
+The interval is `Params.column_step`: so many columns are pooled into one. The paper takes one
 column of each group and skips the others; that is measured beside it by taking the others out of the depth image."""
 
 from __future__ import annotations

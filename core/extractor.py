@@ -78,7 +78,7 @@ class Extractor:
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        codes, view, exact = self._level(marks, info, R)
+        codes, view, exact = self._level(marks, info, R, ke)
         ground = self._ground(marks, info, R, ke, state)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
         sigma_d = max(ke * view.f_px, self.params.min_sigma_px)
@@ -132,7 +132,7 @@ class Extractor:
         return not self.params.paper and strips > self.params.max_strips_per_column * view.cols
 
     def _level(
-        self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation
+        self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float
     ) -> tuple[NDArray[np.uint16], ViewGeometry, tuple[NDArray[np.uint16], ViewGeometry]]:
         """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval.
 
@@ -148,9 +148,10 @@ class Extractor:
             level_paper(marks, view.H, view.lateral, view.f_px * view.quantum, codes)
         step = self.params.column_step
         if step > 1:
+            apart = math.sqrt(2.0) * self.params.column_agree_sigmas * max(ke * view.f_px, self.params.min_sigma_px)
+            pooled = self._buffer("pooled", (-(-view.cols // step), view.rows), np.uint16)
+            pool_columns(codes, step, 0 if self.params.paper else int(apart * view.quantum), pooled)
             view = pooled_geometry(view, step)
-            pooled = self._buffer("pooled", (view.cols, view.rows), np.uint16)
-            pool_columns(codes, step, pooled)
             codes = pooled
         return codes, view, exact
 

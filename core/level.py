@@ -243,17 +243,40 @@ def level_safe(
     level_pool(marks, picked, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), window, out)
 
 
-@inner
-def pool_columns(codes, step, out):
-    """Nearest of each `step` neighbouring columns: never skips one. codes: (cols, rows); out: (ceil(cols/step), rows)."""
+@kernel
+def pool_columns(codes, step, apart, out):
+    """One column for each `step` neighbouring ones: the mean of those that agree with the nearest of them. None is skipped.
+
+    codes: (cols, rows) uint16. apart: what differs by no more agrees. out: (ceil(cols / step), rows) uint16. The nearest of
+    several noisy pixels of one wall is too near, their mean is not; a pole does not agree with the wall behind it."""
+    rows = codes.shape[1]
+    pool_groups(codes, step, np.int32(apart), np.empty(rows, np.int32), np.empty(rows, np.int32), out)
+
+
+@inner_ieee
+def pool_groups(codes, step, apart, total, count, out):
+    """`pool_columns`. Scratch: total, count (rows,) int32."""
     cols, rows = codes.shape
-    for j in range(out.shape[0]):
+    for j in range(len(out)):
+        line, end = out[j], min(cols, (j + 1) * step)
+        first = codes[j * step]
         for v in range(rows):
-            out[j, v] = codes[j * step, v]
-        for u in range(j * step + 1, min(cols, (j + 1) * step)):
+            line[v] = first[v]
+            total[v], count[v] = 0, 0
+        for u in range(j * step + 1, end):
+            column = codes[u]
             for v in range(rows):
-                if codes[u, v] > out[j, v]:
-                    out[j, v] = codes[u, v]
+                line[v] = max(line[v], column[v])
+        for u in range(j * step, end):
+            column = codes[u]
+            for v in range(rows):
+                code = np.int32(column[v])
+                agrees = (code >= np.int32(Q_MIN)) & (code + apart >= np.int32(line[v]))
+                total[v] += code if agrees else np.int32(0)
+                count[v] += np.int32(agrees)
+        for v in range(rows):
+            mean = np.float32(total[v]) / np.float32(max(count[v], np.int32(1)))
+            line[v] = np.uint16(mean + np.float32(0.5)) if count[v] > 1 else line[v]
 
 
 @inner

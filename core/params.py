@@ -71,7 +71,14 @@ class Params:
     max_elevation_deg: float = _number(74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown")
     max_view_ratio: float = _number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
     paper_roll_deg: float = _number(2.0, 0.0, 30.0, "deg", "the paper rotates the image when it rolls more [phi0]")
-    column_step: int = _number(1, 1, 16, "", "columns pooled by maximum disparity into one [sampling interval]")
+    column_step: int = _number(1, 1, 16, "", "columns pooled into one [sampling interval]")
+    column_agree_sigmas: float = _number(
+        2.0,
+        0.0,
+        10.0,
+        "sigma",
+        "pooled columns that differ by less are one surface: their mean counts, else the nearest",
+    )
     min_measured_share: float = _number(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
 
     # Flying pixels: strictly between two neighbours in disparity, far from both

@@ -170,12 +170,27 @@ def test_a_vertical_wall_is_one_distance_in_the_levelled_view(tilt: tuple[float,
 
 
 @pytest.mark.nojit
-@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 12))
-def test_pooled_columns_are_the_nearest_of_each_group(seed: int, step: int, cols: int) -> None:
-    codes = np.random.default_rng(seed).integers(0, 65536, (cols, 6)).astype(np.uint16)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 12), st.integers(0, 40))
+def test_pooled_columns_are_the_mean_of_what_agrees_with_the_nearest(
+    seed: int, step: int, cols: int, apart: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    codes = rng.choice([0, 1, 2, 65535, *rng.integers(0, 100, 6)], (cols, 6)).astype(np.uint16)
     out = np.zeros((-(-cols // step), 6), np.uint16)
-    pool_columns(codes, step, out)
-    np.testing.assert_array_equal(out, [codes[a : a + step].max(axis=0) for a in range(0, cols, step)])
+    pool_columns(codes, step, apart, out)
+    for (j, v), pooled in np.ndenumerate(out):
+        group = codes[j * step : (j + 1) * step, v].astype(int)
+        agreeing = [c for c in group if c >= 2 and c + apart >= max(group)]
+        assert pooled == (math.floor(np.mean(agreeing) + 0.5) if agreeing else max(group))
+
+
+@pytest.mark.nojit
+def test_pooled_columns_keep_what_is_near_what_is_unknown_and_what_is_far() -> None:
+    unknown, far, near, wall = 0, 1, 5000, 1000
+    codes = np.array([[wall, wall, unknown, far, unknown, wall], [near, wall + 4, wall, wall, far, unknown]], np.uint16)
+    out = np.zeros((1, 6), np.uint16)
+    pool_columns(codes, 2, 10, out)
+    assert out[0].tolist() == [near, wall + 2, wall, wall, far, wall]
 
 
 @pytest.mark.nojit
