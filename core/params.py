@@ -251,7 +251,7 @@ class Params:
         1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
     )
     rough_slope_px: float = _number(
-        0.4, 0.1, 10.0, "px", "and in a piece with a rough strip, while it grows: that leaves scatter is no slope"
+        1.2, 0.1, 10.0, "px", "and in a piece with a rough strip, while it grows: that leaves scatter is no slope"
     )
     link_gap_px: int = _number(4, 1, 64, "px", "columns that one surface may miss")
     roughness_m: float = _number(
@@ -291,7 +291,7 @@ class Params:
         0.4, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
     )
     rough_near_sigmas: float = _number(
-        1.5,
+        2.0,
         0.0,
         8.0,
         "sigma",

@@ -71,10 +71,11 @@ class Strips:
         hs: float = 1.0,
         line_m: float = 0.12,
         link: int = 4,
+        rough_px: float = 1.2,
         masks: tuple[np.ndarray, np.ndarray] = CLOSED,
     ) -> int:
         """grow_tracks; returns the number of tracks, tables in `moments` and `tracks`."""
-        params = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link)
+        params = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link, rough_slope_px=rough_px)
         self.moments = np.zeros((2 * self.n + 16, 6))
         count, self.tracks = tracks.grow_tracks(
             self.ints, self.floats, self.place, self.n, self.columns, self.view, params, *masks, self.moments, Scratch()

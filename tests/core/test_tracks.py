@@ -112,14 +112,15 @@ def test_growth_against_a_look_at_every_track(seed: int, n: int, rough_share: fl
     t.ints[:, s.KIND] = np.where(rng.random(t.n) < rough_share, rng.choice([s.ROUGH, s.IRREGULAR], t.n), s.SMOOTH)
     t.ints[:, s.CUT] = rng.choice([0, 0, 0, 1, 2, 3], t.n)
     t.floats[:, s.SIGMA] = rng.choice([0.02, 0.3, 1.0], t.n)
-    count = t.track(0.5)
+    rough_px = float(rng.choice([0.4, 1.2]))
+    count = t.track(0.5, rough_px=rough_px)
     tangents = [tr.tangent(t.ints, i, t.view.cu, F, t.view.lateral) for i in range(t.n)]
     strips = [
         (*t.ints[i, [s.U, s.TOP, s.BOTTOM]].tolist(), tangents[i], *t.floats[i, [s.D, s.SIGMA]].tolist(),
          int(t.ints[i, s.CLUSTER]), int(t.ints[i, s.CUT]), t.ints[i, s.KIND] == s.SMOOTH, *t.place[i, 2:].tolist())
         for i in range(t.n)
     ]  # fmt: skip
-    want = naive.tracks(strips, Params(height_step_m=0.5), F)
+    want = naive.tracks(strips, Params(height_step_m=0.5, rough_slope_px=rough_px), F)
     assert t.track_of.tolist() == want
     assert count == max(want) + 1
 
@@ -133,14 +134,14 @@ def climb(kind: int, px_a_column: float, columns: int, sigma_px: float = 0.02) -
     return t
 
 
-def test_rough_strips_that_step_nearer_are_no_wall_along_the_rays_and_smooth_ones_are() -> None:
-    assert climb(s.SMOOTH, 1.9, 3).track(hs=3.0) == 1
-    assert climb(s.ROUGH, 1.9, 3).track(hs=3.0) > 1
-    assert climb(s.IRREGULAR, 1.9, 3).track(hs=3.0) > 1
+def test_rough_strips_that_step_nearer_are_no_wall_along_the_rays_where_they_shall_lie_flat() -> None:
+    assert climb(s.SMOOTH, 1.9, 3).track(hs=3.0, rough_px=0.4) == 1
+    assert climb(s.ROUGH, 1.9, 3).track(hs=3.0, rough_px=0.4) > 1
+    assert climb(s.IRREGULAR, 1.9, 3).track(hs=3.0, rough_px=0.4) > 1
     # one rough strip is enough, whichever comes first
     t = climb(s.SMOOTH, 1.9, 3)
     t.ints[0, s.KIND] = s.ROUGH
-    assert t.track(hs=3.0) > 1
+    assert t.track(hs=3.0, rough_px=0.4) > 1
 
 
 def test_rough_strips_on_a_slant_that_many_columns_tell_are_one_track() -> None:
