@@ -169,17 +169,18 @@ class MavlinkLink:
             transport.wait(READ_S)
 
     def _round(self, transport: Transport) -> int:
-        """Takes what was left or reads what is there, sends what is due, delivers; the number of bytes. One thread at a
+        """Takes what was left or reads what is there, delivers, sends what is due; the number of bytes. One thread at a
         time."""
         chunks, self._left = self._left or transport.read(), []
         with self._lock:
             samples = self._session.receive(chunks, transport.sources)
+        if chunks:
+            self._deliver(samples)  # before anything is sent: a line that breaks then takes nothing along
+        with self._lock:
             if self._session.spoke_in is not None:
                 transport.answer(self._session.spoke_in)
             for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
                 transport.write(data)
-        if chunks:
-            self._deliver(samples)
         return _bytes(chunks)
 
     def _wait(self, seconds: float, error: str, losses: int) -> None:
