@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.checked import check, choice, number, switch, text
+from core.checked import check, choice, number, switch, text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Generic, Protocol, TypeVar
 
+from core.checked import check, number
 from core.types import AttitudeSample, PoseSample
-from drivers.checked import check, number
 
 from .rotation import Quaternion, Vector, body_rates, rotate_by_rates, slerp
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import inner, inner_ieee, kernel, kernel_ieee
+from .kernels import inline_ieee, inner, inner_ieee, kernel, kernel_ieee
 from .params import Params
 from .types import FAR_MM, SATURATED_MM, CameraInfo
 
@@ -81,6 +81,17 @@ def inverse_of_row(mm, least, greatest, out):
         out[u] = d
 
 
+@inline_ieee
+def read_ahead(depth_mm, v, least, greatest, inverse):
+    """Writes row v of the picture, unknown where there is none, into its place among three: inverse (3, W + 2) float32."""
+    line = inverse[v % 3, 1:-1]
+    if v < len(depth_mm):
+        inverse_of_row(depth_mm[v], least, greatest, line)
+    else:
+        for u in range(len(line)):
+            line[u] = np.float32(0.0)
+
+
 @kernel
 def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
     """Marks every pixel, flying pixels as unknown; returns counts (measured, far, flying).
@@ -93,14 +104,11 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
     least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
     inverse = np.zeros((3, cols + 2), np.float32)  # of the row before, this and the next; unknown beyond the border
-    inverse_of_row(depth_mm[0], least, greatest, inverse[0, 1 : cols + 1])
+    read_ahead(depth_mm, 0, least, greatest, inverse)
     measured, far, flying = np.int64(0), np.int64(0), np.int64(0)
     for v in range(rows):
+        read_ahead(depth_mm, v + 1, least, greatest, inverse)
         here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
-        if v + 1 < rows:
-            inverse_of_row(depth_mm[v + 1], least, greatest, after)
-        else:
-            after[:] = 0.0
         left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
         mm, marks = depth_mm[v], out[v]
         # sums of 32 bits as the disparities have: wider ones would halve how many pixels are done at a time

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .classify import inverse_of_row
+from .classify import read_ahead
 from .kernels import kernel
 from .params import Params
 
@@ -30,14 +30,11 @@ def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alo
     least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
     relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
     inverse = np.zeros((3, cols + 2), np.float32)  # of the row before, this and the next; unknown beyond the border
-    inverse_of_row(depth_mm[0], least, greatest, inverse[0, 1 : cols + 1])
+    read_ahead(depth_mm, 0, least, greatest, inverse)
     kind = np.empty(cols, np.int32)  # 1 where judged, and 2**16 where alone as well
     for v in range(rows):
+        read_ahead(depth_mm, v + 1, least, greatest, inverse)
         here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
-        if v + 1 < rows:
-            inverse_of_row(depth_mm[v + 1], least, greatest, after)
-        else:
-            after[:] = 0.0
         left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
         for u in range(cols):
             d = middle[u]

@@ -5,396 +5,364 @@ Symbols in brackets are the paper's. `mode = "paper"` selects the paper's form o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass
 
-
-def _number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
-
-
-def _switch(default: bool, doc: str) -> Any:
-    return field(default=default, metadata={"unit": "", "doc": doc})
+from .checked import check, choice, number, switch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
     """Parameters of the extractor. Raises ValueError naming the field, its value and its range."""
 
-    mode: str = field(
-        default="safe",
-        metadata={"choices": ("safe", "paper"), "unit": "", "doc": "the corrected form of each stage, or the paper's"},
-    )
+    mode: str = choice("safe", ("safe", "paper"), "the corrected form of each stage, or the paper's")
 
     # The vehicle and what counts as an obstacle
-    min_obstacle_height_m: float = _number(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
-    passable_height_m: float = _number(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
-    passable_width_m: float = _number(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
-    segment_height_m: float = _number(2.0, 0.2, 10.0, "m", "height of segments of irregular things [Hd]")
-    safe_distance_m: float = _number(
+    min_obstacle_height_m: float = number(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
+    passable_height_m: float = number(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
+    passable_width_m: float = number(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
+    segment_height_m: float = number(2.0, 0.2, 10.0, "m", "height of segments of irregular things [Hd]")
+    safe_distance_m: float = number(
         0.28, 0.05, 1.0, "m", "most that a plane may lie behind the near edge of what it stands for"
     )
 
     # Noise: sigma_Z = ke * Z^2, constant in disparity
-    estimate_noise: bool = _switch(True, "measure the noise from each frame; the camera's ke is then a prior")
-    noise_prior_span: float = _number(4.0, 1.0, 10.0, "", "the measured ke stays within prior/span .. prior*span")
-    noise_memory: float = _number(0.7, 0.0, 0.99, "", "share of the previous estimate kept at each frame")
-    min_sigma_px: float = _number(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
-    noise_tiles_down: int = _number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
-    noise_tiles_across: int = _number(8, 1, 32, "", "and columns of them")
-    noise_step_px: int = _number(8, 1, 64, "px", "step of the second difference whose median is a tile's noise")
-    noise_row_step: int = _number(6, 1, 32, "px", "rows from one to the next that is looked at")
-    noise_min_samples: int = _number(120, 10, 10000, "", "differences that a tile needs to count")
-    noise_min_tiles: int = _number(3, 1, 1024, "", "tiles that a picture needs to tell its noise")
-    noise_min_depth_m: float = _number(
+    estimate_noise: bool = switch(True, "measure the noise from each frame; the camera's ke is then a prior")
+    noise_prior_span: float = number(4.0, 1.0, 10.0, "", "the measured ke stays within prior/span .. prior*span")
+    noise_memory: float = number(0.7, 0.0, 0.99, "", "share of the previous estimate kept at each frame")
+    min_sigma_px: float = number(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
+    noise_tiles_down: int = number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
+    noise_tiles_across: int = number(8, 1, 32, "", "and columns of them")
+    noise_step_px: int = number(8, 1, 64, "px", "step of the second difference whose median is a tile's noise")
+    noise_row_step: int = number(6, 1, 32, "px", "rows from one to the next that is looked at")
+    noise_min_samples: int = number(120, 10, 10000, "", "differences that a tile needs to count")
+    noise_min_tiles: int = number(3, 1, 1024, "", "tiles that a picture needs to tell its noise")
+    noise_min_depth_m: float = number(
         1.5, 0.0, 20.0, "m", "pixels closer than this do not count: millimetre steps outweigh their noise"
     )
-    noise_quantile: float = _number(0.25, 0.0, 1.0, "", "quantile of the tiles that is the picture's noise")
-    noise_agree_share: float = _number(
+    noise_quantile: float = number(0.25, 0.0, 1.0, "", "quantile of the tiles that is the picture's noise")
+    noise_agree_share: float = number(
         0.2,
         0.0,
         1.0,
         "",
         "the noise goes up only where so many of all tiles agree with that: leaves do not, surfaces do",
     )
-    noise_agree_ratio: float = _number(1.25, 1.01, 3.0, "", "which is to be at most this much greater or less")
-    noise_grid: float = _number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
-    noise_hold: float = _number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
-    clear_sigmas: float = _number(
+    noise_agree_ratio: float = number(1.25, 1.01, 3.0, "", "which is to be at most this much greater or less")
+    noise_grid: float = number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
+    noise_hold: float = number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
+    clear_sigmas: float = number(
         3.0, 0.0, 8.0, "sigma", "what measures closer to the range clip than this is far; far is free up to there only"
     )
 
     # Levelling
-    max_tilt_deg: float = _number(
+    max_tilt_deg: float = number(
         60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame says nothing"
     )
-    max_elevation_deg: float = _number(74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown")
-    max_view_ratio: float = _number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
-    paper_roll_deg: float = _number(2.0, 0.0, 30.0, "deg", "the paper rotates the image when it rolls more [phi0]")
-    column_step: int = _number(1, 1, 16, "", "columns pooled into one [sampling interval]")
-    column_agree_sigmas: float = _number(
+    max_elevation_deg: float = number(74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown")
+    max_view_ratio: float = number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
+    paper_roll_deg: float = number(2.0, 0.0, 30.0, "deg", "the paper rotates the image when it rolls more [phi0]")
+    column_step: int = number(1, 1, 16, "", "columns pooled into one [sampling interval]")
+    column_agree_sigmas: float = number(
         2.0,
         0.0,
         10.0,
         "sigma",
         "pooled columns that differ by less are one surface: their mean counts, else the nearest",
     )
-    min_measured_share: float = _number(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
+    min_measured_share: float = number(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
-    flying_relative: float = _number(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
-    max_flying_share: float = _number(
+    flying_relative: float = number(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
+    max_flying_share: float = number(
         0.03, 0.005, 1.0, "", "with more of the measured pixels flying the image is noise, no measurement"
     )
-    flying_sigmas: float = _number(5.0, 1.0, 20.0, "sigma", "and least step in noise")
+    flying_sigmas: float = number(5.0, 1.0, 20.0, "sigma", "and least step in noise")
 
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours
-    noisy_look_share: float = _number(
+    noisy_look_share: float = number(
         0.003, 0.0, 1.0, "", "with more of the measured pixels flying, noise is looked for"
     )
-    noisy_tiles: int = _number(16, 1, 64, "", "in so many tiles across and down")
-    noisy_judged_share: float = _number(
+    noisy_tiles: int = number(16, 1, 64, "", "in so many tiles across and down")
+    noisy_judged_share: float = number(
         0.25, 0.01, 1.0, "", "a tile counts with so many of its pixels amid measured ones"
     )
-    noisy_alone_share: float = _number(
-        0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone"
-    )
-    max_noisy_share: float = _number(0.04, 0.0, 1.0, "", "with more of the tiles noise the frame says nothing")
+    noisy_alone_share: float = number(0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone")
+    max_noisy_share: float = number(0.04, 0.0, 1.0, "", "with more of the tiles noise the frame says nothing")
 
     # Ground
-    ground_tolerance_m: float = _number(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
-    ground_sigmas: float = _number(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")
-    ground_tolerance_cap: float = _number(
+    ground_tolerance_m: float = number(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
+    ground_sigmas: float = number(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")
+    ground_tolerance_cap: float = number(
         0.9, 0.3, 1.0, "", "half-thickness is at most this share of the least obstacle height"
     )
-    ground_stand_sigmas: float = _number(
+    ground_stand_sigmas: float = number(
         6.0,
         1.0,
         20.0,
         "sigma",
         "beyond that cap a strip must stand out of the ground's noise by this, all rows together",
     )
-    ground_stand_m: float = _number(0.1, 0.0, 1.0, "m", "after this much error of the ground's height")
-    ground_max_below_share: float = _number(
+    ground_stand_m: float = number(0.1, 0.0, 1.0, "m", "after this much error of the ground's height")
+    ground_max_below_share: float = number(
         0.05, 0.0, 0.3, "", "reject a ground with more of the measured pixels below it"
     )
-    ground_min_share: float = _number(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
-    ground_max_slope: float = _number(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
-    ground_max_height_m: float = _number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
-    ground_min_height_m: float = _number(0.12, 0.02, 1.0, "m", "and the least")
-    ground_height_step: float = _number(
+    ground_min_share: float = number(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
+    ground_max_slope: float = number(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
+    ground_max_height_m: float = number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
+    ground_min_height_m: float = number(0.12, 0.02, 1.0, "m", "and the least")
+    ground_height_step: float = number(
         0.04, 0.005, 0.3, "", "heights are voted for in steps of this share: noise of height grows with height"
     )
-    ground_column_step: int = _number(5, 1, 64, "px", "columns from one sampled pixel to the next")
-    ground_row_step: int = _number(3, 1, 64, "px", "rows from one sampled pixel to the next")
-    ground_max_samples: int = _number(6000, 1000, 1000000, "", "larger pictures are sampled in larger steps than those")
-    ground_min_samples: int = _number(50, 10, 10000, "", "sampled pixels without which no ground is looked for")
-    ground_pair_climb: float = _number(
+    ground_column_step: int = number(5, 1, 64, "px", "columns from one sampled pixel to the next")
+    ground_row_step: int = number(3, 1, 64, "px", "rows from one sampled pixel to the next")
+    ground_max_samples: int = number(6000, 1000, 1000000, "", "larger pictures are sampled in larger steps than those")
+    ground_min_samples: int = number(50, 10, 10000, "", "sampled pixels without which no ground is looked for")
+    ground_pair_climb: float = number(
         0.2, 0.02, 1.0, "", "rows of a pair: a wall there would climb this share of the camera's height"
     )
-    ground_pair_climb_min_m: float = _number(0.08, 0.01, 1.0, "m", "but at least this much")
-    ground_pair_climb_max_m: float = _number(2.0, 0.1, 20.0, "m", "and at most this much")
-    ground_pair_min_px: int = _number(4, 1, 100, "px", "least rows of a pair")
-    ground_pair_parts: int = _number(3, 1, 20, "", "greatest rows of a pair: the picture's over this")
-    ground_pair_flat: float = _number(
-        0.25, 0.0, 1.0, "", "a pair votes when it climbs less than this share of a wall's"
-    )
-    ground_pair_sigmas: float = _number(2.0, 0.0, 8.0, "sigma", "and this much of its noise of height")
-    ground_pair_flat_cap: float = _number(0.5, 0.0, 1.0, "", "which together are at most this share of a wall's climb")
-    ground_pair_level: float = _number(
+    ground_pair_climb_min_m: float = number(0.08, 0.01, 1.0, "m", "but at least this much")
+    ground_pair_climb_max_m: float = number(2.0, 0.1, 20.0, "m", "and at most this much")
+    ground_pair_min_px: int = number(4, 1, 100, "px", "least rows of a pair")
+    ground_pair_parts: int = number(3, 1, 20, "", "greatest rows of a pair: the picture's over this")
+    ground_pair_flat: float = number(0.25, 0.0, 1.0, "", "a pair votes when it climbs less than this share of a wall's")
+    ground_pair_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "and this much of its noise of height")
+    ground_pair_flat_cap: float = number(0.5, 0.0, 1.0, "", "which together are at most this share of a wall's climb")
+    ground_pair_level: float = number(
         0.5, 0.0, 1.0, "", "its farther pixel lies at least this share as low as the other"
     )
-    ground_seed_weight: float = _number(1.5, 1.0, 10.0, "", "votes near the last frame's height count this much")
-    ground_seed_steps: int = _number(2, 0, 20, "", "steps of height on either side that are near it")
-    ground_tries: int = _number(6, 1, 50, "", "heights that are tried, from the most voted on")
-    ground_fit_rounds: int = _number(4, 1, 20, "", "rounds of the fit, each with the pixels near the one before")
-    ground_fit_sigmas: float = _number(
+    ground_seed_weight: float = number(1.5, 1.0, 10.0, "", "votes near the last frame's height count this much")
+    ground_seed_steps: int = number(2, 0, 20, "", "steps of height on either side that are near it")
+    ground_tries: int = number(6, 1, 50, "", "heights that are tried, from the most voted on")
+    ground_fit_rounds: int = number(4, 1, 20, "", "rounds of the fit, each with the pixels near the one before")
+    ground_fit_sigmas: float = number(
         2.0,
         1.0,
         4.0,
         "sigma",
         "where noise exceeds that cap, a fit takes pixels up to this far off, and those beyond are below",
     )
-    ground_recede_share: float = _number(
+    ground_recede_share: float = number(
         0.2, 0.0, 1.0, "", "least of what ground recedes from row to row that its pixels must: those of a wall do not"
     )
-    ground_recede_noise: float = _number(
+    ground_recede_noise: float = number(
         0.1, 0.0, 1.0, "", "with noise of height below this share of what a wall would climb, a pair's vote is sure"
     )
-    ground_fit_min_px: int = _number(20, 3, 10000, "", "sampled pixels that a fit needs")
-    ground_fit_floor_m: float = _number(
+    ground_fit_min_px: int = number(20, 3, 10000, "", "sampled pixels that a fit needs")
+    ground_fit_floor_m: float = number(
         0.02, 0.001, 1.0, "m", "added to a pixel's noise in its weight: near pixels do not rule alone"
     )
-    ground_slope_prior: float = _number(
+    ground_slope_prior: float = number(
         0.0175, 0.001, 1.0, "m/m", "slope expected beforehand: a narrow patch of ground does not tilt the fit"
     )
-    ground_below_m: float = _number(
+    ground_below_m: float = number(
         0.1, 0.0, 1.0, "m", "below the ground is what lies lower than its tolerance and this"
     )
-    ground_below_full_m: float = _number(
+    ground_below_full_m: float = number(
         5.0, 0.1, 50.0, "m", "height of the camera at which half of that is granted; near the ground less is"
     )
 
     # Density and peaks
-    bin_per_sigma: float = _number(1.25, 0.5, 4.0, "", "bins per sigma of disparity noise")
-    bin_depth_m: float = _number(0.03, 0.0, 0.5, "m", "a bin is never thinner than this in depth (0: uniform bins)")
-    kernel_sigma_bins: float = _number(1.25, 0.5, 3.0, "bins", "width of the Gaussian kernel [sigma]")
-    kernel_half_bins: int = _number(3, 1, 7, "bins", "the kernel ends this far to either side: 2 x this + 1 bins [h]")
-    density_share: float = _number(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
-    density_min_px: float = _number(4.0, 1.0, 50.0, "px", "least soft count of a peak")
-    peak_alpha: float = _number(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
-    peak_valley: float = _number(
+    bin_per_sigma: float = number(1.25, 0.5, 4.0, "", "bins per sigma of disparity noise")
+    bin_depth_m: float = number(0.03, 0.0, 0.5, "m", "a bin is never thinner than this in depth (0: uniform bins)")
+    kernel_sigma_bins: float = number(1.25, 0.5, 3.0, "bins", "width of the Gaussian kernel [sigma]")
+    kernel_half_bins: int = number(3, 1, 7, "bins", "the kernel ends this far to either side: 2 x this + 1 bins [h]")
+    density_share: float = number(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
+    density_min_px: float = number(4.0, 1.0, 50.0, "px", "least soft count of a peak")
+    peak_alpha: float = number(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
+    peak_valley: float = number(
         0.8, 0.3, 1.0, "", "two peaks are one when the valley is above this share of the smaller"
     )
 
     # Windows and strips
-    window_majority: float = _number(
-        0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak"
-    )
-    window_min_px: int = _number(4, 2, 50, "px", "shortest window [least delta v]")
-    window_members: int = _number(3, 1, 20, "px", "and least pixels of the peak in it")
-    window_take_sigmas: float = _number(
+    window_majority: float = number(0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak")
+    window_min_px: int = number(4, 2, 50, "px", "shortest window [least delta v]")
+    window_members: int = number(3, 1, 20, "px", "and least pixels of the peak in it")
+    window_take_sigmas: float = number(
         1.0, 0.0, 5.0, "sigma", "pixels of a segment's rows this much nearer than its peak are taken with it"
     )
-    rough_factor: float = _number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough")
-    near_quantile: float = _number(
+    rough_factor: float = number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough")
+    near_quantile: float = number(
         0.02, 0.0, 0.2, "", "near side of rough things: the k-th closest, k = max(3, this share)"
     )
-    near_rank: int = _number(3, 1, 20, "px", "least k of the k-th closest")
-    near_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "and noise that the k-th closest is expected to stand out by")
-    near_edge_share: float = _number(
+    near_rank: int = number(3, 1, 20, "px", "least k of the k-th closest")
+    near_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "and noise that the k-th closest is expected to stand out by")
+    near_edge_share: float = number(
         0.5, 0.1, 1.0, "", "a near edge, less its noise, keeps at least this share of the strip's disparity"
     )
-    band_rows: int = _number(5, 2, 50, "px", "rows of one band when a strip is looked at for steps")
-    band_step_m: float = _number(0.2, 0.02, 2.0, "m", "a band this far off in depth begins a strip of its own")
-    band_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and by this much of its noise")
-    irregular_gap_px: int = _number(3, 1, 50, "px", "rows without pixels that end an irregular segment")
-    irregular_jump: float = _number(0.08, 0.01, 0.5, "", "step of disparity between rows, as a share, that ends one")
-    irregular_depth_m: float = _number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
-    irregular_sigmas: float = _number(4.0, 1.0, 10.0, "sigma", "and noise that is neither a jump nor depth")
-    min_support_px: int = _number(7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have")
-    min_support_m: float = _number(
+    band_rows: int = number(5, 2, 50, "px", "rows of one band when a strip is looked at for steps")
+    band_step_m: float = number(0.2, 0.02, 2.0, "m", "a band this far off in depth begins a strip of its own")
+    band_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "and by this much of its noise")
+    irregular_gap_px: int = number(3, 1, 50, "px", "rows without pixels that end an irregular segment")
+    irregular_jump: float = number(0.08, 0.01, 0.5, "", "step of disparity between rows, as a share, that ends one")
+    irregular_depth_m: float = number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
+    irregular_sigmas: float = number(4.0, 1.0, 10.0, "sigma", "and noise that is neither a jump nor depth")
+    min_support_px: int = number(7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have")
+    min_support_m: float = number(
         0.02, 0.0, 0.2, "m", "and source pixels per pixel of this length: near things are large, stray blobs are not"
     )
-    max_column_strips: int = _number(
+    max_column_strips: int = number(
         128, 8, 1024, "", "strips of one column; what would be more is merged into its last, at the nearest distance"
     )
-    max_strips_per_column: float = _number(
+    max_strips_per_column: float = number(
         24.0, 4.0, 1024.0, "", "with more strips a column, on average, the image is noise in blocks, no measurement"
     )
-    support_columns: int = _number(6, 0, 16, "px", "columns on either side that may support a strip")
-    support_rows: int = _number(
+    support_columns: int = number(6, 0, 16, "px", "columns on either side that may support a strip")
+    support_rows: int = number(
         2, 0, 16, "px", "rows that may lie between it and such a strip, one more for each column"
     )
-    support_sigmas: float = _number(
-        4.0, 1.0, 10.0, "sigma", "and difference in disparity, at most, in noise of a pixel"
-    )
-    support_relative: float = _number(0.05, 0.0, 0.5, "", "or as a share of the disparity")
-    support_large: int = _number(4, 1, 50, "", "a strip with this many times the support that is needed is large")
-    support_tail_sigmas: float = _number(
+    support_sigmas: float = number(4.0, 1.0, 10.0, "sigma", "and difference in disparity, at most, in noise of a pixel")
+    support_relative: float = number(0.05, 0.0, 0.5, "", "or as a share of the disparity")
+    support_large: int = number(4, 1, 50, "", "a strip with this many times the support that is needed is large")
+    support_tail_sigmas: float = number(
         4.5, 1.0, 10.0, "sigma", "what lies within this of a large strip beside it is that strip's noise"
     )
-    cut_rows: int = _number(2, 1, 20, "px", "an end this close to the border of the image is cut by it")
-    smooth_relative: float = _number(
+    cut_rows: int = number(2, 1, 20, "px", "an end this close to the border of the image is cut by it")
+    smooth_relative: float = number(
         0.1, 0.0, 0.5, "", "strips of neighbouring columns share near edges within this part of the disparity"
     )
-    smooth_sigmas: float = _number(3.0, 0.0, 10.0, "sigma", "and this much of the strip's noise")
-    horizontal_correlation: float = _number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
-    horizontal_centre_px: float = _number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
-    horizontal_min_px: int = _number(6, 3, 100, "px", "fewer pixels tell of no surface")
+    smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "and this much of the strip's noise")
+    horizontal_correlation: float = number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
+    horizontal_centre_px: float = number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
+    horizontal_min_px: int = number(6, 3, 100, "px", "fewer pixels tell of no surface")
 
     # Straight pieces and planes
-    height_step_m: float = _number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
-    line_tolerance_m: float = _number(0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece [eps_l]")
-    line_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
-    link_slope_px: float = _number(
+    height_step_m: float = number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
+    line_tolerance_m: float = number(0.12, 0.02, 1.0, "m", "greatest misfit of a straight piece [eps_l]")
+    line_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "and in noise of the strip")
+    link_slope_px: float = number(
         1.2, 0.1, 10.0, "px", "change of disparity from one column to the next on one surface"
     )
-    rough_slope_px: float = _number(
+    rough_slope_px: float = number(
         1.2, 0.1, 10.0, "px", "and in a piece with a rough strip, while it grows: that leaves scatter is no slope"
     )
-    link_gap_px: int = _number(4, 1, 64, "px", "columns that one surface may miss")
-    roughness_m: float = _number(
+    link_gap_px: int = number(4, 1, 64, "px", "columns that one surface may miss")
+    roughness_m: float = number(
         0.02, 0.0, 0.2, "m", "roughness of surfaces, added to the noise so that near strips do not rule alone"
     )
-    track_jump: float = _number(0.1, 0.01, 0.5, "", "a step of disparity of this share, from one strip to the next,")
-    track_jump_sigmas: float = _number(3.0, 1.0, 8.0, "sigma", "and of this much noise, begins another piece")
-    plane_angle_deg: float = _number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
-    merge_distance_m: float = _number(
+    track_jump: float = number(0.1, 0.01, 0.5, "", "a step of disparity of this share, from one strip to the next,")
+    track_jump_sigmas: float = number(3.0, 1.0, 8.0, "sigma", "and of this much noise, begins another piece")
+    plane_angle_deg: float = number(20.0, 1.0, 60.0, "deg", "adjacent planes within this angle are merged [phi0]")
+    merge_distance_m: float = number(
         0.3, 0.01, 2.0, "m", "a merged plane leaves the strips of what it replaces by no more, root mean square"
     )
-    merge_noise_cap: float = _number(2.0, 0.0, 10.0, "", "noise allows at most this many times merge_distance_m more")
-    merge_spread_m: float = _number(
+    merge_noise_cap: float = number(2.0, 0.0, 10.0, "", "noise allows at most this many times merge_distance_m more")
+    merge_spread_m: float = number(
         0.2, 0.02, 2.0, "m", "strips lie no farther than this from a merged plane, root mean square, noise apart"
     )
-    merge_shift_m: float = _number(
+    merge_shift_m: float = number(
         0.3, 0.01, 2.0, "m", "a join shifts neither plane by more than this towards the camera, noise apart"
     )
-    merge_candidates: int = _number(48, 2, 5000, "", "planes that each one is weighed against in a round of merging")
-    merge_partners: int = _number(8, 1, 64, "", "and how many of them, the cheapest, it may be merged with")
-    merge_empty_weight: float = _number(0.5, 0.0, 5.0, "", "cost of a join whose rectangle is all empty; 1 is too much")
-    merge_empty_share: float = _number(0.25, 0.0, 1.0, "", "and most of it that may be empty")
-    merge_long_share: float = _number(
+    merge_candidates: int = number(48, 2, 5000, "", "planes that each one is weighed against in a round of merging")
+    merge_partners: int = number(8, 1, 64, "", "and how many of them, the cheapest, it may be merged with")
+    merge_empty_weight: float = number(0.5, 0.0, 5.0, "", "cost of a join whose rectangle is all empty; 1 is too much")
+    merge_empty_share: float = number(0.25, 0.0, 1.0, "", "and most of it that may be empty")
+    merge_long_share: float = number(
         0.5, 0.05, 5.0, "Ws", "planes both longer than this are merged within plane_angle_deg only"
     )
-    merge_rounds: int = _number(12, 1, 50, "", "rounds of merging, at most")
-    join_gap_m: float = _number(
+    merge_rounds: int = number(12, 1, 50, "", "rounds of merging, at most")
+    join_gap_m: float = number(
         0.5, 0.1, 3.0, "m", "a joined plane covers no empty square of this side, and no wider gap"
     )
-    join_share: float = _number(0.9, 0.1, 0.99, "", "and no square of this share of Ws or of Hs")
-    evidence_cell_px: int = _number(8, 1, 32, "px", "side of a cell in which evidence is looked for")
-    evidence_behind_m: float = _number(0.7, 0.05, 3.0, "m", "evidence for a plane lies at most this far behind it")
-    opening_slack_m: float = _number(
+    join_share: float = number(0.9, 0.1, 0.99, "", "and no square of this share of Ws or of Hs")
+    evidence_cell_px: int = number(8, 1, 32, "px", "side of a cell in which evidence is looked for")
+    evidence_behind_m: float = number(0.7, 0.05, 3.0, "m", "evidence for a plane lies at most this far behind it")
+    opening_slack_m: float = number(
         0.1, 0.0, 0.5, "m", "in an opening a join covers nothing farther than this from what was seen"
     )
-    safe_along_m: float = _number(
+    safe_along_m: float = number(
         0.4, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
     )
-    rough_near_sigmas: float = _number(
+    rough_near_sigmas: float = number(
         2.0,
         0.0,
         8.0,
         "sigma",
         "the near edge of a rough strip lies no farther than this behind the strip's own distance",
     )
-    stand_out_share: float = _number(
+    stand_out_share: float = number(
         0.02,
         0.0,
         1.0,
         "",
         "of a plane's support, the most that stands out by more and becomes planes of its own instead",
     )
-    stand_out_m: float = _number(
+    stand_out_m: float = number(
         0.05, 0.0, 2.0, "m", "where that spares it at least so much of a shift towards the camera"
     )
-    stand_out_spreads: float = _number(
+    stand_out_spreads: float = number(
         2.0,
         0.0,
         10.0,
         "",
         "and at least this many times the spread of its strips about it: leaves scatter, walls do not",
     )
-    min_plane_distance_m: float = _number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
-    footprint_px: float = _number(
+    min_plane_distance_m: float = number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
+    footprint_px: float = number(
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
     )
-    cut_footprint_px: float = _number(
+    cut_footprint_px: float = number(
         1.0, 0.0, 10.0, "px", "and by this where the border of the image cuts the rows: they go on there"
     )
-    min_plane_height_m: float = _number(0.05, 0.001, 0.5, "m", "height kept of a plane that lies below the ground")
-    margin_sigmas: float = _number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
-    inferred_share: float = _number(
+    min_plane_height_m: float = number(0.05, 0.001, 0.5, "m", "height kept of a plane that lies below the ground")
+    margin_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
+    inferred_share: float = number(
         0.05, 0.0, 0.5, "", "a plane with more of its rows or columns filled is inferred; less is what pixels drop out"
     )
-    inferred_columns: float = _number(
+    inferred_columns: float = number(
         4.0, 0.0, 20.0, "px", "columns of a plane without a strip that are no gap: footprints, and where planes meet"
     )
-    cut_columns: float = _number(1.5, 0.5, 10.0, "px", "a plane that ends within so many columns of the border is cut")
+    cut_columns: float = number(1.5, 0.5, 10.0, "px", "a plane that ends within so many columns of the border is cut")
 
     # Neighbours and pockets
-    meet_share: float = _number(0.25, 0.0, 1.0, "Ws", "neighbours are extended by at most this to meet")
-    meet_columns: int = _number(40, 1, 500, "px", "and over at most so many columns")
-    meet_slack_m: float = _number(0.05, 0.0, 0.5, "m", "heights equal within this are the same where planes meet")
-    pocket_min_columns: float = _number(2.0, 0.0, 20.0, "px", "no ray passes a narrower gap between neighbours")
-    pocket_behind_m: float = _number(
+    meet_share: float = number(0.25, 0.0, 1.0, "Ws", "neighbours are extended by at most this to meet")
+    meet_columns: int = number(40, 1, 500, "px", "and over at most so many columns")
+    meet_slack_m: float = number(0.05, 0.0, 0.5, "m", "heights equal within this are the same where planes meet")
+    pocket_min_columns: float = number(2.0, 0.0, 20.0, "px", "no ray passes a narrower gap between neighbours")
+    pocket_behind_m: float = number(
         0.3, 0.0, 2.0, "m", "a plane at most so far behind a pocket's mouth closes it already"
     )
-    pocket_points: int = _number(5, 1, 50, "", "points each way at which a pocket's mouth is looked at for openings")
-    covered_px: float = _number(
+    pocket_points: int = number(5, 1, 50, "", "points each way at which a pocket's mouth is looked at for openings")
+    covered_px: float = number(
         2.0, 0.0, 10.0, "px", "what stands out beside a plane by no more than this is still hidden"
     )
-    covered_depth_m: float = _number(1.0, 0.0, 5.0, "m", "planes hide what stands at most so far behind them")
-    paper_line_tolerance_m: float = _number(
+    covered_depth_m: float = number(1.0, 0.0, 5.0, "m", "planes hide what stands at most so far behind them")
+    paper_line_tolerance_m: float = number(
         0.2, 0.02, 1.0, "m", "greatest misfit of a plane in mode paper, if line_tolerance_m is less [eps_l]"
     )
 
     # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
-    opening_cell_px: int = _number(4, 3, 16, "px", "side of a cell in which free boxes are looked for")
-    opening_first_m: float = _number(0.5, 0.1, 5.0, "m", "first of the distances at which they are looked for")
-    opening_ratio: float = _number(1.42, 1.05, 2.0, "", "each such distance over the one before it")
-    opening_edge_px: float = _number(
+    opening_cell_px: int = number(4, 3, 16, "px", "side of a cell in which free boxes are looked for")
+    opening_first_m: float = number(0.5, 0.1, 5.0, "m", "first of the distances at which they are looked for")
+    opening_ratio: float = number(1.42, 1.05, 2.0, "", "each such distance over the one before it")
+    opening_edge_px: float = number(
         2.0, 0.0, 50.0, "px", "tops or bottoms that step by more beside an opening end a piece"
     )
-    opening_unknown_share: float = _number(0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)")
-    opening_behind_m: float = _number(
+    opening_unknown_share: float = number(0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)")
+    opening_behind_m: float = number(
         0.5, 0.05, 5.0, "m", "what must be seen behind an opening from where Ws would reach beyond the maximum range"
     )
 
     # Layers and the free-range profile
-    layer_join_m: float = _number(0.25, 0.0, 2.0, "m", "tops and bottoms closer than this are one cut")
-    profile_join_m: float = _number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
-    profile_step_deg: float = _number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
-    profile_layers: int = _number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
-    profile_layer_m: float = _number(
+    layer_join_m: float = number(0.25, 0.0, 2.0, "m", "tops and bottoms closer than this are one cut")
+    profile_join_m: float = number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
+    profile_step_deg: float = number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
+    profile_layers: int = number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
+    profile_layer_m: float = number(
         2.0,
         0.2,
         10.0,
         "m",
         "height of a layer of the profile; lower ones are seen whole from nearer when the camera leans",
     )
-    profile_ring_m: float = _number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
-    free_share: float = _number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
-    profile_block_px: int = _number(4, 2, 64, "px", "rows that are counted together, a layer's rows rounded outwards")
-    profile_sigmas: float = _number(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
-    profile_noise_cap: float = _number(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
-    profile_least_m: float = _number(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
+    profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
+    free_share: float = number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
+    profile_block_px: int = number(4, 2, 64, "px", "rows that are counted together, a layer's rows rounded outwards")
+    profile_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
+    profile_noise_cap: float = number(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
+    profile_least_m: float = number(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            choices = f.metadata.get("choices")
-            if choices is not None:
-                if value not in choices:
-                    raise ValueError(f"{f.name} = {value!r}: expected one of {', '.join(choices)}")
-            elif "min" in f.metadata:
-                low, high = f.metadata["min"], f.metadata["max"]
-                if f.type == "int" and (not isinstance(value, int) or isinstance(value, bool)):
-                    raise ValueError(f"{f.name} = {value!r}: expected a whole number {low}..{high}")
-                if not low <= value <= high:
-                    unit = f" {f.metadata['unit']}" if f.metadata["unit"] else ""
-                    raise ValueError(f"{f.name} = {value!r}: expected {low}..{high}{unit}")
-            elif not isinstance(value, bool):
-                raise ValueError(f"{f.name} = {value!r}: expected true or false")
+        check("", self)
 
     @property
     def paper(self) -> bool:

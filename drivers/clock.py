@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 
-from .checked import check, number
+from core.checked import check, number
 
 NS = 1_000_000_000
 

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from core.checked import check, number
 from core.types import AttitudeSample, PoseSample
 
-from .checked import check, number
 from .clock import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
 from .link_budget import FACE, OBSTACLES, POINT, LinkBudget, link_budget
 from .mavlink_dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect

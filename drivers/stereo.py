@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from core.checked import check, number
 from core.types import UNKNOWN_MM, Intrinsics
 
-from .checked import check, number
 from .zed_calibration import StereoCalibration
 
 Gray = NDArray[np.uint8]

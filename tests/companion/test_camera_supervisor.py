@@ -224,5 +224,5 @@ def test_a_recording_is_no_live_camera() -> None:
 
 
 def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"supervision: silent_s = 0.0, expected 0.05..10.0 s"):
+    with pytest.raises(ValueError, match=r"supervision: silent_s = 0.0: expected 0.05..10.0 s"):
         SupervisorParams(silent_s=0.0)

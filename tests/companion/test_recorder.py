@@ -311,7 +311,7 @@ def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
 
 
 def test_parameters_that_cannot_be_are_named() -> None:
-    with pytest.raises(ValueError, match="record: record = 'sometimes', expected one of always, armed, off"):
+    with pytest.raises(ValueError, match="record: record = 'sometimes': expected one of always, armed, off"):
         RecordParams(record="sometimes")
-    with pytest.raises(ValueError, match=r"record: file_mb = 0, expected 1.0..4096.0 MB"):
+    with pytest.raises(ValueError, match=r"record: file_mb = 0: expected 1.0..4096.0 MB"):
         RecordParams(file_mb=0)

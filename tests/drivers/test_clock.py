@@ -204,5 +204,5 @@ def test_an_old_window_is_forgotten() -> None:
 
 
 def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"clock: window_s = 0.1, expected 2.0..600.0 s"):
+    with pytest.raises(ValueError, match=r"clock: window_s = 0.1: expected 2.0..600.0 s"):
         ClockParams(window_s=0.1)

@@ -469,5 +469,5 @@ def test_the_budget_holds_what_a_line_carries() -> None:
 
 
 def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"mavlink: attitude_hz = 0, expected 5.0..400.0 Hz"):
+    with pytest.raises(ValueError, match=r"mavlink: attitude_hz = 0: expected 5.0..400.0 Hz"):
         MavlinkParams(attitude_hz=0)

@@ -306,5 +306,5 @@ def test_a_video_file_as_the_device(tmp_path: Path) -> None:
 
 
 def test_parameters_out_of_range_are_named() -> None:
-    with pytest.raises(ValueError, match=r"stereo: disparities = 0, expected 16..512 px"):
+    with pytest.raises(ValueError, match=r"stereo: disparities = 0: expected 16..512 px"):
         MatchParams(disparities=0)

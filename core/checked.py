@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import field, fields
 from typing import Any
 
@@ -27,11 +28,22 @@ def switch(default: bool, doc: str) -> Any:
 
 
 def check(section: str, parameters: Any) -> None:
-    """Raises ValueError naming the section, the field, its value and what it may be."""
+    """Raises ValueError naming the section (where there is one), the field, its value and what it may be."""
+    begin = f"{section}: " if section else ""
     for f in fields(parameters):
         value, meta = getattr(parameters, f.name), f.metadata
-        if "choices" in meta and value not in meta["choices"]:
-            raise ValueError(f"{section}: {f.name} = {value!r}, expected one of {', '.join(meta['choices'])}")
-        if "min" in meta and not meta["min"] <= value <= meta["max"]:
-            low, high, unit = meta["min"], meta["max"], meta["unit"]
-            raise ValueError(f"{section}: {f.name} = {value}, expected {low}..{high} {unit}".rstrip())
+        wanted = _wanted(f.type, value, meta)
+        if wanted:
+            raise ValueError(f"{begin}{f.name} = {value!r}: expected {wanted}")
+
+
+def _wanted(kind: Any, value: Any, meta: Mapping[str, Any]) -> str:
+    """What a value of this field may be, empty if it is that. kind: the field's annotation."""
+    if "choices" in meta:
+        return "" if value in meta["choices"] else f"one of {', '.join(meta['choices'])}"
+    if "min" in meta:
+        low, high = meta["min"], meta["max"]
+        if kind == "int" and (not isinstance(value, int) or isinstance(value, bool)):
+            return f"a whole number {low}..{high}"
+        return "" if low <= value <= high else f"{low}..{high} {meta['unit']}".rstrip()
+    return "true or false" if kind == "bool" and not isinstance(value, bool) else ""
