@@ -27,6 +27,7 @@ from .camera_supervisor import CameraSupervisor
 from .computer_status import ComputerStatus
 from .config import Config, config_text
 from .config_live import STREAMS
+from .counts import FrameRates, Losses
 from .curve import AllowList, load_keys
 from .depth_preview import DepthPreviews
 from .health import (
@@ -58,7 +59,6 @@ if TYPE_CHECKING:
 
 NS = 1_000_000_000
 HEALTH_NS = NS
-LOSS_TOLD_NS = 10 * NS
 HEARTBEAT_STATES = {
     pb.Health.STATE_STARTING: MAV_STATE_STANDBY,
     pb.Health.STATE_ACTIVE: MAV_STATE_ACTIVE,
@@ -104,9 +104,8 @@ class Service:
             self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
             warm_up, self._previews.show,
         )  # fmt: skip
-        self._frames_before: dict[str, tuple[int, int]] = {}
+        self._rates, self._losses = FrameRates(), Losses()
         self._next_health_ns = 0
-        self._lost = self._losing_until_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
         self.troubles: list[str] = []
 
@@ -281,7 +280,8 @@ class Service:
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
             self.troubles += self.avoidance.troubles(now_ns)
-        if self._losing(now_ns):
+        # what is lost while the kernels are compiled is no trouble: nothing sees yet
+        if self._losses.of_late(self.inbox.lost, now_ns, counts=self.started):
             self.troubles.append(
                 f"{self.inbox.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
             )
@@ -296,13 +296,6 @@ class Service:
                 self.link.set_system_status(HEARTBEAT_STATES[state])
             self._publish_health(views, autopilot)
 
-    def _losing(self, now_ns: int) -> bool:
-        """Whether samples were lost of late. What is lost while the kernels are compiled is no trouble: nothing sees yet."""
-        if self.inbox.lost != self._lost:
-            self._lost = self.inbox.lost
-            self._losing_until_ns = now_ns + LOSS_TOLD_NS if self.started else 0
-        return now_ns < self._losing_until_ns
-
     def _views(self, now_ns: int) -> list[CameraView]:
         views = []
         for name, camera in self.cameras.items():
@@ -313,17 +306,10 @@ class Service:
             views.append(
                 CameraView(
                     status=status, required=camera.section.required, blind=blind, age_ns=age_ns,
-                    hz=self._hz(name, status.frames, now_ns),
+                    hz=self._rates.hz(name, status.frames, now_ns),
                 )
             )  # fmt: skip
         return views
-
-    def _hz(self, name: str, frames: int, now_ns: int) -> float:
-        """Frames a second since the report before the last."""
-        before, then_ns = self._frames_before.get(name, (frames, now_ns))
-        if now_ns - then_ns > 2 * NS or name not in self._frames_before:
-            self._frames_before[name] = (frames, now_ns)
-        return (frames - before) * NS / max(1, now_ns - then_ns)
 
     def _autopilot_view(self, now_ns: int) -> AutopilotView | None:
         if self.link is None:
