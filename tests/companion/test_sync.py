@@ -204,7 +204,7 @@ def test_a_jump_of_the_estimate_is_never_interpolated_across():
 
 
 def test_bounds_are_checked():
-    with pytest.raises(ValueError, match=r"max_gap_s = 3\.0, expected 0\.005\.\.1\.0 s"):
+    with pytest.raises(ValueError, match=r"sync: max_gap_s = 3\.0: expected 0\.005\.\.1\.0 s"):
         SyncParams(max_gap_s=3.0)
     with pytest.raises(ValueError, match="held_samples"):
         SyncParams(held_samples=math.nan)
