@@ -7,13 +7,14 @@ arrays are float32 on both sides.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from core.packed import packed_floats, packed_prisms
 from core.prism_table import prism_table
 from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
@@ -56,6 +57,10 @@ SOURCES: Final = {
 }
 
 _STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
+_FREE: Final = (
+    pb.FreeProfile.AZIMUTH_EDGES_RAD_FIELD_NUMBER, pb.FreeProfile.LAYER_EDGES_M_FIELD_NUMBER,
+    pb.FreeProfile.FREE_FROM_M_FIELD_NUMBER, pb.FreeProfile.FREE_TO_M_FIELD_NUMBER,
+)  # fmt: skip
 
 
 def wire_bytes(message: Message) -> bytes:
@@ -88,23 +93,6 @@ def planes_message(model: FrameModel) -> pb.Planes:
     )
 
 
-def prism_messages(prisms: Sequence[Prism]) -> list[pb.Prism]:
-    """All prisms of a frame."""
-    table = prism_table(prisms)
-    vertices_m, plane = table.vertices_m.ravel().tolist(), table.plane.tolist()
-    vertex, edge = (2 * table.vertex_begin).tolist(), table.edge_begin.tolist()
-    rows = zip(
-        table.cluster.tolist(), table.heights_m.tolist(), table.closed.tolist(), table.margin_m.tolist(), strict=True
-    )
-    return [
-        pb.Prism(
-            cluster=cluster, top_m=top, bottom_m=bottom, closed=closed, margin_m=margin,
-            vertices_m=vertices_m[vertex[k] : vertex[k + 1]], plane=plane[edge[k] : edge[k + 1]],
-        )
-        for k, (cluster, (top, bottom), closed, margin) in enumerate(rows)
-    ]  # fmt: skip
-
-
 def prism_from_message(message: pb.Prism) -> Prism:
     """One prism of a message."""
     return Prism(
@@ -120,13 +108,10 @@ def prism_from_message(message: pb.Prism) -> Prism:
 
 def free_message(free: FreeProfile) -> pb.FreeProfile:
     """The free-range profile."""
-    return pb.FreeProfile(
-        azimuth_edges_rad=free.azimuth_edges_rad.tolist(),
-        layer_edges_m=free.layer_edges_m.tolist(),
-        free_from_m=free.free_from_m.ravel().tolist(),
-        free_to_m=free.free_to_m.ravel().tolist(),
-        end=free.end.tobytes(),
-    )
+    numbers = (free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m)
+    message = pb.FreeProfile.FromString(b"".join(map(packed_floats, _FREE, numbers)))
+    message.end = free.end.tobytes()
+    return message
 
 
 def free_from_message(message: pb.FreeProfile) -> FreeProfile:
@@ -211,7 +196,7 @@ def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: st
 
 def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
     message.planes.CopyFrom(planes_message(model))
-    message.prisms.extend(prism_messages(model.prisms))
+    message.MergeFromString(packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, prism_table(model.prisms)))
     message.free.CopyFrom(free_message(model.free))
     message.ground.CopyFrom(ground_message(model.ground))
     message.stats.CopyFrom(pb.FrameStats(**{name: getattr(model.stats, name) for name in _STATS}))

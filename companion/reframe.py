@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.prism_table import PrismTable, prism_table
-from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause, Prism
+from core.prism_table import prism_table
+from core.turned import turned_planes, turned_prisms
+from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,41 +61,15 @@ def numbers_only(model: FrameModel) -> FrameModel:
 def reframed(model: FrameModel, transform: LevelTransform) -> FrameModel:
     """The model in the transform's target frame. Ranges and the ground's height stay counted from the camera; strips,
     which are drawn over the image, are left out."""
-    planes = np.empty_like(model.planes)
-    planes[:, 0:2] = _turned(model.planes[:, 0:2], transform)
-    planes[:, 2:4] = _turned(model.planes[:, 2:4], transform)
-    planes[:, 4:6] = model.planes[:, 4:6].astype(np.float64) + transform.translation_m[2]
-    # far from the origin of ned float32 may round a very low plane to nothing
-    planes[:, 5] = np.maximum(planes[:, 5], np.nextafter(planes[:, 4], np.float32(np.inf)))
+    c, s, shift_m = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad), transform.translation_m
     return replace(
         model,
-        planes=planes,
-        prisms=_prisms(model.prisms, transform),
+        planes=turned_planes(model.planes, c, s, shift_m),
+        prisms=turned_prisms(prism_table(model.prisms), c, s, shift_m) if len(model.prisms) else (),
         free=_free(model.free, transform),
         ground=_ground(model.ground, transform),
         strips=None,
     )
-
-
-def _turned(xy_m: NDArray[np.float32], transform: LevelTransform) -> NDArray[np.float32]:
-    """(N, 2) float32 points turned and shifted in float64."""
-    c, s = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad)
-    x, y = xy_m[:, 0].astype(np.float64), xy_m[:, 1].astype(np.float64)
-    tx, ty, _ = transform.translation_m
-    return np.stack([c * x - s * y + tx, s * x + c * y + ty], axis=1).astype(np.float32)
-
-
-def _prisms(prisms: Sequence[Prism], transform: LevelTransform) -> Sequence[Prism]:
-    """All vertices are turned at once: a frame has hundreds of prisms of a few vertices each."""
-    if not prisms:
-        return ()
-    table = prism_table(prisms)
-    heights_m = (table.heights_m.astype(np.float64) + transform.translation_m[2]).astype(np.float32)
-    heights_m[:, 1] = np.maximum(heights_m[:, 1], np.nextafter(heights_m[:, 0], np.float32(np.inf)))
-    return PrismTable(
-        table.cluster, heights_m, table.closed, table.margin_m, table.vertex_begin, table.edge_begin,
-        _turned(table.vertices_m, transform), table.plane,
-    )  # fmt: skip
 
 
 def _free(free: FreeProfile, transform: LevelTransform) -> FreeProfile:

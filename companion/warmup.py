@@ -24,7 +24,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from core.types import CameraInfo, ExtractorState, Intrinsics
+from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
 
 from .console import fail, say, say_json
 from .jit_cache import VARIABLE, base_of
@@ -199,7 +199,18 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
             state = ExtractorState()
             for R in (level, tilted):
-                _, state = extractor.extract(depth, info, R, state, keep_strips=True)
+                model, state = extractor.extract(depth, info, R, state, keep_strips=True)
+        _run_telling_kernels(model)
+
+
+def _run_telling_kernels(model: FrameModel) -> None:
+    """Runs what moves a model into the frame it is published in, and writes it down."""
+    from core.packed import packed_prisms
+    from core.prism_table import prism_table
+    from core.turned import turned_planes, turned_prisms
+
+    turned_planes(model.planes, 1.0, 0.0, (0.0, 0.0, 0.0))
+    packed_prisms(1, turned_prisms(prism_table(model.prisms), 1.0, 0.0, (0.0, 0.0, 0.0)))
 
 
 def _run_world_kernels() -> None:

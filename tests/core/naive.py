@@ -442,3 +442,11 @@ def layer_cuts(tops, bottoms, join):
         else:
             groups.append([end])
     return [min(z for z, _ in g) if any(kind == "top" for _, kind in g) else max(z for z, _ in g) for g in groups]
+
+
+def turned(points, cos, sin, shift_m):
+    """(N, 2) float32 points turned and shifted, one by one, in double precision."""
+    moved = [
+        (cos * float(x) - sin * float(y) + shift_m[0], sin * float(x) + cos * float(y) + shift_m[1]) for x, y in points
+    ]
+    return np.array(moved, np.float64).astype(np.float32).reshape(-1, 2)

@@ -9,6 +9,7 @@ from core import planes as pl
 from core import strips as s
 from core.params import Params
 from core.scratch import Scratch
+from core.types import Prism
 
 from .columns import F, view
 
@@ -115,3 +116,19 @@ def ends(plane: np.ndarray) -> tuple[float, float, float, float]:
     """(a_x, a_y, b_x, b_y) of one row of a table of planes."""
     x0, x1 = (1.0 / (plane[pl.A] + plane[pl.B] * t) for t in (plane[pl.T0], plane[pl.T1]))
     return x0, x0 * plane[pl.T0], x1, x1 * plane[pl.T1]
+
+
+def some_prisms(count: int) -> list[Prism]:
+    """Prisms of one to six edges, open and closed, the same ones always."""
+    rng = np.random.default_rng(count)
+    made = []
+    for _ in range(count):
+        edges, closed = int(rng.integers(1, 7)), bool(rng.integers(0, 2))
+        made.append(
+            Prism(
+                cluster=int(rng.integers(0, 300)), top_m=float(-rng.uniform(1.0, 9.0)), bottom_m=float(rng.uniform(-0.5, 2.0)),
+                closed=closed, margin_m=float(rng.uniform(0.0, 0.5)), plane=rng.integers(0, 200, edges, np.int32),
+                vertices_m=rng.uniform(-20.0, 20.0, (edges + (not closed), 2)).astype(np.float32),
+            )
+        )  # fmt: skip
+    return made
