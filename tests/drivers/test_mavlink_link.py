@@ -221,6 +221,30 @@ def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Pa
         link.catch_up()
 
 
+class DeafLine(UdpLine):
+    """A line that brings what was sent and breaks when we speak."""
+
+    def write(self, data: bytes) -> None:
+        raise DeviceLost(f"the cable is cut before {len(data)} bytes")
+
+
+def test_what_a_line_brought_before_it_broke_is_delivered() -> None:
+    line = DeafLine(Address("udpin", "127.0.0.1", free_port()))
+    samples: Samples = []
+    link = MavlinkLink(Address("udpin", "127.0.0.1", line.port), MavlinkSession(), samples.extend)
+    autopilot, now_ns = SimulatedAutopilot(), time.monotonic_ns()
+    spoken = [data for k in range(100) for data in autopilot.due(now_ns + k * 10_000_000)]
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for data in spoken:
+                sender.sendto(data, ("127.0.0.1", line.port))
+            with pytest.raises(DeviceLost, match="the cable is cut"):
+                link._round(line)
+    finally:
+        line.close()
+    assert sum(isinstance(s, AttitudeSample) for s in samples) > 20
+
+
 def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
     port = free_port()
     autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
