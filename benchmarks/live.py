@@ -49,6 +49,7 @@ budget_mb = 20000.0
 [publish]
 prisms = "ipc://{folder}/prisms"
 health = "ipc://{folder}/health"
+depth = "ipc://{folder}/depth"
 """
 
 
