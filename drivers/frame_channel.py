@@ -8,6 +8,7 @@ was overtaken sees it and takes the next. A reader wants the newest frame only a
 
 from __future__ import annotations
 
+import array
 import json
 import mmap
 import os
@@ -16,7 +17,7 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,17 @@ SLOTS = 4
 _MARK = struct.Struct("<Q")
 _PAGE = 4096
 _LONGEST_WORD = 60_000
+_FRAME = struct.Struct("<cQqqq")
+"""The word of a frame: b"f" and what `_Told` holds. All other words are JSON objects."""
+_DESCRIPTORS = array.array("i", [0])
+"""As long as those that come along with a word."""
+
+
+class _Told(NamedTuple):
+    number: int
+    sequence: int
+    t_exposure_ns: int
+    t_arrival_ns: int
 
 
 def slot_bytes(width: int, height: int) -> int:
@@ -74,12 +86,8 @@ class FrameWriter:
         target = np.ndarray((height, width), np.uint16, self._memory, pixels)
         target[...] = frame.depth_mm
         _MARK.pack_into(self._memory, end, self._written)
-        self._send(
-            {
-                "kind": "frame", "number": self._written, "sequence": frame.sequence,
-                "t_exposure_ns": frame.t_exposure_ns, "t_arrival_ns": frame.t_arrival_ns,
-            }
-        )  # fmt: skip
+        told = (self._written, frame.sequence, frame.t_exposure_ns, frame.t_arrival_ns)
+        self._deliver(lambda: self._socket.send(_FRAME.pack(b"f", *told)))
 
     def _open_memory(self, width: int, height: int) -> None:
         size = SLOTS * slot_bytes(width, height)
@@ -118,6 +126,7 @@ class FrameReader:
 
     def __init__(self, camera: str) -> None:
         self._camera = camera
+        self._word = bytearray(_LONGEST_WORD)
         self._socket, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
         self._memory: mmap.mmap | None = None
@@ -137,46 +146,68 @@ class FrameReader:
         """The newest frame not yet delivered, and all words, waiting at most timeout_s for either. Raises DeviceLost
         when the process is gone and BadData when it sends what cannot be."""
         until_s = time.monotonic() + timeout_s
-        newest: dict[str, Any] | None = None
+        newest: _Told | None = None
         words: list[Word] = []
         while True:
-            wait_s = 0.0 if newest or words else max(0.0, until_s - time.monotonic())
-            ready, _, _ = select.select([self._socket], [], [], wait_s)
-            if not ready:
-                break
             try:
                 told = self._receive()
             except DeviceLost:
                 if newest is None and not words:
                     raise
                 break  # its last words say why; the next call says that it is gone
-            if told["kind"] == "frame":
+            if isinstance(told, _Told):
                 self.dropped += 1 if newest is not None else 0
                 newest = told
-            elif told["kind"] != "memory":
-                words.append(Word(str(told.pop("kind")), told))
+            elif isinstance(told, Word):
+                words.append(told)
+            elif newest or words or not self._awaits(until_s):
+                break
         frame = self._frame(newest) if newest is not None else None
         return frame, words
 
-    def _receive(self) -> dict[str, Any]:
+    def _awaits(self, until_s: float) -> bool:
+        """Waits for a word; False when there is none by then."""
+        ready, _, _ = select.select([self._socket], [], [], max(0.0, until_s - time.monotonic()))
+        return bool(ready)
+
+    def _receive(self) -> _Told | Word | None:
+        """The next word, None when there is none; of the memory none is made."""
+        while True:
+            try:
+                size, beside, _, _ = self._socket.recvmsg_into([self._word], socket.CMSG_SPACE(_DESCRIPTORS.itemsize))
+            except BlockingIOError:
+                return None
+            except OSError as error:
+                raise DeviceLost(f"camera {self._camera}: its process is gone ({error.strerror})") from error
+            if not size:
+                raise DeviceLost(f"camera {self._camera}: its process has ended")
+            data = bytes(self._word[:size])
+            try:
+                if data[:1] == b"f":
+                    return _Told(*_FRAME.unpack(data)[1:])
+                word = self._understood(data, beside)
+            except (ValueError, KeyError, TypeError, struct.error) as error:
+                raise BadData(f"camera {self._camera}: its process sent what nobody understands ({error})") from error
+            if word is not None:
+                return word
+
+    def _understood(self, data: bytes, beside: list[tuple[int, int, bytes]]) -> Word | None:
+        """A word in JSON; None when it came with the memory, which is taken."""
+        fds = array.array("i")
+        for _, _, content in beside:
+            fds.frombytes(content[: len(content) - len(content) % fds.itemsize])
         try:
-            data, fds, _, _ = socket.recv_fds(self._socket, _LONGEST_WORD, 1)
-        except OSError as error:
-            raise DeviceLost(f"camera {self._camera}: its process is gone ({error.strerror})") from error
-        if not data:
-            raise DeviceLost(f"camera {self._camera}: its process has ended")
-        try:
-            told = json.loads(data)
-            if fds:
-                self._take_memory(fds[0], int(told["width"]), int(told["height"]))
-            if not isinstance(told["kind"], str):
+            told = dict(json.loads(data))
+            kind = told.pop("kind")
+            if not isinstance(kind, str):
                 raise TypeError("kind")
-        except (ValueError, KeyError, TypeError) as error:
-            raise BadData(f"camera {self._camera}: its process sent what nobody understands ({error})") from error
+            if not fds:
+                return Word(kind, told)
+            self._take_memory(fds[0], int(told["width"]), int(told["height"]))
+            return None
         finally:
             for fd in fds:
                 os.close(fd)
-        return dict(told)
 
     def _take_memory(self, fd: int, width: int, height: int) -> None:
         size = SLOTS * slot_bytes(width, height)
@@ -185,31 +216,27 @@ class FrameReader:
         self._memory = mmap.mmap(fd, size, prot=mmap.PROT_READ)
         self._size = (width, height)
 
-    def _frame(self, told: dict[str, Any]) -> DepthFrame | None:
+    def _frame(self, told: _Told) -> DepthFrame | None:
         """The frame of a word; None when the writer has overtaken us meanwhile."""
         if self._memory is None:
             raise BadData(f"camera {self._camera}: its process told of a frame before it gave the memory")
         width, height = self._size
-        try:
-            number = int(told["number"])
-            at = (number % SLOTS) * slot_bytes(width, height)
-            pixels = at + _MARK.size
-            end = pixels + 2 * width * height
-            behind = _MARK.unpack_from(self._memory, end)[0]
-            depth = np.ndarray((height, width), np.uint16, self._memory, pixels).copy()
-            before = _MARK.unpack_from(self._memory, at)[0]
-            if before != number or behind != number:
-                self.dropped += 1
-                return None
-            return DepthFrame(
-                camera=self._camera,
-                sequence=int(told["sequence"]),
-                t_exposure_ns=int(told["t_exposure_ns"]),
-                t_arrival_ns=int(told["t_arrival_ns"]),
-                depth_mm=depth,
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise BadData(f"camera {self._camera}: its process told of a frame wrongly ({error})") from error
+        at = (told.number % SLOTS) * slot_bytes(width, height)
+        pixels = at + _MARK.size
+        end = pixels + 2 * width * height
+        behind = _MARK.unpack_from(self._memory, end)[0]
+        depth = np.ndarray((height, width), np.uint16, self._memory, pixels).copy()
+        before = _MARK.unpack_from(self._memory, at)[0]
+        if before != told.number or behind != told.number:
+            self.dropped += 1
+            return None
+        return DepthFrame(
+            camera=self._camera,
+            sequence=told.sequence,
+            t_exposure_ns=told.t_exposure_ns,
+            t_arrival_ns=told.t_arrival_ns,
+            depth_mm=depth,
+        )
 
     def close(self) -> None:
         """May be called again."""

@@ -13,7 +13,7 @@ import pytest
 
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceLost
-from drivers.frame_channel import FrameReader, FrameWriter, Word, slot_bytes
+from drivers.frame_channel import _FRAME, FrameReader, FrameWriter, Word, _Told, slot_bytes
 
 
 def frame(sequence: int, width: int = 64, height: int = 48) -> DepthFrame:
@@ -71,8 +71,7 @@ def test_a_frame_that_was_overwritten_meanwhile_is_not_delivered() -> None:
     reader, writer = pair()
     writer.write(frame(1))
     told = reader._receive()
-    assert told["kind"] == "memory"
-    told = reader._receive()
+    assert isinstance(told, _Told)
     for k in range(2, 6):
         writer.write(frame(k))
     assert reader._frame(told) is None
@@ -126,7 +125,13 @@ def test_what_nobody_understands_is_refused() -> None:
     writer._socket.send(b"\xff\xfe")
     with pytest.raises(BadData, match="sent what nobody understands"):
         reader.read(1.0)
-    writer.say("frame", number=1)
+    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4)[:-1])
+    with pytest.raises(BadData, match="sent what nobody understands"):
+        reader.read(1.0)
+    writer._socket.send(b'{"width": 64}')
+    with pytest.raises(BadData, match="sent what nobody understands"):
+        reader.read(1.0)
+    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4))
     with pytest.raises(BadData, match="before it gave the memory"):
         reader.read(1.0)
 
