@@ -11,11 +11,12 @@ import subprocess
 import sys
 import threading
 import time
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
+
+from fastcrc.crc32 import iso_hdlc
 
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, DeviceLost
@@ -234,7 +235,7 @@ class FrozenJudge:
 
     def judge(self, frame: DepthFrame) -> str:
         """Why the camera is frozen, in words; empty when it is not."""
-        sampled = zlib.crc32(frame.depth_mm[::_SAMPLED_ROWS].tobytes())
+        sampled = iso_hdlc(frame.depth_mm[::_SAMPLED_ROWS].tobytes())
         stamp = (frame.sequence, frame.t_exposure_ns)
         self._same = self._same + 1 if sampled == self._print else 0
         self._stuck = self._stuck + 1 if self._stamp is not None and frame.t_exposure_ns <= self._stamp[1] else 0

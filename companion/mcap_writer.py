@@ -1,8 +1,9 @@
 """MCAP files, written with little work: messages go into one buffer, each chunk of it is compressed and written.
 
 The mcap library's writer copies each image half a dozen times and makes a new compressor for each chunk; here an image
-is copied once, by whoever hands it over in parts, and buffer and compressor stay. What comes once a file (header,
-schemas, channels, the closing part) is the library's."""
+is copied once, by whoever hands it over in parts, and buffer and compressor stay. The checksum of a chunk is zlib's, which
+fastcrc makes in a tenth of the time. What comes once a file (header, schemas, channels, the closing part) is the
+library's."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
 import zstandard
+from fastcrc.crc32 import iso_hdlc
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Header, Schema, Statistics, SummaryOffset
@@ -162,7 +164,7 @@ class McapWriter:
         data = self._compressor.compress(content)
         self._write(
             _CHUNK.pack(
-                Opcode.CHUNK, _CHUNK.size - 9 + len(data), times.first, times.last, len(content), zlib.crc32(content),
+                Opcode.CHUNK, _CHUNK.size - 9 + len(data), times.first, times.last, len(content), iso_hdlc(content),
                 4, b"zstd", len(data),
             )
         )  # fmt: skip
