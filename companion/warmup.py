@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
-import importlib
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +39,6 @@ COMPLETE = "complete-"
 """With a mode behind it: stands beside the cached kernels when all that a service in this mode uses are there."""
 MARK = "loading"
 """Stands beside the cached kernels while a service loads them."""
-BLAS = "scipy.linalg.cython_blas"
 COMPILED_S = 5.0
 """Loading cached kernels takes less, compiling them far more."""
 
@@ -124,39 +122,29 @@ def make_ready(*modes: str) -> None:
     child, since compiling leaves a gigabyte behind, and the service stays as large as it once was.
 
     A service that died while it loaded has perhaps met a damaged cache, and would die of it again at each start: a
-    mark tells the next one, which lets `warm_up` look and mend first. What the start has made stays for good: it is
-    taken out of the garbage collector's sight, whose full rounds would otherwise go through it all again and again
-    with the other threads waiting. Raises WarmupError."""
+    mark tells the next one, which lets `warm_up` look and mend first, and then loads in numba's own way. What the start
+    has made stays for good: it is taken out of the garbage collector's sight, whose full rounds would otherwise go
+    through it all again and again with the other threads waiting. Raises WarmupError."""
     begun_s = time.monotonic()
     named = os.environ.get(VARIABLE)
     mark = Path(named) / MARK if named else None
-    if mark is not None and mark.exists():
+    died = mark is not None and mark.exists()
+    if died:
         warm_up()
     elif mark is not None and (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
         _tell_complete(*lacking)  # else it is tried here, which tells why it fails
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
-    load_without_blas()
-    run_kernels(modes, metres=False)
+    from .kernel_loading import quick_loading  # imports numba
+
+    with contextlib.nullcontext() if died else quick_loading():
+        run_kernels(modes, metres=False)
     if mark is not None:
         mark.unlink(missing_ok=True)
     if time.monotonic() - begun_s > COMPILED_S:
         gc.collect()  # compiling leaves much behind, loading little
     gc.freeze()
-
-
-def load_without_blas() -> None:
-    """Loads the part of numba that else loads all of scipy.linalg, a quarter of a second of a start, to see whether there
-    is a BLAS. No kernel of ours multiplies matrices; one that is compiled later and does finds it all the same."""
-    if BLAS in sys.modules or "numba.np.arraymath" in sys.modules:
-        return
-    loaded = cast(dict[str, Any], sys.modules)
-    loaded[BLAS] = None  # "there is none"
-    try:
-        importlib.import_module("numba.np.arraymath")
-    finally:
-        del loaded[BLAS]
 
 
 def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:

@@ -37,24 +37,6 @@ def test_the_service_loads_no_camera_library_and_nothing_that_draws() -> None:
     assert done.stdout.strip() == "[]"
 
 
-BLAS = """
-import sys
-import numpy as np
-from numba import njit
-from companion.warmup import load_without_blas
-load_without_blas()
-load_without_blas()
-before = "scipy.linalg" in sys.modules
-product = njit(lambda a, b: a @ b)(np.eye(2), np.full((2, 2), 3.0))
-print(before, product.sum())
-"""
-
-
-def test_kernels_are_loaded_without_blas_and_later_ones_may_multiply_all_the_same() -> None:
-    done = subprocess.run([sys.executable, "-c", BLAS], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "12.0"]
-
-
 def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
     """Kernels that are compiled take longer than a loop may stand still."""
     (tmp_path / "run").mkdir()
