@@ -1,10 +1,12 @@
 """A MAVLink session on a line, in a thread of its own: reads, writes, and opens the line again when it is lost.
 
 To wake for each message costs ten times what its reading takes. Once the clocks are synchronised, messages therefore lie
-for a while and are read together; whoever needs the newest, since a frame has come, calls `catch_up`."""
+for a while and are read together, the last time shortly before a frame is expected; whoever needs the newest, since one has
+come, calls `catch_up`."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -21,9 +23,13 @@ from .transport import Address, Chunk, Transport, open_transport
 NS = 1_000_000_000
 READ_S = 0.01
 """Longest wait for bytes while each is read as it comes."""
-PAUSE_S = 0.04
+PAUSE_S = 0.042
 """Between two looks at a line whose messages may lie: so late, at most, they are read and so late is what the session sends
-by itself. What is posted goes at once."""
+by itself. What is posted goes at once. Half a frame's time at 12 Hz and a little more."""
+LEAD_NS = 3_000_000
+"""So long before a frame is expected the line is looked at, so that little is left to read when it comes."""
+LEAST_APART_NS = 5_000_000
+"""Whoever catches up more often has no rhythm that could be met."""
 MUCH_BYTES = 2048
 """Read at once: more may wait, a serial line's buffer is 4096."""
 FEW_BYTES, MOST_WAIT_S = 4096, 0.005
@@ -43,6 +49,28 @@ class LineState:
     alive_ns: int
 
 
+class Rhythm:
+    """When it will be asked again what lies on the line, by when it was asked the last two times."""
+
+    def __init__(self) -> None:
+        self._last_ns = self._apart_ns = 0
+
+    def asked(self, now_ns: int) -> None:
+        """Somebody catches up."""
+        self._last_ns, self._apart_ns = now_ns, now_ns - self._last_ns
+
+    def pause_s(self, now_ns: int) -> float:
+        """Until the next look: PAUSE_S or less, so that one of those that follow comes LEAD_NS before it is asked, and
+        never less than half of it."""
+        last_ns, apart_ns = self._last_ns, self._apart_ns
+        if not LEAST_APART_NS <= apart_ns <= NS or now_ns - last_ns > 2 * apart_ns:
+            return PAUSE_S
+        ahead_s = (last_ns + apart_ns - LEAD_NS - now_ns) / NS
+        while ahead_s < 0.5 * PAUSE_S:
+            ahead_s += apart_ns / NS
+        return ahead_s / math.ceil(ahead_s / PAUSE_S)
+
+
 class MavlinkLink:
     """Runs a session until closed. `deliver` is called with the samples of each read that brought any bytes, in order of
     arrival, from the link's thread or that of who calls `catch_up`; it must not block."""
@@ -60,6 +88,7 @@ class MavlinkLink:
         self._turn = threading.Lock()
         self._transport: Transport | None = None
         self._left: list[Chunk] = []
+        self._rhythm = Rhythm()
         self._stop = threading.Event()
         self._news = threading.Event()
         self.budget: LinkBudget | None = None
@@ -92,6 +121,7 @@ class MavlinkLink:
         """Reads and delivers what has arrived by now, in the caller's thread. Without a line it does nothing, and what is
         wrong with one is the link's own affair: its thread meets it, too. So is more than comes in a moment: noise takes
         long to look through, and no frame may wait for that."""
+        self._rhythm.asked(time.monotonic_ns())
         if not self._turn.acquire(timeout=MOST_WAIT_S):
             return
         try:
@@ -162,8 +192,9 @@ class MavlinkLink:
 
     def _await(self, transport: Transport) -> None:
         """Until there is something to do: for a pause, or while instants count until the first byte."""
-        if self._session.patient(time.monotonic_ns()):
-            self._news.wait(PAUSE_S)
+        now_ns = time.monotonic_ns()
+        if self._session.patient(now_ns):
+            self._news.wait(self._rhythm.pause_s(now_ns))
             self._news.clear()
         elif not self._session.has_posted:
             transport.wait(READ_S)
