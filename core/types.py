@@ -141,10 +141,11 @@ class AttitudeSample:
     rates_frd_rad_s: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        norm = math.sqrt(sum(c * c for c in self.q_ned_frd_wxyz))
+        w, x, y, z = self.q_ned_frd_wxyz
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
         if not abs(norm - 1.0) < 1e-3:  # also catches NaN
             raise ValueError(f"attitude at {self.t_ns} ns: quaternion norm {norm:g}, expected 1")
-        if self.rates_frd_rad_s is not None and not all(math.isfinite(r) for r in self.rates_frd_rad_s):
+        if self.rates_frd_rad_s is not None and not all(map(math.isfinite, self.rates_frd_rad_s)):
             raise ValueError(f"attitude at {self.t_ns} ns: body rates are not finite")
 
 
@@ -159,9 +160,9 @@ class PoseSample:
     reset_counter: int = 0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(c) for c in self.position_ned_m):
+        if not all(map(math.isfinite, self.position_ned_m)):
             raise ValueError(f"pose at {self.t_ns} ns: position is not finite")
-        if self.velocity_ned_m_s is not None and not all(math.isfinite(c) for c in self.velocity_ned_m_s):
+        if self.velocity_ned_m_s is not None and not all(map(math.isfinite, self.velocity_ned_m_s)):
             raise ValueError(f"pose at {self.t_ns} ns: velocity is not finite")
 
 

@@ -9,6 +9,8 @@ import struct
 from collections import Counter
 from typing import Any
 
+from fastcrc.crc16 import mcrf4xx
+
 from .mavlink_dialect import dialect
 
 MAVLINK1, MAVLINK2 = 0xFE, 0xFD
@@ -102,8 +104,7 @@ class MessageSplitter:
                 self.counts["unknown messages"] += 1
                 self._unknown_end = at + len(data)
             return None
-        checked = dialect.x25crc(data[1:end] + bytes((kind.crc_extra,)))
-        if checked.crc != data[end] | data[end + 1] << 8:
+        if mcrf4xx(data[1:end] + bytes((kind.crc_extra,))) != data[end] | data[end + 1] << 8:
             return None
         return Frame(data, message_id, system, component, kind.crc_extra)
 
