@@ -27,6 +27,8 @@ from .config_camera import CameraConfig
 from .config_live import SupervisorParams
 
 NS = 1_000_000_000
+_READ_S = 0.1
+"""Longest wait for a word: between frames of 12 Hz nobody has to wake. The end of the process is noticed at once."""
 _POLL_S = 0.05
 _RAN_WELL_S = 3.0
 """A camera that gave frames so long after its start is started again without delay; one that did not, later and later."""
@@ -149,7 +151,7 @@ class CameraSupervisor:
         opened_ns: int | None = None
         dropped = self._status.dropped
         while not self._stop.is_set():
-            frame, words = reader.read(_POLL_S)
+            frame, words = reader.read(_READ_S)
             now_ns = _now()
             for word in words:
                 heard_ns = now_ns
