@@ -1,8 +1,8 @@
 """How soon the live service is there: `python -m benchmarks.start [--runs 5]`.
 
 Real processes and sockets: the service as systemd would start it, a simulated camera, a simulated autopilot over UDP, a
-subscriber. Compiled kernels are in the cache, as they are after `companion install`. Measured, each as the median and the
-worst of the runs:
+subscriber. Compiled kernels are in the cache, as they are after `companion install`, and the modules' bytecode beside
+them, as pip leaves it. Measured, each as the median and the worst of the runs:
 
 - start to ready: from the start of the interpreter until READY;
 - kill -9 to ready: from the signal until READY of the next process, with the unit's wait of 0.1 s before it;
@@ -65,6 +65,7 @@ class Place:
             "RUNTIME_DIRECTORY": str(folder / "run"),
             "STATE_DIRECTORY": str(folder / "state"),
         }
+        self._environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else each start compiles our own modules once more
         self.prisms = f"ipc://{folder / 'run' / 'prisms'}"
 
     @contextlib.contextmanager

@@ -35,6 +35,7 @@ _INTERRUPTED: Final = 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command. 0: done; 1: it failed, stderr says why and what to do; 2: wrong use."""
     words = list(sys.argv[1:] if argv is None else argv)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's threads turn in circles at a start, for nothing
     parser = _parser(words[0] if words else "")
     try:
         args = parser.parse_args(words)

@@ -11,9 +11,7 @@ has gone, all stays as numba has it, and is slower."""
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 import numba  # the whole, not a part: another thread may be importing it, and each would wait for what the other has begun
@@ -45,25 +43,17 @@ class LoadedLibrary:
         return self._module
 
 
-@contextlib.contextmanager
-def quick_loading() -> Iterator[None]:
-    """Kernels that are called for the first time in here are loaded so; those that are not in the cache are compiled."""
+def load_quickly() -> None:
+    """From now on and in this whole process kernels are loaded so, also one that is first needed in flight. Those that
+    are not in the cache are compiled, as ever."""
     places: tuple[tuple[Any, str, Any], ...] = (
         (caching.Cache, "load_overload", _load_overload),
         (codegen.Codegen, "unserialize_library", _unserialize_library),
         (environment, "_rebuild_env", _rebuild_env),
     )
-    theirs = [vars(owner).get(name) for owner, name, _ in places]
-    if None in theirs:
-        yield
-        return
-    for owner, name, ours in places:
-        setattr(owner, name, ours)
-    try:
-        yield
-    finally:
-        for (owner, name, _), before in zip(places, theirs, strict=True):
-            setattr(owner, name, before)
+    if all(name in vars(owner) for owner, name, _ in places):
+        for owner, name, ours in places:
+            setattr(owner, name, ours)
 
 
 def _load_overload(self: Any, signature: Any, context: Any) -> Any:

@@ -136,10 +136,11 @@ def make_ready(*modes: str) -> None:
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
-    from .kernel_loading import quick_loading  # imports numba
+    if not died:
+        from .kernel_loading import load_quickly  # imports numba
 
-    with contextlib.nullcontext() if died else quick_loading():
-        run_kernels(modes, metres=False)
+        load_quickly()
+    run_kernels(modes, metres=False)
     if mark is not None:
         mark.unlink(missing_ok=True)
     if time.monotonic() - begun_s > COMPILED_S:
@@ -189,6 +190,19 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
             for R in (level, tilted):
                 model, state = extractor.extract(depth, info, R, state, keep_strips=True)
         _run_telling_kernels(model)
+        _run_rare_kernels(frame, info)
+
+
+def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
+    """Runs what only some frames need: the look at where noise is, and at whether tiles agree on it."""
+    from core.classify import agreeing_tiles, depth_to_mm, measured_mm
+    from core.noisy import noisy_share
+    from core.params import Params
+
+    p, ke = Params(), info.ke_per_m
+    depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
+    noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
+    agreeing_tiles(np.zeros((p.noise_tiles_down, p.noise_tiles_across), np.float32), 1.0, p.noise_agree_ratio)
 
 
 def _run_telling_kernels(model: FrameModel) -> None:

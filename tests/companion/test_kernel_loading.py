@@ -43,10 +43,10 @@ assert steps(4).shape == (2, 2)
 BEGIN = """
 import sys
 import numpy as np
-from companion.kernel_loading import LoadedLibrary, quick_loading
+from companion.kernel_loading import LoadedLibrary, load_quickly
 from inner import middle, steps
-with quick_loading():
-    assert middle(np.array([3.0, 1.0, 2.0])) == 2.0
+load_quickly()
+assert middle(np.array([3.0, 1.0, 2.0])) == 2.0
 quick = {type(m.library) for m in middle.overloads.values()} == {LoadedLibrary}
 imported = [m for m in ("numba.np.arraymath", "numba.np.arrayobj", "scipy.linalg") if m in sys.modules]
 """
@@ -86,7 +86,7 @@ def test_an_error_in_a_loaded_kernel_keeps_its_words(place: Path) -> None:
     told = said(
         place, BEGIN,
         "try: middle(np.empty(0))\nexcept ValueError as error: print(error)",
-        "with quick_loading(): steps(4)",
+        "steps(4)",
         "try: steps(5)\nexcept ValueError as error: print(type(error).__name__, imported)",
     )  # fmt: skip
     assert told == ["nothing", "to", "sort", "ValueError", "[]"]
@@ -94,7 +94,7 @@ def test_an_error_in_a_loaded_kernel_keeps_its_words(place: Path) -> None:
 
 def test_a_kernel_that_calls_a_loaded_one_is_compiled_and_kept(place: Path) -> None:
     """Within and after the loading: the same, and what is stored then is good for the next process."""
-    use = "from outer import product\nwith quick_loading(): print(product(np.array([3.0, 1.0, 2.0])))"
+    use = "from outer import product\nprint(product(np.array([3.0, 1.0, 2.0])))"
     hits = "print(sum(product.stats.cache_hits.values()))"
     assert said(place, BEGIN, use, hits) == ["28.0", "0"]
     assert said(place, BEGIN, use, hits) == ["28.0", "1"]
@@ -113,8 +113,7 @@ def test_where_numba_has_changed_it_loads_in_its_own_way(place: Path) -> None:
     """A place that is not there: nothing is replaced, and everything works."""
     gone = "import numba\nnumba.core.environment.rebuilt = vars(numba.core.environment).pop('_rebuild_env')"
     own = BEGIN.replace(
-        "with quick_loading():",
-        "with quick_loading():\n    numba.core.environment._rebuild_env = numba.core.environment.rebuilt",
+        "load_quickly()", "load_quickly()\nnumba.core.environment._rebuild_env = numba.core.environment.rebuilt"
     )
     assert said(place, gone, own, "print(quick)") == ["False"]
 
@@ -141,9 +140,8 @@ def test_everything_computes_the_same() -> None:
     """All that the service runs, loaded in both ways from the cache of these tests: the same model, bit for bit."""
     code = """
 import hashlib
-from contextlib import nullcontext
 import companion.warmup as warmup
-from companion.kernel_loading import quick_loading
+from companion.kernel_loading import load_quickly
 import core.extractor
 found = hashlib.sha256()
 extract = core.extractor.Extractor.extract
@@ -153,15 +151,15 @@ def told(self, *args, **kwargs):
         found.update(part.tobytes())
     return model, state
 core.extractor.Extractor.extract = told
-with {how}():
-    warmup.run_kernels(warmup.MODES, metres=False)
+{how}
+warmup.run_kernels(warmup.MODES, metres=False)
 print(found.hexdigest())
 """
     hashes = {
         subprocess.run(
             [sys.executable, "-c", code.format(how=how)], capture_output=True, text=True, check=True
         ).stdout
-        for how in ("quick_loading", "nullcontext")
+        for how in ("load_quickly()", "")
     }  # fmt: skip
     assert len(hashes) == 1
     assert len(hashes.pop()) == 65

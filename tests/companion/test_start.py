@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -35,6 +36,27 @@ print([m for m in {NOT_NEEDED!r} if m in sys.modules])
 def test_the_service_loads_no_camera_library_and_nothing_that_draws() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+THREADS = """
+import os
+from companion.cli import main
+main(["--version"])
+import numpy
+print(len(os.listdir("/proc/self/task")), os.environ["OPENBLAS_NUM_THREADS"])
+"""
+
+
+def test_numpy_makes_no_threads_unless_told_to() -> None:
+    """On one core it makes none in either case."""
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", THREADS], env=environment | own, capture_output=True, text=True, check=True
+        ).stdout.split()[-2:]
+        for own in ({}, {"OPENBLAS_NUM_THREADS": "2"})
+    ]
+    assert said == [["1", "1"], [str(min(2, os.cpu_count() or 1)), "2"]]
 
 
 def test_a_long_start_is_no_hang(tmp_path: Path) -> None:

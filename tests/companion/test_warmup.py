@@ -94,6 +94,41 @@ def test_all_kernels_run() -> None:
     warmup.run_kernels()
 
 
+NEEDED_LATER = """
+import sys
+from pathlib import Path
+import companion.warmup as warmup
+from companion.config import Config
+from companion.replay import make_pipeline, process
+from companion.tally import Tally
+from drivers.mcap_file import McapRecording
+from numba.core.dispatcher import Dispatcher
+
+def loaded():
+    modules = [m for name, m in sys.modules.items() if name.startswith("core.")]
+    kernels = {k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)}
+    return {f"{k.py_func.__name__}{types}" for k in kernels for types in k.overloads}
+
+warmup.run_kernels(("safe",), metres=False)
+before = loaded()
+for path in sorted(Path(sys.argv[1]).glob("*.mcap")):
+    with McapRecording(path) as recording:
+        for _ in process(recording.events(), make_pipeline(Config(), recording.cameras), Tally()):
+            pass
+print(len(before), sorted(loaded() - before))
+"""
+
+
+def test_no_kernel_is_first_needed_in_flight() -> None:
+    """Streets, trees, noise, tilted and broken cameras: compiling one on board would take a blind second."""
+    data = Path(__file__).resolve().parents[1] / "data"
+    command = [sys.executable, "-c", NEEDED_LATER, str(data)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    count, later = done.stdout.split(maxsplit=1)
+    assert int(count) > 40
+    assert later.strip() == "[]"
+
+
 # ---- the start of the service -------------------------------------------------------------------------------------
 
 DIES_WHILE_LOADING = """
@@ -111,6 +146,7 @@ def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[s
     """What make_ready runs, told instead of done; objects are the collector's again at the end."""
     ran: list[tuple[str, ...]] = []
     monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: ran.append(tuple(modes)))
+    monkeypatch.setattr(kernel_loading, "load_quickly", lambda: None)  # it would stay for the tests that follow
     yield ran
     gc.unfreeze()
 
@@ -183,7 +219,7 @@ def test_after_a_death_while_loading_a_damaged_cache_is_mended(
     mark.rename(small / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
     (file,) = small.rglob("*.nbc")
     file.write_bytes(b"")
-    monkeypatch.setattr(kernel_loading, "quick_loading", lambda: pytest.fail("not in numba's own way"))
+    monkeypatch.setattr(kernel_loading, "load_quickly", lambda: pytest.fail("not in numba's own way"))
     warmup.make_ready("safe")
     assert ready == [("safe",)]
     (mended,) = small.rglob("*.nbc")
