@@ -129,6 +129,44 @@ def test_no_kernel_is_first_needed_in_flight() -> None:
     assert later.strip() == "[]"
 
 
+CALLED = """
+import importlib, inspect, pkgutil, types
+import core
+import companion.warmup as warmup
+from numba.core.dispatcher import Dispatcher
+
+def functions(owner, module):
+    for value in vars(owner).values():
+        value = getattr(value, "__func__", getattr(value, "fget", value))
+        if getattr(value, "__module__", "") != module.__name__:
+            continue
+        if inspect.isclass(value):
+            yield from functions(value, module)
+        elif isinstance(value, types.FunctionType):
+            yield value
+
+def calls(code, names):
+    called = [names.get(name) for name in code.co_names]
+    within = [vars(m).get(name) for m in called if isinstance(m, types.ModuleType) for name in code.co_names]
+    for part in code.co_consts:
+        if isinstance(part, types.CodeType):
+            yield from calls(part, names)
+    yield from (kernel for kernel in (*called, *within) if isinstance(kernel, Dispatcher))
+
+modules = [importlib.import_module(f"core.{m.name}") for m in pkgutil.iter_modules(core.__path__)]
+kernels = {k for m in modules for f in functions(m, m) for k in calls(f.__code__, vars(m))}
+warmup.run_kernels()
+print(len(kernels), sorted(k.py_func.__name__ for k in kernels if not k.overloads))
+"""
+
+
+def test_whatever_parameters_choose_every_kernel_that_python_calls_is_run() -> None:
+    done = subprocess.run([sys.executable, "-c", CALLED], capture_output=True, text=True, check=True)
+    count, never = done.stdout.split(maxsplit=1)
+    assert int(count) > 50
+    assert never.strip() == "[]"
+
+
 # ---- the start of the service -------------------------------------------------------------------------------------
 
 DIES_WHILE_LOADING = """
