@@ -14,7 +14,6 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from core.packed import packed_floats, packed_prisms
 from core.prism_table import prism_table
 from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
@@ -108,6 +107,8 @@ def prism_from_message(message: pb.Prism) -> Prism:
 
 def free_message(free: FreeProfile) -> pb.FreeProfile:
     """The free-range profile."""
+    from core.packed import packed_floats  # compiled: planners, who only read, need no numba
+
     numbers = (free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m)
     message = pb.FreeProfile.FromString(b"".join(map(packed_floats, _FREE, numbers)))
     message.end = free.end.tobytes()
@@ -195,6 +196,8 @@ def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: st
 
 
 def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
+    from core.packed import packed_prisms
+
     message.planes.CopyFrom(planes_message(model))
     message.MergeFromString(packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, prism_table(model.prisms)))
     message.free.CopyFrom(free_message(model.free))

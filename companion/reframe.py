@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.prism_table import prism_table
-from core.turned import turned_planes, turned_prisms
 from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
 
 
@@ -61,6 +60,8 @@ def numbers_only(model: FrameModel) -> FrameModel:
 def reframed(model: FrameModel, transform: LevelTransform) -> FrameModel:
     """The model in the transform's target frame. Ranges and the ground's height stay counted from the camera; strips,
     which are drawn over the image, are left out."""
+    from core.turned import turned_planes, turned_prisms  # compiled: planners, who only read, need no numba
+
     c, s, shift_m = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad), transform.translation_m
     return replace(
         model,
