@@ -45,11 +45,14 @@ class Comparison:
     compared: int = 0
     different: int = 0
     first: Difference | None = None
+    _newest_ns: dict[str, int] = field(default_factory=dict)
     _logged: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
     _computed: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
 
     def logged(self, message: pb.PrismsFrame) -> None:
         """Takes a message of the log."""
+        newest_ns = self._newest_ns.get(message.camera, message.t_exposure_ns)
+        self._newest_ns[message.camera] = max(newest_ns, message.t_exposure_ns)
         self._take(message, self._logged, self._computed, logged=True)
 
     def computed(self, message: pb.PrismsFrame) -> None:
@@ -65,6 +68,12 @@ class Comparison:
     def only_computed(self) -> tuple[Key, ...]:
         """Computed, but missing from the log."""
         return tuple(self._computed)
+
+    @property
+    def gaps(self) -> tuple[Key, ...]:
+        """Those of `only_computed` after which the log goes on with their camera; or of which it holds nothing at all.
+        What is missing at the end is no gap: a log that was cut short by a power cut ends with a depth image, mostly."""
+        return tuple(key for key in self._computed if key[2] <= self._newest_ns.get(key[0], key[2]))
 
     @property
     def passed(self) -> bool:

@@ -39,8 +39,9 @@ def problems_of(result: Replay) -> list[str]:
 
 
 def _as_in_flight(comparison: Comparison | None) -> bool:
-    """Whether the log holds the same, frame by frame: what was dropped then is dropped again, and is no news."""
-    return comparison is not None and comparison.passed and not comparison.only_computed
+    """Whether the log holds the same, frame by frame, as far as it goes: what was dropped then is dropped again, and is no
+    news."""
+    return comparison is not None and comparison.passed and not comparison.gaps
 
 
 def _drop_problem(tally: Tally, first: FrameDecision) -> str:

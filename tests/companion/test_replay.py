@@ -263,6 +263,22 @@ def test_attitude_missing_for_part_of_the_flight(tmp_path, capsys):
     assert sum(not p.valid for p in prisms) >= dropped
 
 
+def test_a_log_that_ends_with_an_image_holds_what_the_flight_dropped_before(tmp_path, capsys):
+    """As it ends after a kill: the last image is in it, what was made of that one is not."""
+    events = [e for e in flight(12) if not (isinstance(e, AttitudeSample) and e.t_ns < 5_300_000_000)]
+    path, out = write_flight(tmp_path / "late.mcap", events), tmp_path / "out.mcap"
+    assert main(["replay", str(path), "-o", str(out)]) == 1
+    frames = [p.sequence for p in prisms_of(out)]
+    assert [p.valid for p in prisms_of(out)].count(False) >= 1
+    for gone, status in ((frames[-1:], 0), (frames[-3:], 0), (frames[5:6], 1)):
+        cut = rewritten(
+            out, tmp_path / "cut.mcap", lambda key, m, gone=gone: key in ("prisms", "decision") and m.sequence in gone
+        )
+        capsys.readouterr()
+        assert main(["replay", str(cut), "--check"]) == status, gone
+        assert "missing from the log" in capsys.readouterr().out
+
+
 def test_a_cut_log_is_replayed_as_far_as_it_goes(folder, replayed, tmp_path, capsys):
     cut, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
     cut.write_bytes(replayed.read_bytes()[:-50])
@@ -342,8 +358,18 @@ def test_pairs_come_in_any_order():
     for sequence in (3, 1, 4):
         comparison.logged(pb.PrismsFrame(camera="c", sequence=sequence))
     assert (comparison.compared, comparison.different, comparison.passed) == (2, 0, True)
-    assert comparison.only_computed == (("c", 2, 0),)
+    assert comparison.only_computed == comparison.gaps == (("c", 2, 0),)
     assert comparison.only_logged == (("c", 4, 0),)
+
+
+def test_what_is_missing_at_the_end_of_a_camera_is_no_gap():
+    comparison = Comparison()
+    for camera, sequence in (("a", 1), ("b", 1), ("a", 2), ("b", 2), ("c", 1)):
+        comparison.computed(pb.PrismsFrame(camera=camera, sequence=sequence, t_exposure_ns=sequence))
+    for camera, sequence in (("a", 1), ("b", 2)):
+        comparison.logged(pb.PrismsFrame(camera=camera, sequence=sequence, t_exposure_ns=sequence))
+    assert comparison.only_computed == (("b", 1, 1), ("a", 2, 2), ("c", 1, 1))
+    assert comparison.gaps == (("b", 1, 1), ("c", 1, 1))
 
 
 def test_problems_have_words_for_an_empty_run(recorded):
