@@ -81,3 +81,7 @@ def _rebuild_env(module: str, constants: list[Any], name: str) -> Any:
     made.env_name = name
     environment.Environment._memo[name] = made
     return made
+
+
+# kernels that are compiled and kept meanwhile name the function that numba has in this place, not ours
+_rebuild_env.__module__ = environment.__name__

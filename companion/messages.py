@@ -56,6 +56,10 @@ SOURCES: Final = {
 }
 
 _STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
+_PRISM: Final = (
+    pb.Prism.CLUSTER_FIELD_NUMBER, pb.Prism.TOP_M_FIELD_NUMBER, pb.Prism.BOTTOM_M_FIELD_NUMBER, pb.Prism.CLOSED_FIELD_NUMBER,
+    pb.Prism.MARGIN_M_FIELD_NUMBER, pb.Prism.VERTICES_M_FIELD_NUMBER, pb.Prism.PLANE_FIELD_NUMBER,
+)  # fmt: skip
 _FREE: Final = (
     pb.FreeProfile.AZIMUTH_EDGES_RAD_FIELD_NUMBER, pb.FreeProfile.LAYER_EDGES_M_FIELD_NUMBER,
     pb.FreeProfile.FREE_FROM_M_FIELD_NUMBER, pb.FreeProfile.FREE_TO_M_FIELD_NUMBER,
@@ -199,7 +203,7 @@ def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
     from core.packed import packed_prisms
 
     message.planes.CopyFrom(planes_message(model))
-    message.MergeFromString(packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, prism_table(model.prisms)))
+    message.MergeFromString(packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, _PRISM, prism_table(model.prisms)))
     message.free.CopyFrom(free_message(model.free))
     message.ground.CopyFrom(ground_message(model.ground))
     message.stats.CopyFrom(pb.FrameStats(**{name: getattr(model.stats, name) for name in _STATS}))

@@ -215,7 +215,7 @@ def _run_telling_kernels(model: FrameModel) -> None:
     from core.turned import turned_planes, turned_prisms
 
     turned_planes(model.planes, 1.0, 0.0, (0.0, 0.0, 0.0))
-    packed_prisms(1, turned_prisms(prism_table(model.prisms), 1.0, 0.0, (0.0, 0.0, 0.0)))
+    packed_prisms(1, (1, 2, 3, 4, 5, 6, 7), turned_prisms(prism_table(model.prisms), 1.0, 0.0, (0.0, 0.0, 0.0)))
 
 
 def _run_world_kernels() -> None:

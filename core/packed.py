@@ -1,4 +1,4 @@
-"""What a frame found as bytes, in the encoding of Protocol Buffers (drivers/proto/osape_v1.proto).
+"""Tables as bytes, in the encoding of Protocol Buffers; the numbers of the fields are the caller's.
 
 To make an object of each prism and let the library write it takes eight times as long, as much as to find them all. A
 field that is nothing is written here, too, which the library leaves out: it reads the same."""
@@ -15,9 +15,10 @@ _HEAD_BYTES = 64
 """At most, of a prism but for its vertices and planes: keys, lengths and numbers."""
 _FIXED = 20
 """Bytes of its keys and of the numbers that take the same always."""
-_CLUSTER, _TOP, _BOTTOM, _CLOSED, _MARGIN, _VERTICES, _PLANE = 8, 21, 29, 32, 45, 50, 58
-"""The keys of its fields: eight times the field's number, and how it is written: 0 a whole number, 2 so many bytes, 5 a
-float32."""
+_CLUSTER, _TOP, _BOTTOM, _CLOSED, _MARGIN, _VERTICES, _PLANE = range(7)
+"""Places in the keys of a prism's fields, and in their numbers."""
+_WRITTEN = (0, 5, 5, 0, 5, 2, 2)
+"""How each is written: 0 a whole number, 2 so many bytes, 5 a float32. With eight times the field's number it is its key."""
 
 
 def packed_floats(field: int, values: NDArray[np.float32]) -> bytes:
@@ -31,19 +32,21 @@ def packed_floats(field: int, values: NDArray[np.float32]) -> bytes:
     return bytes(head) + content
 
 
-def packed_prisms(field: int, table: PrismTable) -> bytes:
-    """A repeated message of prisms."""
+def packed_prisms(field: int, fields: tuple[int, ...], table: PrismTable) -> bytes:
+    """A repeated message of prisms. field: its number; fields: those of cluster, top, bottom, closed, margin, vertices and
+    planes in such a message. All are 1 to 15."""
+    keys = np.array([8 * number + written for number, written in zip(fields, _WRITTEN, strict=True)], np.uint8)
     room = _HEAD_BYTES * len(table) + 8 * len(table.vertices_m) + 5 * len(table.plane)
     out = np.empty(room, np.uint8)
     size = _write(
-        field * 8 + 2, table.cluster, table.heights_m.view(np.uint32), table.closed, table.margin_m.view(np.uint32),
+        field * 8 + 2, keys, table.cluster, table.heights_m.view(np.uint32), table.closed, table.margin_m.view(np.uint32),
         table.vertex_begin, table.edge_begin, table.vertices_m.view(np.uint32), table.plane, out,
     )  # fmt: skip
     return out[:size].tobytes()
 
 
 @inner
-def _write(key, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out):
+def _write(key, keys, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out):
     """Floats as their bits. The number of bytes."""
     at = 0
     for k in range(cluster.shape[0]):
@@ -54,20 +57,20 @@ def _write(key, cluster, heights, closed, margin, vertex_begin, edge_begin, vert
         inside = _FIXED + _length(_unsigned(cluster[k])) + _length(corners) + corners + _length(packed) + packed
         out[at] = key
         at = _whole(out, at + 1, inside)
-        out[at] = _CLUSTER
+        out[at] = keys[_CLUSTER]
         at = _whole(out, at + 1, _unsigned(cluster[k]))
-        out[at] = _TOP
+        out[at] = keys[_TOP]
         at = _float(out, at + 1, heights[k, 0])
-        out[at] = _BOTTOM
+        out[at] = keys[_BOTTOM]
         at = _float(out, at + 1, heights[k, 1])
-        out[at], out[at + 1], out[at + 2] = _CLOSED, closed[k], _MARGIN
+        out[at], out[at + 1], out[at + 2] = keys[_CLOSED], closed[k], keys[_MARGIN]
         at = _float(out, at + 3, margin[k])
-        out[at] = _VERTICES
+        out[at] = keys[_VERTICES]
         at = _whole(out, at + 1, corners)
         for v in range(vertex_begin[k], vertex_begin[k + 1]):
             at = _float(out, at, vertices[v, 0])
             at = _float(out, at, vertices[v, 1])
-        out[at] = _PLANE
+        out[at] = keys[_PLANE]
         at = _whole(out, at + 1, packed)
         for e in range(edge_begin[k], edge_begin[k + 1]):
             at = _whole(out, at, _unsigned(plane[e]))

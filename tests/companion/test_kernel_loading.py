@@ -104,6 +104,16 @@ def test_a_kernel_that_calls_a_loaded_one_is_compiled_and_kept(place: Path) -> N
     ]
 
 
+def test_what_is_kept_names_nothing_of_ours(place: Path) -> None:
+    """Kernels compiled while others are loaded quickly are read by whoever has numba alone."""
+    (place / "third.py").write_text(OUTER.replace("product", "other"))
+    use = "from third import other\nprint(other(np.array([3.0, 1.0, 2.0])))"
+    assert said(place, BEGIN, use) == ["28.0"]
+    kept = list((place / "cache").rglob("third.other*.nbc"))
+    assert kept
+    assert all(b"_rebuild_env" in f.read_bytes() and b"companion" not in f.read_bytes() for f in kept)
+
+
 def test_another_kind_of_array_is_compiled_later(place: Path) -> None:
     later = "print(middle(np.array([3, 1, 2], np.int16)), middle(np.array([3.0, 1.0, 5.0])))"
     assert said(place, BEGIN, later) == ["2", "3.0"]

@@ -15,6 +15,10 @@ from drivers.proto import osape_v1_pb2 as pb
 from .tables import some_prisms
 
 FIELD = pb.PrismsFrame.PRISMS_FIELD_NUMBER
+FIELDS = tuple(
+    pb.Prism.DESCRIPTOR.fields_by_name[name].number
+    for name in ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")
+)
 
 
 def told_one_by_one(prisms: Sequence[Prism]) -> pb.PrismsFrame:
@@ -49,7 +53,7 @@ def odd_prisms() -> list[Prism]:
     "prisms", [[], some_prisms(1), some_prisms(60), odd_prisms()], ids=["none", "one", "many", "odd"]
 )
 def test_prisms(prisms: list[Prism]) -> None:
-    read = pb.PrismsFrame.FromString(packed_prisms(FIELD, prism_table(prisms)))
+    read = pb.PrismsFrame.FromString(packed_prisms(FIELD, FIELDS, prism_table(prisms)))
     expected = told_one_by_one(prisms)
     assert read == expected
     assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
