@@ -94,10 +94,10 @@ class PipelineLoop:
         while not self._stop.is_set():
             taken = self._inbox.take(TAKE_S)
             with self._recorder.holding() if self._recorder is not None else nullcontext():
-                for kind, alike in groupby(taken, type):
+                for kind, alike in groupby(taken, _kind):
                     if kind is RawFrame:
                         self._log_line(cast(list[RawFrame], list(alike)))
-                    elif kind is AttitudeSample or kind is PoseSample:
+                    elif kind is AttitudeSample:
                         self._move(cast(list[Motion], list(alike)))
                     else:
                         for item in alike:
@@ -111,7 +111,7 @@ class PipelineLoop:
             self._recorder.frames(frames)
 
     def _move(self, samples: list[Motion]) -> None:
-        """The vehicle moved: some attitudes, or some positions."""
+        """The vehicle moved: some attitudes and positions."""
         self._open_log(samples[0])
         if self._recorder is not None:
             self._log_clock(samples[0].t_arrival_ns)
@@ -210,3 +210,9 @@ class PipelineLoop:
         if clock != self._clock:
             self._clock = clock
             self._recorder.message("clock", clock_message(clock, restarts), t_ns)
+
+
+def _kind(item: Item) -> type:
+    """Items of one kind that follow each other are handled together; attitudes and positions come by turns."""
+    kind = type(item)
+    return AttitudeSample if kind is PoseSample else kind

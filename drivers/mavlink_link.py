@@ -26,12 +26,16 @@ READ_S = 0.01
 PAUSE_S = 0.042
 """Between two looks at a line whose messages may lie: so late, at most, they are read and so late is what the session sends
 by itself. What is posted goes at once. Half a frame's time at 12 Hz and a little more."""
+LONGEST_PAUSE_S = 0.11
+"""So long while little comes, where somebody is about to catch up anyway: to look takes more than what little it brings."""
 LEAD_NS = 3_000_000
 """So long before a frame is expected the line is looked at, so that little is left to read when it comes."""
 LEAST_APART_NS = 5_000_000
 """Whoever catches up more often has no rhythm that could be met."""
 MUCH_BYTES = 2048
 """Read at once: more may wait, a serial line's buffer is 4096."""
+LITTLE_BYTES = 1024
+"""Read at once: however the pauses change, what waits next stays well below such a buffer."""
 FEW_BYTES, MOST_WAIT_S = 4096, 0.005
 """Of the line, and so long for it, whoever catches up takes upon himself; an autopilot sends a tenth of it in a pause."""
 FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
@@ -59,16 +63,16 @@ class Rhythm:
         """Somebody catches up."""
         self._last_ns, self._apart_ns = now_ns, now_ns - self._last_ns
 
-    def pause_s(self, now_ns: int) -> float:
+    def pause_s(self, now_ns: int, *, little: bool = False) -> float:
         """Until the next look: PAUSE_S or less, so that one of those that follow comes LEAD_NS before it is asked, and
-        never less than half of it."""
+        never less than half of it. little: little comes, and LONGEST_PAUSE_S or less will do."""
         last_ns, apart_ns = self._last_ns, self._apart_ns
         if not LEAST_APART_NS <= apart_ns <= NS or now_ns - last_ns > 2 * apart_ns:
             return PAUSE_S
         ahead_s = (last_ns + apart_ns - LEAD_NS - now_ns) / NS
         while ahead_s < 0.5 * PAUSE_S:
             ahead_s += apart_ns / NS
-        return ahead_s / math.ceil(ahead_s / PAUSE_S)
+        return ahead_s / math.ceil(ahead_s / (LONGEST_PAUSE_S if little else PAUSE_S))
 
 
 class MavlinkLink:
@@ -178,23 +182,24 @@ class MavlinkLink:
             self._session.new_line()
         with self._turn:
             self._transport = transport
-        much = False
+        size = 0
         while not self._stop.is_set():
-            if not much:
-                self._await(transport)
+            if size < MUCH_BYTES:
+                self._await(transport, little=size < LITTLE_BYTES)
             with self._turn:
-                much = self._round(transport) >= MUCH_BYTES
+                size = self._round(transport)
             self._state = LineState(True, "", warning, losses, time.monotonic_ns())
         with self._lock:  # the last words: what was posted before we were told to close
             if self._session.has_posted:
                 for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
                     transport.write(data)
 
-    def _await(self, transport: Transport) -> None:
-        """Until there is something to do: for a pause, or while instants count until the first byte."""
+    def _await(self, transport: Transport, *, little: bool) -> None:
+        """Until there is something to do: for a pause, or while instants count until the first byte. little: came the last
+        time."""
         now_ns = time.monotonic_ns()
         if self._session.patient(now_ns):
-            self._news.wait(self._rhythm.pause_s(now_ns))
+            self._news.wait(self._rhythm.pause_s(now_ns, little=little))
             self._news.clear()
         elif not self._session.has_posted:
             transport.wait(READ_S)

@@ -17,7 +17,7 @@ from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.clock import ClockSource
 from drivers.mavlink import MavlinkParams, MavlinkSession
 from drivers.mavlink_dialect import dialect
-from drivers.mavlink_link import LEAD_NS, LEAST_APART_NS, PAUSE_S, MavlinkLink, Rhythm
+from drivers.mavlink_link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, Rhythm
 from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
 from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd, UdpEnd
 from drivers.transport import Address, UdpLine, open_transport, parse_address
@@ -183,13 +183,13 @@ def test_what_lies_on_the_line_is_there_when_somebody_catches_up() -> None:
         assert stamps == sorted(stamps)
 
 
-def looks_and_frames(apart_ns: int, jitter_ns: int) -> tuple[list[int], list[int]]:
-    """When a line is looked at while frames come for two seconds."""
+def looks_and_frames(apart_ns: int, jitter_ns: int, *, little: bool) -> tuple[list[int], list[int]]:
+    """When a line on which little or more comes is looked at while frames come for two seconds."""
     rhythm, rng = Rhythm(), np.random.default_rng(5)
     frames = [k * apart_ns + int(rng.integers(-jitter_ns, jitter_ns + 1)) for k in range(1, 2 * NS // apart_ns)]
     looks, now_ns, come = [], 0, 0
     while now_ns < frames[-1]:
-        now_ns += round(rhythm.pause_s(now_ns) * NS)
+        now_ns += round(rhythm.pause_s(now_ns, little=little) * NS)
         while come < len(frames) and frames[come] <= now_ns:
             rhythm.asked(frames[come])
             come += 1
@@ -197,14 +197,28 @@ def looks_and_frames(apart_ns: int, jitter_ns: int) -> tuple[list[int], list[int
     return looks, frames
 
 
-@pytest.mark.parametrize(("hz", "rate_hz"), [(10, 30), (12, 25), (15, 30), (20, 40), (30, 30), (60, 30)])
-def test_the_line_is_looked_at_shortly_before_a_frame_is_expected(hz: int, rate_hz: int) -> None:
-    looks, frames = looks_and_frames(NS // hz, 200_000)
+@pytest.mark.parametrize(
+    ("hz", "rate_hz", "little"),
+    [
+        *[(10, 30, False), (12, 25, False), (15, 30, False), (20, 40, False), (30, 30, False), (60, 30, False)],
+        *[
+            (6, 12, True),
+            (10, 10, True),
+            (12, 12, True),
+            (15, 15, True),
+            (20, 20, True),
+            (30, 30, True),
+            (60, 30, True),
+        ],
+    ],
+)
+def test_the_line_is_looked_at_shortly_before_a_frame_is_expected(hz: int, rate_hz: int, little: bool) -> None:
+    looks, frames = looks_and_frames(NS // hz, 200_000, little=little)
     since_ns = [min(frame - look for look in looks if look <= frame) for frame in frames[5:]]
     met = np.mean([LEAD_NS - 2 * MS <= gap <= LEAD_NS + 2 * MS for gap in since_ns])
     assert met >= (0.45 if hz > 40 else 0.95)
     assert len(looks) <= 2 * rate_hz + 5
-    assert max(np.diff(looks)) <= PAUSE_S * NS + 1
+    assert max(np.diff(looks)) <= (LONGEST_PAUSE_S if little else PAUSE_S) * NS + 1
 
 
 @pytest.mark.parametrize("apart_ns", [1, 1_000_000, LEAST_APART_NS, 7_000_000, NS, 5 * NS])
@@ -216,7 +230,10 @@ def test_whatever_the_rhythm_the_line_is_looked_at_as_often_as_ever(apart_ns: in
     last_ns = 10 * NS + 2 * apart_ns
     for later_ns in (0, 1, apart_ns // 2, apart_ns, 3 * apart_ns, 100 * NS):
         assert 0.5 * PAUSE_S <= rhythm.pause_s(last_ns + later_ns) <= PAUSE_S
-    assert rhythm.pause_s(last_ns + 2 * apart_ns + 1) == PAUSE_S, "frames that stopped coming are not waited for"
+        assert 0.5 * PAUSE_S <= rhythm.pause_s(last_ns + later_ns, little=True) <= LONGEST_PAUSE_S
+    for little in (False, True):
+        pause_s = rhythm.pause_s(last_ns + 2 * apart_ns + 1, little=little)
+        assert pause_s == PAUSE_S, "frames that stopped coming are not waited for"
 
 
 def test_noise_is_left_to_the_links_own_thread() -> None:
