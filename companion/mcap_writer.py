@@ -12,7 +12,7 @@ import zlib
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, BinaryIO, Final
+from typing import Any, Final, Protocol
 
 import zstandard
 from fastcrc.crc32 import iso_hdlc
@@ -42,6 +42,16 @@ _START: Final = 1 << 16
 Part = bytes | memoryview
 
 
+class Sink(Protocol):
+    """A file, of which so much is needed here."""
+
+    def write(self, data: Part, /) -> int:
+        """Takes all of it."""
+
+    def flush(self) -> None:
+        """Hands to the kernel what is kept."""
+
+
 @dataclass(slots=True)
 class _Times:
     """The first and the last of some messages' times, and how many there were."""
@@ -59,7 +69,7 @@ class _Times:
 class McapWriter:
     """A file in the making: `start`, then channels and messages, then `finish`, which leaves the stream open."""
 
-    def __init__(self, stream: BinaryIO, chunk_bytes: int) -> None:
+    def __init__(self, stream: Sink, chunk_bytes: int) -> None:
         self._stream, self._chunk_bytes = stream, chunk_bytes
         self._compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self._buffer = memoryview(bytearray(_START))
@@ -181,6 +191,7 @@ class McapWriter:
             + places
             + _CHUNK_SIZES.pack(self._offset - after, 4, b"zstd", len(data), len(content))
         )
+        self._stream.flush()  # whatever ends this process now, the chunk is there
         self._filled, self._indexes, self._in_chunk = 0, {}, _Times()
 
     def _statistics(self) -> Statistics:

@@ -105,6 +105,8 @@ class McapScan:
             if len(frame) < _FRAME.size:
                 break
             opcode, length = _FRAME.unpack(frame)
+            if opcode == 0 and self._only_zeros(at):
+                break
             if not _known(opcode):
                 yield Damage(at, f"no record begins with 0x{opcode:02x}", fatal=True)
                 return
@@ -116,6 +118,14 @@ class McapScan:
             yield from self._record(at, opcode, length)
             at += _FRAME.size + length
         yield Damage(at, "the file ends there without its closing part", fatal=True)
+
+    def _only_zeros(self, at: int) -> bool:
+        """Whether nothing else follows: a last block that was not full, or room that a power cut left unwritten."""
+        self._stream.seek(at)
+        while part := self._stream.read(1 << 20):
+            if part.count(0) != len(part):
+                return False
+        return True
 
     def _record(self, at: int, opcode: int, length: int) -> Iterator[Item]:
         if opcode == Opcode.CHUNK:
