@@ -88,7 +88,7 @@ def count_bins(px, n, bin_of_code, lanes):
 
     lanes: (LANES, B + 2) int32, zero before; the count of a bin is the sum over the lanes. n: at least 1."""
     for i in range(n):
-        b = bin_of_code[px[CODE, i]]
+        b = bin_of_code[np.uint32(px[CODE, i])]  # without a sign: no look whether it counts from the end
         lanes[i & (LANES - 1), b] += 1
     least, most = px[CODE, 0], px[CODE, 0]
     for i in range(n):

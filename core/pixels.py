@@ -159,12 +159,13 @@ def free_rows(mark, first, last, mask):
 @inner_inline
 def ends_of(mark, label, first, last):
     """(first, last) row of first..last with this mark; first > last where there is none."""
+    label = np.uint8(label)
     for _ in range(last + 1 - first):
-        if mark[first] == label:
+        if mark[np.uint64(first)] == label:
             break
         first += 1
     for _ in range(last + 1 - first):
-        if mark[last] == label:
+        if mark[np.uint64(last)] == label:
             break
         last -= 1
     return first, last
