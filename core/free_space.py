@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import inner, kernel
+from .kernels import inner, inner_inline, kernel
 from .level import Q_FAR, Q_UNKNOWN
 from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
@@ -35,9 +35,10 @@ def walk_settings(g: ViewGeometry, ground: Ground, ke: float, p: Params) -> NDAr
     """(12,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other."""
     height = ground.height_m if ground.seen else math.inf
     spread = p.ground_sigmas * ke * ground.height_m if ground.seen else 0.0
+    block = p.profile_block_px + p.profile_block_px % 2  # whole pairs of rows, see `look_at`
     return np.array(
         [
-            g.cv, g.f_px, g.rows, p.profile_block_px, height, ground.slope_x, ground.slope_y, p.ground_tolerance_m, spread,
+            g.cv, g.f_px, g.rows, block, height, ground.slope_x, ground.slope_y, p.ground_tolerance_m, spread,
             p.free_share, p.profile_least_m, ground.blind_beyond_m,
         ]
     )  # fmt: skip
@@ -66,29 +67,47 @@ def rings_seen(gain, spread, cap, ring_m, behind):
 
 
 @inner
-def look_at(flat, rows, u0, u1, block_rows, cells, begin):
+def looked_at(rows, looked):
+    """looked: (2, rows) uint16 out: how often a row is looked at in columns of even and of odd number.
+
+    Every second pair of rows, the other ones in the next column: half of the cells, and no line, column or chequers of
+    single cells that would be seen only or never. An odd last row counts twice."""
+    for v in range(rows):
+        turn = (v >> 1) & 1
+        looked[turn, v] = 2 if v == rows - 1 and v % 2 == 0 else 1
+        looked[1 - turn, v] = 0
+
+
+@inner
+def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
     """Lays the cells of columns u0..u1 - 1 that are looked at side by side, block by block of rows.
 
-    Every second pair of rows of a column is looked at, the other ones in the next column: half of the cells, and no line,
-    column or chequers of single cells that would be seen only or never. flat: (cols * rows,) uint16 codes. cells:
-    uint16 out, room for two for each column of each pair. begin: (B + 1,) int64 out, the cells of block b are
-    cells[begin[b]:begin[b + 1]]."""
-    n, stride = np.uint64(0), np.uint64(2 * rows)
-    one, two = np.uint64(1), np.uint64(2)
-    for b in range(begin.shape[0] - 1):
-        v0 = b * block_rows
-        high = min(rows - v0, block_rows)
-        begin[b] = n
-        for pair in range(0, high, 2):
-            # columns of one parity at a time: those that have this pair
-            first = u0 + ((u0 ^ ((v0 + pair) >> 1)) & 1)
-            lower = np.uint64(1 if pair + 1 < high else 0)  # an odd last row counts twice
-            at = np.uint64(first * rows + v0 + pair)
-            for _ in range((u1 - first + 1) >> 1):
-                cells[n], cells[n + one] = flat[at], flat[at + lower]
-                at += stride
-                n += two
-    begin[begin.shape[0] - 1] = n
+    codes: (cols, rows) uint16; block: rows of a block, even; looked: see `looked_at`. unknown: (rows,) uint16 scratch.
+    cells: uint16 out, room for one for each row of each column and two more. begin: (B + 1,) int64 out, the cells of
+    block b are cells[begin[b]:begin[b + 1]]. dark: (B + 1,) int64 out, the unknown ones of all blocks before b."""
+    rows = codes.shape[1]
+    one, four, wide = np.uint64(1), np.uint64(4), np.uint64(2 * (u1 - u0))
+    even = ((u1 + 1) >> 1) - ((u0 + 1) >> 1)
+    unknown[:] = 0
+    for u in range(u0, u1):
+        odd = u & 1
+        column, counted = codes[u], looked[odd]
+        for v in range(rows):
+            unknown[v] += counted[v] if column[v] == Q_UNKNOWN else np.uint16(0)
+        to, at = np.uint64(2 * ((u - u0) >> 1) + 2 * even * odd), np.uint64(2 * odd)
+        for _ in range((rows + 2 - 2 * odd) >> 2):
+            cells[to], cells[to + one] = column[at], column[at + one]
+            at += four
+            to += wide
+        if counted[rows - 1] == 2:
+            cells[to], cells[to + one] = column[rows - 1], column[rows - 1]
+    total = np.int64(0)
+    for b in range(begin.shape[0]):
+        first, last = b * block, min((b + 1) * block, rows)
+        pairs = min(first, rows + 1) >> 1
+        begin[b], dark[b] = 2 * (((pairs + 1) >> 1) * even + (pairs >> 1) * (u1 - u0 - even)), total
+        for v in range(first, last):
+            total += np.int64(unknown[v])
 
 
 @inner
@@ -114,17 +133,36 @@ def lowest_clear(t, x, w):
     return w[W_HEIGHT] + (w[W_SLOPE_X] + w[W_SLOPE_Y] * t) * x - max(w[W_TOLERANCE], w[W_SPREAD] * x)
 
 
+@inner_inline
+def blocks_between(x, top, lower, w):
+    """(first, behind the last) block of the rows from z = top down to lower at distance x; -1, -1 where the view does not
+    hold all of them. w: `walk_settings`."""
+    v0, v1 = math.floor(w[W_CV] + w[W_F] * top / x + 0.5), math.ceil(w[W_CV] + w[W_F] * lower / x - 0.5)
+    if v0 < 0 or v1 >= w[W_ROWS]:
+        return -1, -1
+    block = int(w[W_BLOCK])
+    return int(v0) // block, int(v1) // block + 1
+
+
 @inner
-def walk_rings(cells, begin, t, ring_m, behind, top, bottom, w):
+def blocks_of_rings(ring_m, layers, w, blocks):
+    """blocks: (L, R, 2) int64 out, `blocks_between` of each whole layer at each ring: the same in all directions."""
+    for layer in range(len(layers) - 1):
+        for r in range(len(ring_m)):
+            first, end = blocks_between(ring_m[r], layers[layer], layers[layer + 1], w)
+            blocks[layer, r, 0], blocks[layer, r, 1] = first, end
+
+
+@inner
+def walk_rings(cells, begin, unknown, t, ring_m, behind, blocks, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
-    cells, begin: see `look_at`, for direction t; behind: see `rings_seen`. The layer reaches from z = top down to bottom, or to
-    what can be told from ground; where that may hide an obstacle of the least height, none of it is free. w:
-    `walk_settings`."""
+    cells, begin, unknown: see `look_at`, for direction t; behind: see `rings_seen`; blocks: (R, 2) of
+    `blocks_of_rings`. The layer reaches from z = top down to bottom, or to what can be told from ground; where that may
+    hide an obstacle of the least height, none of it is free. w: `walk_settings`."""
     first, last, why = -1, -1, _NOT_SEEN
-    rings, rows, block = len(ring_m), int(w[W_ROWS]), int(w[W_BLOCK])
-    for r in range(rings):
-        x = ring_m[r]
+    for r in range(len(ring_m)):
+        x, b0, b1 = ring_m[r], blocks[r, 0], blocks[r, 1]
         lower = min(bottom, lowest_clear(t, x, w))
         if lower < bottom and x > w[W_BLIND]:
             why = _UNKNOWN
@@ -134,25 +172,28 @@ def walk_rings(cells, begin, t, ring_m, behind, top, bottom, w):
             if first >= 0:
                 break
             continue
-        v0, v1 = math.floor(w[W_CV] + w[W_F] * top / x + 0.5), math.ceil(w[W_CV] + w[W_F] * lower / x - 0.5)
-        if v0 < 0 or v1 >= rows:
+        if lower < bottom:
+            b0, b1 = blocks_between(x, top, lower, w)
+        if b0 < 0:
             if first >= 0:
                 why = _VIEW
                 break
             continue
-        b0, b1 = int(v0) // block, int(v1) // block + 1
         from_cell, to_cell = begin[b0], begin[b1]
-        total = to_cell - from_cell
+        total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
+        known, enough, near_enough = total - dark, w[W_SHARE] * total, (1.0 - w[W_SHARE]) * total
+        if first < 0 and known < enough and known <= near_enough:
+            why = _UNKNOWN  # whatever these cells measure, they neither make the ring free nor end the walk
+            continue
         seen = count_codes(cells, from_cell, to_cell, Q_FAR, behind[r] - 1)
-        if total > 0 and seen >= w[W_SHARE] * total:
+        if total > 0 and seen >= enough:
             if first < 0:
                 first = r
             last = r
             why = _RANGE
             continue
-        dark = count_codes(cells, from_cell, to_cell, Q_UNKNOWN, Q_UNKNOWN)
-        near = total - seen - dark
-        if first >= 0 or near > (1.0 - w[W_SHARE]) * total:
+        near = known - seen
+        if first >= 0 or near > near_enough:
             why = _OBSTACLE if near >= dark else _UNKNOWN
             break
         why = _UNKNOWN
@@ -165,17 +206,23 @@ def walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, fre
 
     Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64."""
     cols, rows = codes.shape
-    block, flat = int(w[W_BLOCK]), codes.reshape(-1)
-    cells, begin = np.empty(cols * (rows + block), np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
+    block = int(w[W_BLOCK])
+    cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
+    dark, unknown = np.empty(begin.shape[0], np.int64), np.empty(rows, np.uint16)
+    looked, blocks = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
+    looked_at(rows, looked)
+    blocks_of_rings(ring_m, layers, w, blocks)
     u1 = 0
     for d in range(len(edges_t) - 1):
         u0 = u1
         while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
             u1 += 1
-        look_at(flat, rows, u0, u1, block, cells, begin)
+        look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
         t = 0.5 * (edges_t[d] + edges_t[d + 1])
         for layer in range(len(layers) - 1):
-            first, last, why = walk_rings(cells, begin, t, ring_m, behind, layers[layer], layers[layer + 1], w)
+            first, last, why = walk_rings(
+                cells, begin, dark, t, ring_m, behind, blocks[layer], layers[layer], layers[layer + 1], w
+            )
             end[d, layer] = why
             free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
             free_to[d, layer] = ring_m[last] if first >= 0 else 0.0

@@ -356,7 +356,9 @@ class Params:
     )
     profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
     free_share: float = number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
-    profile_block_px: int = number(4, 2, 64, "px", "rows that are counted together, a layer's rows rounded outwards")
+    profile_block_px: int = number(
+        4, 2, 64, "px", "rows that are counted together (odd: one more), a layer's rows rounded outwards"
+    )
     profile_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
     profile_noise_cap: float = number(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
     profile_least_m: float = number(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")

@@ -409,27 +409,41 @@ def pair_cost(pieces, p, sigma_s, gap_m):
     return 2.0 if max(worst, moved) >= 1.0 else max(0.0, worst, moved, spread)
 
 
-def free_walk(codes, ring_of_code, weight, direction, d, z0, z1, ring_m, cv, f, block, share):
-    """(first, last) index of the rings of one direction and layer that are seen free, -1, -1: none. weight: what a cell
-    counts, like codes."""
+def free_walk(
+    codes, ring_of_code, weight, direction, d, z0, z1, ring_m, cv, f, block, share, clear_z, least, blind
+):  # fmt: skip
+    """(first, last, end): first and last index of the rings of one direction and layer that are seen free, -1, -1: none,
+    and the name of its end. weight: what a cell counts, like codes. clear_z: z down to which ground hides nothing at a distance;
+    least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle."""
     columns, weights = codes[direction == d], weight[direction == d]
     rows = codes.shape[1]
-    first = last = -1
+    first, last, end = -1, -1, "NOT_SEEN"
     for r, x in enumerate(ring_m):
-        a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * z1 / x - 0.5)
+        lower = min(z1, clear_z(x))
+        if lower < z1 and x > blind:
+            return first, last, "UNKNOWN"
+        if lower - z0 < least:
+            if first >= 0:
+                return first, last, "FIELD_OF_VIEW"
+            end = "NOT_SEEN"
+            continue
+        a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
         if a < 0 or b >= rows:
             if first >= 0:
-                break
+                return first, last, "FIELD_OF_VIEW"
             continue
         part = slice(a // block * block, (b // block + 1) * block)
         cells, w = columns[:, part], weights[:, part]
         through = np.sum(w[(cells > 0) & (ring_of_code[cells] >= r + 1)])
         near = np.sum(w[(cells > 0) & (ring_of_code[cells] < r + 1)])
+        dark = w.sum() - through - near
         if w.sum() and through >= share * w.sum():
-            first, last = (r if first < 0 else first), r
+            first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
         elif first >= 0 or near > (1 - share) * w.sum():
-            break
-    return first, last
+            return first, last, ("OBSTACLE" if near >= dark else "UNKNOWN")
+        else:
+            end = "UNKNOWN"
+    return first, last, end
 
 
 def layer_cuts(tops, bottoms, join):

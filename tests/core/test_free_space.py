@@ -41,53 +41,60 @@ def rings_of(codes: np.ndarray, ring_m: np.ndarray) -> np.ndarray:
 def random_codes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
     x = np.repeat(np.repeat(rng.uniform(1.0, 15.0, (cols // 8 + 1, rows // 8 + 1)), 8, 0), 8, 1)[:cols, :rows]
     codes = code(x.ravel()).reshape(x.shape)
-    codes[rng.random(x.shape) < 0.1] = 0
+    codes[rng.random(x.shape) < rng.choice([0.1, 0.5, 0.85])] = 0
     codes[rng.random(x.shape) < 0.2] = 1
+    codes[:, : rng.integers(0, rows // 2)] = 0
     return codes
 
 
 @given(SEED)
 def test_counting_and_walking_against_every_cell(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    codes = random_codes(rng, 24, 90)
+    rows = int(rng.choice([89, 90, 91, 92]))
+    codes = random_codes(rng, 24, rows)
     ring_m = np.arange(0.5, 12.0, 0.5).astype(np.float32)
     ring_of_code = rings_of(codes, ring_m)
     edges_t = np.array([-0.12, -0.12 + 0.09 * rng.random(), 0.03, 0.12])
     direction = np.clip(np.searchsorted(edges_t, (np.arange(24) - 11.5) / F, side="right") - 1, 0, 2)
-    block = int(rng.integers(2, 7))
-    blocks = -(-90 // block)
-    # every second pair of rows of each column; the odd last row of a block stands for the pair that it is half of
-    u, v = np.meshgrid(np.arange(24), np.arange(90), indexing="ij")
-    inside = v % block
-    looked_at = ((v - inside + inside // 2 * 2) // 2 + u) % 2 == 0
-    weight = looked_at * np.where((inside % 2 == 0) & ((inside == block - 1) | (v == 89)), 2, 1)
-    cells, begin = np.full(24 * (90 + block), 7, np.uint16), np.full(blocks + 1, -1, np.int64)
+    asked = int(rng.integers(2, 9))
+    block = asked + asked % 2
+    blocks = -(-rows // block)
+    # every second pair of rows of each column; an odd last row stands for the pair that it is half of
+    u, v = np.meshgrid(np.arange(24), np.arange(rows), indexing="ij")
+    weight = ((v // 2 + u) % 2 == 0) * np.where((v == rows - 1) & (rows % 2 == 1), 2, 1)
+    looked = np.full((2, rows), 9, np.uint16)
+    fs.looked_at(rows, looked)
+    np.testing.assert_array_equal(looked, weight[:2])
+    cells, begin, dark = np.full(24 * (rows + 1) + 2, 7, np.uint16), np.full(blocks + 1, -1), np.full(blocks + 1, -1)
     behind = np.full(len(ring_m), -1, np.int32)
     fs.rings_seen(F * QUANTUM, 2 * KE, 0.3, ring_m, behind)
     for d in range(3):
         own = np.flatnonzero(direction == d)
         if len(own) == 0:
             continue
-        fs.look_at(codes.reshape(-1), 90, own[0], own[-1] + 1, block, cells, begin)
-        assert begin[0] == 0
+        fs.look_at(codes, own[0], own[-1] + 1, block, looked, np.full(rows, 5, np.uint16), cells, begin, dark)
+        assert begin[0] == dark[0] == 0
         for b in range(blocks):
             part = (direction[:, None] == d) & (v // block == b)
             want = np.sort(np.repeat(codes[part], weight[part]))
             np.testing.assert_array_equal(np.sort(cells[begin[b] : begin[b + 1]]), want)
+            assert dark[b + 1] - dark[b] == np.sum(want == 0)
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
     shape = (3, 3)
     start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
-    g = replace(view(cols=24, rows=90), cv=44.5, cu=11.5)
-    w = fs.walk_settings(g, NO_GROUND, KE, Params(profile_block_px=block))
+    g = replace(view(cols=24, rows=rows), cv=44.5, cu=11.5)
+    ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
+    w = fs.walk_settings(g, ground, KE, Params(profile_block_px=asked))
     fs.walk_view(codes, 11.5, F, edges_t, behind, ring_m, layers, w, start, to, end)
     for d in range(3):
         for layer in range(3):
-            first, last = naive.free_walk(
-                codes, ring_of_code, weight, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8
-            )
+            first, last, why = naive.free_walk(
+                codes, ring_of_code, weight, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
+                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): fs.lowest_clear(t, x, w), w[fs.W_LEAST], w[fs.W_BLIND],
+            )  # fmt: skip
             want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
             assert (start[d, layer], to[d, layer]) == want
-            assert end[d, layer] <= FreeEnd.MAX_RANGE
+            assert FreeEnd(end[d, layer]).name == why
 
 
 @given(st.floats(0.0001, 0.05), st.floats(0.0, 0.5), st.floats(50.0, 5000.0))
