@@ -33,7 +33,7 @@ SILENT_NS = 3 * NS
 """An autopilot that said nothing for this long is gone; another one may take its place."""
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
-_READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID})
+_READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
 DISTANCE_SENSOR_ID, STATUSTEXT_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 253, 330, 11037
 _SURROUNDINGS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
@@ -157,26 +157,35 @@ class MavlinkSession:
 
     def _splitter(self, source: Source) -> MessageSplitter:
         """Of one sender; of the newest few, since anybody may make up addresses."""
-        splitter = self._splitters.pop(source, None) or MessageSplitter(self._splitter_counts)
-        self._splitters[source] = splitter
-        if len(self._splitters) > MOST_SOURCES:
-            self._splitters.popitem(last=False)
+        splitter = self._splitters.get(source)
+        if splitter is None:
+            splitter = self._splitters[source] = MessageSplitter(self._splitter_counts)
+            if len(self._splitters) > MOST_SOURCES:
+                self._splitters.popitem(last=False)
+        else:
+            self._splitters.move_to_end(source)
         return splitter
 
     def _take(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
-        kind = frame.get_msgId()
         self.received += 1
-        ours = self.vehicle.system_id if self.vehicle else self.params.system_id
-        if not self._signing.believes(frame, arrival_ns, ours):
+        vehicle = self.vehicle
+        if not self._signing.believes(frame, arrival_ns, vehicle.system_id if vehicle else self.params.system_id):
             return None
-        self._keep(frame, arrival_ns)
-        self._strangers.heard(frame, self.vehicle.system_id if self.vehicle else 0, arrival_ns)
-        if not self._is_read(kind, arrival_ns):
-            if self._from_autopilot(frame):
+        if self._on_frame is not None and (logged := for_the_log(frame)) is not None:
+            self._on_frame(logged, arrival_ns)
+        own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
+        if not own:
+            self._strangers.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
+        kind = frame.id
+        if kind in MOTION:
+            return self._moves(frame, kind, arrival_ns) if own else None
+        if kind == TIMESYNC_ID:
+            self._timesync.take(frame, arrival_ns, from_autopilot=own)
+            self._follow_clock()
+        if not self._is_read(kind):
+            if own:
                 self._speaks(kind, arrival_ns)
             return None
-        if kind in MOTION:
-            return self._moves(frame, kind, arrival_ns) if self._from_autopilot(frame) else None
         message = frame.message()
         if message is None:
             self.counts["messages that cannot be decoded"] += 1
@@ -184,14 +193,14 @@ class MavlinkSession:
             self._read(kind, message, arrival_ns)
         return None
 
-    def _is_read(self, kind: int, arrival_ns: int) -> bool:
-        """Whether anybody reads such a message: decoding takes by far most of the time."""
-        if kind in MOTION:
-            return self._motion.wants(kind, arrival_ns)
+    def _is_read(self, kind: int) -> bool:
+        """Whether anybody reads such a message, which is not one of motion: decoding takes by far most of the time."""
         return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
 
     def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
         self._speaks(kind, arrival_ns)
+        if not self._motion.wants(kind, arrival_ns):
+            return None
         sample = self._motion.decode(frame, arrival_ns)
         self._follow_clock()
         return sample
@@ -199,10 +208,7 @@ class MavlinkSession:
     def _read(self, kind: int, message: Any, arrival_ns: int) -> None:
         if kind == HEARTBEAT_ID:
             self._heartbeat(message, arrival_ns)
-        own = self._from_autopilot(message)
-        if kind == TIMESYNC_ID:
-            self._timesync.take(message, arrival_ns, from_autopilot=own)
-        if not own:
+        if not self._from_autopilot(message):
             return
         self._speaks(kind, arrival_ns)
         if kind == COMMAND_ACK_ID:
@@ -221,12 +227,6 @@ class MavlinkSession:
         """The autopilot said something."""
         self._heard_ns, self.spoke_in = arrival_ns, self._place
         self.rates.heard(kind, arrival_ns)
-
-    def _keep(self, message: Any, arrival_ns: int) -> None:
-        if self._on_frame is not None:
-            frame = for_the_log(message)
-            if frame is not None:
-                self._on_frame(frame, arrival_ns)
 
     def _from_autopilot(self, message: Any) -> bool:
         v = self.vehicle

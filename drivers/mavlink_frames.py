@@ -22,36 +22,39 @@ _DECODER = dialect.MAVLink(None)
 
 class Frame:
     """A message whose checksum is right, with what its header says; `message` decodes the rest, which takes ten times as
-    long. Named as the methods of the dialect's messages are."""
+    long. Its methods are named as those of the dialect's messages are; who asks it a hundred times a second reads `id`,
+    `system`, `component` and `data`."""
 
-    __slots__ = ("_data", "_id", "_place", "_system", "crc_extra")
+    __slots__ = ("component", "crc_extra", "data", "id", "system")
 
     def __init__(self, data: bytes, message_id: int, system: int, component: int, crc_extra: int) -> None:
-        self._data, self._id, self._system, self._place = data, message_id, system, component
+        self.data, self.id, self.system, self.component = data, message_id, system, component
         self.crc_extra = crc_extra
 
     def get_msgId(self) -> int:  # the dialect's word
-        return self._id
+        return self.id
 
     def get_srcSystem(self) -> int:
-        return self._system
+        return self.system
 
     def get_srcComponent(self) -> int:
-        return self._place
+        return self.component
 
     def get_msgbuf(self) -> bytes:
-        return self._data
+        return self.data
 
-    def payload(self, size: int) -> bytes:
-        """So many bytes of its payload; zeros at the end are not sent."""
-        data = self._data
+    def fields(self, fields: struct.Struct) -> tuple[Any, ...]:
+        """The first ones of its payload; zeros at the end are not sent."""
+        data = self.data
         begin, length = (6 if data[0] == MAVLINK1 else 10), data[1]
-        return data[begin : begin + min(size, length)].ljust(size, b"\0")
+        if length >= fields.size:
+            return fields.unpack_from(data, begin)
+        return fields.unpack(data[begin : begin + length].ljust(fields.size, b"\0"))
 
     def message(self) -> Any:
         """The dialect's message; None where it cannot be made of the payload."""
         try:
-            return _DECODER.decode(bytearray(self._data))
+            return _DECODER.decode(bytearray(self.data))
         except (dialect.MAVError, struct.error):
             return None
 
@@ -61,7 +64,7 @@ class MessageSplitter:
 
     def __init__(self, counts: Counter[str] | None = None) -> None:
         """counts: those of several splitters together."""
-        self._held = bytearray()
+        self._held = b""
         self._unknown_end = 0
         self.counts: Counter[str] = Counter() if counts is None else counts
 
@@ -71,23 +74,25 @@ class MessageSplitter:
 
     def frames(self, data: bytes) -> list[Frame]:
         """The same, not decoded yet."""
-        self._held += data
-        held, at = self._held, 0
+        held, at = self._held + data if self._held else data, 0
         found: list[Frame] = []
-        while at < len(held):
+        size = len(held)
+        while at < size:
             end = _frame_end(held, at)
-            if end is not None and end > len(held):
-                break  # the rest is on its way
-            frame = self._checked(bytes(held[at:end]), at) if end is not None else None
-            if frame is not None and end is not None:
-                found.append(frame)
-                at = end
-                continue
+            if end is not None:
+                if end > size:
+                    break  # the rest is on its way
+                frame = self._checked(held[at:end], at)
+                if frame is not None:
+                    found.append(frame)
+                    at = end
+                    continue
             if at >= self._unknown_end:
                 self.counts["bytes of noise"] += 1
             at += 1
-        del held[:at]
-        self._unknown_end = max(0, self._unknown_end - at)
+        self._held = held[at:]
+        if self._unknown_end:
+            self._unknown_end = max(0, self._unknown_end - at)
         return found
 
     def _checked(self, data: bytes, at: int) -> Frame | None:
@@ -96,7 +101,7 @@ class MessageSplitter:
         if data[0] == MAVLINK1:
             message_id, system, component, end = data[5], data[3], data[4], len(data) - 2
         else:
-            message_id, system, component = int.from_bytes(data[7:10], "little"), data[5], data[6]
+            message_id, system, component = data[7] | data[8] << 8 | data[9] << 16, data[5], data[6]
             end = len(data) - 2 - (SIGNATURE_BYTES if data[2] & _SIGNED else 0)
         kind = dialect.mavlink_map.get(message_id)
         if kind is None:
@@ -110,19 +115,20 @@ class MessageSplitter:
 
     def clear(self) -> None:
         """Forgets a message begun."""
-        self._held.clear()
+        self._held = b""
         self._unknown_end = 0
 
 
-def _frame_end(data: bytearray, at: int) -> int | None:
+def _frame_end(data: bytes, at: int) -> int | None:
     """Where a frame that starts at `at` ends (beyond the data while its header is incomplete), None when none does."""
-    if data[at] not in (MAVLINK1, MAVLINK2):
+    start = data[at]
+    if start not in (MAVLINK1, MAVLINK2):
         return None
     if at + 3 > len(data):
         return len(data) + 1
-    length = data[at + 1]
-    if data[at] == MAVLINK1:
+    length, flags = data[at + 1], data[at + 2]
+    if start == MAVLINK1:
         return at + 8 + length
-    if data[at + 2] & ~_SIGNED:
+    if flags & ~_SIGNED:
         return None  # incompatible flags that do not exist
-    return at + 12 + length + (SIGNATURE_BYTES if data[at + 2] & _SIGNED else 0)
+    return at + 12 + length + (SIGNATURE_BYTES if flags else 0)

@@ -59,7 +59,7 @@ class MotionDecoder:
                 self.counts["messages that cannot be decoded"] += 1
                 return None
             return self._odometry(message, arrival_ns)
-        return _READERS[frame.get_msgId()](self, int(fields[0]), fields[1:], arrival_ns)
+        return _READERS[frame.id](self, int(fields[0]), fields[1:], arrival_ns)
 
     def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
         """When something of the autopilot's boot time happened on our clock; never after it arrived."""
@@ -130,8 +130,8 @@ class MotionDecoder:
 
 def motion_fields(frame: Frame) -> tuple[float, ...] | None:
     """time_boot_ms and the numbers of a message of motion that are read here; None for other messages."""
-    fields = _FIELDS.get(frame.get_msgId())
-    return fields.unpack(frame.payload(fields.size)) if fields is not None else None
+    fields = _FIELDS.get(frame.id)
+    return frame.fields(fields) if fields is not None else None
 
 
 def _recent(heard_ns: int | None, now_ns: int) -> bool:

@@ -66,6 +66,8 @@ class Signing:
 
     def believes(self, message: Any, arrival_ns: int, vehicle: int = 0) -> bool:
         """Whether a message may count. Those that may not are counted. vehicle: the system id of ours; 0: any may be it."""
+        if self._key is None and not _signed(message.get_msgbuf()):
+            return True  # and tells nobody anything who has no key
         verdict = self._verdict(message)
         believed = self._key is None or verdict not in NOT_BELIEVED
         if not believed:
@@ -83,7 +85,7 @@ class Signing:
 
     def _verdict(self, message: Any) -> Verdict:
         frame = message.get_msgbuf()
-        if frame[0] != MAVLINK2 or not frame[2] & SIGNED_FLAG:
+        if not _signed(frame):
             return Verdict.UNSIGNED
         if self._key is None:
             return Verdict.UNCHECKED
@@ -164,9 +166,13 @@ def for_the_log(message: Any) -> bytes | None:
     if message.get_msgId() == SETUP_SIGNING_ID:
         return None
     frame = bytes(message.get_msgbuf())
-    if frame[0] != MAVLINK2 or not frame[2] & SIGNED_FLAG:
+    if not _signed(frame):
         return frame
     plain = bytearray(frame[: -BLOCK_BYTES - 2])
     plain[2] &= ~SIGNED_FLAG
     checked = dialect.x25crc(bytes(plain[1:]) + bytes([message.crc_extra]))
     return bytes(plain) + int(checked.crc).to_bytes(2, "little")
+
+
+def _signed(frame: bytes | bytearray) -> bool:
+    return frame[0] == MAVLINK2 and frame[2] & SIGNED_FLAG != 0

@@ -6,16 +6,20 @@ synchronises with."""
 
 from __future__ import annotations
 
+import struct
 from collections import OrderedDict
 from typing import Any
 
 from .clock import NS, ClockFilter, ClockSource
 from .mavlink_dialect import dialect
+from .mavlink_frames import Frame
 
 FAST_NS, SLOW_NS = NS // 10, NS // 2
 """Between requests: until the clock is synchronised and for FAST_FOR_NS after that, and from then on."""
 FAST_FOR_NS = 3 * NS
 _PENDING = 64
+_FIELDS = struct.Struct("<qq")
+"""tc1 and ts1, as they lie in the payload: autopilots ask ten times a second for themselves."""
 UNANSWERED_NS = 4 * NS
 """Without any answer for so long nobody answers."""
 AWAITED_NS = NS // 10
@@ -53,21 +57,21 @@ class TimeSync:
         self.asked += 1
         return [dialect.MAVLink_timesync_message(tc1=0, ts1=now_ns)]
 
-    def take(self, message: Any, arrival_ns: int, *, from_autopilot: bool) -> None:
+    def take(self, frame: Frame, arrival_ns: int, *, from_autopilot: bool) -> None:
         """A TIMESYNC that came in."""
-        if message.tc1 == 0:
+        tc1, ts1 = frame.fields(_FIELDS)
+        if tc1 == 0:
             return
         if not from_autopilot:
             self.others += 1
             return
-        ts1 = int(message.ts1)
         if ts1 not in self._pending:
             self.unpaired += 1
             return
         del self._pending[ts1]
         self.answered += 1
         self._waits_since_ns = arrival_ns
-        self._clock.exchange(ts1, int(message.tc1), arrival_ns)
+        self._clock.exchange(ts1, tc1, arrival_ns)
 
     def awaits(self, now_ns: int) -> bool:
         """Whether the newest request was sent a moment ago and its answer has not come."""
