@@ -11,7 +11,6 @@ import struct
 import zlib
 from array import array
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import zstandard
@@ -52,20 +51,6 @@ class Sink(Protocol):
         """Hands to the kernel what is kept."""
 
 
-@dataclass(slots=True)
-class _Times:
-    """The first and the last of some messages' times, and how many there were."""
-
-    first: int = 0
-    last: int = 0
-    count: int = 0
-
-    def add(self, t_ns: int) -> None:
-        self.first = t_ns if self.count == 0 or t_ns < self.first else self.first
-        self.last = t_ns if t_ns > self.last else self.last
-        self.count += 1
-
-
 class McapWriter:
     """A file in the making: `start`, then channels and messages, then `finish`, which leaves the stream open."""
 
@@ -80,7 +65,7 @@ class McapWriter:
         self._indexes: dict[int, array[int]] = {}
         self._counts: dict[int, int] = {}
         self._chunks: list[bytes] = []
-        self._in_chunk, self._in_file = _Times(), _Times()
+        self._first_ns = self._last_ns = self._messages = 0
 
     def start(self, library: str) -> None:
         """Writes the head. Raises OSError, as all that writes."""
@@ -107,29 +92,29 @@ class McapWriter:
         self, channel_id: int, log_time: int, parts: Sequence[Part], publish_time: int, sequence: int
     ) -> None:
         """A message whose bytes are those of the parts, one after the other."""
-        size = sum(map(len, parts))
+        size = 0
+        for part in parts:
+            size += len(part)
         at = self._room(_MESSAGE.size + size)
         _MESSAGE.pack_into(
             self._buffer, at, Opcode.MESSAGE, _MESSAGE_HEAD + size, channel_id, sequence, log_time, publish_time
         )
-        self._filled = at + _MESSAGE.size
+        end = at + _MESSAGE.size
         for part in parts:
-            self._buffer[self._filled : self._filled + len(part)] = part
-            self._filled += len(part)
+            begin, end = end, end + len(part)
+            self._buffer[begin:end] = part
+        self._filled = end
         index = self._indexes.get(channel_id)
         if index is None:
             index = self._indexes[channel_id] = array("Q")
         index.append(log_time)
         index.append(at)
-        self._counts[channel_id] = self._counts.get(channel_id, 0) + 1
-        self._in_chunk.add(log_time)
-        self._in_file.add(log_time)
-        if self._filled > self._chunk_bytes:
+        if end > self._chunk_bytes:
             self._finish_chunk()
 
     def finish(self) -> None:
         """Writes the last chunk and the closing part, by which readers find their way."""
-        if self._in_chunk.count:
+        if self._indexes:
             self._finish_chunk()
         self._write(_record(DataEnd(0)))
         start = self._offset
@@ -170,35 +155,41 @@ class McapWriter:
 
     def _finish_chunk(self) -> None:
         """Compresses what the buffer holds, and writes it with the places of its messages."""
-        content, times, start = self._buffer[: self._filled], self._in_chunk, self._offset
+        content, start = self._buffer[: self._filled], self._offset
+        times = [index[::2] for index in self._indexes.values()]
+        first_ns, last_ns = min(map(min, times)), max(map(max, times))
         data = self._compressor.compress(content)
         self._write(
             _CHUNK.pack(
-                Opcode.CHUNK, _CHUNK.size - 9 + len(data), times.first, times.last, len(content), iso_hdlc(content),
+                Opcode.CHUNK, _CHUNK.size - 9 + len(data), first_ns, last_ns, len(content), iso_hdlc(content),
                 4, b"zstd", len(data),
             )
         )  # fmt: skip
         self._write(data)
         places, after = b"", self._offset
         for channel_id, index in self._indexes.items():
+            self._counts[channel_id] = self._counts.get(channel_id, 0) + len(index) // 2
             places += _PLACE.pack(channel_id, self._offset)
             packed = struct.pack(f"<{len(index)}Q", *index)
             self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(packed), channel_id, len(packed)) + packed)
         # as it will be written: made at the end, those of a thousand chunks would keep the interpreter from a frame or two
         size = _CHUNK_INDEX.size - 9 + len(places) + _CHUNK_SIZES.size
         self._chunks.append(
-            _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, size, times.first, times.last, start, after - start, len(places))
+            _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, size, first_ns, last_ns, start, after - start, len(places))
             + places
             + _CHUNK_SIZES.pack(self._offset - after, 4, b"zstd", len(data), len(content))
         )
         self._stream.flush()  # whatever ends this process now, the chunk is there
-        self._filled, self._indexes, self._in_chunk = 0, {}, _Times()
+        self._first_ns = min(self._first_ns, first_ns) if self._messages else first_ns
+        self._last_ns = max(self._last_ns, last_ns)
+        self._messages += sum(map(len, times))
+        self._filled, self._indexes = 0, {}
 
     def _statistics(self) -> Statistics:
         return Statistics(
             attachment_count=0, channel_count=len(self._channels), channel_message_counts=self._counts,
-            chunk_count=len(self._chunks), message_count=self._in_file.count,
-            message_start_time=self._in_file.first, message_end_time=self._in_file.last, metadata_count=0,
+            chunk_count=len(self._chunks), message_count=self._messages,
+            message_start_time=self._first_ns, message_end_time=self._last_ns, metadata_count=0,
             schema_count=len(self._schemas),
         )  # fmt: skip
 

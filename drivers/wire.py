@@ -58,9 +58,12 @@ def quaternion_message(q_wxyz: tuple[float, float, float, float]) -> pb.Quaterni
 def attitude_message(sample: AttitudeSample) -> pb.AttitudeSample:
     """An attitude sample as a message."""
     message = pb.AttitudeSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns)
-    message.q_ned_frd.CopyFrom(quaternion_message(sample.q_ned_frd_wxyz))
+    # hundreds a second: set in place, which takes half the time of messages made and copied
+    q = message.q_ned_frd
+    q.w, q.x, q.y, q.z = sample.q_ned_frd_wxyz
     if sample.rates_frd_rad_s is not None:
-        message.rates_frd_rad_s.CopyFrom(vector_message(sample.rates_frd_rad_s))
+        rates = message.rates_frd_rad_s
+        rates.x, rates.y, rates.z = sample.rates_frd_rad_s
     return message
 
 
@@ -77,9 +80,11 @@ def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
 def pose_message(sample: PoseSample) -> pb.PoseSample:
     """A position sample as a message."""
     message = pb.PoseSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns, reset_counter=sample.reset_counter)
-    message.position_ned_m.CopyFrom(vector_message(sample.position_ned_m))
+    p = message.position_ned_m
+    p.x, p.y, p.z = sample.position_ned_m
     if sample.velocity_ned_m_s is not None:
-        message.velocity_ned_m_s.CopyFrom(vector_message(sample.velocity_ned_m_s))
+        v = message.velocity_ned_m_s
+        v.x, v.y, v.z = sample.velocity_ned_m_s
     return message
 
 
