@@ -25,7 +25,7 @@ from drivers.topics import ENCODING, TOPICS, camera_name_fits
 from drivers.wire import attitude_message, calibration_message, camera_message, depth_parts, pose_message
 
 from .direct_file import DirectFile
-from .mcap_writer import McapWriter, Part
+from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
 from .messages import decision_message, prisms_message, state_message, wire_bytes
 from .pipeline import FrameDecision, Output, PipelineState
 from .scene import scene_message, transform_messages
@@ -43,14 +43,14 @@ class LogWriter:
     Raises OSError (no space, no rights) and ValueError for an output that is something else than a log, and for
     stamps and names that a log cannot hold.
 
-    direct: past the page cache, for logs in flight."""
+    direct: past the page cache, for logs in flight; level: zstd's."""
 
-    def __init__(self, path: Path | str, direct: bool = False) -> None:
+    def __init__(self, path: Path | str, direct: bool = False, level: int = ZSTD_LEVEL) -> None:
         self.path = Path(path)
         refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
         self._file: Stream = DirectFile(self.active_path) if direct else self.active_path.open("wb")
-        self._writer = McapWriter(self._file, CHUNK_BYTES)
+        self._writer = McapWriter(self._file, CHUNK_BYTES, level)
         self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
         self._names: dict[str, int] = {}

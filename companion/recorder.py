@@ -306,7 +306,8 @@ class _Current:
             raise OSError(f"this flight's logs have spent the budget of {self._params.budget_mb:g} MB")
         if free_bytes(self._folder) < self._params.least_free_mb * 1e6:
             raise OSError(f"less than {self._params.least_free_mb:g} MB free on the disk; make room for logs")
-        self._log = LogWriter(part_path(self._folder, self._flight, self.files), direct=True)
+        path = part_path(self._folder, self._flight, self.files)
+        self._log = LogWriter(path, direct=True, level=self._params.zstd_level)
         self.files += 1
         self._begun_ns = self._synced_ns = time.monotonic_ns()
         self._log.begin(self._run, item.cameras, item.state, item.t_ns)

@@ -79,6 +79,19 @@ def test_what_was_recorded_replays_to_the_same_prisms(tmp_path: Path) -> None:
     assert recorder.status.dropped == 0
 
 
+def test_the_level_of_compression_is_what_was_asked_for(tmp_path: Path) -> None:
+    sizes = []
+    for level in (-20, -1, 9):
+        folder = tmp_path / f"{level}"
+        recorded(folder, RecordParams(least_free_mb=1.0, zstd_level=level))
+        (log,) = files_of(folder)
+        sizes.append(log.bytes)
+        result = replay(log.path, Options(check=True))
+        assert result.comparison is not None
+        assert result.comparison.passed
+    assert sizes[0] > sizes[1] > sizes[2]
+
+
 def test_each_file_of_a_rotated_flight_replays_by_itself(tmp_path: Path) -> None:
     recorded(tmp_path, SMALL, duration_s=3.0, pause_s=0.02)
     logs = files_of(tmp_path)
@@ -315,3 +328,5 @@ def test_parameters_that_cannot_be_are_named() -> None:
         RecordParams(record="sometimes")
     with pytest.raises(ValueError, match=r"record: file_mb = 0: expected 1.0..4096.0 MB"):
         RecordParams(file_mb=0)
+    with pytest.raises(ValueError, match=r"record: zstd_level = 22: expected -20..9"):
+        RecordParams(zstd_level=22)
