@@ -77,14 +77,8 @@ def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
 
 def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Strips as points (t, s), a vertical plane being a straight line."""
-    call = calls.of("grow_tracks")
-    ints, floats, n, view, moments, count = (
-        *call.after[:2],
-        call.after[3],
-        call.before[5],
-        call.after[9],
-        call.result[0],
-    )
+    call, view, moments = calls.of("grow"), calls.of("view_geometry").result, calls.of("planes_from_tracks").before[1]
+    ints, floats, n, count = *call.after[:2], int(call.before[4][-1]), call.result
     on = np.flatnonzero((ints[:n, SUPPORT] > 0) & (ints[:n, TRACK] >= 0))
     size = np.bincount(ints[on, TRACK], minlength=count)
     rank = {int(k): i for i, k in enumerate(np.argsort(-size, kind="stable"))}
@@ -124,7 +118,7 @@ def _rectangles(ax: Any, calls: Calls, frame: Rendered, planes: NDArray[np.float
 
 def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Planes before and after the merge."""
-    call = calls.of("merge_planes")
+    call = calls.of("join_planes")
     count = call.before[0]
     after = call.after[1][:count][call.after[2][:count, P_SUPPORT] >= 0]
     a, b = figure.subplots(1, 2)
@@ -150,8 +144,8 @@ def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 
 def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """A tree from above: strips, near edges, planes before and after the shift."""
-    call, shift = calls.of("grow_tracks"), calls.of("shift_to_near_side")
-    ints, floats, n, view = *call.after[:2], call.after[3], call.before[5]
+    call, shift, view = calls.of("grow"), calls.of("shift_to_near_side"), calls.of("view_geometry").result
+    ints, floats, n = *call.after[:2], int(call.before[4][-1])
     f, cu = view.f_px, view.cu
     on = np.flatnonzero(ints[:n, SUPPORT] > 0)
     t = (ints[on, U] - cu) / f

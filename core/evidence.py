@@ -9,13 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .kernels import inner, inner_inline
 from .openings import is_open
 from .strips import BOTTOM, SUPPORT, TOP, D, U
-from .types import Intrinsics
-from .view_geometry import ViewGeometry
 
 # columns of the frame of the grid: cells per unit of tangent across and down; cell of tangent 0, both ways
 G_ACROSS, G_DOWN, G_CU, G_CV = range(4)
@@ -51,17 +48,16 @@ def mark_outside(H, width, height, cell, grid):
                 grid[i, j] = _NOBODY_LOOKED
 
 
-def nearest_seen(
-    ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, g: ViewGeometry, image: Intrinsics, cell_px: int,
-    grid: NDArray[np.float32],
-) -> NDArray[np.float64]:  # fmt: skip
-    """Fills grid (ceil(cols / cell_px), ceil(rows / cell_px)); returns its frame (4,) by the G_ indices.
+@inner
+def nearest_seen(ints, floats, n, f, cu, cv, column_px, H, width, height, cell, grid, frame):
+    """Fills grid (ceil(cols / cell), ceil(rows / cell)) float32 and its frame (4,) float64 by the G_ indices.
 
-    image: of the source; cells that look past it are blocked at any distance."""
-    mark_nearest(ints, floats, n, g.f_px, cell_px, grid)
-    mark_outside(g.H, image.width, image.height, cell_px, grid)
-    step = float(g.lateral[0])
-    return np.array([g.f_px / step / cell_px, g.f_px / cell_px, (g.cu + 0.5) / cell_px, (g.cv + 0.5) / cell_px])
+    f, cu, cv, column_px, H: of the view, whose columns are column_px of its pixels wide; width, height: of the source: cells
+    that look past it are blocked at any distance."""
+    mark_nearest(ints, floats, n, f, cell, grid)
+    mark_outside(H, width, height, cell, grid)
+    frame[G_ACROSS], frame[G_DOWN] = f / np.float64(column_px) / cell, f / cell
+    frame[G_CU], frame[G_CV] = (cu + 0.5) / cell, (cv + 0.5) / cell
 
 
 @inner

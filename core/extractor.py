@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from . import clusters, fill, merge, planes_paper, refine, strips, support, tracks
+from . import clusters, fill, planes_paper, strips, support
 from . import planes as pl
 from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
 from .columns import extract_strips
-from .density import BinTable, bin_table
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
@@ -21,10 +20,10 @@ from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_r
 from .noisy import noisy_share
 from .openings import opening_masks
 from .params import Params
+from .plane_stages import plane_room, plane_tables, shape_planes
 from .prisms import layered_prisms
 from .scratch import Scratch
-from .settings import float_settings, int_settings
-from .standouts import split_standouts
+from .settings import Settings, settings_of
 from .truncation import undo_truncation
 from .types import (
     CameraInfo,
@@ -44,7 +43,8 @@ class Extractor:
 
     def __init__(self, params: Params | None = None) -> None:
         self.params = params or Params()
-        self._bins: tuple[tuple[float, float, float], BinTable] | None = None
+        self._settings: Settings | None = None
+        self._tables = plane_tables(0, self.params.merge_partners)
         self._buffer = Scratch()
 
     def extract(
@@ -81,9 +81,8 @@ class Extractor:
         codes, view, exact = self._level(marks, info, R, ke)
         ground = self._ground(marks, info, R, ke, state)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
-        sigma_d = max(ke * view.f_px, self.params.min_sigma_px)
-        settings = float_settings(view, ke, sigma_d, self.params), int_settings(self.params)
-        ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, ke, sigma_d, settings)
+        settings = self._settings = settings_of(view, ke, self.params, self._settings)
+        ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, ke, settings)
         if self._is_shreds(found, view):
             return blind_model(
                 info, InvalidCause.NO_MEASUREMENT, self.params, replace(stats, dropped_strips=found)
@@ -91,7 +90,7 @@ class Extractor:
         if not self.params.paper:
             undo_truncation(ints, floats, found, view, R[:, 2], clear_m, ke)
         ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, settings)
-        count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info, ke)
+        count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info, settings)
 
         return self._model(
             seen, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
@@ -172,14 +171,10 @@ class Extractor:
         view: ViewGeometry,
         ground: Ground,
         ke: float,
-        sigma_d: float,
-        settings: tuple[NDArray[np.float64], NDArray[np.int64]],
+        settings: Settings,
     ) -> tuple[NDArray[np.int32], NDArray[np.float32], int, int, int]:
         """Sections 4.1-4.3: tables of strips, their number, the ground pixels taken out, and strips merged for room."""
-        key = (view.f_px, view.quantum, sigma_d)
-        if self._bins is None or self._bins[0] != key:
-            self._bins = (key, bin_table(*key, self.params))
-        bins = self._bins[1]
+        bins = settings.bins
         gate = self._buffer("gate", (65536,), np.float32)
         shift = ground_gate(ground, view, ke, self.params, gate)
         room = view.cols * self.params.max_column_strips
@@ -188,7 +183,7 @@ class Extractor:
         tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
         found, ground_px, overflow = extract_strips(
             codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
-            bins.weights, bins.first_code, *settings, ints, floats,
+            bins.weights, bins.first_code, settings.strip_floats, settings.strip_ints, ints, floats,
         )  # fmt: skip
         if ground.seen and not self.params.paper:
             doubt = doubt_settings(ground, view, ke, self.params)
@@ -203,10 +198,10 @@ class Extractor:
         n: int,
         view: ViewGeometry,
         info: CameraInfo,
-        settings: tuple[NDArray[np.float64], NDArray[np.int64]],
+        settings: Settings,
     ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], int]:
         """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
-        p, k, (fs, si) = self.params, info.intrinsics, settings
+        p, k, fs, si = self.params, info.intrinsics, settings.strip_floats, settings.strip_ints
         columns = self._buffer("columns", (view.cols + 1,), np.int32)
         place = self._buffer("place", (len(ints), 4), np.float32)
         support.index_columns(ints, n, view.cols, columns)
@@ -241,61 +236,24 @@ class Extractor:
         n: int,
         view: ViewGeometry,
         info: CameraInfo,
-        ke: float,
+        settings: Settings,
     ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
-        size = 2 * max(n, 1) + 16
-        planes = self._buffer("planes", (size, 8), np.float64)
-        plane_ints = self._buffer("plane_ints", (size, 9), np.int32)
-        moments = self._buffer("moments", (size, 6), np.float64)
-        column_t = float(view.lateral[0]) / view.f_px
+        if len(self._tables[0]) < plane_room(n):
+            self._tables = plane_tables(n + n // 4, p.merge_partners)
+        tables = self._tables
+        planes, plane_ints, moments = tables[:3]
         if p.paper:
             count = planes_paper.planes_paper(ints, floats, place, n, view, p, planes, plane_ints, moments)
             return count, planes, plane_ints, moments
-        columns = self._buffer("columns", (view.cols + 1,), np.int32)
-        plane_of, parent = self._buffer("plane_of", (size,), np.int32), self._buffer("parent", (size,), np.int32)
         masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p, self._buffer)
-        count, track_floats = tracks.grow_tracks(
-            ints, floats, place, n, columns, view, p, masks, frame, moments, self._buffer
-        )
-        grown = count
-        parent[:count] = np.arange(count)
-        ends_t = (0.5 + p.footprint_px) * column_t
-        pl.planes_from_tracks(count, moments, track_floats, p.link_slope_px, ends_t, planes, plane_ints, plane_of)
-        where = (ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, p.footprint_px / view.f_px,
-                 p.cut_footprint_px / view.f_px)  # fmt: skip
-        pl.measure_planes(
-            *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
-        )
-        seen, frame_of_seen = merge.merge_planes(
-            count, planes, plane_ints, moments, parent, (ints, floats, n), view, info.intrinsics, ke, masks, frame, p,
-            self._buffer,
+        cell, k = p.evidence_cell_px, info.intrinsics
+        seen = self._buffer("seen", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
+        count = shape_planes(
+            ints, floats, place, n, self._buffer("columns", (view.cols + 1,), np.int32), view.cols, view.f_px, view.cu, view.cv,
+            view.lateral, view.tan_edge, view.H, k.width, k.height, settings.planes, settings.merge, masks, frame, seen, *tables,
         )  # fmt: skip
-        count = pl.compact_planes(count, planes, plane_ints, moments, parent, plane_of, grown)
-        pl.measure_planes(
-            *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
-        )
-        grown_to = split_standouts(
-            ints, floats, n, view, count, grown, plane_of, planes, plane_ints, moments, p, self._buffer
-        )
-        if grown_to > count:
-            count = grown_to
-            pl.measure_planes(
-                *where, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, count, plane_of, planes, plane_ints
-            )
-        pl.shift_to_near_side(count, planes, p.min_plane_distance_m)
-        refine.meet_neighbours(
-            count, planes, plane_ints, p.meet_share * p.passable_width_m, p.meet_columns * column_t, p.meet_slack_m,
-            p.safe_distance_m, p.pocket_points, masks, frame,
-        )  # fmt: skip
-        count = refine.close_pockets(
-            count, size, planes, plane_ints, moments, p.passable_width_m, p.pocket_min_columns * column_t, p.ground_tolerance_m,
-            p.pocket_behind_m, p.pocket_points, masks, frame,
-        )  # fmt: skip
-        hidden_m = min(p.covered_depth_m, p.passable_width_m)
-        refine.drop_covered(count, planes, plane_ints, hidden_m, p.covered_px * column_t)
-        refine.trim_covered(count, planes, plane_ints, hidden_m, frame_of_seen, seen)
         return count, planes, plane_ints, moments
 
     # ---- what comes out -----------------------------------------------------------------------------------------

@@ -8,10 +8,9 @@ the order, and moments are added, never summed again.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .cheapest import STEPS, begin, put, take
-from .evidence import nearest_seen, uncovered_share
+from .evidence import uncovered_share
 from .kernels import inner, inner_inline, kernel
 from .pairs import (
     R_BEHIND,
@@ -22,22 +21,15 @@ from .pairs import (
     R_SIGMAS,
     R_SLACK,
     REFUSED,
-    TILE,
-    TRAITS,
     apart,
     costs_of_next,
     fill_tiles,
     front_on,
-    merge_rules,
     of_piece,
     pair_cost,
     weigh,
 )
-from .params import Params
 from .planes import FRONT, MIDDLE, P_CLUSTER, P_SUPPORT, T0, T1, Z0, Z1, A, B, distance_at
-from .scratch import Scratch
-from .types import Intrinsics
-from .view_geometry import ViewGeometry
 
 _SAME = 1e-9
 """Not tuning: costs that differ by less are one cost, but for rounding."""
@@ -205,23 +197,3 @@ def absorb(planes, plane_ints, moments, traits, i, j, a, b):
         moments[i, m] += moments[j, m]
     plane_ints[i, P_SUPPORT] += plane_ints[j, P_SUPPORT]
     plane_ints[j, P_SUPPORT] = -1
-
-
-def merge_planes(
-    count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], moments: NDArray[np.float64],
-    parent: NDArray[np.int32], strips: tuple[NDArray[np.int32], NDArray[np.float32], int], view: ViewGeometry,
-    image: Intrinsics, ke_per_m: float, masks: NDArray[np.uint8], mask_frame: NDArray[np.float64], params: Params, scratch: Scratch,
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:  # fmt: skip
-    """`join_planes` on the evidence of the strips (ints, floats, number); returns the grid of evidence and its frame."""
-    cell, size, room = params.evidence_cell_px, len(planes), len(planes) * params.merge_partners
-    grid = scratch("seen", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
-    frame = nearest_seen(*strips, view, image, cell, grid)
-    join_planes(
-        count, planes, plane_ints, moments, parent, merge_rules(view, ke_per_m, params), params.merge_rounds,
-        params.merge_candidates, params.merge_partners, grid, frame, masks, mask_frame,
-        scratch("traits", (size, TRAITS), np.float64), scratch("order", (size,), np.int32), scratch("age", (size,), np.int32),
-        scratch("tiles", (-(-size // TILE) * TRAITS * TILE,), np.float64), scratch("next_cost", (size,), np.float64),
-        scratch("pair_cost", (room,), np.float64), scratch("pairs", (room, 3), np.int32),
-        scratch("pair_after", (room,), np.int32), scratch("pair_heap", (room,), np.int32),
-    )  # fmt: skip
-    return grid, frame

@@ -33,14 +33,14 @@ def distance_at(plane, t):
 
 
 @inner
-def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, planes, plane_ints, plane_of):
-    """A plane of each track: line and ends; heights and support come from `measure_planes`."""
+def planes_from_tracks(tracks, moments, track_floats, slope, half_column_t, planes, plane_ints, plane_of, parent):
+    """A plane of each track, its own parent: line and ends; heights and support come from `measure_planes`."""
     for k in range(tracks):
         a, b, _, _ = fit_line(moments[k], 1.0 / (slope * slope))
         planes[k, A], planes[k, B] = a, b
         planes[k, T0], planes[k, T1] = track_floats[k, T_T0] - half_column_t, track_floats[k, T_T1] + half_column_t
         plane_ints[k, P_INFERRED] = 0
-        plane_of[k] = k
+        plane_of[k], parent[k] = k, k
 
 
 @kernel

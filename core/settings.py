@@ -1,13 +1,50 @@
-"""The parameters as plain arrays for the kernels of the strip stage, by its S_ and I_ indices."""
+"""The parameters as plain arrays for the kernels.
+
+They depend on the parameters, the noise and the view's scale, which seldom change from frame to frame."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import strips as s
+from .density import BinTable, bin_table
+from .pairs import merge_rules
 from .params import Params
+from .plane_settings import plane_settings
 from .view_geometry import ViewGeometry
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Settings:
+    """What the kernels of one view need to know.
+
+    holds_for: by what it was made. strip_floats, strip_ints: by the S_ and I_ indices of strips.py. bins: of disparity. planes, merge:
+    by the K_ indices of plane_settings.py and the R_ indices of pairs.py."""
+
+    holds_for: tuple[float, ...]
+    strip_floats: NDArray[np.float64]
+    strip_ints: NDArray[np.int64]
+    bins: BinTable
+    planes: NDArray[np.float64]
+    merge: NDArray[np.float64]
+
+
+def settings_of(view: ViewGeometry, ke_per_m: float, p: Params, last: Settings | None) -> Settings:
+    """The settings of a view; `last` where they are the same, with only the horizon set anew."""
+    column_px = float(view.lateral[0])
+    key = (view.f_px, view.quantum, column_px, ke_per_m)
+    if last is not None and last.holds_for == key:
+        last.strip_floats[s.S_HORIZON] = view.cv
+        return last
+    sigma_d_px = max(ke_per_m * view.f_px, p.min_sigma_px)
+    return Settings(
+        holds_for=key, strip_floats=float_settings(view, ke_per_m, sigma_d_px, p), strip_ints=int_settings(p),
+        bins=bin_table(view.f_px, view.quantum, sigma_d_px, p), planes=plane_settings(view.f_px, column_px, p),
+        merge=merge_rules(view, ke_per_m, p),
+    )  # fmt: skip
 
 
 def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:

@@ -11,18 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .kernels import inner, kernel
 from .lines import SS, TS, TT, S, T, W, add_point, fit_line, misfit
-from .params import Params
 from .planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, A, B, distance_at, near_excess_m
-from .scratch import Scratch
 from .strips import BOTTOM, KIND, NEAR, SIGMA, SUPPORT, TOP, TRACK, D, U
 from .tracks import is_jump, strip_variance, tangent
-from .view_geometry import ViewGeometry
 
-_STEPS, _STEP_M = 32, 0.05
+STEPS, _STEP_M = 32, 0.05
 """Not tuning: excesses are told apart in so many steps; what is over counts as the last."""
 _LOOK_BACK = 32
 """Not tuning: new planes, the latest first, that a strip may go on with."""
@@ -30,39 +26,11 @@ _LOOK_BACK = 32
 _FROM, _LAST = range(2)
 
 
-def split_standouts(
-    ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, view: ViewGeometry, count: int, tracks: int,
-    plane_of: NDArray[np.int32], planes: NDArray[np.float64], plane_ints: NDArray[np.int32], moments: NDArray[np.float64],
-    params: Params, scratch: Scratch,
-) -> int:  # fmt: skip
-    """Number of planes, with those made of what stands out: their strips are of new tracks, from `tracks` on.
-
-    Tables as `measure_planes` left them (planes.py), with room for one more plane and track a strip; lines and ends of the
-    new planes are written, all else, and heights of the old ones, must be measured anew. plane_of: int32 plane of a track."""
-    p = params
-    excess = scratch("excess", (len(ints),), np.float32)
-    above = scratch("excess_above", (len(planes), _STEPS), np.float64)
-    least = scratch("least_excess", (len(planes),), np.float64)
-    measure_excess(
-        ints, floats, n, view.f_px, view.cu, view.lateral, count, plane_of, planes, p.safe_distance_m, p.safe_along_m,
-        p.rough_near_sigmas, excess, above,
-    )  # fmt: skip
-    what_leaves(count, planes, plane_ints, moments, above, p.stand_out_share, p.stand_out_m, p.stand_out_spreads, least)
-    return int(
-        leave(
-            ints, floats, n, view.f_px, view.cu, view.lateral, count, tracks, plane_of, planes, plane_ints, moments,
-            excess, least, p.track_jump, p.track_jump_sigmas, p.link_gap_px, 1.0 / (p.link_slope_px * p.link_slope_px),
-            p.roughness_m, (0.5 + p.footprint_px) * float(view.lateral[0]) / view.f_px,
-            scratch("standouts", (len(planes), 2), np.int32),
-        )
-    )  # fmt: skip
-
-
 @kernel
 def measure_excess(
     ints, floats, n, f, cu, lateral, count, plane_of, planes, safe_m, along_m, near_sigmas, excess, above
 ):  # fmt: skip
-    """excess (n,) float32 out: `near_excess_m` of each strip over its plane. above (count, _STEPS) float64 out: support of
+    """excess (n,) float32 out: `near_excess_m` of each strip over its plane. above (count, STEPS) float64 out: support of
     the strips of a plane by the step of their excess; what has none counts nowhere."""
     above[:count] = 0.0
     length = np.empty(count)
@@ -79,7 +47,7 @@ def measure_excess(
             planes[k, B], length[k], f, safe_m, along_m, near_sigmas,
         )  # fmt: skip
         if excess[i] > 0.0:
-            above[k, min(int(excess[i] / _STEP_M), _STEPS - 1)] += ints[i, SUPPORT]
+            above[k, min(int(excess[i] / _STEP_M), STEPS - 1)] += ints[i, SUPPORT]
 
 
 @inner
@@ -92,12 +60,12 @@ def what_leaves(count, planes, plane_ints, moments, above, share, spared_m, spre
         least[k] = math.inf
         if planes[k, FRONT] <= spared_m:
             continue
-        first, held = _STEPS, 0.0
-        for back in range(_STEPS):
-            held += above[k, _STEPS - 1 - back]
+        first, held = STEPS, 0.0
+        for back in range(STEPS):
+            held += above[k, STEPS - 1 - back]
             if held > share * plane_ints[k, P_SUPPORT]:
                 break
-            first = _STEPS - 1 - back
+            first = STEPS - 1 - back
         w, s = moments[k, W], moments[k, S]
         square = misfit(w, moments[k, T], s, moments[k, TT], moments[k, TS], moments[k, SS], planes[k, A], planes[k, B])
         spread_m = math.sqrt(square) * (w / s) * (w / s)
@@ -113,7 +81,9 @@ def leave(
     """Makes planes of the strips whose excess is at least that of their plane; returns the number of all.
 
     A strip goes on with the latest new plane out of its own that it touches in rows and meets in depth (`is_jump`), at
-    most `link` columns on. new: (N, 2) int32 scratch. The rest: see split_standouts."""
+    most `link` columns on. new: (N, 2) int32 scratch. Tables as
+    `measure_planes` left them (planes.py), with room for one more plane and track a strip, the new tracks from `tracks` on: lines
+    and ends of the new planes are written, all else, and heights of the old ones, must be measured anew."""
     alive = count
     for i in range(n):
         if excess[i] <= 0.0:

@@ -10,17 +10,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .clusters import Z_BOTTOM, Z_TOP
 from .kernels import inner
 from .lines import SS, TS, TT, S, T, W
 from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
-from .params import Params
-from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, CUT, KIND, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
-from .view_geometry import ViewGeometry
 
 # columns of the table of tracks: first and last t; highest top of all and lowest real one; highest real bottom, lowest
 # of all; the line s = a + b*t so far, its mean t, scatter of t with the prior, variance of its mean, and that prior
@@ -33,25 +27,6 @@ F_TRACK, F_STRIP, F_TOP, F_BOTTOM, F_CLUSTER = range(5)
 
 BEYOND = 2**30
 """Below the last row of any image: so no strip touches it."""
-
-
-def grow_tracks(
-    ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
-    first_of_column: NDArray[np.int32], view: ViewGeometry, params: Params, masks: NDArray[np.uint8],
-    frame: NDArray[np.float64], moments: NDArray[np.float64], scratch: Scratch,
-) -> tuple[int, NDArray[np.float64]]:  # fmt: skip
-    """(tracks, table): writes TRACK of every strip; table: (n, 12) float64 by the T_ indices, a row a track, in `scratch`.
-
-    Strips in order of their columns; place: see place_strips; masks, frame: see opening_masks. moments: (N, 6) float64 out, see lines.py, N >= n."""
-    p = params
-    table, front = scratch("tracks", (n + 1, 12), np.float64), scratch("front", (5, n + 1), np.int32)
-    touches, near = scratch("front_touches", (n + 1,), np.uint8), scratch("front_near", (n + 1,), np.int32)
-    count = grow(
-        ints, floats, place, view.cols, first_of_column, view.f_px, view.cu, view.lateral, p.height_step_m,
-        p.line_tolerance_m, p.line_sigmas, p.link_slope_px, p.rough_slope_px, p.link_gap_px, p.roughness_m, p.track_jump, p.track_jump_sigmas,
-        p.opening_edge_px, masks, frame, moments, table, front, touches, near,
-    )  # fmt: skip
-    return int(count), table
 
 
 @inner
@@ -100,7 +75,10 @@ def grow(
     ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, rough_slope, link, rough_m, jump,
     jump_sigmas, edge_px, masks, frame, moments, table, front, touches, near,
 ):  # fmt: skip
-    """See grow_tracks; returns the number of tracks.
+    """Writes TRACK of every strip and the table of tracks; returns their number.
+
+    Strips in order of their columns; place: see place_strips; masks, frame: see opening_masks. Out: moments (N, 6) float64, see
+    lines.py, and table (N, 12) float64 by the T_ indices, a row a track.
 
     A strip goes on with the track of least misfit (of equals, the oldest) of its cluster that touches its rows and has
     no strip in its column yet. hs: step of heights that ends a piece. line_m, sigmas: tolerance of its line, in metres

@@ -88,11 +88,11 @@ def test_the_extractor_is_itself_again_after_the_block_even_after_an_error() -> 
 
 
 def test_a_modules_other_names_are_as_they_are() -> None:
-    plain = host.pl
+    plain = host.support
     with tapped(Stopwatch()):
-        assert host.pl is not plain
-        assert host.pl.P_SUPPORT == plain.P_SUPPORT
-        assert isinstance(host.pl.measure_planes, FunctionType)
+        assert host.support is not plain
+        assert host.support.PX == plain.PX
+        assert isinstance(host.support.compact, FunctionType)
 
 
 def test_time_inside_another_stage_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from core import clusters, support, tracks
 from core import planes as pl
 from core import strips as s
 from core.params import Params
+from core.plane_stages import plane_tables
 from core.scratch import Scratch
 from core.types import Prism
 
@@ -75,13 +76,14 @@ class Strips:
         rough_px: float = 1.2,
         masks: tuple[np.ndarray, np.ndarray] = CLOSED,
     ) -> int:
-        """grow_tracks; returns the number of tracks, tables in `moments` and `tracks`."""
-        params = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link, rough_slope_px=rough_px)
-        self.moments = np.zeros((2 * self.n + 16, 6))
-        count, self.tracks = tracks.grow_tracks(
-            self.ints, self.floats, self.place, self.n, self.columns, self.view, params, *masks, self.moments, Scratch()
-        )
-        return count
+        """grow; returns the number of tracks, tables in `moments` and `tracks`."""
+        p, g = Params(), self.view
+        _, _, self.moments, _, _, self.tracks, *scratch = plane_tables(self.n, 1)[:9]
+        return tracks.grow(
+            self.ints, self.floats, self.place, g.cols, self.columns, g.f_px, g.cu, g.lateral, hs, line_m, p.line_sigmas,
+            p.link_slope_px, rough_px, link, p.roughness_m, p.track_jump, p.track_jump_sigmas, p.opening_edge_px, *masks,
+            self.moments, self.tracks, *scratch,
+        )  # fmt: skip
 
     @property
     def cluster_of(self) -> np.ndarray:

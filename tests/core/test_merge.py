@@ -173,16 +173,17 @@ def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
     t.ints[2, s.SUPPORT] = 0
     grid = np.full((8, 13), 9.0, np.float32)
     image = Intrinsics(60, 100, F, F, 29.5, 49.5)
-    frame = evidence.nearest_seen(t.ints, t.floats, t.n, t.view, image, 8, grid)
+    g, frame = t.view, np.zeros(4)
+    where = t.ints, t.floats, t.n, g.f_px, g.cu, g.cv, g.lateral[0], g.H
+    evidence.nearest_seen(*where, image.width, image.height, 8, grid, frame)
     assert grid[1, 2:6] == pytest.approx([0.25] * 4)
     assert np.count_nonzero(grid) == 4
     # the last cells reach beyond the image; a smaller image leaves cells that nobody looked at
     narrow = Intrinsics(40, 100, F, F, 29.5, 49.5)
-    evidence.nearest_seen(t.ints, t.floats, t.n, t.view, narrow, 8, grid)
+    evidence.nearest_seen(*where, narrow.width, narrow.height, 8, grid, frame)
     assert (grid[5:, :] > 1e3).all()
     assert (grid[:5, :12] < 1.0).all()
     # pixel (u, v) lies in cell (u // 8, v // 8)
-    g = t.view
     for u, v in ((0, 0), (7, 7), (8, 15), (59, 99)):
         cell = (u - g.cu) / F * frame[0] + frame[2], (v - g.cv) / F * frame[1] + frame[3]
         assert (math.floor(cell[0]), math.floor(cell[1])) == (u // 8, v // 8)

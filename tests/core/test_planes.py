@@ -32,7 +32,7 @@ def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[
     size = 2 * t.n + 16
     planes, ints, plane_of = np.zeros((size, 8)), np.zeros((size, 9), np.int32), np.zeros(size, np.int32)
     g = t.view
-    pl.planes_from_tracks(count, t.moments, t.tracks, 1.2, 0.5 / F, planes, ints, plane_of)
+    pl.planes_from_tracks(count, t.moments, t.tracks, 1.2, 0.5 / F, planes, ints, plane_of, np.zeros(size, np.int32))
     pl.measure_planes(
         t.ints,
         t.floats,

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core import planes as pl
+from core import standouts
 from core import strips as s
 from core.params import Params
-from core.standouts import split_standouts
 from core.tracks import is_jump
 
 from . import naive
 from .columns import F
-from .tables import SCRATCH, Strips
+from .tables import Strips
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -51,11 +51,21 @@ class Measured:
         )  # fmt: skip
 
     def split(self, params: Params = P) -> int:
-        """Number of new planes."""
+        """measure_excess, what_leaves, leave; number of new planes."""
         before = self.count
-        self.count = split_standouts(
-            self.t.ints, self.t.floats, self.t.n, self.t.view, before, before, self.plane_of, self.planes, self.ints,
-            self.moments, params, SCRATCH,
+        t, g, p, size = self.t, self.t.view, params, len(self.planes)
+        excess, above, least = np.zeros(t.n, np.float32), np.zeros((size, standouts.STEPS)), np.zeros(size)
+        where = t.ints, t.floats, t.n, g.f_px, g.cu, g.lateral, before
+        standouts.measure_excess(
+            *where, self.plane_of, self.planes, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, excess, above
+        )
+        standouts.what_leaves(
+            before, self.planes, self.ints, self.moments, above, p.stand_out_share, p.stand_out_m, p.stand_out_spreads, least
+        )  # fmt: skip
+        self.count = standouts.leave(
+            *where, before, self.plane_of, self.planes, self.ints, self.moments, excess, least, p.track_jump,
+            p.track_jump_sigmas, p.link_gap_px, 1.0 / p.link_slope_px**2, p.roughness_m,
+            (0.5 + p.footprint_px) * g.lateral[0] / g.f_px, np.zeros((size, 2), np.int32),
         )  # fmt: skip
         self.measure()
         return self.count - before
