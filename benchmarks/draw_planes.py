@@ -44,7 +44,7 @@ def _ends(p: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, flo
 
 def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Strips from above by cluster, largest first."""
-    after = calls.of("cluster_strips").after
+    after = calls.of("join_near").after
     ints, place, n = after[0], after[1], after[2]
     number = ints[:n, CLUSTER]
     order = {int(c): k for k, c in enumerate(np.argsort(-np.bincount(number)))}
@@ -60,8 +60,8 @@ def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 
 def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """What was filled: low gaps, then slits."""
-    before, after = calls.of("fill_gaps").before, calls.of("fill_gaps").after
-    n = before[3]
+    before, after = calls.of("fill_columns").before, calls.of("fill_columns").after
+    n = int(before[4][before[3]])
     blue = np.tile(np.array((120, 150, 185), np.uint8), (n, 1))
     seen = painted(calls, before[0][:n], blue, ground=False)
     alive = after[0][:n][after[0][:n, SUPPORT] > 0]
@@ -78,7 +78,7 @@ def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
 def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Strips as points (t, s), a vertical plane being a straight line."""
     call, view, moments = calls.of("grow"), calls.of("view_geometry").result, calls.of("planes_from_tracks").before[1]
-    ints, floats, n, count = *call.after[:2], int(call.before[4][-1]), call.result
+    ints, floats, n, count = *call.after[:2], int(call.before[4][call.before[3]]), call.result
     on = np.flatnonzero((ints[:n, SUPPORT] > 0) & (ints[:n, TRACK] >= 0))
     size = np.bincount(ints[on, TRACK], minlength=count)
     rank = {int(k): i for i, k in enumerate(np.argsort(-size, kind="stable"))}
@@ -145,7 +145,7 @@ def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """A tree from above: strips, near edges, planes before and after the shift."""
     call, shift, view = calls.of("grow"), calls.of("shift_to_near_side"), calls.of("view_geometry").result
-    ints, floats, n = *call.after[:2], int(call.before[4][-1])
+    ints, floats, n = *call.after[:2], int(call.before[4][call.before[3]])
     f, cu = view.f_px, view.cu
     on = np.flatnonzero(ints[:n, SUPPORT] > 0)
     t = (ints[on, U] - cu) / f

@@ -16,7 +16,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
 
-HOSTS: Final = ("core.extractor", "core.plane_stages")
+HOSTS: Final = ("core.extractor", "core.strip_stages", "core.plane_stages")
 """Modules whose calls are watched: those that put the stages together."""
 
 STAGE_OF_MODULE: Final[dict[str, str]] = {
@@ -27,6 +27,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "density": "density, windows, strips, rest",
     "settings": "density, windows, strips, rest",
     "columns": "density, windows, strips, rest",
+    "strip_stages": "density, windows, strips, rest",
     "truncation": "density, windows, strips, rest",
     "support": "support",
     "clusters": "clusters",

@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .kernels import inner
-from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, TOP, D, U
 
 # columns of the place table
@@ -52,22 +50,11 @@ def root_of(parent, i):
     return i
 
 
-def cluster_strips(
-    ints: NDArray[np.int32], place: NDArray[np.float32], n: int, ws: float, hs: float, scratch: Scratch
-) -> int:
-    """Writes CLUSTER (numbered from 0 in order of first appearance); returns the number of clusters.
-
-    place: see place_strips. ws, hs: horizontal and vertical gap, m, from which on the vehicle passes."""
-    size = len(ints)
-    following, group_of = scratch("cluster_following", (size,), np.int32), scratch("group_of", (size,), np.int32)
-    parent, groups = scratch("group_parent", (size,), np.int32), scratch("groups", (size, 5), np.int32)
-    boxes, buckets = scratch("group_boxes", (size, 6), np.float32), scratch("buckets", (BUCKETS,), np.int32)
-    return int(join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets))
-
-
 @inner
 def join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets):
-    """See cluster_strips.
+    """Writes CLUSTER (numbered from 0 in order of first appearance); returns the number of clusters.
+
+    place: see place_strips. ws, hs: horizontal and vertical gap, m, from which on the vehicle passes.
 
     The components of the graph of all pairs of strips closer than Ws across and Hs in height, without looking at all
     pairs: strips of one cell are closer than Ws anyhow, so that heights alone make groups of them; groups of cells in

@@ -14,7 +14,7 @@ from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measure
 from .columns import extract_strips
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
-from .ground import NO_GROUND, doubt_settings, drop_ground_noise, find_ground, ground_gate
+from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate
 from .level import level_paper, level_safe, pool_columns
 from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_rows, strip_table
 from .noisy import noisy_share
@@ -24,7 +24,8 @@ from .plane_stages import plane_room, plane_tables, shape_planes
 from .prisms import layered_prisms
 from .scratch import Scratch
 from .settings import Settings, settings_of
-from .truncation import undo_truncation
+from .strip_stages import settle_strips, strip_tables
+from .truncation import MEANS_LEFT
 from .types import (
     CameraInfo,
     ExtractorState,
@@ -44,7 +45,8 @@ class Extractor:
     def __init__(self, params: Params | None = None) -> None:
         self.params = params or Params()
         self._settings: Settings | None = None
-        self._tables = plane_tables(0, self.params.merge_partners)
+        self._strip_tables = strip_tables(0, self.params.max_column_strips)
+        self._plane_tables = plane_tables(0, self.params.merge_partners)
         self._buffer = Scratch()
 
     def extract(
@@ -82,18 +84,15 @@ class Extractor:
         ground = self._ground(marks, info, R, ke, state)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
-        ints, floats, found, ground_px, overflow = self._strips(codes, view, ground, ke, settings)
+        n, found, ground_px, overflow = self._strips(codes, view, info, R, ground, clear_m, ke, settings)
         if self._is_shreds(found, view):
             return blind_model(
                 info, InvalidCause.NO_MEASUREMENT, self.params, replace(stats, dropped_strips=found)
             ), state
-        if not self.params.paper:
-            undo_truncation(ints, floats, found, view, R[:, 2], clear_m, ke)
-        ints, floats, place, n = self._supported_clusters(ints, floats, found, view, info, settings)
-        count, planes, plane_ints, moments = self._planes(codes, ints, floats, place, n, view, info, settings)
+        count, planes, plane_ints, moments = self._planes(codes, n, view, info, settings)
 
         return self._model(
-            seen, view, ground, info, ke, ints, place, n, count, planes, plane_ints, moments,
+            seen, view, ground, ke, n, count, planes, plane_ints, moments,
             replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n, overflow=overflow), keep_strips,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
@@ -169,70 +168,52 @@ class Extractor:
         self,
         codes: NDArray[np.uint16],
         view: ViewGeometry,
+        info: CameraInfo,
+        R: Rotation,
         ground: Ground,
+        clear_m: float,
         ke: float,
         settings: Settings,
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32], int, int, int]:
-        """Sections 4.1-4.3: tables of strips, their number, the ground pixels taken out, and strips merged for room."""
-        bins = settings.bins
+    ) -> tuple[int, int, int, int]:
+        """Sections 4.1-4.4 and 5.1: strips that stay, in clusters, gaps filled; strips found, ground pixels taken out, and strips
+        merged for room. Writes the tables of strips and their places."""
+        p, k, bins = self.params, info.intrinsics, settings.bins
+        if len(self._strip_tables[3]) <= view.cols:
+            self._strip_tables = strip_tables(view.cols + view.cols // 8, p.max_column_strips)
+        ints, floats, place, columns, *scratch = self._strip_tables
         gate = self._buffer("gate", (65536,), np.float32)
-        shift = ground_gate(ground, view, ke, self.params, gate)
-        room = view.cols * self.params.max_column_strips
-        ints = self._buffer("ints", (room, 9), np.int32)
-        floats = self._buffer("floats", (room, 3), np.float32)
+        shift = ground_gate(ground, view, ke, p, gate)
         tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
+        fs, si = settings.strip_floats, settings.strip_ints
         found, ground_px, overflow = extract_strips(
             codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
-            bins.weights, bins.first_code, settings.strip_floats, settings.strip_ints, ints, floats,
+            bins.weights, bins.first_code, fs, si, ints, floats,
         )  # fmt: skip
-        if ground.seen and not self.params.paper:
-            doubt = doubt_settings(ground, view, ke, self.params)
-            keep = self._buffer("keep", (len(ints),), np.uint8)
-            found = drop_ground_noise(ints, floats, found, codes, tan_mid, shift, doubt, keep)
-        return ints, floats, found, ground_px, overflow
+        if p.paper:
+            return self._paper_clusters(view, found), found, ground_px, overflow
+        doubt = doubt_settings(ground, view, ke, p)
+        n, found = settle_strips(
+            found, p.max_strips_per_column * view.cols, codes, tan_mid, shift, doubt, ground.seen, view.cols, view.cu,
+            view.lateral, view.tan_edge, view.H, k.width, k.height, R, clear_m, MEANS_LEFT, fs, si, ints, floats, place, columns,
+            *scratch,
+        )  # fmt: skip
+        return n, found, ground_px, overflow
 
-    def _supported_clusters(
-        self,
-        ints: NDArray[np.int32],
-        floats: NDArray[np.float32],
-        n: int,
-        view: ViewGeometry,
-        info: CameraInfo,
-        settings: Settings,
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], int]:
-        """Section 4.4 and 5.1: supported strips with their clusters, gaps filled; also their places (N, 4)."""
-        p, k, fs, si = self.params, info.intrinsics, settings.strip_floats, settings.strip_ints
-        columns = self._buffer("columns", (view.cols + 1,), np.int32)
-        place = self._buffer("place", (len(ints), 4), np.float32)
+    def _paper_clusters(self, view: ViewGeometry, n: int) -> int:
+        """Algorithm 1 and Section 5.1 as printed; every strip stays."""
+        p, (ints, floats, place, columns, _, last, *_) = self.params, self._strip_tables
         support.index_columns(ints, n, view.cols, columns)
         support.sort_columns(ints, floats, view.cols, columns)
-        lowest = self._buffer("lowest", (len(ints),), np.int32)
-        if not p.paper:
-            keep = self._buffer("keep", (len(ints),), np.uint8)
-            n = support.drop_unsupported(ints, floats, n, view.cols, fs, si, columns, lowest, keep)
         clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
-        hs, ws = p.passable_height_m, p.passable_width_m
-        if p.paper:
-            count = clusters.cluster_paper(ints, place, n, ws, self._buffer("last", (len(ints),), np.int32))
-            spans = np.empty((max(count, 1), 2), np.float32)
-            fill.fill_paper(ints, place, n, hs, count, spans)
-            return ints, floats, place, n
-        support.mark_cuts(ints, n, view.H, k.width, k.height, si)
-        count = clusters.cluster_strips(ints, place, n, ws, hs, self._buffer)
-        fill.fill_gaps(ints, floats, place, n, columns, view, count, p, self._buffer)
-        raw = self._buffer("raw_near", (len(ints),), np.float32)
-        support.smooth_near(ints, floats, n, view.cols, fs, columns, lowest, raw)
-        clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
-        return ints, floats, place, n
+        count = clusters.cluster_paper(ints, place, n, p.passable_width_m, last)
+        fill.fill_paper(ints, place, n, p.passable_height_m, count, np.empty((max(count, 1), 2), np.float32))
+        return n
 
     # ---- planes -------------------------------------------------------------------------------------------------
 
     def _planes(
         self,
         codes: NDArray[np.uint16],
-        ints: NDArray[np.int32],
-        floats: NDArray[np.float32],
-        place: NDArray[np.float32],
         n: int,
         view: ViewGeometry,
         info: CameraInfo,
@@ -240,9 +221,10 @@ class Extractor:
     ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
-        if len(self._tables[0]) < plane_room(n):
-            self._tables = plane_tables(n + n // 4, p.merge_partners)
-        tables = self._tables
+        ints, floats, place, columns = self._strip_tables[:4]
+        if len(self._plane_tables[0]) < plane_room(n):
+            self._plane_tables = plane_tables(n + n // 4, p.merge_partners)
+        tables = self._plane_tables
         planes, plane_ints, moments = tables[:3]
         if p.paper:
             count = planes_paper.planes_paper(ints, floats, place, n, view, p, planes, plane_ints, moments)
@@ -251,7 +233,7 @@ class Extractor:
         cell, k = p.evidence_cell_px, info.intrinsics
         seen = self._buffer("seen", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
         count = shape_planes(
-            ints, floats, place, n, self._buffer("columns", (view.cols + 1,), np.int32), view.cols, view.f_px, view.cu, view.cv,
+            ints, floats, place, n, columns, view.cols, view.f_px, view.cu, view.cv,
             view.lateral, view.tan_edge, view.H, k.width, k.height, settings.planes, settings.merge, masks, frame, seen, *tables,
         )  # fmt: skip
         return count, planes, plane_ints, moments
@@ -259,8 +241,7 @@ class Extractor:
     # ---- what comes out -----------------------------------------------------------------------------------------
 
     def _model(
-        self, seen: SeenFree, view: ViewGeometry, ground: Ground, info: CameraInfo,
-        ke: float, ints: NDArray[np.int32], place: NDArray[np.float32], n: int, count: int, planes: NDArray[np.float64],
+        self, seen: SeenFree, view: ViewGeometry, ground: Ground, ke: float, n: int, count: int, planes: NDArray[np.float64],
         plane_ints: NDArray[np.int32], moments: NDArray[np.float64], counted: FrameStats, keep_strips: bool,
     ) -> FrameModel:  # fmt: skip
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
@@ -276,7 +257,7 @@ class Extractor:
             support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,
             flags=plane_flags(used, used_ints, view, self.params), cluster=cluster, prisms=prisms, free=free, ground=ground,
             stats=replace(counted, clusters=len(set(cluster.tolist())), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
-            strips=strip_table(ints, place, n) if keep_strips else None,
+            strips=strip_table(self._strip_tables[0], self._strip_tables[2], n) if keep_strips else None,
         )  # fmt: skip
 
 

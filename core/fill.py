@@ -9,15 +9,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .clusters import Z_BOTTOM, Z_TOP, X
 from .kernels import copy_row, inner
-from .params import Params
-from .scratch import Scratch
 from .strips import BOTTOM, CLUSTER, FILL, NEAR, SIGMA, SUPPORT, TOP, D
-from .view_geometry import ViewGeometry
 
 MAX_RUNS = 32
 """Room for the runs of gaps that are open at one time: what does not fit stays open, which is never wrong."""
@@ -56,32 +50,15 @@ def gap_height(place, i, j):
     return place[j, Z_TOP] - place[i, Z_BOTTOM]
 
 
-def fill_gaps(
-    ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int,
-    first_of_column: NDArray[np.int32], view: ViewGeometry, clusters: int, params: Params, scratch: Scratch,
-) -> int:  # fmt: skip
-    """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns how many slits.
-
-    Strips in order of columns and, within one, from top to bottom; what is filled changes in `ints` and `floats`, and
-    in `place` where two strips become one (the lower one's SUPPORT is 0 then). clusters: how many there are."""
-    p = params
-    open_of, lower = scratch("open_of", (clusters,), np.int32), scratch("lower", (len(ints),), np.int32)
-    runs, spans = scratch("runs", (MAX_RUNS, 3), np.int32), scratch("spans", (MAX_RUNS, 3), np.float32)
-    return int(
-        fill_columns(
-            ints, floats, place, view.cols, first_of_column, view.f_px, float(view.lateral[0]) / view.f_px,
-            p.passable_height_m, p.passable_width_m, p.band_step_m, p.line_sigmas, p.link_gap_px, open_of, lower, runs, spans,
-        )
-    )  # fmt: skip
-
-
 @inner
 def fill_columns(
     ints, floats, place, cols, first_of_column, f, column_m_per_x, hs, ws, step_m, sigmas, link, open_of, lower,
     runs, spans,
 ):  # fmt: skip
-    """See fill_gaps.
+    """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns how many slits.
 
+    Strips in order of columns and, within one, from top to bottom; what is filled changes in `ints` and `floats`, and
+    in `place` where two strips become one (the lower one's SUPPORT is 0 then).
     A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below it. A run is
     a row of neighbouring columns whose gaps share at least Hs of height. Scratch: open_of (clusters,), lower (N,),
     runs (MAX_RUNS, 3) int32, spans (MAX_RUNS, 3) float32 (top, bottom, x)."""

@@ -146,7 +146,9 @@ N_F, N_QUANTUM, N_SIGMA, N_HEIGHT, N_SLOPE, N_NEAR, N_SLACK, N_NEED, N_TAIL = ra
 
 
 def doubt_settings(ground: Ground, view: ViewGeometry, ke: float, p: Params) -> NDArray[np.float64]:
-    """(9,) float64 for `drop_ground_noise`, by the N_ indices."""
+    """(9,) float64 for `drop_ground_noise`, by the N_ indices; of no meaning where no ground was seen."""
+    if not ground.seen:
+        return np.zeros(9)
     spread = p.ground_sigmas * ke * ground.height_m
     sigma = max(ke * view.f_px, p.min_sigma_px)
     return np.array(

@@ -48,8 +48,8 @@ def settings_of(view: ViewGeometry, ke_per_m: float, p: Params, last: Settings |
 
 
 def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:
-    """(29,) float64."""
-    out = np.zeros(29)
+    """(31,) float64."""
+    out = np.zeros(31)
     for index, value in (
         (s.S_SIGMA_D, sigma_d_px), (s.S_F, view.f_px), (s.S_HS, p.passable_height_m), (s.S_HD, p.segment_height_m),
         (s.S_ALPHA, p.peak_alpha), (s.S_VALLEY, p.peak_valley), (s.S_MAJORITY, p.window_majority),
@@ -60,21 +60,22 @@ def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
         (s.S_TAKE, p.window_take_sigmas), (s.S_NEAR_SIGMAS, p.near_sigmas), (s.S_NEAR_SHARE, p.near_edge_share),
         (s.S_REST_SIGMAS, p.irregular_sigmas), (s.S_SUPPORT_PER_PX, s.PX * p.min_support_m),
         (s.S_SUPPORT_SIGMAS, p.support_sigmas), (s.S_SUPPORT_RELATIVE, p.support_relative), (s.S_TAIL, p.support_tail_sigmas),
-        (s.S_SMOOTH_RELATIVE, p.smooth_relative), (s.S_SMOOTH_SIGMAS, p.smooth_sigmas),
+        (s.S_SMOOTH_RELATIVE, p.smooth_relative), (s.S_SMOOTH_SIGMAS, p.smooth_sigmas), (s.S_WS, p.passable_width_m),
+        (s.S_LINE_SIGMAS, p.line_sigmas),
     ):  # fmt: skip
         out[index] = value
     return out
 
 
 def int_settings(p: Params) -> NDArray[np.int64]:
-    """(13,) int64."""
-    out = np.zeros(13, np.int64)
+    """(14,) int64."""
+    out = np.zeros(14, np.int64)
     for index, value in (
         (s.I_WINDOW_MIN, p.window_min_px), (s.I_RANK, p.near_rank), (s.I_BAND_ROWS, p.band_rows),
         (s.I_GAP, p.irregular_gap_px), (s.I_PAPER, int(p.paper)), (s.I_SUPPORT, p.min_support_px),
         (s.I_SUPPORT_COLUMNS, p.support_columns), (s.I_SUPPORT_ROWS, p.support_rows), (s.I_LARGE, p.support_large),
         (s.I_MEMBERS, p.window_members), (s.I_CUT, p.cut_rows), (s.I_HORIZONTAL, p.horizontal_min_px),
-        (s.I_ROOM, p.max_column_strips),
+        (s.I_ROOM, p.max_column_strips), (s.I_LINK, p.link_gap_px),
     ):  # fmt: skip
         out[index] = value
     return out

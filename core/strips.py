@@ -30,12 +30,13 @@ SMOOTH, ROUGH, IRREGULAR, HORIZONTAL, MERGED = range(5)
     S_SIGMA_D, S_F, S_HS, S_HD, S_ALPHA, S_VALLEY, S_MAJORITY, S_ROUGH, S_QUANTILE, S_BAND_STEP, S_BAND_SIGMAS,
     S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM, S_JUMP, S_TAKE, S_NEAR_SIGMAS, S_NEAR_SHARE,
     S_REST_SIGMAS, S_SUPPORT_PER_PX, S_SUPPORT_SIGMAS, S_SUPPORT_RELATIVE, S_TAIL, S_SMOOTH_RELATIVE, S_SMOOTH_SIGMAS,
-) = range(29)  # fmt: skip
+    S_WS, S_LINE_SIGMAS,
+) = range(31)  # fmt: skip
 # indices of the integer settings
 (
     I_WINDOW_MIN, I_MEMBERS, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS, I_SUPPORT_ROWS, I_LARGE,
-    I_CUT, I_HORIZONTAL, I_ROOM,
-) = range(13)  # fmt: skip
+    I_CUT, I_HORIZONTAL, I_ROOM, I_LINK,
+) = range(14)  # fmt: skip
 
 N, FIRST, OVERFLOW = range(3)
 """What `tally` (3,) int64 counts: strips, strips before this column, and strips merged for want of room."""

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from .kernels import inner
 from .strips import BOTTOM, KIND, NEAR, SMOOTH, TOP, D
-from .view_geometry import ViewGeometry
 
 _LEAST, _MOST, _STEPS = -1.0, 3.5, 90
 """Not tuning: range and steps of the table, means of whole distributions in sigma above where they are cut off."""
@@ -27,22 +26,15 @@ def _means_left() -> NDArray[np.float64]:
     return np.array(left)
 
 
-_LEFT = _means_left()
-
-
-def undo_truncation(
-    ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, view: ViewGeometry, axis: NDArray[np.float64],
-    clear_m: float, ke_per_m: float,
-) -> None:  # fmt: skip
-    """Moves smooth strips, D and NEAR alike, to where they stood before the clip, never beyond it.
-
-    axis: (3,) the optical axis in level_cam, since the clip is one of depth along it. clear_m: that depth."""
-    shift_back(ints, floats, n, view.tan_edge, view.f_px, axis[0], axis[2], clear_m, ke_per_m, _LEFT)
+MEANS_LEFT = _means_left()
 
 
 @inner
 def shift_back(ints, floats, n, tan_edge, f, axis_x, axis_z, clear_m, ke, left):
-    """See undo_truncation. left: (_STEPS + 1,) float64, see `_means_left`. A strip is as its middle row."""
+    """Moves smooth strips, D and NEAR alike, to where they stood before the clip, never beyond it.
+
+    axis_x, axis_z: the optical axis in level_cam, since the clip is one of depth along it; clear_m: that depth. left:
+    MEANS_LEFT. A strip is as its middle row."""
     for i in range(n):
         if ints[i, KIND] != SMOOTH:
             continue

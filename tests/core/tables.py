@@ -9,12 +9,12 @@ from core import planes as pl
 from core import strips as s
 from core.params import Params
 from core.plane_stages import plane_tables
-from core.scratch import Scratch
+from core.strip_stages import strip_tables
 from core.types import Prism
 
 from .columns import F, view
 
-SCRATCH = Scratch()
+SCRATCH = strip_tables(100, 100)
 """Kept from table to table, as from frame to frame: what one leaves in it must not matter to the next."""
 
 CLOSED = (
@@ -65,8 +65,8 @@ class Strips:
         clusters.place_strips(self.ints, self.floats, self.n, g.f_px, g.cu, g.lateral, g.tan_edge, self.place)
 
     def cluster(self, ws: float = 2.0, hs: float = 1.0) -> int:
-        """cluster_strips; returns the number of clusters."""
-        return clusters.cluster_strips(self.ints, self.place, self.n, ws, hs, SCRATCH)
+        """join_near; returns the number of clusters."""
+        return clusters.join_near(self.ints, self.place, self.n, ws, hs, *SCRATCH[6:12])
 
     def track(
         self,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -20,10 +18,12 @@ X = 5.0
 
 
 def filled(t: Strips, hs: float = 1.0, ws: float = 2.0) -> int:
-    """fill_gaps; returns how many slits were filled."""
-    params = replace(P, passable_height_m=hs, passable_width_m=ws)
-    count = int(t.cluster_of.max()) + 1
-    return fill.fill_gaps(t.ints, t.floats, t.place, t.n, t.columns, t.view, count, params, SCRATCH)
+    """fill_columns; returns how many slits were filled."""
+    open_of, lower, runs, spans = SCRATCH[12:16]
+    return fill.fill_columns(
+        t.ints, t.floats, t.place, t.cols, t.columns, t.view.f_px, t.view.lateral[0] / t.view.f_px, hs, ws, P.band_step_m,
+        P.line_sigmas, P.link_gap_px, open_of[: int(t.cluster_of.max()) + 1], lower, runs, spans,
+    )  # fmt: skip
 
 
 def alive(t: Strips) -> list[tuple[int, int, int]]:

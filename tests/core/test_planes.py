@@ -13,9 +13,10 @@ from core import openings, refine
 from core import planes as pl
 from core import strips as s
 from core.params import Params
+from core.scratch import Scratch
 
 from .columns import F, code, view
-from .tables import CLOSED, SCRATCH, Strips, ends, plane_table
+from .tables import CLOSED, Strips, ends, plane_table
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -369,7 +370,7 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
 def masks_of(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
     g = view(rows=codes.shape[1], cols=codes.shape[0])
     none = np.zeros((1, 9), np.int32), np.zeros((1, 3), np.float32)
-    return (*openings.opening_masks(codes, *none, 0, g, 20.0, P, SCRATCH), g)
+    return (*openings.opening_masks(codes, *none, 0, g, 20.0, P, Scratch()), g)
 
 
 def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core import strips as s
-from core.truncation import _LEFT, undo_truncation, whole_mean
+from core.truncation import MEANS_LEFT, shift_back, whole_mean
 
 from .columns import F
 from .tables import Strips
@@ -26,12 +26,12 @@ def mean_left(whole: float) -> float:
 
 @pytest.mark.parametrize("whole", [-0.9, -0.3, 0.0, 0.4, 1.0, 2.0, 3.0])
 def test_the_mean_of_the_whole_from_that_of_what_is_left(whole: float) -> None:
-    assert whole_mean(mean_left(whole), _LEFT) == pytest.approx(whole, abs=0.005)
+    assert whole_mean(mean_left(whole), MEANS_LEFT) == pytest.approx(whole, abs=0.005)
 
 
 def test_less_than_any_half_can_leave_is_the_least() -> None:
-    assert whole_mean(0.0, _LEFT) == -1.0
-    assert whole_mean(_LEFT[-1], _LEFT) == pytest.approx(3.5)
+    assert whole_mean(0.0, MEANS_LEFT) == -1.0
+    assert whole_mean(MEANS_LEFT[-1], MEANS_LEFT) == pytest.approx(3.5)
 
 
 def moved(x_m: float, ke: float, clear_m: float, axis: np.ndarray = LEVEL, kind: int = s.SMOOTH) -> tuple[float, float]:
@@ -40,7 +40,7 @@ def moved(x_m: float, ke: float, clear_m: float, axis: np.ndarray = LEVEL, kind:
     t.add(20, 10, 80, x_m, near_m=x_m - 0.1)
     t.build()
     t.ints[0, s.KIND] = kind
-    undo_truncation(t.ints, t.floats, t.n, t.view, axis, clear_m, ke)
+    shift_back(t.ints, t.floats, t.n, t.view.tan_edge, t.view.f_px, axis[0], axis[2], clear_m, ke, MEANS_LEFT)
     return F / float(t.floats[0, s.D]), F / float(t.floats[0, s.NEAR])
 
 
@@ -87,7 +87,7 @@ def test_the_clip_is_one_of_depth_along_the_tilted_axis() -> None:
     ]
     t.floats[:, s.D] = F * np.array(left)
     t.floats[:, s.NEAR] = t.floats[:, s.D]
-    undo_truncation(t.ints, t.floats, t.n, t.view, axis, 15.0, 0.005)
+    shift_back(t.ints, t.floats, t.n, t.view.tan_edge, t.view.f_px, axis[0], axis[2], 15.0, 0.005, MEANS_LEFT)
     np.testing.assert_allclose(F / t.floats[:, s.D], true_m, rtol=2e-3)
 
 
