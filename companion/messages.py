@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -56,9 +57,13 @@ SOURCES: Final = {
 }
 
 _STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
+_stats: Final = attrgetter(*_STATS)
 _PRISM: Final = (
     pb.Prism.CLUSTER_FIELD_NUMBER, pb.Prism.TOP_M_FIELD_NUMBER, pb.Prism.BOTTOM_M_FIELD_NUMBER, pb.Prism.CLOSED_FIELD_NUMBER,
     pb.Prism.MARGIN_M_FIELD_NUMBER, pb.Prism.VERTICES_M_FIELD_NUMBER, pb.Prism.PLANE_FIELD_NUMBER,
+)  # fmt: skip
+_PLANES: Final = (
+    pb.Planes.SUPPORT_PX_FIELD_NUMBER, pb.Planes.FLAGS_FIELD_NUMBER, pb.Planes.CLUSTER_FIELD_NUMBER
 )  # fmt: skip
 _FREE: Final = (
     pb.FreeProfile.AZIMUTH_EDGES_RAD_FIELD_NUMBER, pb.FreeProfile.LAYER_EDGES_M_FIELD_NUMBER,
@@ -85,15 +90,13 @@ def _cause(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCa
     raise ValueError(f"cause {number} is not one of {kind.__name__}: was this written by a newer version?")
 
 
-def planes_message(model: FrameModel) -> pb.Planes:
-    """The planes of a model, packed."""
-    return pb.Planes(
-        corners_m=model.planes.ravel().tolist(),
-        margin_m=model.margin_m.tolist(),
-        support_px=model.support_px.tolist(),
-        flags=model.flags.tolist(),
-        cluster=model.cluster.tolist(),
-    )
+def _planes_bytes(model: FrameModel) -> bytes:
+    """The planes of a model as a message's bytes."""
+    from core.packed import packed_floats, packed_whole  # compiled: planners, who only read, need no numba
+
+    corners = packed_floats(pb.Planes.CORNERS_M_FIELD_NUMBER, model.planes)
+    margin = packed_floats(pb.Planes.MARGIN_M_FIELD_NUMBER, model.margin_m)
+    return corners + margin + packed_whole(_PLANES, model.support_px, model.flags, model.cluster)
 
 
 def prism_from_message(message: pb.Prism) -> Prism:
@@ -109,14 +112,14 @@ def prism_from_message(message: pb.Prism) -> Prism:
     )
 
 
-def free_message(free: FreeProfile) -> pb.FreeProfile:
-    """The free-range profile."""
-    from core.packed import packed_floats  # compiled: planners, who only read, need no numba
+def _free_bytes(free: FreeProfile) -> bytes:
+    """The free-range profile as a message's bytes."""
+    from core.packed import packed_bytes, packed_floats
 
     numbers = (free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m)
-    message = pb.FreeProfile.FromString(b"".join(map(packed_floats, _FREE, numbers)))
-    message.end = free.end.tobytes()
-    return message
+    return b"".join(
+        (*map(packed_floats, _FREE, numbers), packed_bytes(pb.FreeProfile.END_FIELD_NUMBER, free.end.tobytes()))
+    )
 
 
 def free_from_message(message: pb.FreeProfile) -> FreeProfile:
@@ -158,6 +161,7 @@ def ground_from_message(message: pb.Ground) -> Ground:
 
 def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
     """What one frame says; for a dropped frame valid = false and why."""
+    model, attitude, pose, transform = result.model, result.attitude, result.pose, result.transform
     message = pb.PrismsFrame(
         schema_version=SCHEMA_VERSION,
         camera=result.camera,
@@ -165,23 +169,14 @@ def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
         t_exposure_ns=result.t_exposure_ns,
         frame=result.frame,
         valid=result.valid,
-        cause=cause_message(result.drop if result.model is None else result.model.cause),
+        cause=cause_message(result.drop if model is None else model.cause),
         cause_text=result.cause_text,
+        attitude=None if attitude is None else _attitude_used(attitude),
+        pose=None if pose is None else _pose_used(pose),
+        transform=None if transform is None else _transform_message(transform),
     )
-    if result.model is not None:
-        _put_model(message, result.model)
-    if result.attitude is not None:
-        message.attitude.source = SOURCES[result.attitude.source]
-        message.attitude.q_ned_frd.CopyFrom(quaternion_message(result.attitude.q_ned_frd_wxyz))
-        message.attitude.distance_ns = result.attitude.distance_ns
-    if result.pose is not None:
-        message.pose.source = SOURCES[result.pose.source]
-        message.pose.position_ned_m.CopyFrom(vector_message(result.pose.position_ned_m))
-        message.pose.distance_ns = result.pose.distance_ns
-        message.pose.reset_counter = result.pose.reset_counter
-    if result.transform is not None:
-        message.transform.yaw_rad = result.transform.yaw_rad
-        message.transform.translation_m.CopyFrom(vector_message(result.transform.translation_m))
+    if model is not None:
+        _put_model(message, model)
     return message
 
 
@@ -200,14 +195,37 @@ def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: st
 
 
 def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
-    from core.packed import packed_prisms
+    from core.packed import packed_bytes, packed_prisms
 
-    message.planes.CopyFrom(planes_message(model))
-    message.MergeFromString(packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, _PRISM, prism_table(model.prisms)))
-    message.free.CopyFrom(free_message(model.free))
+    message.MergeFromString(
+        packed_bytes(pb.PrismsFrame.PLANES_FIELD_NUMBER, _planes_bytes(model))
+        + packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, _PRISM, prism_table(model.prisms))
+        + packed_bytes(pb.PrismsFrame.FREE_FIELD_NUMBER, _free_bytes(model.free))
+    )
     message.ground.CopyFrom(ground_message(model.ground))
-    message.stats.CopyFrom(pb.FrameStats(**{name: getattr(model.stats, name) for name in _STATS}))
+    message.stats.CopyFrom(pb.FrameStats(**dict(zip(_STATS, _stats(model.stats), strict=True))))
     message.ke_per_m = model.ke_per_m
+
+
+def _attitude_used(attitude: AttitudeAt) -> pb.AttitudeUsed:
+    return pb.AttitudeUsed(
+        source=SOURCES[attitude.source],
+        q_ned_frd=quaternion_message(attitude.q_ned_frd_wxyz),
+        distance_ns=attitude.distance_ns,
+    )
+
+
+def _pose_used(pose: PoseAt) -> pb.PoseUsed:
+    return pb.PoseUsed(
+        source=SOURCES[pose.source],
+        position_ned_m=vector_message(pose.position_ned_m),
+        distance_ns=pose.distance_ns,
+        reset_counter=pose.reset_counter,
+    )
+
+
+def _transform_message(transform: LevelTransform) -> pb.LevelTransform:
+    return pb.LevelTransform(yaw_rad=transform.yaw_rad, translation_m=vector_message(transform.translation_m))
 
 
 def model_from_message(message: pb.PrismsFrame) -> FrameModel | None:

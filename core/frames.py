@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,9 +65,12 @@ def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> 
     )
 
 
+@lru_cache(maxsize=16)
 def rotation_frd_optical(mount: CameraMount) -> Rotation:
-    """R_frd_optical of a mounted camera, (3, 3)."""
-    return rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad) @ R_CAMFRD_OPTICAL
+    """R_frd_optical of a mounted camera, (3, 3), read-only: asked for with each frame, and the same each time."""
+    R = rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad) @ R_CAMFRD_OPTICAL
+    R.setflags(write=False)
+    return R
 
 
 def horizontal_heading_rad(R_ned_optical: Rotation) -> float:

@@ -21,15 +21,29 @@ _WRITTEN = (0, 5, 5, 0, 5, 2, 2)
 """How each is written: 0 a whole number, 2 so many bytes, 5 a float32. With eight times the field's number it is its key."""
 
 
-def packed_floats(field: int, values: NDArray[np.float32]) -> bytes:
-    """A repeated float, by rows. field: its number in the message, 1 to 15."""
-    content = values.astype("<f4", copy=False).tobytes()
+def packed_bytes(field: int, content: bytes) -> bytes:
+    """Bytes, or a message of these bytes. field: its number in the message around it, 1 to 15."""
     head, left = bytearray((field * 8 + 2,)), len(content)
     while left > 127:
         head.append(left & 127 | 128)
         left >>= 7
     head.append(left)
     return bytes(head) + content
+
+
+def packed_floats(field: int, values: NDArray[np.float32]) -> bytes:
+    """A repeated float, by rows. field: its number in the message, 1 to 15."""
+    return packed_bytes(field, values.astype("<f4", copy=False).tobytes())
+
+
+def packed_whole(
+    fields: tuple[int, int, int], support_px: NDArray[np.int32], flags: NDArray[np.uint8], cluster: NDArray[np.int32]
+) -> bytes:
+    """Three repeated whole numbers, those of planes, (N,) each. fields: their numbers in the message, 1 to 15."""
+    keys = np.array(fields, np.uint8) * np.uint8(8) + np.uint8(2)
+    out = np.empty(3 * _HEAD_BYTES + 12 * len(cluster), np.uint8)
+    size = _write_whole(keys, support_px, flags, cluster, out)
+    return out[:size].tobytes()
 
 
 def packed_prisms(field: int, fields: tuple[int, ...], table: PrismTable) -> bytes:
@@ -74,6 +88,32 @@ def _write(key, keys, cluster, heights, closed, margin, vertex_begin, edge_begin
         at = _whole(out, at + 1, packed)
         for e in range(edge_begin[k], edge_begin[k + 1]):
             at = _whole(out, at, _unsigned(plane[e]))
+    return at
+
+
+@inner
+def _write_whole(keys, support_px, flags, cluster, out):
+    """Each in turn. The number of bytes."""
+    n = cluster.shape[0]
+    sizes = (0, 0, 0)
+    for k in range(n):
+        sizes = (
+            sizes[0] + _length(_unsigned(support_px[k])),
+            sizes[1] + _length(_unsigned(flags[k])),
+            sizes[2] + _length(_unsigned(cluster[k])),
+        )
+    out[0] = keys[0]
+    at = _whole(out, 1, sizes[0])
+    for k in range(n):
+        at = _whole(out, at, _unsigned(support_px[k]))
+    out[at] = keys[1]
+    at = _whole(out, at + 1, sizes[1])
+    for k in range(n):
+        at = _whole(out, at, _unsigned(flags[k]))
+    out[at] = keys[2]
+    at = _whole(out, at + 1, sizes[2])
+    for k in range(n):
+        at = _whole(out, at, _unsigned(cluster[k]))
     return at
 
 

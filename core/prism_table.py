@@ -35,14 +35,26 @@ class PrismTable(Sequence[Prism]):
     ) -> None:  # fmt: skip
         n = len(cluster)
         self.cluster = readonly(cluster, np.int32, (n,), "cluster")
-        self.heights_m = readonly(heights_m, np.float32, (n, 2), "heights_m")
         self.closed = readonly(closed, np.bool_, (n,), "closed")
         self.margin_m = readonly(margin_m, np.float32, (n,), "margin_m")
         self.vertex_begin = readonly(vertex_begin, np.int32, (n + 1,), "vertex_begin")
         self.edge_begin = readonly(edge_begin, np.int32, (n + 1,), "edge_begin")
-        self.vertices_m = readonly(vertices_m, np.float32, (int(vertex_begin[-1]), 2), "vertices_m")
         self.plane = readonly(plane, np.int32, (int(edge_begin[-1]),), "plane")
-        if n and not bool(np.all(self.heights_m[:, 0] < self.heights_m[:, 1])):
+        self._place(heights_m, vertices_m)
+
+    def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
+        """The same prisms in another place: what does not say where they stand was checked when it was made. Raises
+        ValueError."""
+        table = object.__new__(PrismTable)
+        table.cluster, table.closed, table.margin_m, table.plane = self.cluster, self.closed, self.margin_m, self.plane
+        table.vertex_begin, table.edge_begin = self.vertex_begin, self.edge_begin
+        table._place(heights_m, vertices_m)
+        return table
+
+    def _place(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> None:
+        self.heights_m = readonly(heights_m, np.float32, (len(self.cluster), 2), "heights_m")
+        self.vertices_m = readonly(vertices_m, np.float32, (int(self.vertex_begin[-1]), 2), "vertices_m")
+        if len(self.cluster) and not bool((self.heights_m[:, 0] < self.heights_m[:, 1]).all()):
             raise ValueError("prisms: top must be less than bottom (z is down)")
 
     def __len__(self) -> int:

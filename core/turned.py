@@ -27,16 +27,7 @@ def turned_prisms(table: PrismTable, cos: float, sin: float, shift_m: tuple[floa
     heights_m, vertices_m = np.empty((len(table), 2), np.float32), np.empty((len(table.vertices_m), 2), np.float32)
     _turn(table.vertices_m, 0, cos, sin, shift_m[0], shift_m[1], vertices_m)
     _shift(table.heights_m, 0, shift_m[2], heights_m)
-    return PrismTable(
-        table.cluster,
-        heights_m,
-        table.closed,
-        table.margin_m,
-        table.vertex_begin,
-        table.edge_begin,
-        vertices_m,
-        table.plane,
-    )
+    return table.moved(heights_m, vertices_m)
 
 
 @inner

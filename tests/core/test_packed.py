@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from core.packed import packed_floats, packed_prisms
+from core.packed import packed_bytes, packed_floats, packed_prisms, packed_whole
 from core.prism_table import prism_table
 from core.types import Prism
 from drivers.proto import osape_v1_pb2 as pb
@@ -55,6 +55,25 @@ def odd_prisms() -> list[Prism]:
 def test_prisms(prisms: list[Prism]) -> None:
     read = pb.PrismsFrame.FromString(packed_prisms(FIELD, FIELDS, prism_table(prisms)))
     expected = told_one_by_one(prisms)
+    assert read == expected
+    assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
+
+
+WHOLE = (pb.Planes.SUPPORT_PX_FIELD_NUMBER, pb.Planes.FLAGS_FIELD_NUMBER, pb.Planes.CLUSTER_FIELD_NUMBER)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("count", [0, 1, 9, 300])
+def test_whole_numbers_of_planes(count: int) -> None:
+    """Of one to five bytes, clusters below zero too; more of them than a byte can count."""
+    some = np.array([0, 127, 128, 16383, 16384, 2097151, 2097152, 268435456, 2147483647], np.int32)
+    support_px, cluster = np.resize(some, count), np.resize(np.append(some, [-1, -2147483648]).astype(np.int32), count)
+    flags = np.resize(np.arange(256, dtype=np.uint8)[::-1], count)
+    content = packed_whole(WHOLE, support_px, flags, cluster)
+    read = pb.PrismsFrame.FromString(packed_bytes(pb.PrismsFrame.PLANES_FIELD_NUMBER, content))
+    expected = pb.PrismsFrame(
+        planes=pb.Planes(support_px=support_px.tolist(), flags=flags.tolist(), cluster=cluster.tolist())
+    )
     assert read == expected
     assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
 
