@@ -6,7 +6,7 @@ takes is the same: the recorder waits for it once a second in any case.
 
 The last block is written as often as it grows, filled up with zeros: until the file is closed it may so end in less than
 a block of zeros, which those who read unfinished logs know (`drivers/mcap_scan.py`). Where a file system does not take
-direct writes (tmpfs, some overlays and network folders), the same is written through the page cache."""
+direct writes (tmpfs before Linux 6.6, some network folders), the same is written through the page cache."""
 
 from __future__ import annotations
 
