@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import clusters, fill, planes_paper, strips, support
-from . import planes as pl
+from . import clusters, fill, planes_paper, support
 from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
 from .columns import extract_strips
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate
 from .level import level_paper, level_safe, pool_columns
-from .model import blind_model, end_at_ground, pixel_stats, plane_flags, plane_rows, strip_table
+from .model import blind_model, pixel_stats, strip_table, told_planes
 from .noisy import noisy_share
 from .openings import opening_masks
 from .params import Params
@@ -30,7 +28,6 @@ from .types import (
     CameraInfo,
     ExtractorState,
     FrameModel,
-    FrameStats,
     Ground,
     InvalidCause,
 )
@@ -73,9 +70,10 @@ class Extractor:
             return blind_model(info, cause, self.params), state
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         marks, counts = self._classify(depth_mm, info, ke)
-        stats = pixel_stats(counts, depth_mm.size)
-        too_few = stats.measured_share + stats.far_share < self.params.min_measured_share
+        measured, far, flying = counts
+        too_few = (measured - flying) / depth_mm.size + far / depth_mm.size < self.params.min_measured_share
         if too_few or self._is_noise(depth_mm, info, ke, counts):
+            stats = pixel_stats(counts, depth_mm.size)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
@@ -86,14 +84,13 @@ class Extractor:
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
         n, found, ground_px, overflow = self._strips(codes, view, info, R, ground, clear_m, ke, settings)
         if self._is_shreds(found, view):
-            return blind_model(
-                info, InvalidCause.NO_MEASUREMENT, self.params, replace(stats, dropped_strips=found)
-            ), state
+            stats = pixel_stats(counts, depth_mm.size, dropped_strips=found)
+            return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         count, planes, plane_ints, moments = self._planes(codes, n, view, info, settings)
 
         return self._model(
-            seen, view, ground, ke, n, count, planes, plane_ints, moments,
-            replace(stats, ground_px=ground_px, strips=n, dropped_strips=found - n, overflow=overflow), keep_strips,
+            seen, view, ground, ke, n, count, planes, plane_ints, moments, keep_strips, counts, depth_mm.size,
+            ground_px=ground_px, strips=n, dropped_strips=found - n, overflow=overflow,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
     # ---- pixels -------------------------------------------------------------------------------------------------
@@ -242,22 +239,21 @@ class Extractor:
 
     def _model(
         self, seen: SeenFree, view: ViewGeometry, ground: Ground, ke: float, n: int, count: int, planes: NDArray[np.float64],
-        plane_ints: NDArray[np.int32], moments: NDArray[np.float64], counted: FrameStats, keep_strips: bool,
+        plane_ints: NDArray[np.int32], moments: NDArray[np.float64], keep_strips: bool, pixels: tuple[int, int, int], px: int,
+        **counted: int,
     ) -> FrameModel:  # fmt: skip
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
-        alive = np.flatnonzero(plane_ints[:count, pl.P_SUPPORT] >= 0)
-        used, used_ints = planes[alive], plane_ints[alive]
-        end_at_ground(used, ground, self.params)
-        rows, margin = plane_rows(used, moments[alive], self.params)
-        cluster = used_ints[:, pl.P_CLUSTER].astype(np.int32)
+        rows, margin, flags, support_px, cluster = told_planes(
+            count, planes, plane_ints, moments, ground, view, self.params
+        )
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m, self.params.profile_join_m)
-        free = free_profile(seen, len(used), used, used_ints, margin)
         return FrameModel(
-            valid=True, cause=InvalidCause.NONE, planes=rows,
-            support_px=(used_ints[:, pl.P_SUPPORT] // strips.PX).astype(np.int32), margin_m=margin,
-            flags=plane_flags(used, used_ints, view, self.params), cluster=cluster, prisms=prisms, free=free, ground=ground,
-            stats=replace(counted, clusters=len(set(cluster.tolist())), planes=len(rows), prisms=len(prisms)), ke_per_m=ke,
-            strips=strip_table(self._strip_tables[0], self._strip_tables[2], n) if keep_strips else None,
+            valid=True, cause=InvalidCause.NONE, planes=rows, support_px=support_px, margin_m=margin, flags=flags,
+            cluster=cluster, prisms=prisms, free=free_profile(seen, len(rows), planes, plane_ints, margin), ground=ground,
+            stats=pixel_stats(
+                pixels, px, **counted, clusters=len(set(cluster.tolist())), planes=len(rows), prisms=len(prisms)
+            ),
+            ke_per_m=ke, strips=strip_table(self._strip_tables[0], self._strip_tables[2], n) if keep_strips else None,
         )  # fmt: skip
 
 

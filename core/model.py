@@ -11,7 +11,7 @@ from . import planes as pl
 from . import strips
 from .free_space import nothing_known
 from .ground import NO_GROUND
-from .kernels import inner
+from .kernels import copy_row, inner
 from .params import Params
 from .types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
 from .view_geometry import ViewGeometry
@@ -38,27 +38,64 @@ def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: Fr
     )  # fmt: skip
 
 
-def pixel_stats(counts: tuple[int, int, int], size: int) -> FrameStats:
-    """Shares of the pixels of one frame from the counts (measured, far, flying) of `classify`."""
+def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameStats:
+    """Shares of the pixels of one frame from the counts (measured, far, flying) of `classify`, and what else was counted."""
     measured, far, flying = counts
     return FrameStats(
         measured_share=(measured - flying) / size, far_share=far / size,
-        unknown_share=(size - measured - far + flying) / size, flying_px=flying,
+        unknown_share=(size - measured - far + flying) / size, flying_px=flying, **more,
     )  # fmt: skip
 
 
-def end_at_ground(planes: NDArray[np.float64], ground: Ground, params: Params) -> None:
-    """Cuts planes that reach below the ground seen at their feet, in place; one wholly below keeps min_plane_height_m.
+def told_planes(
+    count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], moments: NDArray[np.float64], ground: Ground,
+    view: ViewGeometry, params: Params,
+) -> tuple[
+    NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32]
+]:  # fmt: skip
+    """rows (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom; (N,) margin, m, flags, support, px, and cluster of the living planes.
 
-    A strip's rows reach below it where noise puts the strip too far away."""
-    if ground.seen:
-        at_feet = ground.height_m, ground.slope_x, ground.slope_y, params.ground_tolerance_m, params.min_plane_height_m
-        _cut_at_ground(planes, *at_feet)
+    They move to the front of the tables of planes.py, and end at the ground seen at their feet, where they keep
+    min_plane_height_m. a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the
+    near edge still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
+    p, column_t = params, float(view.lateral[0]) / view.f_px
+    rows, margin, flags = np.empty((count, 6), np.float32), np.empty(count, np.float32), np.empty(count, np.uint8)
+    support, cluster = np.empty(count, np.int32), np.empty(count, np.int32)
+    n = write_planes(
+        count, planes, plane_ints, moments, ground.seen, ground.height_m, ground.slope_x, ground.slope_y, p.ground_tolerance_m,
+        p.min_plane_height_m, p.safe_distance_m, p.margin_sigmas, column_t, (p.cut_columns - view.cu) * column_t,
+        (view.cols - 1 - p.cut_columns - view.cu) * column_t, p.inferred_share, p.inferred_columns, rows, margin, flags, support,
+        cluster,
+    )  # fmt: skip
+    return rows[:n], margin[:n], flags[:n], support[:n], cluster[:n]
 
 
 @inner
-def _cut_at_ground(planes, height_m, slope_x, slope_y, tolerance_m, least_m):
-    for k in range(planes.shape[0]):
+def write_planes(
+    count, planes, plane_ints, moments, on_ground, height_m, slope_x, slope_y, tolerance_m, least_m, safe_m, sigmas, column_t,
+    left_t, right_t, inferred_share, inferred_columns, rows, margin, flags, support, cluster,
+):  # fmt: skip
+    """See told_planes; returns how many live."""
+    n = 0
+    for k in range(count):
+        if plane_ints[k, pl.P_SUPPORT] >= 0:
+            if n != k:
+                copy_row(planes, n, k)
+                copy_row(plane_ints, n, k)
+                copy_row(moments, n, k)
+            support[n], cluster[n] = plane_ints[n, pl.P_SUPPORT] // strips.PX, plane_ints[n, pl.P_CLUSTER]
+            n += 1
+    if on_ground:
+        _cut_at_ground(n, planes, height_m, slope_x, slope_y, tolerance_m, least_m)
+    _write_rows(n, planes, moments, safe_m, sigmas, rows, margin)
+    _write_flags(n, planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags)
+    return n
+
+
+@inner
+def _cut_at_ground(count, planes, height_m, slope_x, slope_y, tolerance_m, least_m):
+    """A strip's rows reach below the ground where noise puts the strip too far away."""
+    for k in range(count):
         p = planes[k]
         middle = 0.5 * (p[pl.T0] + p[pl.T1])
         x = 1.0 / max(p[pl.A] + p[pl.B] * middle, pl.LEAST_S)
@@ -66,21 +103,9 @@ def _cut_at_ground(planes, height_m, slope_x, slope_y, tolerance_m, least_m):
         p[pl.Z1] = min(p[pl.Z1], max(floor, p[pl.Z0] + least_m))
 
 
-def plane_rows(
-    planes: NDArray[np.float64], moments: NDArray[np.float64], params: Params
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(N, 6) float32 a_x, a_y, b_x, b_y, top, bottom and (N,) margins, m, of the table of planes.py.
-
-    a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the near edge
-    still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
-    rows, margin = np.empty((len(planes), 6), np.float32), np.empty(len(planes), np.float32)
-    _write_rows(planes, moments, params.safe_distance_m, params.margin_sigmas, rows, margin)
-    return rows, margin
-
-
 @inner
-def _write_rows(planes, moments, safe_m, sigmas, rows, margin):
-    for k in range(planes.shape[0]):
+def _write_rows(count, planes, moments, safe_m, sigmas, rows, margin):
+    for k in range(count):
         p, row = planes[k], rows[k]
         t0, t1 = p[pl.T0] - _OUTWARD, p[pl.T1] + _OUTWARD
         x0 = 1.0 / max(p[pl.A] + p[pl.B] * t0, pl.LEAST_S)
@@ -92,21 +117,10 @@ def _write_rows(planes, moments, safe_m, sigmas, rows, margin):
         margin[k] = min(max(p[pl.FRONT] + safe_m, 0.0), safe_m) + sigmas * noise
 
 
-def plane_flags(
-    planes: NDArray[np.float64], plane_ints: NDArray[np.int32], view: ViewGeometry, params: Params
-) -> NDArray[np.uint8]:
-    """(N,) uint8 PlaneFlags."""
-    flags = np.empty(len(planes), np.uint8)
-    column_t = float(view.lateral[0]) / view.f_px
-    left_t = (params.cut_columns - view.cu) * column_t
-    right_t = (view.cols - 1 - params.cut_columns - view.cu) * column_t
-    _write_flags(planes, plane_ints, column_t, left_t, right_t, params.inferred_share, params.inferred_columns, flags)
-    return flags
-
-
 @inner
-def _write_flags(planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags):
-    for k in range(planes.shape[0]):
+def _write_flags(count, planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags):
+    """(N,) uint8 PlaneFlags."""
+    for k in range(count):
         p, ints = planes[k], plane_ints[k]
         inferred = ints[pl.P_INFERRED] > 0
         filled = ints[pl.P_FILL] > inferred_share * ints[pl.P_ROWS]

@@ -188,6 +188,17 @@ def draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins
     begins[margins.shape[0]] = at
 
 
+@kernel
+def write_prisms(
+    planes, margin_m, cluster, join_m, end_m, heights, starts, plane_of, vertices, margins, clusters, begins
+):  # fmt: skip
+    """(prisms, edges): tables of both by `cut_into_prisms` and `draw_profiles`, out, with room for all."""
+    size, edges = cut_into_prisms(planes, join_m, end_m, heights, starts[:-1], plane_of)
+    starts[size] = edges
+    draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins[:size], clusters, begins)
+    return size, edges
+
+
 def layered_prisms(
     planes: NDArray[np.float32], margin_m: NDArray[np.float32], cluster: NDArray[np.int32], join_m: float, end_m: float
 ) -> PrismTable:
@@ -197,13 +208,14 @@ def layered_prisms(
     n = len(planes)
     if not n:
         return prism_table(())
-    heights, starts = np.empty((3 * n, 2), np.float32), np.empty(3 * n + 1, np.int32)
-    plane_of = np.empty(3 * n, np.int32)
-    size, edges = cut_into_prisms(planes, join_m, end_m, heights, starts[:-1], plane_of)
-    starts[size] = edges
-    vertices, margins = np.empty((edges + size, 2), np.float32), np.empty(size, np.float32)
-    clusters, begins = np.empty(size, np.int32), np.empty(size + 1, np.int32)
-    draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins, clusters, begins)
-    return PrismTable(
-        clusters, heights[:size], np.zeros(size, bool), margins, begins, starts[: size + 1], vertices, plane_of[:edges]
+    room = 3 * n
+    heights, vertices = np.empty((room, 2), np.float32), np.empty((2 * room, 2), np.float32)
+    starts, plane_of, begins = np.empty(room + 1, np.int32), np.empty(room, np.int32), np.empty(room + 1, np.int32)
+    margins, clusters = np.empty(room, np.float32), np.empty(room, np.int32)
+    size, edges = write_prisms(
+        planes, margin_m, cluster, join_m, end_m, heights, starts, plane_of, vertices, margins, clusters, begins
     )
+    return PrismTable(
+        clusters[:size], heights[:size], np.zeros(size, bool), margins[:size], begins[: size + 1], starts[: size + 1],
+        vertices[: edges + size], plane_of[:edges],
+    )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import Rotation
-from .kernels import inner
+from .kernels import inner, kernel
 from .params import Params
 from .types import CameraInfo
 
@@ -96,19 +96,27 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel."""
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
-    R, camera = np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy])
-    left, right, up, down = window_of_border(R, camera, k.width, k.height, limit)
-    f_px = float(min(k.fx, k.fy))
-    cells = (right - left) * (down - up) * f_px * f_px
-    f_px *= math.sqrt(min(1.0, params.max_view_ratio * k.width * k.height / cells))
-    cu, cols = _axis(f_px * left, f_px * right, k.cx)
-    cv, rows = _axis(f_px * up, f_px * down, k.cy)
-    edges, H = np.empty(rows + 1, np.float32), np.empty((3, 3), np.float64)
-    fill_view(R, camera, f_px, cu, cv, edges, H)
+    camera = np.array([k.fx, k.fy, k.cx, k.cy])
+    cols, rows, f_px, cu, cv, edges, lateral, H = level_view(
+        np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
+    )
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px),
-        tan_edge=edges, lateral=np.ones(rows, np.float32), H=H,
+        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px), tan_edge=edges, lateral=lateral, H=H
     )  # fmt: skip
+
+
+@kernel
+def level_view(R, k, width, height, limit, ratio):
+    """(cols, rows, f_px, cu, cv, tan_edge, lateral, H) of ViewGeometry. R, k, width, height, limit: see `window_of_border`."""
+    left, right, up, down = window_of_border(R, k, width, height, limit)
+    f_px = min(k[0], k[1])
+    cells = (right - left) * (down - up) * f_px * f_px
+    f_px *= math.sqrt(min(1.0, ratio * width * height / cells))
+    cu, cols = _axis(f_px * left, f_px * right, k[2])
+    cv, rows = _axis(f_px * up, f_px * down, k[3])
+    edges, H = np.empty(rows + 1, np.float32), np.empty((3, 3))
+    fill_view(R, k, f_px, cu, cv, edges, H)
+    return cols, rows, f_px, cu, cv, edges, np.ones(rows, np.float32), H
 
 
 @inner
@@ -126,7 +134,8 @@ def fill_view(R, k, f_px, cu, cv, edges, H):
         H[1, j] = k[1] * H[1, j] + k[3] * H[2, j]
 
 
-def _axis(low_px: float, high_px: float, source_centre: float) -> tuple[float, int]:
+@inner
+def _axis(low_px, high_px, source_centre):
     """(principal point, cells) of one axis that reaches from low_px to high_px around it.
 
     The principal point has the source's own fraction of a pixel, so that a level camera's cells are its pixels."""

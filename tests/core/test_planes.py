@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 from core import openings, refine
 from core import planes as pl
 from core import strips as s
+from core.ground import NO_GROUND
+from core.model import told_planes
 from core.params import Params
 from core.scratch import Scratch
+from core.types import Ground
 
 from .columns import F, code, view
 from .tables import CLOSED, Strips, ends, plane_table
@@ -154,6 +157,18 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
             np.zeros(len(planes), np.int32), planes, ints,
         )  # fmt: skip
         assert planes[0, pl.FRONT] == pytest.approx(front, abs=0.01)
+
+
+def test_planes_that_died_are_not_told_and_the_others_keep_their_order() -> None:
+    planes, ints, moments = plane_table(*((x, -1.0, x, 1.0, -1.0, 1.0) for x in (5.0, 6.0, 7.0, 8.0)))
+    ints[:4, pl.P_CLUSTER], ints[:4, pl.P_SUPPORT] = (0, 1, 2, 3), (160, -1, 320, -1)
+    rows, margin, flags, support_px, cluster = told_planes(4, planes, ints, moments, NO_GROUND, view(), P)
+    assert rows[:, 0].tolist() == pytest.approx([5.0, 7.0], abs=1e-4)
+    assert (support_px.tolist(), cluster.tolist()) == ([10, 20], [0, 2])
+    assert len(margin) == len(flags) == 2
+    ground = Ground(seen=True, height_m=0.5)
+    rows, *_ = told_planes(2, planes, ints, moments, ground, view(), P)
+    assert rows[:, 5].tolist() == pytest.approx([0.5 + P.ground_tolerance_m] * 2, abs=1e-4)
 
 
 # ---- refine -----------------------------------------------------------------------------------------------------
