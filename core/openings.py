@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import inner, kernel
+from .kernels import inner, inner_inline, kernel
+from .level import Q_UNKNOWN
 from .params import Params
 from .scratch import Scratch
 from .strips import BOTTOM, SUPPORT, TOP, D, U
@@ -25,27 +26,41 @@ ROUNDING = 1e-9
 """Cells: a box that fills a whole number of them but for the last digit of a float is not made one wider."""
 
 
+@inner_inline
+def second_nearest(a, b, c, d):
+    """The second largest of four codes; 0 where two or more of them are unknown, which is the least code."""
+    one, other = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))  # the two in the middle
+    return max(one, other) if min(one, other) != Q_UNKNOWN else np.uint16(0)
+
+
 @inner
-def nearest_codes(codes, cell, ints, floats, n, quantum, nearest):
+def nearest_codes(codes, cell, ints, floats, n, quantum, boxes, nearest):
     """The nearest thing in each cell as a code; 0 where half of it or more is unknown.
 
     codes: (cols, rows) uint16. nearest: (C, R) uint16 out: the second nearest of the cell's four corners, which a
-    mismatch of two by two pixels cannot be, or the nearest strip that crosses the cell: thin things are strips."""
+    mismatch of two by two pixels cannot be, or the nearest strip that crosses the cell: thin things are strips.
+    boxes: (rows,) uint16 scratch: the same for a cell that begins at any row, many of which are done at a time."""
     cols, rows = codes.shape
+    side, whole = np.uint32(cell), rows // cell
     for i in range(nearest.shape[0]):
-        left, right = codes[i * cell], codes[min(cols, (i + 1) * cell) - 1]
-        for j in range(nearest.shape[1]):
-            v0, v1 = j * cell, min(rows, (j + 1) * cell) - 1
-            a, b, c, d = left[v0], left[v1], right[v0], right[v1]
-            second = max(min(max(a, b), max(c, d)), max(min(a, b), min(c, d)))
-            unknown = int(a == 0) + int(b == 0) + int(c == 0) + int(d == 0)
-            nearest[i, j] = 0 if unknown >= 2 else max(second, 1)
+        left, right, line = codes[i * cell], codes[min(cols, (i + 1) * cell) - 1], nearest[i]
+        low_left, low_right = left[cell - 1 :], right[cell - 1 :]
+        for v in range(low_left.shape[0]):
+            boxes[v] = second_nearest(left[v], right[v], low_left[v], low_right[v])
+        at = np.uint64(0)
+        for j in range(whole):
+            line[j] = boxes[at]
+            at += np.uint64(cell)
+        if whole < line.shape[0]:  # a last cell that is not as high
+            v = whole * cell
+            line[whole] = second_nearest(left[v], right[v], left[rows - 1], right[rows - 1])
     for k in range(n):
         if ints[k, SUPPORT] > 0:
             code = np.uint16(min(np.float32(65535.0), floats[k, D] * quantum))
-            line = nearest[ints[k, U] // cell]
-            for j in range(ints[k, TOP] // cell, ints[k, BOTTOM] // cell + 1):
-                line[j] = max(line[j], code)
+            across = np.uint32(ints[k, U]) // side
+            first, last = np.uint32(ints[k, TOP]) // side, np.uint32(ints[k, BOTTOM]) // side
+            for j in range(np.uint64(first), np.uint64(last) + np.uint64(1)):
+                nearest[across, j] = max(nearest[across, j], code)
 
 
 @inner
@@ -75,7 +90,6 @@ def any_ahead(cells, other, length):
         ahead = cells[more:]
         for k in range(ahead.shape[0]):
             other[k] = cells[k] | ahead[k]
-        other[ahead.shape[0] :] = cells[ahead.shape[0] :]
         cells, other = other, cells
         width += more
     return cells, other
@@ -114,38 +128,38 @@ def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, m
         cells[k] = codes[k] >= limit
     flat, other = any_ahead(cells, spare[1], high)
     blocked, boxes = flat.reshape(cols, rows), other.reshape(cols, rows)
-    allowed = int(unknown_share * (wide * high))
-    found = 0
+    allowed = np.int32(unknown_share * (wide * high))
+    found, places = np.uint8(0), rows - high + 1
     other[:] = 0
     column[:] = 0
-    for i in range(cols):
+    for i in range(wide - 1):
         line = blocked[i]
-        for j in range(rows):
+        for j in range(places):
             column[j] += line[j]
-        first = i - wide + 1
-        if first < 0:
-            continue
-        line, free = blocked[first], boxes[first]
-        a, b, c, d = total[first], total[first, high:], total[i + 1], total[i + 1, high:]
-        for j in range(rows - high + 1):
-            passes = (column[j] == 0) & (d[j] - b[j] - c[j] + a[j] <= allowed)
+    for i in range(cols - wide + 1):
+        come, gone, free = blocked[i + wide - 1], blocked[i], boxes[i]
+        a, b, c, d = total[i], total[i, high:], total[i + wide], total[i + wide, high:]
+        for j in range(places):
+            here = np.uint16(column[j] + come[j])
+            passes = np.uint8((here == 0) & (np.int32(d[j] - b[j] - c[j] + a[j]) <= allowed))
             free[j] = passes
-            found += passes
-        for j in range(rows):
-            column[j] -= line[j]
+            found |= passes
+            column[j] = here - gone[j]
     if found == 0:
         return
     covered = any_behind(other, flat, high)[0].reshape(cols, rows)
     column[:] = 0
-    for i in range(cols):
+    for i in range(wide - 1):
         line, out = covered[i], mask[i]
         for j in range(rows):
             column[j] += line[j]
             out[j] = column[j] > 0
-        if i >= wide - 1:
-            line = covered[i - wide + 1]
-            for j in range(rows):
-                column[j] -= line[j]
+    for i in range(cols - wide + 1):
+        come, gone, out = covered[i + wide - 1], covered[i], mask[i + wide - 1]
+        for j in range(rows):
+            here = np.uint16(column[j] + come[j])
+            out[j] = here > 0
+            column[j] = here - gone[j]
 
 
 @inner
@@ -204,7 +218,7 @@ def opening_masks(
     step, cell = float(g.lateral[0]), p.opening_cell_px
     shape = -(-g.cols // cell), -(-g.rows // cell)
     nearest = scratch("opening_nearest", shape, np.uint16)
-    nearest_codes(codes, cell, ints, floats, n, g.quantum, nearest)
+    nearest_codes(codes, cell, ints, floats, n, g.quantum, scratch("opening_boxes", (g.rows,), np.uint16), nearest)
     layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
     masks = scratch("opening_masks", (layers, *shape), np.uint8)
     open_masks(

@@ -382,6 +382,35 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
     np.testing.assert_array_equal(mask, want)
 
 
+@given(SEED, st.integers(3, 6))
+def test_the_nearest_thing_in_a_cell_against_its_definition(seed: int, cell: int) -> None:
+    rng = np.random.default_rng(seed)
+    cols, rows = rng.integers(2, 30, 2)
+    codes = rng.choice([0, 1, 2, 300, 301, 40000, 65535], (cols, rows), p=[0.4, *[0.1] * 6]).astype(np.uint16)
+    n = 12
+    ints, floats = np.zeros((n, 9), np.int32), np.zeros((n, 3), np.float32)
+    ints[:, s.U], ints[:, s.TOP] = rng.integers(0, cols, n), rng.integers(0, rows, n)
+    ints[:, s.BOTTOM] = np.minimum(ints[:, s.TOP] + rng.integers(0, rows, n), rows - 1)
+    ints[:, s.SUPPORT] = rng.integers(0, 2, n)
+    floats[:, s.D] = rng.uniform(1.0, 3000.0, n)
+    shape = -(-cols // cell), -(-rows // cell)
+    nearest = np.full(shape, 7, np.uint16)
+    openings.nearest_codes(codes, cell, ints, floats, n, 32.0, np.full(rows, 9, np.uint16), nearest)
+    want = np.zeros(shape, int)
+    for i, j in np.ndindex(shape):
+        corners = sorted(
+            int(codes[u, v])
+            for u in (i * cell, min(cols, (i + 1) * cell) - 1)
+            for v in (j * cell, min(rows, (j + 1) * cell) - 1)
+        )
+        want[i, j] = corners[2] if corners.count(0) < 2 else 0
+    for row, (d, *_) in zip(ints, floats, strict=True):
+        if row[s.SUPPORT]:
+            part = want[row[s.U] // cell, row[s.TOP] // cell : row[s.BOTTOM] // cell + 1]
+            np.maximum(part, int(min(65535.0, d * np.float32(32.0))), out=part)
+    np.testing.assert_array_equal(nearest, want)
+
+
 def masks_of(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
     g = view(rows=codes.shape[1], cols=codes.shape[0])
     none = np.zeros((1, 9), np.int32), np.zeros((1, 3), np.float32)
