@@ -129,6 +129,8 @@ class FrameReader:
         self._word = bytearray(_LONGEST_WORD)
         self._socket, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
         self._memory: mmap.mmap | None = None
         self._size = (0, 0)
         self.dropped = 0
@@ -148,27 +150,24 @@ class FrameReader:
         until_s = time.monotonic() + timeout_s
         newest: _Told | None = None
         words: list[Word] = []
-        while True:
+        while newest is None and not words and self._awaits(until_s):
             try:
-                told = self._receive()
+                while (told := self._receive()) is not None:
+                    if isinstance(told, Word):
+                        words.append(told)
+                        continue
+                    self.dropped += 1 if newest is not None else 0
+                    newest = told
             except DeviceLost:
                 if newest is None and not words:
                     raise
-                break  # its last words say why; the next call says that it is gone
-            if isinstance(told, _Told):
-                self.dropped += 1 if newest is not None else 0
-                newest = told
-            elif isinstance(told, Word):
-                words.append(told)
-            elif newest or words or not self._awaits(until_s):
-                break
+                # its last words say why; the next call says that it is gone
         frame = self._frame(newest) if newest is not None else None
         return frame, words
 
     def _awaits(self, until_s: float) -> bool:
         """Waits for a word; False when there is none by then."""
-        ready, _, _ = select.select([self._socket], [], [], max(0.0, until_s - time.monotonic()))
-        return bool(ready)
+        return bool(self._poll.poll(max(0.0, 1000.0 * (until_s - time.monotonic()))))
 
     def _receive(self) -> _Told | Word | None:
         """The next word, None when there is none; of the memory none is made."""
