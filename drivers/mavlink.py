@@ -345,8 +345,8 @@ class MavlinkSession:
         rate = self.rates.rate_hz
         counts = {"timesync answers to nobody": self._timesync.unpaired}
         for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
-            for what, number in some.items():
-                counts[what] = counts.get(what, 0) + number
+            for what, often in some.items():
+                counts[what] = counts.get(what, 0) + often
         return LinkStatus(
             vehicle=self.vehicle,
             clock=self.clock.estimate,
@@ -354,7 +354,7 @@ class MavlinkSession:
             attitude_hz=max(rate(ATTITUDE_ID, now_ns), rate(ATTITUDE_QUATERNION_ID, now_ns)),
             position_hz=rate(LOCAL_POSITION_ID, now_ns),
             received=self.received,
-            counts={what: number for what, number in counts.items() if number},
+            counts={what: often for what, often in counts.items() if often},
             signed=self._signing.good(now_ns),
             strangers=self._strangers.troubles(now_ns, self.params.system_id, heard=self.heard(now_ns)),
             signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
