@@ -33,6 +33,9 @@ from .types import (
 )
 from .view_geometry import ViewGeometry, is_rotation, pooled_geometry, tilt_rad, view_geometry, view_geometry_paper
 
+_MORE_COLS, _MORE_STRIPS = 32, 512
+"""Tables are made for a multiple of these: seldom anew, and hardly larger than the largest frame needs."""
+
 
 class Extractor:
     """Turns depth frames into planes. Holds its parameters and scratch memory, nothing that outlives a frame.
@@ -176,7 +179,7 @@ class Extractor:
         merged for room. Writes the tables of strips and their places."""
         p, k, bins = self.params, info.intrinsics, settings.bins
         if len(self._strip_tables[3]) <= view.cols:
-            self._strip_tables = strip_tables(view.cols + view.cols // 8, p.max_column_strips)
+            self._strip_tables = strip_tables(-(-view.cols // _MORE_COLS) * _MORE_COLS, p.max_column_strips)
         ints, floats, place, columns, *scratch = self._strip_tables
         gate = self._buffer("gate", (65536,), np.float32)
         shift = ground_gate(ground, view, ke, p, gate)
@@ -220,7 +223,7 @@ class Extractor:
         p = self.params
         ints, floats, place, columns = self._strip_tables[:4]
         if len(self._plane_tables[0]) < plane_room(n):
-            self._plane_tables = plane_tables(n + n // 4, p.merge_partners)
+            self._plane_tables = plane_tables(-(-n // _MORE_STRIPS) * _MORE_STRIPS, p.merge_partners)
         tables = self._plane_tables
         planes, plane_ints, moments = tables[:3]
         if p.paper:

@@ -89,6 +89,7 @@ def shape_planes(
     the view. width, height: of the source image. k, rules: by the K_ and R_ indices. masks, mask_frame: `opening_masks`. The
     rest is scratch: seen, the grid of evidence.py, and what `plane_tables` made."""
     link, points = int(k[K_LINK]), int(k[K_POINTS])
+    room = 2 * max(n, 1) + 16  # as `plane_room`: tables grow, and a frame must not depend on those before it
     pieces = grow(
         ints, floats, place, cols, columns, f, cu, lateral, k[K_HEIGHT_STEP], k[K_LINE_M], k[K_LINE_SIGMAS], k[K_SLOPE],
         k[K_ROUGH_SLOPE], link, k[K_ROUGHNESS], k[K_JUMP], k[K_JUMP_SIGMAS], k[K_EDGE], masks, mask_frame, moments, table, front,
@@ -104,7 +105,7 @@ def shape_planes(
     nearest_seen(ints, floats, n, f, cu, cv, lateral[0], H, width, height, int(k[K_CELL]), seen, seen_frame)
     join_planes(
         pieces, planes, plane_ints, moments, parent, rules, int(k[K_ROUNDS]), int(k[K_CANDIDATES]), int(k[K_PARTNERS]), seen,
-        seen_frame, masks, mask_frame, traits, order, age, tiles, next_cost, cost, pair, after, heap,
+        seen_frame, masks, mask_frame, traits, order, age, tiles, next_cost, cost[: room * int(k[K_PARTNERS])], pair, after, heap,
     )  # fmt: skip
     count = compact_planes(pieces, planes, plane_ints, moments, parent, plane_of, pieces)
     measure_planes(*how, count, plane_of, planes, plane_ints)
@@ -126,7 +127,7 @@ def shape_planes(
         count, planes, plane_ints, k[K_REACH], k[K_REACH_T], k[K_SLACK], k[K_SAFE], points, masks, mask_frame
     )
     count = close_pockets(
-        count, planes.shape[0], planes, plane_ints, moments, k[K_WS], k[K_GAP_T], k[K_GAP_HEIGHT], k[K_BEHIND], points, masks,
+        count, room, planes, plane_ints, moments, k[K_WS], k[K_GAP_T], k[K_GAP_HEIGHT], k[K_BEHIND], points, masks,
         mask_frame,
     )  # fmt: skip
     drop_covered(count, planes, plane_ints, k[K_HIDDEN], k[K_HIDDEN_T])

@@ -90,8 +90,8 @@ def test_held_bytes_counts_each_array_once_wherever_it_hangs() -> None:
     Owner.__module__ = "core.something"
     assert held_bytes(Owner()) == 100 + 56
     extractor = Extractor()
-    assert held_bytes(extractor) == 0
     shot = shots_of([SIZES[0]], KINDS[:1])[0]
+    assert held_bytes(extractor) < 50_000  # tables for no strips yet, but for those of one size
     extractor.extract(shot.depth_mm[0], shot.info, shot.R_level_optical, ExtractorState())
     assert held_bytes(extractor) > 3 * shot.depth_mm[0].nbytes
 
