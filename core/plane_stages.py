@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .evidence import nearest_seen
-from .kernels import kernel
+from .kernels import inner, kernel
 from .merge import join_planes
 from .pairs import TILE, TRAITS
 from .plane_settings import (
@@ -56,8 +56,10 @@ from .standouts import STEPS, leave, measure_excess, what_leaves
 from .tracks import grow
 
 
-def plane_room(strips: int) -> int:
-    """How many planes so many strips may become, with those of what stands out and of pockets."""
+@inner
+def plane_room(strips):
+    """How many planes so many strips may become, with those of what stands out and of pockets. Bounds must be this and not
+    what the tables have grown to: a frame must not depend on those before it."""
     return 2 * max(strips, 1) + 16
 
 
@@ -89,7 +91,7 @@ def shape_planes(
     the view. width, height: of the source image. k, rules: by the K_ and R_ indices. masks, mask_frame: `opening_masks`. The
     rest is scratch: seen, the grid of evidence.py, and what `plane_tables` made."""
     link, points = int(k[K_LINK]), int(k[K_POINTS])
-    room = 2 * max(n, 1) + 16  # as `plane_room`: tables grow, and a frame must not depend on those before it
+    room = plane_room(n)
     pieces = grow(
         ints, floats, place, cols, columns, f, cu, lateral, k[K_HEIGHT_STEP], k[K_LINE_M], k[K_LINE_SIGMAS], k[K_SLOPE],
         k[K_ROUGH_SLOPE], link, k[K_ROUGHNESS], k[K_JUMP], k[K_JUMP_SIGMAS], k[K_EDGE], masks, mask_frame, moments, table, front,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from .clusters import Z_BOTTOM, Z_TOP
-from .kernels import inner
+from .kernels import inner, inner_inline
 from .lines import SS, TS, TT, S, T, W
 from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
 from .strips import BOTTOM, CLUSTER, CUT, KIND, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
@@ -85,7 +85,7 @@ def grow(
     and in noise. slope, rough_slope: px of disparity from one column to the next, the prior of the line, and that of one with a
     rough strip. link: columns that it may miss. rough_m: roughness added to the noise. jump, jump_sigmas: step of disparity that ends it, as a share and in
     noise. edge_px: what heights may step beside an opening. Scratch: front (5, N) int32, see F_; touches (N,) uint8; near (N,) int32. All in one loop on purpose: to hand
-    arrays to a function costs more than what it would do here."""
+    arrays to a function costs more than what it does; those called here are made part of it."""
     tracks, size = 0, 0
     front_track, front_strip, front_top = front[F_TRACK], front[F_STRIP], front[F_TOP]
     front_bottom, front_cluster = front[F_BOTTOM], front[F_CLUSTER]
@@ -124,23 +124,8 @@ def grow(
                 )  # fmt: skip
                 if c >= cost:
                     continue
-                # one rectangle for both must not cover an opening where their ends step: up to the track's farthest end
-                # in the strip's column, up to the strip's in the middle of the track
-                middle = cell_of(table[k, T_MEAN], frame[F_ACROSS], frame[F_CU], masks.shape[1])
-                if not cut & 1:
-                    if z0 - table[k, T_TOP_MIN] > edge_m:
-                        down = cell_of(table[k, T_TOP_MIN] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
-                        if masks[layer, across, down] == 1:
-                            continue
-                    if table[k, T_TOP_MAX] - z0 > edge_m and masks[layer, middle, upper] == 1:
-                        continue
-                if not cut & 2:
-                    if table[k, T_BOTTOM_MAX] - z1 > edge_m:
-                        down = cell_of(table[k, T_BOTTOM_MAX] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
-                        if masks[layer, across, down] == 1:
-                            continue
-                    if z1 - table[k, T_BOTTOM_MIN] > edge_m and masks[layer, middle, lower] == 1:
-                        continue
+                if _over_opening(z0, z1, s, cut, layer, across, upper, lower, edge_m, table, k, masks, frame):
+                    continue
                 best, cost = m, c
             if best < 0:
                 best = size
@@ -157,13 +142,41 @@ def grow(
             table[k, T_T1] = t
             if ints[i, KIND] != SMOOTH:
                 table[k, T_PRIOR] = rough_prior
-            table[k, T_TOP_MIN], table[k, T_BOTTOM_MAX] = min(table[k, T_TOP_MIN], z0), max(table[k, T_BOTTOM_MAX], z1)
-            if not cut & 1:
-                table[k, T_TOP_MAX] = max(table[k, T_TOP_MAX], z0)
-            if not cut & 2:
-                table[k, T_BOTTOM_MIN] = min(table[k, T_BOTTOM_MIN], z1)
+            _reach(table, k, z0, z1, cut)
             _add_to_line(moments, table, k, t, s, 1.0 / variance, table[k, T_PRIOR])
     return tracks
+
+
+@inner_inline
+def _over_opening(z0, z1, s, cut, layer, across, upper, lower, edge_m, table, k, masks, frame):
+    """Whether one rectangle for strip and track k would cover an opening where their ends step: up to the track's farthest
+    end in the strip's column (across), up to the strip's (rows upper, lower) in the middle of the track."""
+    middle = cell_of(table[k, T_MEAN], frame[F_ACROSS], frame[F_CU], masks.shape[1])
+    if not cut & 1:
+        if z0 - table[k, T_TOP_MIN] > edge_m:
+            down = cell_of(table[k, T_TOP_MIN] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
+            if masks[layer, across, down] == 1:
+                return True
+        if table[k, T_TOP_MAX] - z0 > edge_m and masks[layer, middle, upper] == 1:
+            return True
+    if not cut & 2:
+        if table[k, T_BOTTOM_MAX] - z1 > edge_m:
+            down = cell_of(table[k, T_BOTTOM_MAX] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
+            if masks[layer, across, down] == 1:
+                return True
+        if z1 - table[k, T_BOTTOM_MIN] > edge_m and masks[layer, middle, lower] == 1:
+            return True
+    return False
+
+
+@inner_inline
+def _reach(table, k, z0, z1, cut):
+    """Makes the heights of track k reach those of its new strip; an end cut by the image's border is a bound only."""
+    table[k, T_TOP_MIN], table[k, T_BOTTOM_MAX] = min(table[k, T_TOP_MIN], z0), max(table[k, T_BOTTOM_MAX], z1)
+    if not cut & 1:
+        table[k, T_TOP_MAX] = max(table[k, T_TOP_MAX], z0)
+    if not cut & 2:
+        table[k, T_BOTTOM_MIN] = min(table[k, T_BOTTOM_MIN], z1)
 
 
 @inner
