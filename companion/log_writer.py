@@ -26,7 +26,7 @@ from drivers.wire import attitude_message, calibration_message, camera_message, 
 
 from .direct_file import DirectFile
 from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
-from .messages import decision_message, prisms_message, state_message, wire_bytes
+from .messages import decision_message, prisms_bytes, state_message, wire_bytes
 from .pipeline import FrameDecision, Output, PipelineState
 from .scene import scene_message, transform_messages
 
@@ -112,7 +112,7 @@ class LogWriter:
         if isinstance(output, FrameDecision):
             self.write("decision", decision_message(output), *at)
             return
-        self._write("prisms", (prisms or wire_bytes(prisms_message(output)),), *at)
+        self._write("prisms", (prisms or prisms_bytes(output),), *at)
         if scene:
             self.write("scene", scene_message(output), *at)
         for transform in transform_messages(output, self._infos[output.camera]) if transforms else ():

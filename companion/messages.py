@@ -15,7 +15,6 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from core.prism_table import prism_table
 from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.wire import (
@@ -58,17 +57,25 @@ SOURCES: Final = {
 
 _STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
 _stats: Final = attrgetter(*_STATS)
-_PRISM: Final = (
-    pb.Prism.CLUSTER_FIELD_NUMBER, pb.Prism.TOP_M_FIELD_NUMBER, pb.Prism.BOTTOM_M_FIELD_NUMBER, pb.Prism.CLOSED_FIELD_NUMBER,
-    pb.Prism.MARGIN_M_FIELD_NUMBER, pb.Prism.VERTICES_M_FIELD_NUMBER, pb.Prism.PLANE_FIELD_NUMBER,
-)  # fmt: skip
-_PLANES: Final = (
-    pb.Planes.SUPPORT_PX_FIELD_NUMBER, pb.Planes.FLAGS_FIELD_NUMBER, pb.Planes.CLUSTER_FIELD_NUMBER
-)  # fmt: skip
-_FREE: Final = (
-    pb.FreeProfile.AZIMUTH_EDGES_RAD_FIELD_NUMBER, pb.FreeProfile.LAYER_EDGES_M_FIELD_NUMBER,
-    pb.FreeProfile.FREE_FROM_M_FIELD_NUMBER, pb.FreeProfile.FREE_TO_M_FIELD_NUMBER,
-)  # fmt: skip
+_MODEL: Final = np.array(
+    [
+        *(pb.PrismsFrame.DESCRIPTOR.fields_by_name[name].number for name in ("planes", "prisms", "free")),
+        *(
+            pb.Planes.DESCRIPTOR.fields_by_name[name].number
+            for name in ("corners_m", "margin_m", "support_px", "flags", "cluster")
+        ),
+        *(
+            pb.Prism.DESCRIPTOR.fields_by_name[name].number
+            for name in ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")
+        ),
+        *(
+            pb.FreeProfile.DESCRIPTOR.fields_by_name[name].number
+            for name in ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")
+        ),
+    ],
+    np.uint8,
+)
+"""In the order of core/packed.py."""
 
 
 def wire_bytes(message: Message) -> bytes:
@@ -90,15 +97,6 @@ def _cause(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCa
     raise ValueError(f"cause {number} is not one of {kind.__name__}: was this written by a newer version?")
 
 
-def _planes_bytes(model: FrameModel) -> bytes:
-    """The planes of a model as a message's bytes."""
-    from core.packed import packed_floats, packed_whole  # compiled: planners, who only read, need no numba
-
-    corners = packed_floats(pb.Planes.CORNERS_M_FIELD_NUMBER, model.planes)
-    margin = packed_floats(pb.Planes.MARGIN_M_FIELD_NUMBER, model.margin_m)
-    return corners + margin + packed_whole(_PLANES, model.support_px, model.flags, model.cluster)
-
-
 def prism_from_message(message: pb.Prism) -> Prism:
     """One prism of a message."""
     return Prism(
@@ -109,16 +107,6 @@ def prism_from_message(message: pb.Prism) -> Prism:
         margin_m=message.margin_m,
         vertices_m=_rows(message.vertices_m, 2, "vertices_m"),
         plane=np.array(message.plane, dtype=np.int32),
-    )
-
-
-def _free_bytes(free: FreeProfile) -> bytes:
-    """The free-range profile as a message's bytes."""
-    from core.packed import packed_bytes, packed_floats
-
-    numbers = (free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m)
-    return b"".join(
-        (*map(packed_floats, _FREE, numbers), packed_bytes(pb.FreeProfile.END_FIELD_NUMBER, free.end.tobytes()))
     )
 
 
@@ -159,25 +147,37 @@ def ground_from_message(message: pb.Ground) -> Ground:
     )
 
 
-def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
-    """What one frame says; for a dropped frame valid = false and why."""
+def prisms_bytes(result: PrismsResult) -> bytes:
+    """What one frame says as a message's bytes; for a dropped frame valid = false and why."""
     model, attitude, pose, transform = result.model, result.attitude, result.pose, result.transform
-    message = pb.PrismsFrame(
-        schema_version=SCHEMA_VERSION,
-        camera=result.camera,
-        sequence=result.sequence,
-        t_exposure_ns=result.t_exposure_ns,
-        frame=result.frame,
-        valid=result.valid,
-        cause=cause_message(result.drop if model is None else model.cause),
-        cause_text=result.cause_text,
-        attitude=None if attitude is None else _attitude_used(attitude),
-        pose=None if pose is None else _pose_used(pose),
-        transform=None if transform is None else _transform_message(transform),
+    told = wire_bytes(
+        pb.PrismsFrame(
+            schema_version=SCHEMA_VERSION,
+            camera=result.camera,
+            sequence=result.sequence,
+            t_exposure_ns=result.t_exposure_ns,
+            frame=result.frame,
+            valid=result.valid,
+            cause=cause_message(result.drop if model is None else model.cause),
+            cause_text=result.cause_text,
+            attitude=None if attitude is None else _attitude_used(attitude),
+            pose=None if pose is None else _pose_used(pose),
+            transform=None if transform is None else _transform_message(transform),
+            ground=None if model is None else ground_message(model.ground),
+            stats=None if model is None else pb.FrameStats(**dict(zip(_STATS, _stats(model.stats), strict=True))),
+            ke_per_m=None if model is None else model.ke_per_m,
+        )
     )
-    if model is not None:
-        _put_model(message, model)
-    return message
+    if model is None:
+        return told
+    from core.packed import packed_model  # compiled: planners, who only read, need no numba
+
+    return told + packed_model(_MODEL, model)  # a message's bytes in two parts are one message
+
+
+def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
+    """The message of `prisms_bytes`."""
+    return pb.PrismsFrame.FromString(prisms_bytes(result))
 
 
 def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: str) -> pb.PrismsFrame:
@@ -192,19 +192,6 @@ def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: st
         cause=pb.CAUSE_CAMERA,
         cause_text=cause_text,
     )
-
-
-def _put_model(message: pb.PrismsFrame, model: FrameModel) -> None:
-    from core.packed import packed_bytes, packed_prisms
-
-    message.MergeFromString(
-        packed_bytes(pb.PrismsFrame.PLANES_FIELD_NUMBER, _planes_bytes(model))
-        + packed_prisms(pb.PrismsFrame.PRISMS_FIELD_NUMBER, _PRISM, prism_table(model.prisms))
-        + packed_bytes(pb.PrismsFrame.FREE_FIELD_NUMBER, _free_bytes(model.free))
-    )
-    message.ground.CopyFrom(ground_message(model.ground))
-    message.stats.CopyFrom(pb.FrameStats(**dict(zip(_STATS, _stats(model.stats), strict=True))))
-    message.ke_per_m = model.ke_per_m
 
 
 def _attitude_used(attitude: AttitudeAt) -> pb.AttitudeUsed:

@@ -16,18 +16,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.frames import (
-    level_from_level_cam,
-    rotation_frd_optical,
-    rotation_from_quaternion,
-    rotation_level_cam_optical,
-    rotation_level_ned,
-)
+from core.frames import Vector, level_cam_at
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, PoseSample
 from drivers.base import Event
 
 from .masks import Mask, without
-from .reframe import LevelTransform, numbers_only, reframed
+from .reframe import LevelTransform, reframed
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser, SyncParams
 
 UNSEEN = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
@@ -241,9 +235,8 @@ class Pipeline:
     def _extracted(
         self, frame: DepthFrame, info: CameraInfo, attitude: AttitudeAt, pose: PoseAt | None
     ) -> PrismsResult:
-        R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
-        R_level_optical = rotation_level_cam_optical(R_ned_frd @ rotation_frd_optical(info.mount))
-        transform = transform_from_level_cam(R_ned_frd, info, pose)
+        R_level_optical, camera_rad, vehicle_rad, lever_ned_m = level_cam_at(attitude.q_ned_frd_wxyz, info.mount)
+        transform = transform_from_level_cam(camera_rad, vehicle_rad, lever_ned_m, pose)
         state = self._states[frame.camera]
         extractor = self._extractors[frame.camera]
         model, after = extractor.extract(
@@ -263,7 +256,7 @@ class Pipeline:
             t_arrival_ns=frame.t_arrival_ns,
             frame="level" if pose is None else "ned",
             drop=DropCause.NONE,
-            model=reframed(numbers_only(model), transform),
+            model=reframed(model, transform),
             attitude=attitude,
             pose=pose,
             transform=transform,
@@ -302,11 +295,14 @@ def with_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTran
     return dataclasses.replace(state, ground_height_m=height_m)
 
 
-def transform_from_level_cam(R_ned_frd: NDArray[np.float64], info: CameraInfo, pose: PoseAt | None) -> LevelTransform:
-    """level_cam -> level, or with a position level_cam -> ned."""
-    yaw_rad, t_m = level_from_level_cam(R_ned_frd, info.mount)
+def transform_from_level_cam(
+    camera_rad: float, vehicle_rad: float, lever_ned_m: Vector, pose: PoseAt | None
+) -> LevelTransform:
+    """level_cam -> level, or with a position level_cam -> ned. By the headings of camera and vehicle and the camera's lever
+    arm, see `level_cam_at`."""
+    x, y, z = lever_ned_m
     if pose is not None:
-        heading_rad = float(np.arctan2(R_ned_frd[1, 0], R_ned_frd[0, 0]))
-        t_m = rotation_level_ned(heading_rad).T @ t_m + np.array(pose.position_ned_m)
-        yaw_rad += heading_rad
-    return LevelTransform(yaw_rad, (float(t_m[0]), float(t_m[1]), float(t_m[2])))
+        north, east, down = pose.position_ned_m
+        return LevelTransform(camera_rad, (x + north, y + east, z + down))
+    c, s = math.cos(vehicle_rad), math.sin(vehicle_rad)
+    return LevelTransform(math.remainder(camera_rad - vehicle_rad, math.tau), (c * x + s * y, c * y - s * x, z))

@@ -18,7 +18,7 @@ from .blindness import Blindness
 from .health import clock_message
 from .inbox import Inbox, Item, Note, Overtaken, RawFrame, Sample
 from .latency import Latencies
-from .messages import prisms_message, wire_bytes
+from .messages import prisms_bytes
 from .pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from .recorder import Recorder
 
@@ -66,6 +66,8 @@ class PipelineLoop:
         self.newest_attitude_ns: int | None = None
         self.alive_ns = time.monotonic_ns()
         self.begun = threading.Event()
+        self._resting = threading.Event()
+        self._resting.set()
 
     def open(self) -> None:
         """Starts the thread; `started` when the kernels are warm and the loop runs."""
@@ -81,6 +83,10 @@ class PipelineLoop:
         """False once the thread has ended, told or not."""
         return self._thread.is_alive()
 
+    def rest(self, longest_s: float) -> bool:
+        """Waits until no frame is being handled, but no longer than this; whether none is."""
+        return self._resting.wait(longest_s)
+
     def close(self) -> None:
         """Ends the loop. May be called twice."""
         self._stop.set()
@@ -93,6 +99,7 @@ class PipelineLoop:
         self.begun.set()
         while not self._stop.is_set():
             taken = self._inbox.take(TAKE_S)
+            self._resting.clear()
             with self._recorder.holding() if self._recorder is not None else nullcontext():
                 for kind, alike in groupby(taken, _kind):
                     if kind is RawFrame:
@@ -102,6 +109,7 @@ class PipelineLoop:
                     else:
                         for item in alike:
                             self._handle(item)
+            self._resting.set()
             self.alive_ns = time.monotonic_ns()
 
     def _log_line(self, frames: list[RawFrame]) -> None:
@@ -155,7 +163,7 @@ class PipelineLoop:
         if isinstance(output, PrismsResult):
             with self.lock:
                 self._blindness.result(output)
-            prisms = wire_bytes(prisms_message(output))
+            prisms = prisms_bytes(output)
             self._publish(output, prisms)
         else:
             prisms = None

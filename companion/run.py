@@ -30,6 +30,9 @@ PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERR
 
 MOST_LATE_S = 0.5
 """Of ticks: what is missed beyond is not made up for."""
+REST_S = 0.03
+"""A tick waits so long, at most, for the frame at hand: a report takes some milliseconds of Python, for which frames would
+have to wait."""
 
 
 class JournalFormatter(logging.Formatter):
@@ -54,6 +57,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         # the rate is kept over what a tick takes, and a late one is made up for: blindness is said so often, not rarer
         next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MOST_LATE_S)
         (stop if ready else service.loop.begun).wait(max(0.0, next_tick_s - time.monotonic()))  # told at once
+        service.loop.rest(REST_S)
         service.tick()
         if not service.loop.running:
             log.critical("the pipeline has ended: its cause stands above")

@@ -210,13 +210,10 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
 
 def _run_telling_kernels(model: FrameModel) -> None:
     """Runs what moves a model into the frame it is published in, and writes it down."""
-    from core.packed import packed_prisms, packed_whole
-    from core.prism_table import prism_table
-    from core.turned import turned_planes, turned_prisms
+    from core.packed import packed_model
+    from core.turned import turned
 
-    turned_planes(model.planes, 1.0, 0.0, (0.0, 0.0, 0.0))
-    packed_whole((1, 2, 3), model.support_px, model.flags, model.cluster)
-    packed_prisms(1, (1, 2, 3, 4, 5, 6, 7), turned_prisms(prism_table(model.prisms), 1.0, 0.0, (0.0, 0.0, 0.0)))
+    packed_model(np.arange(20, dtype=np.uint8) % 15 + 1, turned(model, 0.1, (1.0, 2.0, 3.0)))
 
 
 def _run_world_kernels() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from .types import CameraMount
 
 Rotation = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Rows = tuple[Vector, Vector, Vector]
+"""A rotation in plain numbers: what is asked for with each frame is not worth numpy's calls."""
 
 R_CAMFRD_OPTICAL: Rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """The camera's own forward-right-down triad from its optical axes."""
@@ -40,15 +44,17 @@ def euler_from_rotation(R: Rotation) -> tuple[float, float, float]:
 
 def rotation_from_quaternion(q_wxyz: tuple[float, float, float, float]) -> Rotation:
     """(3, 3) rotation of a quaternion (w, x, y, z), normalised here."""
+    return np.array(_rows_of_quaternion(q_wxyz))
+
+
+def _rows_of_quaternion(q_wxyz: tuple[float, float, float, float]) -> Rows:
     w, x, y, z = q_wxyz
     n = math.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w / n, x / n, y / n, z / n
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
 
 
@@ -73,15 +79,28 @@ def rotation_frd_optical(mount: CameraMount) -> Rotation:
     return R
 
 
+@lru_cache(maxsize=16)
+def _rows_frd_optical(mount: CameraMount) -> Rows:
+    a, b, c = (tuple(row) for row in rotation_frd_optical(mount).tolist())
+    return a, b, c
+
+
 def horizontal_heading_rad(R_ned_optical: Rotation) -> float:
     """Heading of the optical axis projected on the horizontal, rad clockwise from north.
 
     Of a camera that looks straight up or down it is the heading of its image's upward or downward edge, so that a
     number always comes out; the extractor refuses such a tilt by itself (InvalidCause.TOO_STEEP)."""
-    forward = R_ned_optical[:, 2]
-    if math.hypot(forward[0], forward[1]) < 1e-6:
-        forward = R_ned_optical[:, 1] * (-1.0 if forward[2] > 0 else 1.0)
-    return math.atan2(float(forward[1]), float(forward[0]))
+    _, down, forward = R_ned_optical.T.tolist()
+    return _heading_rad(down, forward)
+
+
+def _heading_rad(down: Sequence[float], forward: Sequence[float]) -> float:
+    """`horizontal_heading_rad` by the camera's own axes in ned."""
+    x, y, z = forward
+    if math.hypot(x, y) < 1e-6:
+        turn = -1.0 if z > 0 else 1.0
+        x, y = turn * down[0], turn * down[1]
+    return math.atan2(y, x)
 
 
 def rotation_level_cam_optical(R_ned_optical: Rotation) -> Rotation:
@@ -101,3 +120,33 @@ def level_from_level_cam(R_ned_frd: Rotation, mount: CameraMount) -> tuple[float
     yaw = horizontal_heading_rad(R_ned_optical) - vehicle_yaw
     lever_ned = R_ned_frd @ np.array([mount.x_m, mount.y_m, mount.z_m])
     return math.remainder(yaw, 2 * math.pi), rotation_level_ned(vehicle_yaw) @ lever_ned
+
+
+def level_cam_at(
+    q_ned_frd_wxyz: tuple[float, float, float, float], mount: CameraMount
+) -> tuple[Rotation, float, float, Vector]:
+    """(R_level_cam_optical (3, 3), heading of the camera and of the vehicle, rad, lever arm in ned, m) at an attitude: all
+    that a frame asks for, `rotation_level_cam_optical` and what `level_from_level_cam` is made of."""
+    frd = _rows_of_quaternion(q_ned_frd_wxyz)
+    (n0, n1, n2), (e0, e1, e2), (d0, d1, d2) = _times(frd, _rows_frd_optical(mount))
+    heading_rad = _heading_rad((n1, e1), (n2, e2, d2))
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    R_level_cam_optical = np.array(
+        [
+            [c * n0 + s * e0, c * n1 + s * e1, c * n2 + s * e2],
+            [c * e0 - s * n0, c * e1 - s * n1, c * e2 - s * n2],
+            [d0, d1, d2],
+        ]
+    )
+    x, y, z = mount.x_m, mount.y_m, mount.z_m
+    north, east, down = (i * x + j * y + k * z for i, j, k in frd)
+    return R_level_cam_optical, heading_rad, math.atan2(frd[1][0], frd[0][0]), (north, east, down)
+
+
+def _times(a: Rows, b: Rows) -> Rows:
+    """The product of two rotations."""
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    first, second, third = (
+        (x * b00 + y * b10 + z * b20, x * b01 + y * b11 + z * b21, x * b02 + y * b12 + z * b22) for x, y, z in a
+    )
+    return first, second, third

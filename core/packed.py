@@ -1,4 +1,4 @@
-"""Tables as bytes, in the encoding of Protocol Buffers; the numbers of the fields are the caller's.
+"""A frame's model as bytes, in the encoding of Protocol Buffers; the numbers of the fields are the caller's.
 
 To make an object of each prism and let the library write it takes eight times as long, as much as to find them all. A
 field that is nothing is written here, too, which the library leaves out: it reads the same."""
@@ -9,92 +9,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner
-from .prism_table import PrismTable
+from .prism_table import NO_PRISMS, prism_table
+from .types import FrameModel
 
+# places in `fields`: of the message around them, of planes, of a prism, of free ranges
+(
+    PLANES, PRISMS, FREE,
+    CORNERS, PLANE_MARGIN, SUPPORT, FLAGS, PLANE_CLUSTER,
+    CLUSTER, TOP, BOTTOM, CLOSED, MARGIN, VERTICES, EDGES,
+    AZIMUTHS, LAYERS, FREE_FROM, FREE_TO, END,
+) = range(20)  # fmt: skip
+_WHOLE, _BYTES, _FLOAT = 0, 2, 5
+"""How a field is written: with eight times its number it is its key."""
 _HEAD_BYTES = 64
-"""At most, of a prism but for its vertices and planes: keys, lengths and numbers."""
+"""At most, of a prism but for its vertices and planes: keys, lengths and numbers. The same of all else in a model."""
 _FIXED = 20
-"""Bytes of its keys and of the numbers that take the same always."""
-_CLUSTER, _TOP, _BOTTOM, _CLOSED, _MARGIN, _VERTICES, _PLANE = range(7)
-"""Places in the keys of a prism's fields, and in their numbers."""
-_WRITTEN = (0, 5, 5, 0, 5, 2, 2)
-"""How each is written: 0 a whole number, 2 so many bytes, 5 a float32. With eight times the field's number it is its key."""
+"""Bytes of a prism's keys and of the numbers that take the same always."""
+_MOST_WHOLE = 5
+"""Bytes of a whole number of 32 bits."""
 
 
-def packed_bytes(field: int, content: bytes) -> bytes:
-    """Bytes, or a message of these bytes. field: its number in the message around it, 1 to 15."""
-    head, left = bytearray((field * 8 + 2,)), len(content)
-    while left > 127:
-        head.append(left & 127 | 128)
-        left >>= 7
-    head.append(left)
-    return bytes(head) + content
-
-
-def packed_floats(field: int, values: NDArray[np.float32]) -> bytes:
-    """A repeated float, by rows. field: its number in the message, 1 to 15."""
-    return packed_bytes(field, values.astype("<f4", copy=False).tobytes())
-
-
-def packed_whole(
-    fields: tuple[int, int, int], support_px: NDArray[np.int32], flags: NDArray[np.uint8], cluster: NDArray[np.int32]
-) -> bytes:
-    """Three repeated whole numbers, those of planes, (N,) each. fields: their numbers in the message, 1 to 15."""
-    keys = np.array(fields, np.uint8) * np.uint8(8) + np.uint8(2)
-    out = np.empty(3 * _HEAD_BYTES + 12 * len(cluster), np.uint8)
-    size = _write_whole(keys, support_px, flags, cluster, out)
-    return out[:size].tobytes()
-
-
-def packed_prisms(field: int, fields: tuple[int, ...], table: PrismTable) -> bytes:
-    """A repeated message of prisms. field: its number; fields: those of cluster, top, bottom, closed, margin, vertices and
-    planes in such a message. All are 1 to 15."""
-    keys = np.array([8 * number + written for number, written in zip(fields, _WRITTEN, strict=True)], np.uint8)
-    room = _HEAD_BYTES * len(table) + 8 * len(table.vertices_m) + 5 * len(table.plane)
-    out = np.empty(room, np.uint8)
-    size = _write(
-        field * 8 + 2, keys, table.cluster, table.heights_m.view(np.uint32), table.closed, table.margin_m.view(np.uint32),
-        table.vertex_begin, table.edge_begin, table.vertices_m.view(np.uint32), table.plane, out,
+def packed_model(fields: NDArray[np.uint8], model: FrameModel) -> bytes:
+    """Planes, prisms and free ranges. fields: (20,) uint8, the number of each by the places above, all of them 1 to 15."""
+    table, free = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS, model.free
+    planes, ranges = len(model.planes), free.free_from_m.size
+    floats = 7 * planes + len(free.azimuth_edges_rad) + len(free.layer_edges_m) + 2 * ranges
+    prisms = _HEAD_BYTES * len(table) + 8 * len(table.vertices_m) + _MOST_WHOLE * len(table.plane)
+    out = np.empty(4 * _HEAD_BYTES + 4 * floats + 3 * _MOST_WHOLE * planes + ranges + prisms, np.uint8)
+    size = write_model(
+        fields, model.planes, model.margin_m, model.support_px, model.flags, model.cluster, table.cluster, table.heights_m,
+        table.closed, table.margin_m, table.vertex_begin, table.edge_begin, table.vertices_m, table.plane,
+        free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m, free.end, out,
     )  # fmt: skip
     return out[:size].tobytes()
 
 
 @inner
-def _write(key, keys, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out):
-    """Floats as their bits. The number of bytes."""
-    at = 0
-    for k in range(cluster.shape[0]):
-        packed = 0
-        for e in range(edge_begin[k], edge_begin[k + 1]):
-            packed += _length(_unsigned(plane[e]))
-        corners = 8 * (vertex_begin[k + 1] - vertex_begin[k])
-        inside = _FIXED + _length(_unsigned(cluster[k])) + _length(corners) + corners + _length(packed) + packed
-        out[at] = key
-        at = _whole(out, at + 1, inside)
-        out[at] = keys[_CLUSTER]
-        at = _whole(out, at + 1, _unsigned(cluster[k]))
-        out[at] = keys[_TOP]
-        at = _float(out, at + 1, heights[k, 0])
-        out[at] = keys[_BOTTOM]
-        at = _float(out, at + 1, heights[k, 1])
-        out[at], out[at + 1], out[at + 2] = keys[_CLOSED], closed[k], keys[_MARGIN]
-        at = _float(out, at + 3, margin[k])
-        out[at] = keys[_VERTICES]
-        at = _whole(out, at + 1, corners)
-        for v in range(vertex_begin[k], vertex_begin[k + 1]):
-            at = _float(out, at, vertices[v, 0])
-            at = _float(out, at, vertices[v, 1])
-        out[at] = keys[_PLANE]
-        at = _whole(out, at + 1, packed)
-        for e in range(edge_begin[k], edge_begin[k + 1]):
-            at = _whole(out, at, _unsigned(plane[e]))
-    return at
+def write_model(
+    fields, planes, plane_margin, support_px, flags, plane_cluster, cluster, heights, closed, margin, vertex_begin, edge_begin,
+    vertices, plane, azimuths, layers, free_from, free_to, end, out,
+):  # fmt: skip
+    """See `packed_model`; the number of bytes written to `out`."""
+    at = _write_planes(fields, planes, plane_margin, support_px, flags, plane_cluster, out)
+    at = _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out, at)
+    return _write_free(fields, azimuths, layers, free_from, free_to, end, out, at)
 
 
 @inner
-def _write_whole(keys, support_px, flags, cluster, out):
-    """Each in turn. The number of bytes."""
-    n = cluster.shape[0]
+def _write_planes(fields, planes, margin, support_px, flags, cluster, out):
+    n = planes.shape[0]
     sizes = (0, 0, 0)
     for k in range(n):
         sizes = (
@@ -102,19 +65,82 @@ def _write_whole(keys, support_px, flags, cluster, out):
             sizes[1] + _length(_unsigned(flags[k])),
             sizes[2] + _length(_unsigned(cluster[k])),
         )
-    out[0] = keys[0]
-    at = _whole(out, 1, sizes[0])
+    inside = 5
+    for size in (24 * n, 4 * n, sizes[0], sizes[1], sizes[2]):
+        inside += _length(size) + size
+    at = _begin(out, 0, fields[PLANES], inside)
+    at = _begin(out, at, fields[CORNERS], 24 * n)
+    for k in range(n):
+        at = _floats(out, at, planes[k])
+    at = _floats(out, _begin(out, at, fields[PLANE_MARGIN], 4 * n), margin)
+    at = _begin(out, at, fields[SUPPORT], sizes[0])
     for k in range(n):
         at = _whole(out, at, _unsigned(support_px[k]))
-    out[at] = keys[1]
-    at = _whole(out, at + 1, sizes[1])
+    at = _begin(out, at, fields[FLAGS], sizes[1])
     for k in range(n):
         at = _whole(out, at, _unsigned(flags[k]))
-    out[at] = keys[2]
-    at = _whole(out, at + 1, sizes[2])
+    at = _begin(out, at, fields[PLANE_CLUSTER], sizes[2])
     for k in range(n):
         at = _whole(out, at, _unsigned(cluster[k]))
     return at
+
+
+@inner
+def _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out, at):
+    for k in range(cluster.shape[0]):
+        packed = 0
+        for e in range(edge_begin[k], edge_begin[k + 1]):
+            packed += _length(_unsigned(plane[e]))
+        corners = 8 * (vertex_begin[k + 1] - vertex_begin[k])
+        inside = _FIXED + _length(_unsigned(cluster[k])) + _length(corners) + corners + _length(packed) + packed
+        at = _begin(out, at, fields[PRISMS], inside)
+        out[at] = 8 * fields[CLUSTER] + _WHOLE
+        at = _whole(out, at + 1, _unsigned(cluster[k]))
+        out[at] = 8 * fields[TOP] + _FLOAT
+        at = _float(out, at + 1, heights[k, 0])
+        out[at] = 8 * fields[BOTTOM] + _FLOAT
+        at = _float(out, at + 1, heights[k, 1])
+        out[at], out[at + 1] = 8 * fields[CLOSED] + _WHOLE, closed[k]
+        out[at + 2] = 8 * fields[MARGIN] + _FLOAT
+        at = _float(out, at + 3, margin[k])
+        at = _begin(out, at, fields[VERTICES], corners)
+        for v in range(vertex_begin[k], vertex_begin[k + 1]):
+            at = _floats(out, at, vertices[v])
+        at = _begin(out, at, fields[EDGES], packed)
+        for e in range(edge_begin[k], edge_begin[k + 1]):
+            at = _whole(out, at, _unsigned(plane[e]))
+    return at
+
+
+@inner
+def _write_free(fields, azimuths, layers, free_from, free_to, end, out, at):
+    count = end.shape[0] * end.shape[1]
+    sizes = (4 * azimuths.shape[0], 4 * layers.shape[0], 4 * count, 4 * count, count)
+    inside = 5
+    for size in sizes:
+        inside += _length(size) + size
+    at = _begin(out, at, fields[FREE], inside)
+    at = _floats(out, _begin(out, at, fields[AZIMUTHS], sizes[0]), azimuths)
+    at = _floats(out, _begin(out, at, fields[LAYERS], sizes[1]), layers)
+    at = _begin(out, at, fields[FREE_FROM], sizes[2])
+    for d in range(free_from.shape[0]):
+        at = _floats(out, at, free_from[d])
+    at = _begin(out, at, fields[FREE_TO], sizes[3])
+    for d in range(free_to.shape[0]):
+        at = _floats(out, at, free_to[d])
+    at = _begin(out, at, fields[END], sizes[4])
+    for d in range(end.shape[0]):
+        for layer in range(end.shape[1]):
+            out[at] = end[d, layer]
+            at += 1
+    return at
+
+
+@inner
+def _begin(out, at, field, size):
+    """The key and length of so many bytes, at a place; the place behind them."""
+    out[at] = 8 * field + _BYTES
+    return _whole(out, at + 1, size)
 
 
 @inner
@@ -145,7 +171,16 @@ def _whole(out, at, value):
 
 
 @inner
-def _float(out, at, bits):
+def _floats(out, at, values):
+    """float32, one after the other."""
+    for value in values:
+        at = _float(out, at, value)
+    return at
+
+
+@inner
+def _float(out, at, value):
+    bits = np.float32(value).view(np.uint32)
     for b in range(4):
         out[at + b] = (bits >> (8 * b)) & 255
     return at + 4

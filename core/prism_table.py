@@ -96,3 +96,7 @@ def prism_table(prisms: Iterable[Prism]) -> PrismTable:
         np.concatenate(vertices),
         np.concatenate(edges),
     )
+
+
+NO_PRISMS = prism_table(())
+"""Of a frame without any."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import inner, kernel
-from .prism_table import PrismTable, prism_table
+from .prism_table import NO_PRISMS, PrismTable
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
 
@@ -207,7 +207,7 @@ def layered_prisms(
     join_m: heights closer than this are one cut; end_m: ends closer than this are one vertex."""
     n = len(planes)
     if not n:
-        return prism_table(())
+        return NO_PRISMS
     room = 3 * n
     heights, vertices = np.empty((room, 2), np.float32), np.empty((2 * room, 2), np.float32)
     starts, plane_of, begins = np.empty(room + 1, np.int32), np.empty(room, np.int32), np.empty(room + 1, np.int32)

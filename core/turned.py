@@ -1,33 +1,105 @@
-"""A frame's planes and prisms turned about the vertical and shifted, in float64, all at once."""
+"""A frame's model turned about the vertical and shifted, in float64, all of it at once."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numpy.typing import NDArray
 
 from .kernels import inner
-from .prism_table import PrismTable
+from .prism_table import NO_PRISMS, prism_table
+from .types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
 
 _INFINITY = np.float32(np.inf)
+_SIDE_RAD = 0.1
+"""Not tuning: where the directions of a model end of which nothing is seen."""
 
 
-def turned_planes(
-    planes_m: NDArray[np.float32], cos: float, sin: float, shift_m: tuple[float, float, float]
-) -> NDArray[np.float32]:
-    """(N, 6) float32 a_x, a_y, b_x, b_y, top, bottom, turned by the angle of this cosine and sine, then shifted."""
-    out = np.empty((len(planes_m), 6), np.float32)
-    _turn(planes_m, 0, cos, sin, shift_m[0], shift_m[1], out)
-    _turn(planes_m, 2, cos, sin, shift_m[0], shift_m[1], out)
-    _shift(planes_m, 4, shift_m[2], out)
-    return out
+def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float]) -> FrameModel:
+    """The model turned clockwise from above by this angle, then shifted. Ranges and the ground's height stay counted from
+    the camera; strips, which are drawn over the image, are left out.
+
+    Where what it tells is not all finite, before or after, one comes out that says nothing (InvalidCause.NO_NUMBERS): such a
+    plane stands nowhere, and one that cannot be compared with anything may hide all others."""
+    cos, sin, (x, y, z) = math.cos(yaw_rad), math.sin(yaw_rad), shift_m
+    free, ground = model.free, model.ground
+    table = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS
+    planes, heights = np.empty((len(model.planes), 6), np.float32), np.empty((len(table), 2), np.float32)
+    vertices = np.empty((len(table.vertices_m), 2), np.float32)
+    edges, layers = np.empty(len(free.azimuth_edges_rad), np.float32), np.empty(len(free.layer_edges_m), np.float32)
+    lacking = turn_all(
+        model.planes, table.heights_m, table.vertices_m, free.azimuth_edges_rad, free.layer_edges_m, model.margin_m,
+        free.free_from_m, free.free_to_m, cos, sin, float(yaw_rad), float(x), float(y), float(z), planes, heights, vertices,
+        edges, layers,
+    )  # fmt: skip
+    if lacking:
+        return _no_numbers(model)
+    return FrameModel(
+        valid=model.valid, cause=model.cause, planes=planes, support_px=model.support_px, margin_m=model.margin_m,
+        flags=model.flags, cluster=model.cluster, prisms=table.moved(heights, vertices),
+        free=FreeProfile(
+            azimuth_edges_rad=edges, layer_edges_m=layers, free_from_m=free.free_from_m, free_to_m=free.free_to_m, end=free.end
+        ),
+        ground=Ground(
+            seen=ground.seen, height_m=ground.height_m, slope_x=cos * ground.slope_x - sin * ground.slope_y,
+            slope_y=sin * ground.slope_x + cos * ground.slope_y, share=ground.share, blind_beyond_m=ground.blind_beyond_m,
+        ),
+        stats=model.stats, ke_per_m=model.ke_per_m, strips=None,
+    )  # fmt: skip
 
 
-def turned_prisms(table: PrismTable, cos: float, sin: float, shift_m: tuple[float, float, float]) -> PrismTable:
-    """The same of prisms."""
-    heights_m, vertices_m = np.empty((len(table), 2), np.float32), np.empty((len(table.vertices_m), 2), np.float32)
-    _turn(table.vertices_m, 0, cos, sin, shift_m[0], shift_m[1], vertices_m)
-    _shift(table.heights_m, 0, shift_m[2], heights_m)
-    return table.moved(heights_m, vertices_m)
+def _no_numbers(model: FrameModel) -> FrameModel:
+    directions, layers = model.free.end.shape
+    nothing = np.zeros((directions, layers), np.float32)
+    return FrameModel(
+        valid=False, cause=InvalidCause.NO_NUMBERS, planes=model.planes[:0], support_px=model.support_px[:0],
+        margin_m=model.margin_m[:0], flags=model.flags[:0], cluster=model.cluster[:0], prisms=(),
+        free=FreeProfile(
+            azimuth_edges_rad=np.linspace(-_SIDE_RAD, _SIDE_RAD, directions + 1, dtype=np.float32),
+            layer_edges_m=np.arange(layers + 1, dtype=np.float32), free_from_m=nothing, free_to_m=nothing,
+            end=np.full((directions, layers), FreeEnd.NOT_SEEN, np.uint8),
+        ),
+        ground=model.ground, stats=model.stats, ke_per_m=model.ke_per_m, strips=None,
+    )  # fmt: skip
+
+
+@inner
+def turn_all(
+    planes, heights, vertices, azimuths, layers, margin, free_from, free_to, cos, sin, yaw, x, y, z, to_planes, to_heights,
+    to_vertices, to_azimuths, to_layers,
+):  # fmt: skip
+    """Writes the `to_` tables; returns how many numbers are not finite, of those before, those after, and those that stay."""
+    lacking = _lacking(planes) + _lacking(heights) + _lacking(vertices) + _lacking(free_from) + _lacking(free_to)
+    lacking += _lacking_of(azimuths) + _lacking_of(layers) + _lacking_of(margin)
+    _turn(planes, 0, cos, sin, x, y, to_planes)
+    _turn(planes, 2, cos, sin, x, y, to_planes)
+    _shift(planes, 4, z, to_planes)
+    _shift(heights, 0, z, to_heights)
+    _turn(vertices, 0, cos, sin, x, y, to_vertices)
+    for k in range(azimuths.shape[0]):
+        to_azimuths[k] = float(azimuths[k]) + yaw
+    for k in range(layers.shape[0]):
+        to_layers[k] = float(layers[k]) + z
+    lacking += _lacking(to_planes) + _lacking(to_heights) + _lacking(to_vertices)
+    return lacking + _lacking_of(to_azimuths) + _lacking_of(to_layers)
+
+
+@inner
+def _lacking(table):
+    """How many numbers of a table (N, C) are not finite."""
+    count = 0
+    for k in range(table.shape[0]):
+        for c in range(table.shape[1]):
+            count += not math.isfinite(table[k, c])
+    return count
+
+
+@inner
+def _lacking_of(row):
+    count = 0
+    for k in range(row.shape[0]):
+        count += not math.isfinite(row[k])
+    return count
 
 
 @inner

@@ -11,6 +11,8 @@ from companion.pipeline import FrameDecision, Pipeline, PrismsResult, transform_
 from companion.reframe import LevelTransform, reframed
 from companion.sync import DropCause, PoseAt, Source
 from core.frames import (
+    level_cam_at,
+    quaternion_from_euler,
     rotation_frd_optical,
     rotation_from_euler,
     rotation_level_cam_optical,
@@ -140,7 +142,6 @@ def test_without_a_position_the_model_is_in_level():
 )
 def test_a_point_ends_where_the_chain_of_rotations_puts_it(mount, with_pose):
     """level_cam -> published, against optical -> frd -> ned done directly."""
-    info = CameraInfo("c", INFO.intrinsics, mount)
     R_ned_frd = rotation_from_euler(0.2, -0.15, 2.1)
     R_frd_optical = rotation_frd_optical(mount)
     p_optical = np.array([0.7, -0.4, 5.0])
@@ -150,7 +151,8 @@ def test_a_point_ends_where_the_chain_of_rotations_puts_it(mount, with_pose):
     expected = p_ned + at.position_ned_m if at else rotation_from_euler(0.0, 0.0, -2.1) @ p_ned
 
     p_level_cam = rotation_level_cam_optical(R_ned_frd @ R_frd_optical) @ p_optical
-    transform = transform_from_level_cam(R_ned_frd, info, at)
+    _, *level_cam = level_cam_at(quaternion_from_euler(0.2, -0.15, 2.1), mount)
+    transform = transform_from_level_cam(*level_cam, at)
     found = rotation_from_euler(0.0, 0.0, transform.yaw_rad) @ p_level_cam + transform.translation_m
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
@@ -180,6 +182,45 @@ def test_a_very_low_plane_far_from_the_origin_stays_a_plane():
     planes[:, 5] = np.nextafter(planes[:, 4], np.float32(np.inf))
     moved = reframed(dataclasses.replace(low, planes=planes), LevelTransform(0.0, (0.0, 0.0, -5000.0)))
     assert np.all(moved.planes[:, 4] < moved.planes[:, 5])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("planes", np.nan), ("margin_m", np.inf), ("free_to_m", np.nan), ("vertices_m", -np.inf)]
+)
+def test_what_is_no_number_makes_the_frame_blind(field, value):
+    model = easy_model(4.0, 2.0)
+    (prism,) = model.prisms
+    if field == "vertices_m":
+        model = dataclasses.replace(
+            model, prisms=(dataclasses.replace(prism, vertices_m=spoilt(prism.vertices_m, value)),)
+        )
+    elif field == "free_to_m":
+        model = dataclasses.replace(
+            model, free=dataclasses.replace(model.free, free_to_m=spoilt(model.free.free_to_m, value))
+        )
+    else:
+        model = dataclasses.replace(model, **{field: spoilt(getattr(model, field), value)})
+    assert_says_nothing(reframed(model, LevelTransform(0.7, (3.0, -4.0, 5.0))))
+
+
+def test_a_place_that_is_no_number_makes_the_frame_blind():
+    assert_says_nothing(reframed(easy_model(4.0, 2.0), LevelTransform(0.7, (np.nan, 0.0, 0.0))))
+    assert_says_nothing(reframed(easy_model(4.0, 2.0), LevelTransform(0.7, (0.0, 0.0, 1e39))))  # not in float32
+
+
+def spoilt(values, value):
+    """A copy with its first number replaced."""
+    copy = values.copy()
+    copy.flat[0] = value
+    return copy
+
+
+def assert_says_nothing(model):
+    assert not model.valid
+    assert model.cause is InvalidCause.NO_NUMBERS
+    assert len(model.planes) == len(model.prisms) == len(model.margin_m) == 0
+    assert not model.free.free_to_m.any()
+    assert np.isfinite(model.free.azimuth_edges_rad).all()
 
 
 def test_the_wrong_size_does_not_reach_the_extractor():

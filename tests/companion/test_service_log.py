@@ -122,9 +122,11 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     recorder = Recorder(tmp_path / "logs", run_info("live", config_text(config)), RecordParams())
     inbox, held = Inbox(), threading.Event()
     said: list[int] = []
+    rested: list[bool] = []
 
     def publish(result: PrismsResult, prisms: bytes) -> None:
         said.append(result.sequence)
+        rested.append(loop.rest(0.0))
         if len(said) == 3:
             assert held.wait(30.0)
 
@@ -152,6 +154,8 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
         inbox.put_frame(event)
     held.set()
     assert until(lambda: said[-1] == 20, 30.0)
+    assert loop.rest(30.0)
+    assert rested == 4 * [False]  # reports of the service wait for the frame at hand
     loop.close()
     recorder.close()
     (log,) = (tmp_path / "logs").iterdir()

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from core import frames
@@ -132,3 +132,27 @@ def test_a_point_goes_the_same_way_through_level_cam_and_directly(
     p_ned = R_ned_frd @ (R_frd_optical @ p_optical + [mount.x_m, mount.y_m, mount.z_m])
     vehicle = math.atan2(R_ned_frd[1, 0], R_ned_frd[0, 0])
     np.testing.assert_allclose(through, frames.rotation_level_ned(vehicle) @ p_ned, atol=1e-9)
+
+
+@given(ANGLE, PITCH, ANGLE, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), ANGLE)
+def test_a_frame_s_level_view_in_plain_numbers_is_that_of_the_matrices(
+    roll: float, pitch: float, yaw: float, mount_roll: float, mount_pitch: float, mount_yaw: float
+) -> None:
+    mount = CameraMount(mount_roll, mount_pitch, mount_yaw, 0.1, -0.2, 0.05)
+    q = frames.quaternion_from_euler(roll, pitch, yaw)
+    R_ned_frd = frames.rotation_from_quaternion(q)
+    R_ned_optical = R_ned_frd @ frames.rotation_frd_optical(mount)
+    R, camera, vehicle, lever_ned_m = frames.level_cam_at(q, mount)
+    assume(math.hypot(R_ned_optical[0, 2], R_ned_optical[1, 2]) > 1e-5)  # else rounding decides on the heading
+    np.testing.assert_allclose(R, frames.rotation_level_cam_optical(R_ned_optical), atol=1e-9)
+    assert math.remainder(camera - frames.horizontal_heading_rad(R_ned_optical), math.tau) == pytest.approx(0, abs=1e-9)
+    turn, t_m = frames.level_from_level_cam(R_ned_frd, mount)
+    assert math.remainder(camera - vehicle - turn, math.tau) == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(frames.rotation_level_ned(vehicle) @ lever_ned_m, t_m, atol=1e-12)
+
+
+@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
+def test_a_frame_s_level_view_of_a_camera_that_looks_straight_up_or_down(pitch: float) -> None:
+    R, heading, _, _ = frames.level_cam_at(frames.quaternion_from_euler(0.0, pitch, 0.8), CameraMount())
+    assert heading == pytest.approx(0.8, abs=1e-6)
+    assert np.isfinite(R).all()

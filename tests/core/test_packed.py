@@ -7,30 +7,75 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from core.packed import packed_bytes, packed_floats, packed_prisms, packed_whole
+from core.packed import packed_model
 from core.prism_table import prism_table
-from core.types import Prism
+from core.types import FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
 
 from .tables import some_prisms
 
-FIELD = pb.PrismsFrame.PRISMS_FIELD_NUMBER
-FIELDS = tuple(
-    pb.Prism.DESCRIPTOR.fields_by_name[name].number
-    for name in ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")
+FIELDS = np.array(
+    [
+        message.DESCRIPTOR.fields_by_name[name].number
+        for message, names in (
+            (pb.PrismsFrame, ("planes", "prisms", "free")),
+            (pb.Planes, ("corners_m", "margin_m", "support_px", "flags", "cluster")),
+            (pb.Prism, ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")),
+            (pb.FreeProfile, ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")),
+        )
+        for name in names
+    ],
+    np.uint8,
 )
 
 
-def told_one_by_one(prisms: Sequence[Prism]) -> pb.PrismsFrame:
+def model(planes: int = 0, prisms: Sequence[Prism] = (), directions: int = 1, layers: int = 1) -> FrameModel:
+    """With numbers of one to five bytes, clusters below zero too, and floats of both signs."""
+    rng = np.random.default_rng(4)
+
+    def floats(*shape: int) -> np.ndarray:
+        return rng.normal(0.0, 100.0, shape).astype(np.float32)
+
+    some = np.array([0, 127, 128, 16383, 16384, 2097151, 2097152, 268435456, 2147483647], np.int32)
+    corners = floats(planes, 6)
+    corners[:, 5] = corners[:, 4] + 1.0
+    return FrameModel(
+        valid=True, cause=InvalidCause.NONE, planes=corners, support_px=np.resize(some, planes), margin_m=floats(planes),
+        flags=np.resize(np.arange(256, dtype=np.uint8)[::-1], planes),
+        cluster=np.resize(np.append(some, [-1, -2147483648]).astype(np.int32), planes), prisms=prism_table(prisms),
+        free=FreeProfile(
+            azimuth_edges_rad=floats(directions + 1), layer_edges_m=floats(layers + 1), free_from_m=floats(directions, layers),
+            free_to_m=floats(directions, layers), end=rng.integers(0, 5, (directions, layers)).astype(np.uint8),
+        ),
+        ground=Ground(seen=False), stats=FrameStats(), ke_per_m=0.005,
+    )  # fmt: skip
+
+
+def told_one_by_one(model: FrameModel) -> pb.PrismsFrame:
+    free = model.free
     return pb.PrismsFrame(
+        planes=pb.Planes(
+            corners_m=model.planes.ravel().tolist(), margin_m=model.margin_m.tolist(), support_px=model.support_px.tolist(),
+            flags=model.flags.tolist(), cluster=model.cluster.tolist(),
+        ),
         prisms=[
             pb.Prism(
                 cluster=p.cluster, top_m=p.top_m, bottom_m=p.bottom_m, closed=p.closed, margin_m=p.margin_m,
                 vertices_m=p.vertices_m.ravel().tolist(), plane=p.plane.tolist(),
             )
-            for p in prisms
-        ]
+            for p in model.prisms
+        ],
+        free=pb.FreeProfile(
+            azimuth_edges_rad=free.azimuth_edges_rad.tolist(), layer_edges_m=free.layer_edges_m.tolist(),
+            free_from_m=free.free_from_m.ravel().tolist(), free_to_m=free.free_to_m.ravel().tolist(), end=free.end.tobytes(),
+        ),
     )  # fmt: skip
+
+
+def check(told: FrameModel) -> None:
+    read, expected = pb.PrismsFrame.FromString(packed_model(FIELDS, told)), told_one_by_one(told)
+    assert read == expected
+    assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
 
 
 def odd_prisms() -> list[Prism]:
@@ -53,33 +98,17 @@ def odd_prisms() -> list[Prism]:
     "prisms", [[], some_prisms(1), some_prisms(60), odd_prisms()], ids=["none", "one", "many", "odd"]
 )
 def test_prisms(prisms: list[Prism]) -> None:
-    read = pb.PrismsFrame.FromString(packed_prisms(FIELD, FIELDS, prism_table(prisms)))
-    expected = told_one_by_one(prisms)
-    assert read == expected
-    assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
-
-
-WHOLE = (pb.Planes.SUPPORT_PX_FIELD_NUMBER, pb.Planes.FLAGS_FIELD_NUMBER, pb.Planes.CLUSTER_FIELD_NUMBER)
+    check(model(prisms=prisms))
 
 
 @pytest.mark.nojit
 @pytest.mark.parametrize("count", [0, 1, 9, 300])
-def test_whole_numbers_of_planes(count: int) -> None:
-    """Of one to five bytes, clusters below zero too; more of them than a byte can count."""
-    some = np.array([0, 127, 128, 16383, 16384, 2097151, 2097152, 268435456, 2147483647], np.int32)
-    support_px, cluster = np.resize(some, count), np.resize(np.append(some, [-1, -2147483648]).astype(np.int32), count)
-    flags = np.resize(np.arange(256, dtype=np.uint8)[::-1], count)
-    content = packed_whole(WHOLE, support_px, flags, cluster)
-    read = pb.PrismsFrame.FromString(packed_bytes(pb.PrismsFrame.PLANES_FIELD_NUMBER, content))
-    expected = pb.PrismsFrame(
-        planes=pb.Planes(support_px=support_px.tolist(), flags=flags.tolist(), cluster=cluster.tolist())
-    )
-    assert read == expected
-    assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
+def test_planes(count: int) -> None:
+    """More of them than a byte can count, too."""
+    check(model(planes=count))
 
 
-@pytest.mark.parametrize("count", [0, 1, 31, 32, 5000])
-def test_floats(count: int) -> None:
-    values = np.random.default_rng(4).normal(0.0, 100.0, (count, 1)).astype(np.float32)
-    read = pb.FreeProfile.FromString(packed_floats(pb.FreeProfile.FREE_TO_M_FIELD_NUMBER, values))
-    assert read == pb.FreeProfile(free_to_m=values.ravel().tolist())
+@pytest.mark.nojit
+@pytest.mark.parametrize(("directions", "layers"), [(1, 1), (31, 1), (32, 8), (150, 40)])
+def test_free_ranges(directions: int, layers: int) -> None:
+    check(model(planes=3, prisms=some_prisms(2), directions=directions, layers=layers))
