@@ -92,7 +92,7 @@ def _most(mask: NDArray[np.bool_], rows: int, cols: int) -> tuple[slice, slice]:
 def draw_noise(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """Noise of each tile, those that count in bold."""
     marks, focal = calls.of("estimate_ke").before[0], calls.of("estimate_ke").before[1]
-    tiles = noise_tiles(marks, focal, extractor.params)
+    tiles, *_ = noise_tiles(marks, focal, extractor.params)
     down, across = tiles.shape
     sigma = np.where(tiles >= 0, tiles, np.nan)
     limit = np.nanquantile(sigma, extractor.params.noise_quantile)

@@ -194,9 +194,8 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
 
 
 def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
-    """Runs what only some frames or parameters need: the look at where noise is, at whether tiles agree on it, and the
-    pooling of columns."""
-    from core.classify import agreeing_tiles, depth_to_mm, measured_mm
+    """Runs what only some frames or parameters need: the look at where noise is, and the pooling of columns."""
+    from core.classify import depth_to_mm, measured_mm
     from core.level import pool_columns
     from core.noisy import noisy_share
     from core.params import Params
@@ -204,7 +203,6 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     p, ke = Params(), info.ke_per_m
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
-    agreeing_tiles(np.zeros((p.noise_tiles_down, p.noise_tiles_across), np.float32), 1.0, p.noise_agree_ratio)
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
 
 

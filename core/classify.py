@@ -39,6 +39,9 @@ def depth_to_mm(depth: NDArray[np.uint16] | NDArray[np.float32], out: NDArray[np
     Of float32 metres, anything not finite, not positive or beyond 65.533 m becomes UNKNOWN_MM: infinity too, since most
     stereo nodes write it where they found no match. Raises ValueError on any other dtype or on a shape that is not
     that of `out`."""
+    flags = depth.flags
+    if depth.dtype is out.dtype and depth.shape == out.shape and flags.c_contiguous and not flags.writeable:
+        return depth.view(np.uint16)
     if depth.shape != out.shape:
         raise ValueError(
             f"depth image is {depth.shape[1::-1]}, the camera's intrinsics say {out.shape[1::-1]} (width, height): "
@@ -137,6 +140,8 @@ def classify(depth_mm, least_mm, greatest_mm, relative, absolute, out):
 
 _NOISE_BINS, _NOISE_BIN_PX = 512, 0.05
 """Resolution of the histogram of second differences; its median is interpolated within a bin."""
+_ROUGHNESS_OF_NOISE = np.float32(0.6745 * math.sqrt(6.0))
+"""The median magnitude of a normal deviate, and the second difference of three of them."""
 
 
 @kernel_ieee
@@ -199,16 +204,30 @@ def agreeing_tiles(tiles, value, within):
     return ((tiles >= value / within) & (tiles <= value * within)).sum()
 
 
-def noise_tiles(marks: NDArray[np.uint16], focal_px: float, params: Params) -> NDArray[np.float32]:
-    """(noise_tiles_down, noise_tiles_across) float32 disparity noise of each tile, px; negative: not known."""
+@kernel
+def noise_of_tiles(
+    marks, focal_px, least_mm, step, row_step, min_samples, share, min_tiles, within, tiles
+):  # fmt: skip
+    """(`quantile_of_tiles`, `agreeing_tiles` with it) of the noise of disparity in each tile. tiles: (tiles down, tiles across)
+    float32 out, `tile_roughness` as noise, px; negative: not known."""
+    tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, tiles)
+    for tv in range(tiles.shape[0]):
+        for tu in range(tiles.shape[1]):
+            tiles[tv, tu] /= _ROUGHNESS_OF_NOISE
+    sigma_px = quantile_of_tiles(tiles, share, min_tiles)
+    return sigma_px, agreeing_tiles(tiles, sigma_px, within)
+
+
+def noise_tiles(marks: NDArray[np.uint16], focal_px: float, params: Params) -> tuple[NDArray[np.float32], float, int]:
+    """((noise_tiles_down, noise_tiles_across) float32 disparity noise of each tile, px, negative: not known; the noise of the
+    picture, px, -1 where too few tiles are known; how many of them agree with it)."""
     p = params
     tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
-    tile_roughness(
-        marks, focal_px, 1000.0 * p.noise_min_depth_m, p.noise_step_px, p.noise_row_step, p.noise_min_samples, tiles
-    )
-    # the median magnitude of a normal deviate, and the second difference of three of them
-    tiles /= np.float32(0.6745 * math.sqrt(6.0))
-    return tiles
+    sigma_px, agree = noise_of_tiles(
+        marks, focal_px, 1000.0 * p.noise_min_depth_m, p.noise_step_px, p.noise_row_step, p.noise_min_samples,
+        p.noise_quantile, p.noise_min_tiles, p.noise_agree_ratio, tiles,
+    )  # fmt: skip
+    return tiles, sigma_px, agree
 
 
 def estimate_ke(marks: NDArray[np.uint16], focal_px: float, prior: float, last: float, params: Params) -> float:
@@ -222,11 +241,9 @@ def estimate_ke(marks: NDArray[np.uint16], focal_px: float, prior: float, last: 
     if not params.estimate_noise or params.paper:
         return prior
     seed = last if math.isfinite(last) else prior
-    tiles = noise_tiles(marks, focal_px, params)
-    sigma_px = quantile_of_tiles(tiles, params.noise_quantile, params.noise_min_tiles)
+    tiles, sigma_px, agree = noise_tiles(marks, focal_px, params)
     if sigma_px < 0.0:
         return seed
-    agree = agreeing_tiles(tiles, sigma_px, params.noise_agree_ratio)
     if sigma_px > seed * focal_px and agree < params.noise_agree_share * tiles.size:
         return seed
     measured = max(sigma_px, params.min_sigma_px) / focal_px

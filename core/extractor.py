@@ -18,7 +18,7 @@ from .model import blind_model, pixel_stats, strip_table, told_planes
 from .noisy import noisy_share
 from .openings import opening_masks
 from .params import Params
-from .plane_stages import plane_room, plane_tables, shape_planes
+from .plane_stages import plane_tables, shape_planes
 from .prisms import layered_prisms
 from .scratch import Scratch
 from .settings import Settings, settings_of
@@ -46,7 +46,8 @@ class Extractor:
         self.params = params or Params()
         self._settings: Settings | None = None
         self._strip_tables = strip_tables(0, self.params.max_column_strips)
-        self._plane_tables = plane_tables(0, self.params.merge_partners)
+        self._room_for_strips = 0
+        self._plane_tables = plane_tables(self._room_for_strips, self.params.merge_partners)
         self._buffer = Scratch()
 
     def extract(
@@ -183,17 +184,16 @@ class Extractor:
         ints, floats, place, columns, *scratch = self._strip_tables
         gate = self._buffer("gate", (65536,), np.float32)
         shift = ground_gate(ground, view, ke, p, gate)
-        tan_mid = 0.5 * (view.tan_edge[1:] + view.tan_edge[:-1])
         fs, si = settings.strip_floats, settings.strip_ints
         found, ground_px, overflow = extract_strips(
-            codes, gate, shift, tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
+            codes, gate, shift, view.tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
             bins.weights, bins.first_code, fs, si, ints, floats,
         )  # fmt: skip
         if p.paper:
             return self._paper_clusters(view, found), found, ground_px, overflow
         doubt = doubt_settings(ground, view, ke, p)
         n, found = settle_strips(
-            found, p.max_strips_per_column * view.cols, codes, tan_mid, shift, doubt, ground.seen, view.cols, view.cu,
+            found, p.max_strips_per_column * view.cols, codes, view.tan_mid, shift, doubt, ground.seen, view.cols, view.cu,
             view.lateral, view.tan_edge, view.H, k.width, k.height, R, clear_m, MEANS_LEFT, fs, si, ints, floats, place, columns,
             *scratch,
         )  # fmt: skip
@@ -222,8 +222,9 @@ class Extractor:
         """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
         p = self.params
         ints, floats, place, columns = self._strip_tables[:4]
-        if len(self._plane_tables[0]) < plane_room(n):
-            self._plane_tables = plane_tables(-(-n // _MORE_STRIPS) * _MORE_STRIPS, p.merge_partners)
+        if n > self._room_for_strips:
+            self._room_for_strips = -(-n // _MORE_STRIPS) * _MORE_STRIPS
+            self._plane_tables = plane_tables(self._room_for_strips, p.merge_partners)
         tables = self._plane_tables
         planes, plane_ints, moments = tables[:3]
         if p.paper:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,9 +248,15 @@ def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, 
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
-    """(L + 1,) float32 edges of the profile's layers in z, one centred on the camera."""
-    from_middle = np.arange(params.profile_layers + 1) - 0.5 * params.profile_layers
-    return (params.profile_layer_m * from_middle).astype(np.float32)
+    """(L + 1,) float32 edges of the profile's layers in z, one centred on the camera; read-only."""
+    return _layer_edges(params.profile_layers, params.profile_layer_m)
+
+
+@lru_cache(maxsize=16)
+def _layer_edges(layers: int, high_m: float) -> NDArray[np.float32]:
+    edges = (high_m * (np.arange(layers + 1) - 0.5 * layers)).astype(np.float32)
+    edges.setflags(write=False)
+    return edges
 
 
 def nothing_known(params: Params) -> FreeProfile:
@@ -292,24 +299,37 @@ def seen_free(
 ) -> SeenFree:
     """What the pixels of a levelled view were seen to be free of. clear_m: how far a FAR cell is free
     (classify.clear_range_m)."""
-    f_u = g.f_px / float(g.lateral[0])
-    step = math.radians(params.profile_step_deg)
-    first, last = math.atan((-0.5 - g.cu) / f_u), math.atan((g.cols - 0.5 - g.cu) / f_u)
-    n = max(1, math.ceil((last - first) / step))
-    edges = first + step * np.arange(n + 1, dtype=np.float64)
-    edges[-1] = last
-    edges_t = np.asarray(np.tan(edges), np.float64)
-    ring_m = np.arange(params.profile_ring_m, clear_m, params.profile_ring_m).astype(np.float32)[:_MAX_RINGS]
-    behind = np.empty(len(ring_m), np.int32)
-    rings_seen(g.f_px * g.quantum, params.profile_sigmas * ke, params.profile_noise_cap, ring_m, behind)
-    layers = layer_edges(params)
-    free_from, free_to = np.empty((n, len(layers) - 1), np.float32), np.empty((n, len(layers) - 1), np.float32)
-    end = np.empty(free_to.shape, np.uint8)
-    settings = walk_settings(g, ground, ke, params)
-    walk_view(codes, g.cu, f_u, edges_t, behind, ring_m, layers, settings, free_from, free_to, end)
+    p, layers, settings = params, layer_edges(params), walk_settings(g, ground, ke, params)
+    edges, edges_t, free_from, free_to, end = see_free(
+        codes, g.cu, g.f_px / float(g.lateral[0]), g.f_px * g.quantum, math.radians(p.profile_step_deg), p.profile_ring_m,
+        clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
+    )  # fmt: skip
     return SeenFree(
         edges_rad=edges, edges_t=edges_t, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
     )  # fmt: skip
+
+
+@kernel
+def see_free(codes, cu, f_u, gain, step_rad, ring, clear_m, spread, cap, layers, w):
+    """(edges_rad, edges_t, free_from_m, free_to_m, end) of SeenFree by `rings_seen` and `walk_view`.
+
+    Column u looks in direction (u - cu) / f_u; directions are step_rad wide but for the last one. Rings of so many metres up to
+    clear_m. spread, cap: noise of a ring. layers, w: `layer_edges`, `walk_settings`."""
+    first, last = math.atan((-0.5 - cu) / f_u), math.atan((codes.shape[0] - 0.5 - cu) / f_u)
+    n = max(1, int(math.ceil((last - first) / step_rad)))
+    edges, edges_t = np.empty(n + 1), np.empty(n + 1)
+    for d in range(n + 1):
+        edges[d] = first + step_rad * d if d < n else last
+        edges_t[d] = math.tan(edges[d])
+    rings = min(max(0, int(math.ceil((clear_m - ring) / ring))), _MAX_RINGS)
+    ring_m, behind = np.empty(rings, np.float32), np.empty(rings, np.int32)
+    for r in range(rings):
+        ring_m[r] = ring + ring * r
+    rings_seen(gain, spread, cap, ring_m, behind)
+    shape = (n, layers.shape[0] - 1)
+    free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, free_to, end)
+    return edges, edges_t, free_from, free_to, end
 
 
 def free_profile(

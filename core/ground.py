@@ -116,11 +116,15 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
 
 
 @inner_ieee
-def fill_gate(gain, height, slope_x, spread, least, cap, gate):
-    """gate[q] = (h - tolerance(X)) / X + sx at X = gain / q = 1 / s, tolerance = spread X between least and cap; (65536,) float32."""
+def fill_gate(f_px, quantum, cu, lateral, height, slope_x, slope_y, spread, least, cap, gate, shift):
+    """gate[q] = (h - tolerance(X)) / X + sx at X = f quantum / q = 1 / s, tolerance = spread X between least and cap; (65536,)
+    float32. shift[u] = sy y / X of column u; (cols,) float32."""
+    gain = f_px * quantum
     for q in range(len(gate)):
         s = np.int32(q) / gain
         gate[q] = height * s - min(max(spread, least * s), cap * s) + slope_x
+    for u in range(len(shift)):
+        shift[u] = slope_y * ((np.int32(u) - cu) * lateral / f_px)
 
 
 def ground_gate(
@@ -132,13 +136,12 @@ def ground_gate(
     if not ground.seen:
         gate[:] = np.inf
         return np.zeros(view.cols, np.float32)
-    cap = params.ground_tolerance_cap * params.min_obstacle_height_m
+    cap, shift = params.ground_tolerance_cap * params.min_obstacle_height_m, np.empty(view.cols, np.float32)
     fill_gate(
-        view.f_px * view.quantum, ground.height_m, ground.slope_x, params.ground_sigmas * ke * ground.height_m,
-        min(params.ground_tolerance_m, cap), cap, gate,
+        view.f_px, view.quantum, view.cu, float(view.lateral[0]), ground.height_m, ground.slope_x, ground.slope_y,
+        params.ground_sigmas * ke * ground.height_m, min(params.ground_tolerance_m, cap), cap, gate, shift,
     )  # fmt: skip
-    column_t = (np.arange(view.cols) - view.cu) * float(view.lateral[0]) / view.f_px
-    return (ground.slope_y * column_t).astype(np.float32)
+    return shift
 
 
 # indices of `doubt_settings`

@@ -24,7 +24,9 @@ _TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
 """Cells that are worked on together: their part of the source fits the nearest cache. Those of a column are written in
 one go, so that memory is asked for lines that follow each other. Places are rounded from the first of _TILE_ROWS cells
 on: the few that lie within 2e-4 px of two pixels may take the other with other tiles."""
-_AS_IT_IS = np.eye(3)
+_SAME = 1e-9
+"""Not tuning: how far numbers of a homography may differ by rounding."""
+_LITTLE_ENDIAN = sys.byteorder == "little"
 _FAR = np.uint16(FAR_MM)
 
 
@@ -227,20 +229,36 @@ def pool_left_over(marks, picked, R, k, window, flat, cols, rows, want, found, m
                 flat[cell[i]] = max(np.int32(flat[cell[i]]), code[i])
 
 
+@kernel
+def level_into(marks, R, k, f_px, cu, cv, quantum, H, out, picked):
+    """`level_nearest` and `level_pool` together, or `level_as_it_is`. k: (4,) fx, fy, cx, cy."""
+    cols, rows = out.shape
+    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(H):
+        level_as_it_is(marks, f_px * quantum, out.view(np.uint64))
+        return
+    level_nearest(marks, H, f_px * quantum, out, picked)
+    level_pool(marks, picked, R, k, (f_px, cu, cv, f_px * quantum), out)
+
+
+@inner
+def is_as_it_is(H):
+    """Whether the cells of the view are the pixels of the source. H: (3, 3)."""
+    most = 0.0
+    for i in range(3):
+        for j in range(3):
+            most = max(most, abs(H[i, j] - (1.0 if i == j else 0.0)))
+    return most < _SAME
+
+
 def level_safe(
     marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, g: ViewGeometry, out: NDArray[np.uint16],
     picked: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Fills `out` (cols, rows) uint16 with the codes of the levelled view g. picked: (H * W,) uint8 scratch."""
     k = info.intrinsics
-    gain = g.f_px * g.quantum
-    as_it_is = (g.cols, g.rows) == (k.width, k.height) and np.abs(g.H - _AS_IT_IS).max() < 1e-9
-    if as_it_is and g.rows % 4 == 0 and sys.byteorder == "little":
-        level_as_it_is(marks, gain, out.view(np.uint64))
-        return
-    level_nearest(marks, g.H, gain, out, picked)
-    window = np.array([g.f_px, g.cu, g.cv, gain])
-    level_pool(marks, picked, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), window, out)
+    camera = np.array([k.fx, k.fy, k.cx, k.cy])
+    R = np.ascontiguousarray(R_level_optical)
+    level_into(marks, R, camera, g.f_px, g.cu, g.cv, g.quantum, g.H, out, picked)
 
 
 @kernel

@@ -191,11 +191,17 @@ def layer_of(x, frame):
 
 @kernel
 def open_masks(
-    nearest, first_m, ratio, ws, hs, behind_m, max_range_m, f, step, cell, quantum, unknown_share, total, spare, column, masks
+    codes, ints, floats, n, cell, first_m, ratio, ws, hs, behind_m, max_range_m, f, cu, cv, step, quantum, unknown_share, spare,
+    masks, frame,
 ):  # fmt: skip
-    """open_mask at the distances first_m * ratio^k. f: focal length, px; step: columns per f times tangent; cell: px.
+    """`nearest_codes`, and of these open_mask at the distances first_m * ratio^k. f: focal length, px; cu, cv: principal point;
+    step: columns per f times tangent; cell: px.
 
-    Scratch: total: see count_unknown; spare, column: see open_mask. masks: (L, C, R) uint8 out."""
+    spare: see open_mask. Out: masks (L, C, R) uint8; frame (F_STEPS + L - 1,) float64 for `is_open`."""
+    across, down = masks.shape[1], masks.shape[2]
+    nearest, total = np.empty((across, down), np.uint16), np.empty((across + 1, down + 1), np.int32)
+    boxes, column = np.empty(codes.shape[1], np.uint16), np.empty(down, np.uint16)
+    nearest_codes(codes, cell, ints, floats, n, quantum, boxes, nearest)
     count_unknown(nearest, total)
     for k in range(masks.shape[0]):
         x = first_m * ratio**k
@@ -204,6 +210,14 @@ def open_masks(
         high = max(1, math.ceil(hs * f / (x * cell) - ROUNDING))
         limit = max(int(f * quantum / beyond), 2)
         open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, masks[k])
+    frame[F_ACROSS], frame[F_DOWN], frame[F_CU], frame[F_CV] = (
+        f / step / cell,
+        f / cell,
+        (cu + 0.5) / cell,
+        (cv + 0.5) / cell,
+    )
+    for k in range(1, masks.shape[0]):
+        frame[F_STEPS + k - 1] = first_m * ratio ** (k - 0.5)
 
 
 def opening_masks(
@@ -214,19 +228,13 @@ def opening_masks(
 
     A cell passes at x when nothing in it is nearer than x + Ws; so a niche shallower than the vehicle is wide is no
     opening."""
-    p = params
-    step, cell = float(g.lateral[0]), p.opening_cell_px
+    p, cell = params, params.opening_cell_px
     shape = -(-g.cols // cell), -(-g.rows // cell)
-    nearest = scratch("opening_nearest", shape, np.uint16)
-    nearest_codes(codes, cell, ints, floats, n, g.quantum, scratch("opening_boxes", (g.rows,), np.uint16), nearest)
     layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
-    masks = scratch("opening_masks", (layers, *shape), np.uint8)
+    masks, frame = scratch("opening_masks", (layers, *shape), np.uint8), np.empty(F_STEPS + layers - 1)
     open_masks(
-        nearest, p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m, p.opening_behind_m, max_range_m,
-        g.f_px, step, cell, g.quantum, p.opening_unknown_share,
-        scratch("opening_total", (shape[0] + 1, shape[1] + 1), np.int32),
-        scratch("opening_spare", (2, shape[0] * shape[1]), np.uint8), scratch("opening_column", (shape[1],), np.uint16), masks,
+        codes, ints, floats, n, cell, p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m,
+        p.opening_behind_m, max_range_m, g.f_px, g.cu, g.cv, float(g.lateral[0]), g.quantum, p.opening_unknown_share,
+        scratch("opening_spare", (2, shape[0] * shape[1]), np.uint8), masks, frame,
     )  # fmt: skip
-    across, down, cu, cv = g.f_px / step / cell, g.f_px / cell, (g.cu + 0.5) / cell, (g.cv + 0.5) / cell
-    begins = [p.opening_first_m * p.opening_ratio ** (k - 0.5) for k in range(1, layers)]
-    return masks, np.array([across, down, cu, cv, *begins])
+    return masks, frame

@@ -42,6 +42,21 @@ class PrismTable(Sequence[Prism]):
         self.plane = readonly(plane, np.int32, (int(edge_begin[-1]),), "plane")
         self._place(heights_m, vertices_m)
 
+    @classmethod
+    def written(
+        cls, cluster: NDArray[np.int32], heights_m: NDArray[np.float32], closed: NDArray[np.bool_],
+        margin_m: NDArray[np.float32], vertex_begin: NDArray[np.int32], edge_begin: NDArray[np.int32],
+        vertices_m: NDArray[np.float32], plane: NDArray[np.int32],
+    ) -> PrismTable:  # fmt: skip
+        """Of arrays that our own kernels have just written, which fit; they become read-only."""
+        table = object.__new__(cls)
+        table.cluster, table.heights_m, table.closed, table.margin_m = cluster, heights_m, closed, margin_m
+        table.vertex_begin, table.edge_begin = vertex_begin, edge_begin
+        table.vertices_m, table.plane = vertices_m, plane
+        for array in (cluster, heights_m, closed, margin_m, vertex_begin, edge_begin, vertices_m, plane):
+            array.flags.writeable = False
+        return table
+
     def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
         """The same prisms in another place: what does not say where they stand was checked when it was made. Raises
         ValueError."""

@@ -215,7 +215,7 @@ def layered_prisms(
     size, edges = write_prisms(
         planes, margin_m, cluster, join_m, end_m, heights, starts, plane_of, vertices, margins, clusters, begins
     )
-    return PrismTable(
+    return PrismTable.written(
         clusters[:size], heights[:size], np.zeros(size, bool), margins[:size], begins[: size + 1], starts[: size + 1],
         vertices[: edges + size], plane_of[:edges],
     )  # fmt: skip

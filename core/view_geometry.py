@@ -33,7 +33,7 @@ class ViewGeometry:
 
     cols, rows: its size; f_px: focal length; cu, cv: principal point. A cell (u, v) at forward distance X lies at
     y = X * (u - cu)/f_px * lateral[v] and z = X * tan_edge between its edges tan_edge[v], tan_edge[v + 1] (down).
-    quantum: codes per pixel of disparity, code = f_px/X * quantum. H: (3, 3) float64, H (u, v, 1) is the cell's ray in
+    tan_mid: (rows,) float32, the tangents in the middle of rows. quantum: codes per pixel of disparity, code = f_px/X * quantum. H: (3, 3) float64, H (u, v, 1) is the cell's ray in
     the source's pixels (homogeneous, third component: Z_optical / X)."""
 
     cols: int
@@ -43,6 +43,7 @@ class ViewGeometry:
     cv: float
     quantum: float
     tan_edge: NDArray[np.float32]
+    tan_mid: NDArray[np.float32]
     lateral: NDArray[np.float32]
     H: NDArray[np.float64]
 
@@ -97,35 +98,38 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    cols, rows, f_px, cu, cv, edges, lateral, H = level_view(
+    cols, rows, f_px, cu, cv, edges, middles, lateral, H = level_view(
         np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
     )
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px), tan_edge=edges, lateral=lateral, H=H
+        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px), tan_edge=edges, tan_mid=middles,
+        lateral=lateral, H=H,
     )  # fmt: skip
 
 
 @kernel
 def level_view(R, k, width, height, limit, ratio):
-    """(cols, rows, f_px, cu, cv, tan_edge, lateral, H) of ViewGeometry. R, k, width, height, limit: see `window_of_border`."""
+    """(cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry. R, k, width, height, limit: see `window_of_border`."""
     left, right, up, down = window_of_border(R, k, width, height, limit)
     f_px = min(k[0], k[1])
     cells = (right - left) * (down - up) * f_px * f_px
     f_px *= math.sqrt(min(1.0, ratio * width * height / cells))
     cu, cols = _axis(f_px * left, f_px * right, k[2])
     cv, rows = _axis(f_px * up, f_px * down, k[3])
-    edges, H = np.empty(rows + 1, np.float32), np.empty((3, 3))
-    fill_view(R, k, f_px, cu, cv, edges, H)
-    return cols, rows, f_px, cu, cv, edges, np.ones(rows, np.float32), H
+    edges, middles, H = np.empty(rows + 1, np.float32), np.empty(rows, np.float32), np.empty((3, 3))
+    fill_view(R, k, f_px, cu, cv, edges, middles, H)
+    return cols, rows, f_px, cu, cv, edges, middles, np.ones(rows, np.float32), H
 
 
 @inner
-def fill_view(R, k, f_px, cu, cv, edges, H):
-    """Row edges (rows + 1,) float32 as tangents and the homography H (3, 3) of ViewGeometry.
+def fill_view(R, k, f_px, cu, cv, edges, middles, H):
+    """Row edges (rows + 1,) and their middles (rows,) float32 as tangents and the homography H (3, 3) of ViewGeometry.
 
     A cell's ray is (1, (u - cu)/f, (v - cv)/f) in level_cam; R_level_optical, transposed, turns it into optical."""
     for v in range(len(edges)):
         edges[v] = (v - 0.5 - cv) / f_px
+    for v in range(len(middles)):
+        middles[v] = np.float32(0.5) * (edges[v + 1] + edges[v])
     for j in range(3):
         a, b = R[1, j] / f_px, R[2, j] / f_px
         H[j, 0], H[j, 1], H[j, 2] = a, b, R[0, j] - a * cu - b * cv
@@ -194,7 +198,8 @@ def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Par
     tan_edge = (math.sin(theta) + edge * math.cos(theta)) / np.maximum(forward, 1e-3)
     lateral = (k.fy / k.fx) / np.maximum(math.cos(theta) - mid * math.sin(theta), 1e-3)
     quantum = code_quantum(info, k.fy)
+    edges = tan_edge.astype(np.float32)
     return ViewGeometry(
         cols=k.width, rows=k.height, f_px=k.fy, cu=k.cx, cv=k.cy, quantum=quantum,
-        tan_edge=tan_edge.astype(np.float32), lateral=lateral.astype(np.float32), H=turn,
+        tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]), lateral=lateral.astype(np.float32), H=turn,
     )  # fmt: skip

@@ -125,7 +125,7 @@ def test_no_kernel_is_first_needed_in_flight() -> None:
     command = [sys.executable, "-c", NEEDED_LATER, str(data)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     count, later = done.stdout.split(maxsplit=1)
-    assert int(count) > 25
+    assert int(count) > 15
     assert later.strip() == "[]"
 
 
@@ -163,7 +163,7 @@ print(len(kernels), sorted(k.py_func.__name__ for k in kernels if not k.overload
 def test_whatever_parameters_choose_every_kernel_that_python_calls_is_run() -> None:
     done = subprocess.run([sys.executable, "-c", CALLED], capture_output=True, text=True, check=True)
     count, never = done.stdout.split(maxsplit=1)
-    assert int(count) > 35
+    assert int(count) > 25
     assert never.strip() == "[]"
 
 

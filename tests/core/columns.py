@@ -22,8 +22,8 @@ def view(rows: int = ROWS, cols: int = 1, f: float = F) -> ViewGeometry:
     cu, cv = (cols - 1) / 2, (rows - 1) / 2
     edges = ((np.arange(rows + 1) - 0.5 - cv) / f).astype(np.float32)
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f, cu=cu, cv=cv, quantum=QUANTUM, tan_edge=edges, lateral=np.ones(rows, np.float32),
-        H=np.eye(3),
+        cols=cols, rows=rows, f_px=f, cu=cu, cv=cv, quantum=QUANTUM, tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
+        lateral=np.ones(rows, np.float32), H=np.eye(3),
     )  # fmt: skip
 
 

@@ -165,7 +165,7 @@ def leaves(info: CameraInfo, ke: float, seed: int) -> np.ndarray:
 def test_leaves_alone_do_not_raise_the_noise(seed: int) -> None:
     info, p = camera_info(320, 240), Params(min_sigma_px=0.01)
     image = marks(leaves(info, 0.002, seed), info)
-    assert quantile_of_tiles(noise_tiles(image, 225.0, p), 0.25, 3) > 2.0 * 0.002 * 225.0
+    assert noise_tiles(image, 225.0, p)[1] > 2.0 * 0.002 * 225.0
     assert estimate_ke(image, 225.0, 0.002, math.nan, p) == 0.002
     assert estimate_ke(image, 225.0, 0.002, 0.003, p) == 0.003
     # what is known to be less than was believed is taken all the same
@@ -188,7 +188,9 @@ def test_each_tile_has_the_noise_of_its_own_pixels() -> None:
     info = camera_info(320, 240)
     depth = np.where(np.arange(320) < 160, noisy(flat_wall(info, 6.0), 0.002, 3), noisy(flat_wall(info, 6.0), 0.008, 4))
     depth[:60] = 0
-    tiles = noise_tiles(marks(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2))
+    tiles, *_ = noise_tiles(
+        marks(depth.astype(np.uint16), info), 225.0, Params(noise_tiles_down=4, noise_tiles_across=2)
+    )
     assert tiles.shape == (4, 2)
     assert (tiles[0] < 0).all()
     np.testing.assert_allclose(tiles[1:], [[0.45, 1.8]] * 3, rtol=0.1)
