@@ -59,23 +59,18 @@ _STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
 _stats: Final = attrgetter(*_STATS)
 _MODEL: Final = np.array(
     [
-        *(pb.PrismsFrame.DESCRIPTOR.fields_by_name[name].number for name in ("planes", "prisms", "free")),
-        *(
-            pb.Planes.DESCRIPTOR.fields_by_name[name].number
-            for name in ("corners_m", "margin_m", "support_px", "flags", "cluster")
-        ),
-        *(
-            pb.Prism.DESCRIPTOR.fields_by_name[name].number
-            for name in ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")
-        ),
-        *(
-            pb.FreeProfile.DESCRIPTOR.fields_by_name[name].number
-            for name in ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")
-        ),
+        message.DESCRIPTOR.fields_by_name[name].number
+        for message, names in (
+            (pb.PrismsFrame, ("planes", "prisms", "free")),
+            (pb.Planes, ("corners_m", "margin_m", "support_px", "flags", "cluster")),
+            (pb.Prism, ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")),
+            (pb.FreeProfile, ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")),
+        )
+        for name in names
     ],
     np.uint8,
 )
-"""In the order of core/packed.py."""
+"""Numbers of fields in the order of core/packed.py."""
 
 
 def wire_bytes(message: Message) -> bytes:
