@@ -230,7 +230,7 @@ def test_the_same_bytes_with_fresh_and_with_cached_kernels(flight: Path, prisms:
     logs = [tmp_path / "fresh.mcap", tmp_path / "cached.mcap"]
     assert companion("replay", flight, "-o", logs[0], env={"NUMBA_CACHE_DIR": str(cache)}).status == 0
     first = kernels_in(cache)
-    assert sum(first[name] != before.get(name) for name in first) > 10
+    assert sum(first[name] != before.get(name) for name in first) > 3  # of some twenty that Python calls
     assert companion("replay", flight, "-o", logs[1], env={"NUMBA_CACHE_DIR": str(cache)}).status == 0
     assert kernels_in(cache) == first, "the second run compiled again"
     assert logs[0].read_bytes() == logs[1].read_bytes() == prisms.read_bytes()
