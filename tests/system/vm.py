@@ -25,7 +25,7 @@ KERNEL_ENV = "VM_KERNEL"
 """Folder of an unpacked kernel package (boot/, lib/modules/); `make vm-test` fetches one and sets this."""
 HOME = Path("opt/osape-companion")
 MARK = "@@RESULT "
-NEEDED_TOOLS = ("qemu-system-x86_64", "busybox", "cpio", "depmod", "systemctl")
+NEEDED_TOOLS = ("qemu-system-x86_64", "busybox", "cpio", "depmod", "systemctl", "udevadm", "dbus-daemon")
 BOOT_MODULES = ("virtio_pci", "9pnet_virtio", "9p", "overlay")
 DEVICE_MODULES = ("vivid",)
 PLAIN_PROCESSOR = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
