@@ -57,7 +57,7 @@ SOURCES: Final = {
 
 _STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
 _stats: Final = attrgetter(*_STATS)
-_MODEL: Final = np.array(
+MODEL_FIELDS: Final = np.array(
     [
         message.DESCRIPTOR.fields_by_name[name].number
         for message, names in (
@@ -167,7 +167,7 @@ def prisms_bytes(result: PrismsResult) -> bytes:
         return told
     from core.packed import packed_model  # compiled: planners, who only read, need no numba
 
-    return told + packed_model(_MODEL, model)  # a message's bytes in two parts are one message
+    return told + packed_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
 
 
 def prisms_message(result: PrismsResult) -> pb.PrismsFrame:

@@ -7,26 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from companion.messages import MODEL_FIELDS
 from core.packed import packed_model
 from core.prism_table import prism_table
 from core.types import FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
 
 from .tables import some_prisms
-
-FIELDS = np.array(
-    [
-        message.DESCRIPTOR.fields_by_name[name].number
-        for message, names in (
-            (pb.PrismsFrame, ("planes", "prisms", "free")),
-            (pb.Planes, ("corners_m", "margin_m", "support_px", "flags", "cluster")),
-            (pb.Prism, ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")),
-            (pb.FreeProfile, ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")),
-        )
-        for name in names
-    ],
-    np.uint8,
-)
 
 
 def model(planes: int = 0, prisms: Sequence[Prism] = (), directions: int = 1, layers: int = 1) -> FrameModel:
@@ -73,7 +60,7 @@ def told_one_by_one(model: FrameModel) -> pb.PrismsFrame:
 
 
 def check(told: FrameModel) -> None:
-    read, expected = pb.PrismsFrame.FromString(packed_model(FIELDS, told)), told_one_by_one(told)
+    read, expected = pb.PrismsFrame.FromString(packed_model(MODEL_FIELDS, told)), told_one_by_one(told)
     assert read == expected
     assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
 
