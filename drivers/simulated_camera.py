@@ -19,6 +19,8 @@ from .frame_store import DepthMm, FrameStore
 from .simulated_flight import Rates, SimulatedFlight
 
 RENDER_S = 20.0
+AHEAD_NS = 1_000_000
+"""Before a frame arrives it is fetched: what a device has delivered lies in memory that is at hand, not in a file."""
 _SEQUENCES = 1 << 32
 _RENDERERS = (
     "flight_path", "flights", "raycast", "scene_library", "scenes", "sensor_model", "simulated", "simulated_flight"
@@ -100,8 +102,7 @@ class SimulatedDepthSource:
         if not self._plugged():
             raise DeviceLost(f"simulated camera {self._info.camera}: {self._words()}")
         if self._newest() <= self._delivered and self._pace is not None and timeout_s > 0.0:
-            due_ns = self._exposure_ns(self._delivered + 1) + round(self._simulation.latency_s * NS)
-            self._pace(min(timeout_s, max(0.0, (due_ns - self._clock_ns()) / NS)))
+            self._await_next(self._frames, self._clock_ns() + round(timeout_s * NS))
         newest = self._newest()
         if newest <= self._delivered:
             return None
@@ -116,6 +117,19 @@ class SimulatedDepthSource:
             t_arrival_ns=self._clock_ns(),
             depth_mm=depth_mm,
         )
+
+    def _await_next(self, frames: FrameStore, until_ns: int) -> None:
+        """Waits for the next frame's arrival, until then at most; meanwhile it is rendered or fetched."""
+        assert self._pace is not None
+        due_ns = self._exposure_ns(self._delivered + 1) + round(self._simulation.latency_s * NS)
+        for at_ns in (due_ns - AHEAD_NS, due_ns):
+            self._pace(max(0, min(at_ns, until_ns) - self._clock_ns()) / NS)
+            if at_ns > until_ns:
+                return
+            if at_ns < due_ns:
+                depth_mm = self._image(frames, self._on_path(self._delivered + 1))
+                if depth_mm is not None:
+                    depth_mm.max()
 
     def _exposure_ns(self, count: int) -> int:
         """Of the count-th exposure since the clock's zero."""
