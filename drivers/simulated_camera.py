@@ -20,7 +20,8 @@ from .simulated_flight import Rates, SimulatedFlight
 
 RENDER_S = 20.0
 AHEAD_NS = 1_000_000
-"""Before a frame arrives it is fetched: what a device has delivered lies in memory that is at hand, not in a file."""
+"""So long before a frame arrives it is fetched from the file into the process's own memory, where a device would have put
+it: not after its arrival, which would count as latency."""
 _SEQUENCES = 1 << 32
 _RENDERERS = (
     "flight_path", "flights", "raycast", "scene_library", "scenes", "sensor_model", "simulated", "simulated_flight"
@@ -65,6 +66,7 @@ class SimulatedDepthSource:
         self._room = (simulation.folder, self._name(), self._steps + 1, k.height, k.width)
         self._frames: FrameStore | None = None
         self._delivered = -1
+        self._ahead: tuple[int, DepthMm | None] = -1, None
 
     @property
     def info(self) -> CameraInfo:
@@ -107,7 +109,9 @@ class SimulatedDepthSource:
         if newest <= self._delivered:
             return None
         self._delivered = newest
-        depth_mm = self._image(self._frames, self._on_path(newest))
+        count, depth_mm = self._ahead
+        if count != newest:
+            depth_mm = self._image(self._frames, self._on_path(newest))
         if depth_mm is None:
             return None
         return DepthFrame(
@@ -119,17 +123,17 @@ class SimulatedDepthSource:
         )
 
     def _await_next(self, frames: FrameStore, until_ns: int) -> None:
-        """Waits for the next frame's arrival, until then at most; meanwhile it is rendered or fetched."""
+        """Waits for the next frame's arrival, until then at most; meanwhile it is fetched, where it was rendered before."""
         assert self._pace is not None
-        due_ns = self._exposure_ns(self._delivered + 1) + round(self._simulation.latency_s * NS)
+        count = self._delivered + 1
+        due_ns, i = self._exposure_ns(count) + round(self._simulation.latency_s * NS), self._on_path(count)
         for at_ns in (due_ns - AHEAD_NS, due_ns):
             self._pace(max(0, min(at_ns, until_ns) - self._clock_ns()) / NS)
             if at_ns > until_ns:
                 return
-            if at_ns < due_ns:
-                depth_mm = self._image(frames, self._on_path(self._delivered + 1))
-                if depth_mm is not None:
-                    depth_mm.max()
+            if self._ahead[0] != count and frames.holds(i):
+                depth_mm = frames.get(i)
+                self._ahead = count, None if depth_mm is None else depth_mm.copy()
 
     def _exposure_ns(self, count: int) -> int:
         """Of the count-th exposure since the clock's zero."""

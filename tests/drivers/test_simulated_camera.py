@@ -93,6 +93,30 @@ def test_where_the_plan_says_so_there_is_no_attitude() -> None:
 # ---- the camera -------------------------------------------------------------------------------------------------------
 
 
+def test_a_frame_that_was_fetched_before_it_arrived_is_that_of_its_exposure() -> None:
+    """Beside a camera that fetches at once; also after nobody came for one in time, and after it was closed and opened."""
+    clock = Clock()
+    source = camera(clock)
+    plain = SimulatedDepthSource(short(), INFO, Simulation(fps=10.0), clock)
+    source.open()
+    plain.open()
+    kept = []
+    for k, wait_s in enumerate((0.0, 0.0, 0.25, 0.0, 0.03, 0.0, 0.31, 0.0)):
+        clock.wait(wait_s)
+        if k == 4:
+            source.close()
+            source.open()
+        frame = source.read(0.02) or source.read(0.2)
+        same = plain.read(0.0)
+        assert frame is not None
+        assert same is not None
+        assert frame.sequence == same.sequence
+        np.testing.assert_array_equal(frame.depth_mm, same.depth_mm)
+        kept.append((frame, same))
+    for frame, same in kept:  # what was handed out is not written over
+        np.testing.assert_array_equal(frame.depth_mm, same.depth_mm)
+
+
 def test_a_frame_shows_what_is_seen_at_its_exposure_also_on_the_way_back() -> None:
     clock, flight = Clock(), EndlessFlight(flight_plan("street"))
     source = camera(clock, flight)
