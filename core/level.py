@@ -149,9 +149,9 @@ def fetch_pixels(flat, at, n, four_marks, mark, picked):
         picked[b] = 1
         picked[c] = 1
         picked[d] = 1
-    for i in range(np.uint64(4) * fours, np.uint64(n)):
-        mark[i] = flat[at[i]]
-        picked[at[i]] = 1
+    for k in range(np.uint64(4) * fours, np.uint64(n)):
+        mark[k] = flat[at[k]]
+        picked[at[k]] = 1
 
 
 @kernel
