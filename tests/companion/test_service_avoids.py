@@ -76,7 +76,7 @@ class Told:
                 r[-1] - r[0] < (count - 1) * NS // 10 and max(b - a for a, b in pairwise(r)) < NS // 2 for r in rows
             )
 
-        return until(row, 30.0)
+        return until(row, 60.0)
 
     def texts(self) -> list[str]:
         return [m.text for m in self.line.change(lambda a: a.of_kind("STATUSTEXT"))]
