@@ -77,11 +77,7 @@ class RecordParams:
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "waiting for the disk, at most")
     queue_items: int = number(5000, 100, 100_000, "", "and so many items")
     zstd_level: int = number(
-        -1,
-        -20,
-        9,
-        "",
-        "of the compression: the lower the quicker and the larger; below 0 noise, which stays as it is, quickest",
+        -1, -20, 9, "", "of the compression: the lower the quicker and the larger, from -1 down noise at the quickest"
     )
     depth: bool = switch(True, "the depth images too: without them nothing can be replayed")
     mavlink: bool = switch(True, "the autopilot's messages as they came")

@@ -223,13 +223,12 @@ CALLED = {"level.level_into", "ground.search_ground", "columns.extract_strips", 
 
 
 def test_the_same_bytes_with_fresh_and_with_cached_kernels(flight: Path, prisms: Path, tmp_path: Path) -> None:
-    """Every fourth kernel and some more compiled in this very run, beside callers and called ones from the cache; all read from the cache
-    that it left; and (the fixture) from that of long ago. All of them compiled anew: the soak below."""
+    """Every fourth kernel and some more compiled in this very run, beside callers and called ones from the cache; all read
+    from the cache that it left; and (the fixture) from that of long ago. All of them compiled anew: the soak below."""
     warm = Path(os.environ["NUMBA_CACHE_DIR"])
     half_written = shutil.ignore_patterns("*.tmp.*")  # another worker may compile just now
     cache = shutil.copytree(warm, tmp_path / "cache" / warm.name, ignore=half_written).parent
-    indexes = sorted(cache.rglob("*.nbi"))
-    for k, index in enumerate(indexes):
+    for k, index in enumerate(sorted(cache.rglob("*.nbi"))):
         if k % 4 == 0 or index.name.split("-")[0] in CALLED:
             index.unlink()
     before = kernels_in(cache)

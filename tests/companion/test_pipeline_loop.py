@@ -8,11 +8,12 @@ import time
 import weakref
 
 import numpy as np
+import pytest
 
 from companion.blindness import Blindness
 from companion.inbox import Inbox
 from companion.pipeline import Pipeline, PrismsResult
-from companion.pipeline_loop import TIDY_AT, Clockwork, PipelineLoop
+from companion.pipeline_loop import TIDY_AT, TIDY_OLDER_AT, Clockwork, PipelineLoop, tidy
 from core.extractor import Extractor
 from core.types import DepthFrame
 from drivers.clock import ClockEstimate, ClockSource
@@ -76,3 +77,25 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
     assert len(collected) >= 20
     assert not any(collected)
     assert until(lambda: sum(ref() is None for ref in lost) > 100, 1.0)
+
+
+@pytest.mark.parametrize("survived", [0, 1])
+def test_older_garbage_is_collected_in_its_turn(survived: int) -> None:
+    """What was in use when its generation was last looked through, and is in use no more."""
+    gc.collect()
+    gc.disable()  # nothing but `tidy` collects
+    try:
+        node = Node()
+        gc.collect(survived)
+        lost = weakref.ref(node)
+        del node
+        for _ in range((TIDY_OLDER_AT + 2) ** (survived + 1)):
+            assert lost() is not None
+            new = [[k] for k in range(2 * TIDY_AT)]
+            tidy()
+            del new
+            if lost() is None:
+                break
+        assert lost() is None
+    finally:
+        gc.enable()

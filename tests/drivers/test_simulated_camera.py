@@ -117,6 +117,25 @@ def test_a_frame_that_was_fetched_before_it_arrived_is_that_of_its_exposure() ->
         np.testing.assert_array_equal(frame.depth_mm, same.depth_mm)
 
 
+def test_the_next_frame_is_fetched_before_its_exposure(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, get = Clock(), FrameStore.get
+    fetched_ns: list[int] = []
+
+    def timed(self: FrameStore, i: int) -> np.ndarray | None:
+        fetched_ns.append(clock.now_ns)
+        return get(self, i)
+
+    source = camera(clock)
+    source.open()
+    monkeypatch.setattr(FrameStore, "get", timed)
+    for k in range(5):
+        frame = source.read(0.2)
+        assert frame is not None
+        assert len(fetched_ns) == k + 1
+        assert fetched_ns[-1] == frame.t_exposure_ns - simulated_camera.AHEAD_NS
+        assert frame.t_arrival_ns == frame.t_exposure_ns
+
+
 def test_a_frame_shows_what_is_seen_at_its_exposure_also_on_the_way_back() -> None:
     clock, flight = Clock(), EndlessFlight(flight_plan("street"))
     source = camera(clock, flight)
