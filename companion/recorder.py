@@ -38,6 +38,9 @@ _WAKE_BYTES: Final = 100_000
 _WAKE_ITEMS: Final = 64
 _IDLE_S: Final = 0.2
 """What waits is written at least so often, be it much or little."""
+_AFTER_S: Final = 0.003
+"""From a frame that is handed over to work on it: whoever listens wakes up with its prisms just then, and would wait 1 to
+2 ms for the processor on which a chunk is compressed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,8 +261,9 @@ class Recorder:
     def _next_items(self) -> list[_Begin | _Item | None] | None:
         """What is queued, waiting a little for it; None at the end."""
         with self._ready:
-            if not self._stop and not self._much:
-                self._ready.wait(_IDLE_S)
+            idle = not self._stop and not self._much
+            if idle and self._ready.wait(_IDLE_S) and not self._stop:
+                self._ready.wait(_AFTER_S)
             if not self._queue and self._stop:
                 return None
             items = list(self._queue)

@@ -32,6 +32,8 @@ _TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
 """By one that signs: heartbeats (PX4 alone), radios, and what may save from a collision."""
 _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
+_LOOK_NS = 1_000_000
+"""Between two looks while a message is held back: it hides its attitude, or is silent."""
 
 
 def hovering(_: int) -> VehicleState:
@@ -92,6 +94,7 @@ class SimulatedAutopilot:
         self.stubborn: set[str] = set()
         self.silent = self.deaf = self.mute = False
         self._next_ns: dict[int, int] = {}
+        self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
         self._intervals: dict[int, float] = {}
         self._answers: list[bytes] = []
         self._mavlink = dialect.MAVLink(None, self.personality.system_id, self.personality.component_id)
@@ -228,6 +231,12 @@ class SimulatedAutopilot:
             out.append(self._pack(dialect.MAVLink_timesync_message(0, self.boot_ns(now_ns))))
         return out
 
+    def next_due_ns(self, now_ns: int) -> int:
+        """When to ask `due` again, after it was asked at now_ns: the next message's instant, or soon where one is held back."""
+        own = (_HEARTBEAT, _TIMESYNC)
+        awaited = [t_ns for number, t_ns in self._next_ns.items() if number in self._intervals or number in own]
+        return max(min(awaited, default=now_ns), now_ns + _LOOK_NS)
+
     def _is_due(self, number: int, hz: float, now_ns: int) -> bool:
         if hz <= 0.0 or now_ns < self._next_ns.get(number, 0):
             return False
@@ -240,17 +249,23 @@ class SimulatedAutopilot:
         p = self.personality
         return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, p.custom_mode, 4, 3)
 
+    def _state(self, now_ns: int) -> VehicleState:
+        """Once for all messages of an instant: it takes longer than they do."""
+        if self._moved[0] != now_ns:
+            self._moved = (now_ns, self.personality.motion(now_ns))
+        return self._moved[1]
+
     def _attitude(self, now_ns: int) -> list[Any]:
-        m = self.personality.motion(now_ns)
+        m = self._state(now_ns)
         return [dialect.MAVLink_attitude_message(self.boot_ns(now_ns) // 1_000_000, *m.euler_rad, *m.rates_frd_rad_s)]
 
     def _attitude_quaternion(self, now_ns: int) -> list[Any]:
-        m = self.personality.motion(now_ns)
+        m = self._state(now_ns)
         boot_ms = self.boot_ns(now_ns) // 1_000_000
         return [dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)]
 
     def _local_position(self, now_ns: int) -> list[Any]:
-        m = self.personality.motion(now_ns)
+        m = self._state(now_ns)
         boot_ms = self.boot_ns(now_ns) // 1_000_000
         return [dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)]
 

@@ -17,7 +17,8 @@ from typing import Any
 
 from .simulated_autopilot import SimulatedAutopilot
 
-_STEP_S = 0.001
+_IDLE_S = 0.1
+"""Longest wait for something to send."""
 
 
 @dataclass(kw_only=True)
@@ -100,6 +101,7 @@ class AutopilotLine:
         self._waiting: list[tuple[int, int, bytes]] = []
         self._count = 0
         self._stop = threading.Event()
+        self._woken = os.eventfd(0, os.EFD_NONBLOCK)
         self._thread = threading.Thread(target=self._run, name="simulated autopilot", daemon=True)
 
     def __enter__(self) -> AutopilotLine:
@@ -111,19 +113,38 @@ class AutopilotLine:
 
     def close(self) -> None:
         """Stops and closes the line."""
+        if self._stop.is_set():
+            return
         self._stop.set()
+        with self._lock:
+            self._wake()
         if self._thread.ident is not None:
             self._thread.join(2.0)
         self._end.close()
+        with self._lock:
+            os.close(self._woken)
+            self._woken = -1
+
+    def _wake(self) -> None:
+        """Lets the thread look at once. Under the lock."""
+        if self._woken >= 0:
+            os.eventfd_write(self._woken, 1)
 
     def change(self, act: Callable[[SimulatedAutopilot], Any]) -> Any:
         """Does something to the autopilot between two rounds, or asks it."""
         with self._lock:
-            return act(self.autopilot)
+            try:
+                return act(self.autopilot)
+            finally:
+                self._wake()
 
     def _run(self) -> None:
+        wait_s = 0.0
         while not self._stop.is_set():
-            select.select([self._end], [], [], _STEP_S)
+            # until something is due or comes: looks at short intervals would take a processor from what is measured
+            ready, _, _ = select.select([self._end, self._woken], [], [], wait_s)
+            if self._woken in ready:
+                os.eventfd_read(self._woken)
             data = self._end.read()
             now_ns = time.monotonic_ns()
             with self._lock:
@@ -131,8 +152,16 @@ class AutopilotLine:
                     self.autopilot.receive(data, now_ns)
                 for message in self.autopilot.due(now_ns):
                     self._send_later(message, now_ns)
+                next_ns = self.autopilot.next_due_ns(now_ns)
             while self._waiting and self._waiting[0][0] <= now_ns:
                 self._end.write(heapq.heappop(self._waiting)[2])
+            wait_s = self._wait_s(next_ns)
+
+    def _wait_s(self, next_ns: int) -> float:
+        """Until the autopilot's next message, or one that is held back."""
+        if self._waiting:
+            next_ns = min(next_ns, self._waiting[0][0])
+        return min(max((next_ns - time.monotonic_ns()) * 1e-9, 0.0), _IDLE_S)
 
     def _send_later(self, message: bytes, now_ns: int) -> None:
         f, dice = self.faults, self._random

@@ -127,6 +127,30 @@ def test_what_is_held_is_handed_over_at_the_end_and_counts_before(tmp_path: Path
         assert sum(isinstance(e, DepthFrame) for e in recording.events()) == len(events)
 
 
+def test_who_listens_goes_first_and_an_end_does_not_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame waits for the recorder's pause, here an hour; with the next one, or at the end, it is over."""
+    source = flight(1.0)
+    pipeline = make_pipeline(Config(), source.cameras)
+    frames = [e for e in source.events() if isinstance(e, DepthFrame)][:3]
+    monkeypatch.setattr(recorder_module, "_AFTER_S", 3600.0)
+    monkeypatch.setattr(recorder_module, "_WAKE_BYTES", frames[0].depth_mm.nbytes)
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    recorder.begin(frames[0].t_arrival_ns, pipeline.cameras, pipeline.state())
+    assert until(lambda: recorder.status.recording)  # a few bytes wake nobody, and wait for no one
+    recorder.event(frames[0])
+    assert not until(lambda: recorder.status.queued == 0, 0.5)
+    recorder.event(frames[1])
+    assert until(lambda: recorder.status.queued == 0)
+    recorder.event(frames[2])
+    recorder.close()
+    (log,) = files_of(tmp_path)
+    assert not log.active
+    with McapRecording(log.path) as recording:
+        logged = [e.sequence for e in recording.events() if isinstance(e, DepthFrame)]
+    assert logged == [frame.sequence for frame in frames]
+
+
 def test_what_is_held_is_bounded_too(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, run_info("live"), RecordParams(queue_items=100, least_free_mb=1.0))
     recorder.open()

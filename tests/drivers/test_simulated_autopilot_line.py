@@ -1,0 +1,103 @@
+"""The simulated autopilot sleeps until it has something to say, so that it takes no processor from what is measured."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from drivers import simulated_autopilot_line as line_module
+from drivers.mavlink_frames import MessageSplitter
+from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+
+NS, MS = 1_000_000_000, 1_000_000
+
+
+class Counted(SimulatedAutopilot):
+    """Counts the looks at it, and those that brought something."""
+
+    def __init__(self, personality: Personality) -> None:
+        super().__init__(personality)
+        self.looks = self.answers = 0
+
+    def due(self, now_ns: int) -> list[bytes]:
+        out = super().due(now_ns)
+        self.looks += 1
+        self.answers += bool(out)
+        return out
+
+
+@contextmanager
+def listening() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
+        ear.bind(("127.0.0.1", 0))
+        ear.settimeout(5.0)
+        yield ear
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_it_looks_when_something_is_due(kind: str) -> None:
+    """All messages go out, in their shares, and next to no look comes to nothing."""
+    autopilot = Counted(Personality(kind=kind, streams={30: 100.0, 32: 30.0}))
+    got: dict[str, int] = {}
+    with listening() as ear, AutopilotLine(autopilot, UdpEnd(*ear.getsockname())):
+        splitter = MessageSplitter()
+        while got.get("ATTITUDE", 0) < 200:
+            for message in splitter.feed(ear.recv(65_536)):
+                got[message.get_type()] = got.get(message.get_type(), 0) + 1
+    assert 55 <= got["LOCAL_POSITION_NED"] <= 65
+    assert got["HEARTBEAT"] >= 2
+    assert autopilot.looks <= 1.2 * autopilot.answers + 5
+
+
+def test_after_a_look_it_says_when_the_next_one_is_due() -> None:
+    autopilot = SimulatedAutopilot(Personality(streams={30: 100.0, 32: 30.0}, timesync_asks_hz=2.0))
+    assert len(autopilot.due(NS)) == 4
+    assert autopilot.next_due_ns(NS) == NS + 10 * MS
+    assert len(autopilot.due(NS + 10 * MS)) == 1
+    assert autopilot.next_due_ns(NS + 10 * MS) == NS + 20 * MS
+    assert autopilot.due(NS + 15 * MS) == []
+
+
+def test_what_is_held_back_is_looked_at_again_soon_but_not_without_a_pause() -> None:
+    hidden = [True]
+    autopilot = SimulatedAutopilot(Personality(streams={30: 100.0}, hides_attitude=lambda _: hidden[0]))
+    autopilot.due(NS)
+    hidden[0] = False
+    autopilot.due(NS)
+    hidden[0] = True
+    at_ns = NS + 50 * MS  # attitudes are overdue, and hidden
+    assert autopilot.due(at_ns) == []
+    assert autopilot.next_due_ns(at_ns) == at_ns + MS
+    hidden[0] = False
+    assert len(autopilot.due(at_ns + MS)) == 1
+    autopilot.silent = True
+    late_ns = NS + 5 * NS
+    assert autopilot.due(late_ns) == []
+    assert autopilot.next_due_ns(late_ns) == late_ns + MS
+
+
+def test_one_that_has_never_said_anything_is_looked_at_soon() -> None:
+    autopilot = SimulatedAutopilot()
+    autopilot.mute = True
+    assert autopilot.due(NS) == []
+    assert autopilot.next_due_ns(NS) == NS + MS
+
+
+def test_a_change_is_acted_on_at_once_and_may_come_after_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here nothing is due for hours: without being woken the line would sleep on."""
+    monkeypatch.setattr(line_module, "_IDLE_S", 3600.0)
+    monkeypatch.setattr(SimulatedAutopilot, "next_due_ns", lambda _, now_ns: now_ns + 3600 * NS)
+    with listening() as ear:
+        with AutopilotLine(SimulatedAutopilot(), UdpEnd(*ear.getsockname())) as line:
+            assert ear.recv(65_536)  # what is due at the beginning
+            time.sleep(0.1)
+            while ear.recv(65_536) != b"last":
+                line.change(lambda autopilot: autopilot.relay(b"last"))
+        assert not line._thread.is_alive()
+        assert line.change(lambda autopilot: autopilot.silent) is False
+        line.close()
