@@ -132,12 +132,10 @@ def child_of(pid: int) -> int:
 
 
 @contextmanager
-def running(*words: str, log: Path, gives_way: bool = False) -> Iterator[subprocess.Popen[bytes]]:
-    """`python -m companion words`, ended at the end. gives_way: it takes a processor only where no other wants it."""
+def running(*words: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """`python -m companion words`, ended at the end."""
     with log.open("wb") as out:
         process = subprocess.Popen([sys.executable, "-m", "companion", *words], stdout=out, stderr=out)
-    if gives_way:
-        os.sched_setscheduler(process.pid, os.SCHED_IDLE, os.sched_param(0))
     try:
         yield process
         process.terminate()
@@ -153,9 +151,7 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     config.write_text(CONFIG.format(**values, folder=folder, record="off" if args.no_log else "always"))
     ear, stop, health = Ear(), threading.Event(), f"ipc://{folder}/health"
     with ExitStack() as stack:
-        # on a vehicle it is a computer of its own: here it must not push the service off a processor
-        autopilot = ("simulate-autopilot", "-c", str(config))
-        stack.enter_context(running(*autopilot, log=folder / "autopilot.txt", gives_way=True))
+        stack.enter_context(running("simulate-autopilot", "-c", str(config), log=folder / "autopilot.txt"))
         service = stack.enter_context(running("run", "-c", str(config), log=folder / "service.txt"))
         listener = threading.Thread(target=ear.listen, args=(f"ipc://{folder}/prisms", stop))
         listener.start()

@@ -38,7 +38,7 @@ _WAKE_BYTES: Final = 100_000
 _WAKE_ITEMS: Final = 64
 _IDLE_S: Final = 0.2
 """What waits is written at least so often, be it much or little."""
-_AFTER_S: Final = 0.003
+_AFTER_S: Final = 0.001
 """From a frame that is handed over to work on it: whoever listens wakes up with its prisms just then, and would wait 1 to
 2 ms for the processor on which a chunk is compressed."""
 
