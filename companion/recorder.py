@@ -39,8 +39,8 @@ _WAKE_ITEMS: Final = 64
 _IDLE_S: Final = 0.2
 """What waits is written at least so often, be it much or little."""
 _AFTER_S: Final = 0.001
-"""From a frame that is handed over to work on it: whoever listens wakes up with its prisms just then, and would wait 1 to
-2 ms for the processor on which a chunk is compressed."""
+"""So long after a frame was handed over the work on it begins: whoever listens wakes up with its prisms just then, and
+would wait 1 to 2 ms for the processor on which a chunk is compressed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -138,6 +138,8 @@ def test_who_listens_goes_first_and_an_end_does_not_wait(tmp_path: Path, monkeyp
     recorder.open()
     recorder.begin(frames[0].t_arrival_ns, pipeline.cameras, pipeline.state())
     assert until(lambda: recorder.status.recording)  # a few bytes wake nobody, and wait for no one
+    monkeypatch.setattr(recorder_module, "_IDLE_S", 3600.0)
+    time.sleep(0.5)  # the wait at hand is over, and one that only a frame ends has begun
     recorder.event(frames[0])
     assert not until(lambda: recorder.status.queued == 0, 0.5)
     recorder.event(frames[1])
