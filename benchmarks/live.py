@@ -25,6 +25,7 @@ import numpy as np
 import zmq
 
 from companion.demo_live import free_port
+from companion.idle_latency import NO_WISH
 from companion.status import newest_health
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -42,6 +43,8 @@ fps = {hz}
 seed = {seed}
 [autopilot]
 address = "udpin:127.0.0.1:{port}"
+[service]
+idle_latency_us = {idle_us}
 [record]
 record = "{record}"
 folder = "{folder}/logs"
@@ -148,6 +151,7 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Runs the service; the figures. Raises TimeoutError when it does not see."""
     config = folder / "live.toml"
     values = {"flight": args.flight, "width": args.width, "hz": args.hz, "seed": args.seed, "port": free_port()}
+    values["idle_us"] = args.idle_latency
     config.write_text(CONFIG.format(**values, folder=folder, record="off" if args.no_log else "always"))
     ear, stop, health = Ear(), threading.Event(), f"ipc://{folder}/health"
     with ExitStack() as stack:
@@ -223,6 +227,7 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=640)
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--no-log", action="store_true")
+    parser.add_argument("--idle-latency", type=int, default=NO_WISH, help="[service] idle_latency_us")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         try:

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from companion.idle_latency import NO_WISH
+
 from . import live, start
 
 SHORT_MINUTES = 0.4
@@ -78,9 +80,12 @@ def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
     ]  # fmt: skip
 
 
-def run_of(flight: str, hz: float, minutes: float) -> dict[str, Any]:
+def run_of(flight: str, hz: float, minutes: float, idle_latency: int) -> dict[str, Any]:
     """One run with its log on. Raises TimeoutError when it does not see."""
-    asked = Namespace(flight=flight, hz=hz, minutes=minutes, width=640, seed=100, warm_up=WARM_UP_S, no_log=False)
+    asked = Namespace(
+        flight=flight, hz=hz, minutes=minutes, width=640, seed=100, warm_up=WARM_UP_S, no_log=False,
+        idle_latency=idle_latency,
+    )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         return live.measure(asked, Path(folder))
 
@@ -90,6 +95,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="what the live service is held to")
     parser.add_argument("--minutes", type=float, default=10.0, help="of the long run (10)")
     parser.add_argument("--runs", type=int, default=3, help="starts (3)")
+    parser.add_argument("--idle-latency", type=int, default=NO_WISH, help="[service] idle_latency_us of the live runs")
     parser.add_argument("--json", type=Path, help="all that was measured, into a file")
     args = parser.parse_args()
     times = start.runs_of(args.runs)
@@ -100,7 +106,7 @@ def main() -> int:
             ("street", 12.0, SHORT_MINUTES), ("trees", 12.0, SHORT_MINUTES), ("trees", 30.0, SHORT_MINUTES),
             ("street", 30.0, args.minutes),
         ):  # fmt: skip
-            runs.append(run_of(flight, hz, minutes))
+            runs.append(run_of(flight, hz, minutes, args.idle_latency))
             lines += live_lines(runs[-1], held=flight == "street")
     except TimeoutError as error:
         print(error, file=sys.stderr)

@@ -69,17 +69,19 @@ def install_steps(places: Places, config: Path | None, replace_config: bool, sta
         file_step(places.sysusers, shipped("systemd", f"{NAME}.sysusers").read_text(), "the service's user and groups"),
         user_step(places),
         config_step(places, config, replace_config),
-        file_step(places.rules, shipped("systemd", f"60-{NAME}.rules").read_text(), "who may use the cameras"),
+        file_step(places.rules, shipped("systemd", f"60-{NAME}.rules").read_text(), "who may use which device"),
         file_step(places.unit, unit, "the service"),
     ]
     if not places.live:
         enable = ["systemctl", f"--root={places.root}", "enable", UNIT]
         return [*steps, command_step(enable, "it starts with the machine", places.enabled.is_symlink())]
     changed = not all(s.done for s in steps)
+    trigger = ["udevadm", "trigger", "--action=add"]
     match = [f"--subsystem-match={name}" for name in ("usb", "hidraw", "tty", "usb-serial")]
     steps += [
         command_step(["udevadm", "control", "--reload"], "the new rules", not changed),
-        command_step(["udevadm", "trigger", "--action=add", *match], "for what is plugged in already", not changed),
+        command_step([*trigger, *match], "for what is plugged in already", not changed),
+        command_step([*trigger, "--sysname-match=cpu_dma_latency"], "for how deep processors sleep", not changed),
         command_step(["systemctl", "daemon-reload"], "the new unit", not changed),
         Step(f"compile the kernels into {places.cache} (a minute, several on a Raspberry Pi)", False, _warm_up(places)),
         command_step(["systemctl", "enable", UNIT], "it starts with the machine", places.enabled.is_symlink()),

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from .config import load_config
 from .console import say
+from .idle_latency import IdleLatency
 from .sd_notify import Notifier
 from .service_folders import folders
 
@@ -131,6 +132,10 @@ def run(args: argparse.Namespace) -> int:
         gc.freeze()
         gc.enable()
 
+    idle = IdleLatency(config.service.idle_latency_us)
+    unheeded = idle.open()
+    if unheeded:
+        log.warning(unheeded)
     service = Service(config, folders(), warm_up)
     try:
         service.open()
@@ -138,4 +143,5 @@ def run(args: argparse.Namespace) -> int:
     finally:
         notifier.stopping()
         service.close()
+        idle.close()
         say("stopped")

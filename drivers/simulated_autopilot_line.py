@@ -145,7 +145,7 @@ class AutopilotLine:
             ready, _, _ = select.select([self._end, self._woken], [], [], wait_s)
             if self._woken in ready:
                 os.eventfd_read(self._woken)
-            data = self._end.read()
+            data = self._end.read() if self._end in ready else b""
             now_ns = time.monotonic_ns()
             with self._lock:
                 if data and not self.autopilot.silent:

@@ -1,0 +1,77 @@
+"""How deep the processors may sleep: asked of the kernel as long as the service runs, and told where it is not heeded."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import pytest
+
+from companion.config import ConfigError, config_of
+from companion.idle_latency import DEVICE, IdleLatency
+
+
+def held_by_us(device: Path) -> int:
+    """How many of our files it is."""
+    return sum(os.path.realpath(f"/proc/self/fd/{n}") == str(device) for n in os.listdir("/proc/self/fd"))
+
+
+def test_the_wish_is_written_as_the_kernel_reads_it_and_held_until_the_end(tmp_path: Path) -> None:
+    device = tmp_path / "latency"
+    device.touch()
+    idle = IdleLatency(250, device)
+    assert idle.open() == ""
+    assert device.read_bytes() == struct.pack("=i", 250)  # four bytes; text would mean hexadecimal to it
+    assert held_by_us(device) == 1  # closed, it would no longer be heeded
+    idle.close()
+    idle.close()
+    assert held_by_us(device) == 0
+
+
+@pytest.mark.skipif(not os.access(DEVICE, os.R_OK | os.W_OK), reason="no right to the kernel's PM QoS here")
+def test_the_kernel_heeds_it_and_forgets_it() -> None:
+    def now_us() -> int:
+        return int(struct.unpack("=i", DEVICE.read_bytes())[0])
+
+    before_us = now_us()
+    wish_us = min(before_us, 100) // 2
+    idle = IdleLatency(wish_us)
+    assert idle.open() == ""
+    try:
+        assert now_us() == wish_us
+    finally:
+        idle.close()
+    assert now_us() == before_us
+
+
+def test_no_wish_touches_nothing(tmp_path: Path) -> None:
+    device = tmp_path / "latency"
+    device.touch()
+    idle = IdleLatency(-1, device)
+    assert idle.open() == ""
+    assert device.read_bytes() == b""
+    assert held_by_us(device) == 0
+
+
+def test_a_kernel_without_it_is_told_with_the_remedy(tmp_path: Path) -> None:
+    idle = IdleLatency(0, tmp_path / "nothing")
+    said = idle.open()
+    assert "idle_latency_us = 0 is not heeded" in said
+    assert "No such file" in said
+    assert "companion install" in said
+    idle.close()
+
+
+def test_a_kernel_that_refuses_the_value_is_told_and_nothing_stays_open() -> None:
+    full = Path("/dev/full")
+    before = held_by_us(full)
+    idle = IdleLatency(5, full)
+    assert "No space left" in idle.open()
+    assert held_by_us(full) == before
+
+
+@pytest.mark.parametrize("wish_us", [-2, 100_001, 1.5, "0"])
+def test_other_values_are_refused_by_name(wish_us: object) -> None:
+    with pytest.raises(ConfigError, match="idle_latency_us"):
+        config_of({"service": {"idle_latency_us": wish_us}}, "test")
