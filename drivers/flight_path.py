@@ -94,7 +94,7 @@ class FlightPath:
 
 
 def _value(powers: list[float], since_s: float) -> float:
-    """A polynomial, highest power first: bit for bit what scipy makes of it, in a tenth of the time for one instant."""
+    """A polynomial, highest power first, summed as scipy does, whose call for one instant takes several times as long."""
     total, power = 0.0, 1.0
     for factor in reversed(powers):
         total += factor * power

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import struct
 from pathlib import Path
 
@@ -10,6 +11,21 @@ import pytest
 
 from companion.config import ConfigError, config_of
 from companion.idle_latency import DEVICE, IdleLatency
+
+from .live import Live, until
+
+ALLOWED = os.access(DEVICE, os.R_OK | os.W_OK)
+SERVICE = """
+[service]
+idle_latency_us = 41
+[record]
+record = "off"
+"""
+
+
+def heeded_us() -> int:
+    """The least that any process of this machine wishes."""
+    return int(struct.unpack("=i", DEVICE.read_bytes())[0])
 
 
 def held_by_us(device: Path) -> int:
@@ -29,20 +45,34 @@ def test_the_wish_is_written_as_the_kernel_reads_it_and_held_until_the_end(tmp_p
     assert held_by_us(device) == 0
 
 
-@pytest.mark.skipif(not os.access(DEVICE, os.R_OK | os.W_OK), reason="no right to the kernel's PM QoS here")
+@pytest.mark.skipif(not ALLOWED, reason="no right to the kernel's PM QoS here")
 def test_the_kernel_heeds_it_and_forgets_it() -> None:
-    def now_us() -> int:
-        return int(struct.unpack("=i", DEVICE.read_bytes())[0])
-
-    before_us = now_us()
+    before_us = heeded_us()
     wish_us = min(before_us, 100) // 2
     idle = IdleLatency(wish_us)
     assert idle.open() == ""
     try:
-        assert now_us() == wish_us
+        assert heeded_us() == wish_us
     finally:
         idle.close()
-    assert now_us() == before_us
+    assert heeded_us() == before_us
+
+
+def test_a_service_asks_for_it_and_even_kill_9_takes_it_back(tmp_path: Path, renders: Path) -> None:
+    """Where it has no right to, it flies all the same, and says so."""
+    live = Live(tmp_path, SERVICE, renders)
+    before_us = heeded_us() if ALLOWED else None
+    try:
+        live.start()
+        assert until(lambda: "ready: the loops run" in live.said())
+        if ALLOWED:
+            assert heeded_us() == 41
+            live.stop(signal.SIGKILL)
+            assert until(lambda: heeded_us() == before_us, 2.0)
+        else:
+            assert "idle_latency_us = 41 is not heeded" in live.said()
+    finally:
+        live.close()
 
 
 def test_no_wish_touches_nothing(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, PoseSample
@@ -40,6 +41,25 @@ def test_path_passes_its_waypoints_and_rests_beyond_them() -> None:
     assert p.at(1.0).euler_rad == pytest.approx((0.5, -0.4, 1.0))
     assert p.at(9.0).position_ned_m == pytest.approx((4.0, 2.0, -2.0))
     assert p.at(9.0).velocity_ned_m_s == (0.0, 0.0, 0.0)
+
+
+def test_the_path_is_the_librarys_spline_with_its_slopes_and_sways() -> None:
+    """At the waypoints, between them, and hovering before and after."""
+    rows = [[0, 0, 0, -2, 0, 0, 0], [1, 1, 2, -3, 0.5, -0.4, 1.0], [3, 4, 2, -2, 0, 0.3, 4.0]]
+    sway_rad, sway_hz = (0.03, 0.04, 0.02), 0.7
+    table = np.array(rows, dtype=np.float64)
+    spline = CubicSpline(table[:, 0], table[:, 1:], bc_type="clamped")
+    p = FlightPath(rows, sway_rad=sway_rad, sway_hz=sway_hz)
+    for t_s in (-0.5, 0.0, 0.4, 1.0, 1.7, 2.999, 3.0, 3.3, *np.linspace(0.0, 3.0, 101).tolist()):
+        inside = min(max(t_s, 0.0), 3.0)
+        value, slope = spline(inside), spline(inside, 1) if inside == t_s else np.zeros(6)
+        turned = 2.0 * math.pi * sway_hz * t_s + 2.0 * math.pi / 3.0 * np.arange(3)
+        state = p.at(t_s)
+        assert state.position_ned_m == pytest.approx(value[:3], rel=1e-12, abs=1e-12)
+        assert state.velocity_ned_m_s == pytest.approx(slope[:3], rel=1e-12, abs=1e-12)
+        assert state.euler_rad == pytest.approx(value[3:] + sway_rad * np.sin(turned), rel=1e-12, abs=1e-12)
+        rates = slope[3:] + np.array(sway_rad) * 2.0 * math.pi * sway_hz * np.cos(turned)
+        assert state.rates_frd_rad_s == pytest.approx(body_rates(state.euler_rad, tuple(rates)), rel=1e-9, abs=1e-9)
 
 
 def test_body_rates_of_a_pure_yaw_while_pitched() -> None:
