@@ -70,11 +70,13 @@ class Ear:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         subscriber = context.socket(zmq.SUB)
         subscriber.setsockopt(zmq.SUBSCRIBE, b"")
+        subscriber.setsockopt(zmq.RCVTIMEO, 100)
         subscriber.connect(address)
         while not stop.is_set():
-            if not subscriber.poll(100):
+            try:
+                data = subscriber.recv()
+            except zmq.Again:
                 continue
-            data = subscriber.recv()
             now_ns = time.monotonic_ns()
             message = pb.PrismsFrame.FromString(data)
             self.valid = message.valid

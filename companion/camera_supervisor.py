@@ -182,10 +182,10 @@ class CameraSupervisor:
     def _take_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
         frozen = self._judge.judge(frame)
         now = CameraCondition.FROZEN if frozen else CameraCondition.RUNNING
+        if not frozen:  # what does not change says nothing about now
+            self._on_frame(frame)  # before the status is made: the pipeline's thread wakes up meanwhile
         frames = self._status.frames + 1
         self._say(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
-        if not frozen:  # what does not change says nothing about now
-            self._on_frame(frame)
 
     def _ill(self, now_ns: int, begun_ns: int, opened_ns: int | None, heard_ns: int) -> str:
         """Names silence, and returns why the process has to be started anew, if it has."""

@@ -55,7 +55,7 @@ def flying(*words: str) -> Iterator[dict[str, str]]:
                 line = process.stdout.readline()
                 assert line, "the command ended"
                 text += line
-            yield json.loads(text)
+            yield {"pid": str(process.pid), **json.loads(text)}
             assert process.poll() is None
             process.send_signal(signal.SIGTERM)
             assert process.wait(5.0) == 0
@@ -113,6 +113,13 @@ def test_on_a_pty_with_a_name_of_its_own(tmp_path: Path) -> None:
         assert heard.status.vehicle.autopilot == "PX4"
         assert len(heard.attitudes()) > 5
     assert not os.path.lexists(link)
+
+
+def test_it_never_takes_a_processor_from_the_service(tmp_path: Path) -> None:
+    with flying("-c", str(config_file(tmp_path)), "--address", "pty") as said:
+        threads = [int(name) for name in os.listdir(f"/proc/{said['pid']}/task")]
+        assert len(threads) > 1  # the line's own
+        assert {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_BATCH}
 
 
 def test_without_a_flight_or_a_line_it_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
