@@ -6,6 +6,7 @@ fits the images, whichever of the two is started or restarted when."""
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import signal
 import sys
@@ -98,7 +99,8 @@ def run(args: argparse.Namespace) -> int:
     if not address:
         raise ValueError("the configuration has no [autopilot] address; give --address udpout:HOST:PORT")
     # a real one is another computer: this one waits for a processor rather than take it from what it is shown to
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    with contextlib.suppress(OSError):  # a container may forbid it; it flies all the same
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

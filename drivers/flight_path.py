@@ -80,7 +80,7 @@ class FlightPath:
         since_s = inside - self._begin_s[piece]
         value = [_value(powers, since_s) for powers in self._pieces[piece]]
         slope = [_value(powers, since_s) for powers in self._slopes[piece]] if inside == t_s else [0.0] * 6
-        angles, turn = list(value[3:]), list(slope[3:])
+        angles, turn = value[3:], slope[3:]
         for i, sway_rad in enumerate(self._sway_rad):
             phase = self._sway_rad_s * t_s + 2.0 * math.pi / 3.0 * i
             angles[i] += sway_rad * math.sin(phase)

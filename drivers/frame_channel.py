@@ -159,9 +159,8 @@ class FrameReader:
                     elif told is not None:
                         self.dropped += 1 if newest is not None else 0
                         newest = told
-                    if not self._poll.poll(
-                        0
-                    ):  # an exception from an empty socket takes three times as long after a pause
+                    # asked, since after a pause an empty socket's exception takes three times as long
+                    if not self._poll.poll(0):
                         break
             except DeviceLost:
                 if newest is None and not words:

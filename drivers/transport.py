@@ -197,7 +197,8 @@ class UdpLine:
         chunks: list[Chunk] = []
         self.sources = []
         for _ in range(256):  # then the rest of the loop has its turn
-            if not self._more.poll(0):  # an exception from an empty socket takes three times as long after a pause
+            # asked, since after a pause an empty socket's exception takes three times as long
+            if not self._more.poll(0):
                 break
             try:
                 data, peer = self._socket.recvfrom(_READ_BYTES)

@@ -115,7 +115,7 @@ def test_on_a_pty_with_a_name_of_its_own(tmp_path: Path) -> None:
     assert not os.path.lexists(link)
 
 
-def test_it_never_takes_a_processor_from_the_service(tmp_path: Path) -> None:
+def test_it_gives_way_to_the_service(tmp_path: Path) -> None:
     with flying("-c", str(config_file(tmp_path)), "--address", "pty") as said:
         threads = [int(name) for name in os.listdir(f"/proc/{said['pid']}/task")]
         assert len(threads) > 1  # the line's own
