@@ -22,8 +22,8 @@ from drivers.wire import (
     attitude_message,
     pose_from_message,
     pose_message,
-    quaternion_message,
-    vector_message,
+    set_quaternion,
+    set_vector,
 )
 
 from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
@@ -118,16 +118,11 @@ def free_from_message(message: pb.FreeProfile) -> FreeProfile:
     )
 
 
-def ground_message(ground: Ground) -> pb.Ground:
-    """The ground under the camera."""
-    return pb.Ground(
-        seen=ground.seen,
-        height_m=ground.height_m,
-        slope_x=ground.slope_x,
-        slope_y=ground.slope_y,
-        share=ground.share,
-        blind_beyond_m=ground.blind_beyond_m,
-    )
+def set_ground(message: pb.Ground, ground: Ground) -> None:
+    """The ground under the camera, into a message."""
+    message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
+    message.slope_x, message.slope_y = ground.slope_x, ground.slope_y
+    message.blind_beyond_m = ground.blind_beyond_m
 
 
 def ground_from_message(message: pb.Ground) -> Ground:
@@ -144,30 +139,35 @@ def ground_from_message(message: pb.Ground) -> Ground:
 
 def prisms_bytes(result: PrismsResult) -> bytes:
     """What one frame says as a message's bytes; for a dropped frame valid = false and why."""
-    model, attitude, pose, transform = result.model, result.attitude, result.pose, result.transform
-    told = wire_bytes(
-        pb.PrismsFrame(
-            schema_version=SCHEMA_VERSION,
-            camera=result.camera,
-            sequence=result.sequence,
-            t_exposure_ns=result.t_exposure_ns,
-            frame=result.frame,
-            valid=result.valid,
-            cause=cause_message(result.drop if model is None else model.cause),
-            cause_text=result.cause_text,
-            attitude=None if attitude is None else _attitude_used(attitude),
-            pose=None if pose is None else _pose_used(pose),
-            transform=None if transform is None else _transform_message(transform),
-            ground=None if model is None else ground_message(model.ground),
-            stats=None if model is None else pb.FrameStats(**dict(zip(_STATS, _stats(model.stats), strict=True))),
-            ke_per_m=None if model is None else model.ke_per_m,
-        )
+    model = result.model
+    message = pb.PrismsFrame(
+        schema_version=SCHEMA_VERSION,
+        camera=result.camera,
+        sequence=result.sequence,
+        t_exposure_ns=result.t_exposure_ns,
+        frame=result.frame,
+        valid=result.valid,
+        cause=cause_message(result.drop if model is None else model.cause),
+        cause_text=result.cause_text,
     )
+    # set in place: a message that is handed over is written and read again to become a part of another
+    if result.attitude is not None:
+        _set_attitude(message.attitude, result.attitude)
+    if result.pose is not None:
+        _set_pose(message.pose, result.pose)
+    if result.transform is not None:
+        message.transform.yaw_rad = result.transform.yaw_rad
+        set_vector(message.transform.translation_m, result.transform.translation_m)
     if model is None:
-        return told
+        return wire_bytes(message)
+    set_ground(message.ground, model.ground)
+    stats = message.stats
+    for name, value in zip(_STATS, _stats(model.stats), strict=True):
+        setattr(stats, name, value)
+    message.ke_per_m = model.ke_per_m
     from core.packed import packed_model  # compiled: planners, who only read, need no numba
 
-    return told + packed_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
+    return wire_bytes(message) + packed_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
 
 
 def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
@@ -189,25 +189,16 @@ def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: st
     )
 
 
-def _attitude_used(attitude: AttitudeAt) -> pb.AttitudeUsed:
-    return pb.AttitudeUsed(
-        source=SOURCES[attitude.source],
-        q_ned_frd=quaternion_message(attitude.q_ned_frd_wxyz),
-        distance_ns=attitude.distance_ns,
-    )
+def _set_attitude(message: pb.AttitudeUsed, attitude: AttitudeAt) -> None:
+    message.source = SOURCES[attitude.source]
+    set_quaternion(message.q_ned_frd, attitude.q_ned_frd_wxyz)
+    message.distance_ns = attitude.distance_ns
 
 
-def _pose_used(pose: PoseAt) -> pb.PoseUsed:
-    return pb.PoseUsed(
-        source=SOURCES[pose.source],
-        position_ned_m=vector_message(pose.position_ned_m),
-        distance_ns=pose.distance_ns,
-        reset_counter=pose.reset_counter,
-    )
-
-
-def _transform_message(transform: LevelTransform) -> pb.LevelTransform:
-    return pb.LevelTransform(yaw_rad=transform.yaw_rad, translation_m=vector_message(transform.translation_m))
+def _set_pose(message: pb.PoseUsed, pose: PoseAt) -> None:
+    message.source = SOURCES[pose.source]
+    set_vector(message.position_ned_m, pose.position_ned_m)
+    message.distance_ns, message.reset_counter = pose.distance_ns, pose.reset_counter
 
 
 def model_from_message(message: pb.PrismsFrame) -> FrameModel | None:

@@ -1,4 +1,7 @@
-"""The thread that turns what arrives into prisms: the one pipeline, fed from the inbox, its results sent and recorded."""
+"""The thread that turns what arrives into prisms: the one pipeline, fed from the inbox, its results sent and recorded.
+
+What is to be recorded of a frame, and of what came with it, is handed to the recorder when its prisms are sent, in the order
+in which it happened: nobody who waits for prisms waits for the log."""
 
 from __future__ import annotations
 
@@ -7,7 +10,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import groupby
 from typing import cast
@@ -61,6 +63,7 @@ class PipelineLoop:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
         self._recording = False
+        self._unrecorded: list[Callable[[Recorder], None]] = []
         self._described: tuple[CameraInfo, ...] = ()
         self._clock = ClockEstimate(ClockSource.NONE)
         self.lock = threading.Lock()
@@ -104,7 +107,7 @@ class PipelineLoop:
         while not self._stop.is_set():
             taken = self._inbox.take(TAKE_S)
             self._resting.clear()
-            with self._recorder.holding() if self._recorder is not None else nullcontext():
+            try:
                 for kind, alike in groupby(taken, _kind):
                     if kind is RawFrame:
                         self._log_line(cast(list[RawFrame], list(alike)))
@@ -113,6 +116,8 @@ class PipelineLoop:
                     else:
                         for item in alike:
                             self._handle(item)
+            finally:  # the log has the frame, too, that no pipeline could handle
+                self._write_down()
             tidy()
             self._resting.set()
             self.alive_ns = time.monotonic_ns()
@@ -120,15 +125,13 @@ class PipelineLoop:
     def _log_line(self, frames: list[RawFrame]) -> None:
         """Of what came on the autopilot's line."""
         self._open_log(frames[0])
-        if self._recorder is not None:
-            self._recorder.frames(frames)
+        self._later(lambda log: log.frames(frames))
 
     def _move(self, samples: list[Motion]) -> None:
         """The vehicle moved: some attitudes and positions."""
         self._open_log(samples[0])
-        if self._recorder is not None:
-            self._log_clock(samples[0].t_arrival_ns)
-            self._recorder.events(samples)
+        self._log_clock(samples[0].t_arrival_ns)
+        self._later(lambda log: log.events(samples))
         for sample in samples:
             self._pipeline.handle(sample)
         with self.lock:
@@ -140,41 +143,45 @@ class PipelineLoop:
             return
         self._open_log(item)
         if isinstance(item, Note):
-            if self._recorder is not None:
-                self._recorder.message(item.key, item.message, item.t_arrival_ns)
+            self._later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))
             return
         if isinstance(item, Overtaken):
             decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
-            self._tell(decision)
+            self._tell((decision,))
             return
         if isinstance(item, RawFrame):
             self._log_line([item])
             return
-        if self._recorder is not None:
-            self._log_clock(item.t_arrival_ns)
-            self._recorder.event(item)
+        self._log_clock(item.t_arrival_ns)
+        self._later(lambda log: log.event(item))
         begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
         outputs = self._pipeline.handle(item)
         done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
-        for output in outputs:
-            self._tell(output)
+        self._tell(outputs)
         if isinstance(item, DepthFrame):
             self._measure(item, begun_ns, done_ns, cpu_ns)
             self._show(item)
 
-    def _tell(self, output: Output) -> None:
-        if isinstance(output, PrismsResult):
-            with self.lock:
-                self._blindness.result(output)
-            prisms = prisms_bytes(output)
-            self._publish(output, prisms)
-        else:
-            prisms = None
-            self._count(output)
-        if self._recorder is not None:
-            self._recorder.output(output, prisms)
+    def _tell(self, outputs: tuple[Output, ...]) -> None:
+        """Sends the prisms among them before anything else is done."""
+        sent = [self._send(output) if isinstance(output, PrismsResult) else None for output in outputs]
+        for output, prisms in zip(outputs, sent, strict=True):
+            if isinstance(output, FrameDecision):
+                self._count(output)
+            self._log_output(output, prisms)
+
+    def _log_output(self, output: Output, prisms: bytes | None) -> None:
+        self._later(lambda log: log.output(output, prisms))
+
+    def _send(self, result: PrismsResult) -> bytes:
+        """The bytes of its message."""
+        with self.lock:
+            self._blindness.result(result)
+        prisms = prisms_bytes(result)
+        self._publish(result, prisms)
+        return prisms
 
     def _count(self, decision: FrameDecision) -> None:
         with self.lock:
@@ -196,6 +203,19 @@ class PipelineLoop:
 
     # ---- recording ----------------------------------------------------------------------------------------------------
 
+    def _later(self, call: Callable[[Recorder], None]) -> None:
+        """What is to be said to the recorder when the prisms are sent."""
+        if self._recorder is not None:
+            self._unrecorded.append(call)
+
+    def _write_down(self) -> None:
+        """Says it, in the order in which it happened."""
+        if self._recorder is not None and self._unrecorded:
+            with self._recorder.holding():
+                for call in self._unrecorded:
+                    call(self._recorder)
+            self._unrecorded.clear()
+
     def _open_log(self, item: Sample) -> None:
         """Begins a file where one is wanted: with the first frame, when the vehicle is armed, when the one before is
         full or failed, and with a frame after a camera came or changed: a log describes its cameras at its beginning."""
@@ -204,6 +224,7 @@ class PipelineLoop:
         wanted = self._record == "always" or (self._record == "armed" and self._clockwork.armed())
         if not wanted:
             if self._recording:
+                self._write_down()
                 self._recorder.end()
             self._recording = False
             return
@@ -212,17 +233,19 @@ class PipelineLoop:
         if frame and self._described != self._pipeline.cameras:
             due = True
         if due and self._recorder.may_begin:
+            self._write_down()  # what was before belongs to the file before
             self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state())
             self._clock = ClockEstimate(ClockSource.NONE)
             self._recording, self._described = True, self._pipeline.cameras
 
     def _log_clock(self, t_ns: int) -> None:
         """The autopilot's clock, where its estimate has changed."""
-        assert self._recorder is not None
+        if self._recorder is None:
+            return
         clock, restarts = self._clockwork.clock()
-        if clock != self._clock:
+        if clock is not self._clock and clock != self._clock:
             self._clock = clock
-            self._recorder.message("clock", clock_message(clock, restarts), t_ns)
+            self._later(lambda log: log.message("clock", clock_message(clock, restarts), t_ns))
 
 
 def tidy() -> None:

@@ -361,9 +361,10 @@ class Service:
         if publisher is None:
             return
         with self._sending:  # two threads publish; a socket is for one at a time
-            age_ns = time.monotonic_ns() - t_exposure_ns
-            publication = pb.Publication(boot_id=self._boot, number=publisher.published, age_ns=age_ns)
-            publisher.publish(data + wire_bytes(kind(publication=publication)))
+            rest = kind()
+            told, age_ns = rest.publication, time.monotonic_ns() - t_exposure_ns
+            told.boot_id, told.number, told.age_ns = self._boot, publisher.published, age_ns
+            publisher.publish(data + wire_bytes(rest))
 
     def _tell_of_computer(self, report: pb.Health) -> None:
         if self._computer is not None and self.link is not None and report.t_ns >= self._next_computer_ns:

@@ -251,7 +251,7 @@ class Extractor:
             count, planes, plane_ints, moments, ground, view, self.params
         )
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m, self.params.profile_join_m)
-        return FrameModel(
+        return FrameModel.written(
             valid=True, cause=InvalidCause.NONE, planes=rows, support_px=support_px, margin_m=margin, flags=flags,
             cluster=cluster, prisms=prisms, free=free_profile(seen, len(rows), planes, plane_ints, margin), ground=ground,
             stats=pixel_stats(

@@ -128,7 +128,10 @@ def level_cam_at(
     """(R_level_cam_optical (3, 3), heading of the camera and of the vehicle, rad, lever arm in ned, m) at an attitude: all
     that a frame asks for, `rotation_level_cam_optical` and what `level_from_level_cam` is made of."""
     frd = _rows_of_quaternion(q_ned_frd_wxyz)
-    (n0, n1, n2), (e0, e1, e2), (d0, d1, d2) = _times(frd, _rows_frd_optical(mount))
+    optical = _rows_frd_optical(mount)
+    n0, n1, n2 = _times(frd[0], optical)
+    e0, e1, e2 = _times(frd[1], optical)
+    d0, d1, d2 = _times(frd[2], optical)
     heading_rad = _heading_rad((n1, e1), (n2, e2, d2))
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     R_level_cam_optical = np.array(
@@ -138,15 +141,13 @@ def level_cam_at(
             [d0, d1, d2],
         ]
     )
-    x, y, z = mount.x_m, mount.y_m, mount.z_m
-    north, east, down = (i * x + j * y + k * z for i, j, k in frd)
-    return R_level_cam_optical, heading_rad, math.atan2(frd[1][0], frd[0][0]), (north, east, down)
+    (n, e, d), (x, y, z) = frd, (mount.x_m, mount.y_m, mount.z_m)
+    lever_ned_m = n[0] * x + n[1] * y + n[2] * z, e[0] * x + e[1] * y + e[2] * z, d[0] * x + d[1] * y + d[2] * z
+    return R_level_cam_optical, heading_rad, math.atan2(e[0], n[0]), lever_ned_m
 
 
-def _times(a: Rows, b: Rows) -> Rows:
-    """The product of two rotations."""
+def _times(row: Vector, b: Rows) -> Vector:
+    """One row of the product of two rotations."""
+    x, y, z = row
     (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
-    first, second, third = (
-        (x * b00 + y * b10 + z * b20, x * b01 + y * b11 + z * b21, x * b02 + y * b12 + z * b22) for x, y, z in a
-    )
-    return first, second, third
+    return x * b00 + y * b10 + z * b20, x * b01 + y * b11 + z * b21, x * b02 + y * b12 + z * b22

@@ -338,7 +338,7 @@ def free_profile(
     """The free-range profile of a frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m. Uses up `seen`."""
     stop_at_planes(count, planes, plane_ints, margin, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end)
     as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
-    return FreeProfile(
+    return FreeProfile.written(
         azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
         free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end,
     )  # fmt: skip

@@ -67,6 +67,8 @@ def told_planes(
         (view.cols - 1 - p.cut_columns - view.cu) * column_t, p.inferred_share, p.inferred_columns, rows, margin, flags, support,
         cluster,
     )  # fmt: skip
+    if n < 0:
+        raise ValueError("planes: top must be less than bottom (z is down)")
     return rows[:n], margin[:n], flags[:n], support[:n], cluster[:n]
 
 
@@ -75,7 +77,7 @@ def write_planes(
     count, planes, plane_ints, moments, on_ground, height_m, slope_x, slope_y, tolerance_m, least_m, safe_m, sigmas, column_t,
     left_t, right_t, inferred_share, inferred_columns, rows, margin, flags, support, cluster,
 ):  # fmt: skip
-    """See told_planes; returns how many live."""
+    """See told_planes; returns how many live, -1 where one of them is not above its bottom, nor is what is not a number."""
     n = 0
     for k in range(count):
         if plane_ints[k, pl.P_SUPPORT] >= 0:
@@ -89,6 +91,9 @@ def write_planes(
         _cut_at_ground(n, planes, height_m, slope_x, slope_y, tolerance_m, least_m)
     _write_rows(n, planes, moments, safe_m, sigmas, rows, margin)
     _write_flags(n, planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags)
+    for k in range(n):
+        if not rows[k, 4] < rows[k, 5]:
+            return -1
     return n
 
 

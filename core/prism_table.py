@@ -40,7 +40,10 @@ class PrismTable(Sequence[Prism]):
         self.vertex_begin = readonly(vertex_begin, np.int32, (n + 1,), "vertex_begin")
         self.edge_begin = readonly(edge_begin, np.int32, (n + 1,), "edge_begin")
         self.plane = readonly(plane, np.int32, (int(edge_begin[-1]),), "plane")
-        self._place(heights_m, vertices_m)
+        self.heights_m = readonly(heights_m, np.float32, (n, 2), "heights_m")
+        self.vertices_m = readonly(vertices_m, np.float32, (int(vertex_begin[-1]), 2), "vertices_m")
+        if n and not bool((self.heights_m[:, 0] < self.heights_m[:, 1]).all()):
+            raise ValueError("prisms: top must be less than bottom (z is down)")
 
     @classmethod
     def written(
@@ -54,23 +57,19 @@ class PrismTable(Sequence[Prism]):
         table.vertex_begin, table.edge_begin = vertex_begin, edge_begin
         table.vertices_m, table.plane = vertices_m, plane
         for array in (cluster, heights_m, closed, margin_m, vertex_begin, edge_begin, vertices_m, plane):
-            array.flags.writeable = False
+            array.setflags(write=False)
         return table
 
     def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
-        """The same prisms in another place: what does not say where they stand was checked when it was made. Raises
-        ValueError."""
+        """The same prisms in another place, of arrays that our own kernels have just written, which fit; they become
+        read-only."""
         table = object.__new__(PrismTable)
         table.cluster, table.closed, table.margin_m, table.plane = self.cluster, self.closed, self.margin_m, self.plane
         table.vertex_begin, table.edge_begin = self.vertex_begin, self.edge_begin
-        table._place(heights_m, vertices_m)
+        table.heights_m, table.vertices_m = heights_m, vertices_m
+        heights_m.setflags(write=False)
+        vertices_m.setflags(write=False)
         return table
-
-    def _place(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> None:
-        self.heights_m = readonly(heights_m, np.float32, (len(self.cluster), 2), "heights_m")
-        self.vertices_m = readonly(vertices_m, np.float32, (int(self.vertex_begin[-1]), 2), "vertices_m")
-        if len(self.cluster) and not bool((self.heights_m[:, 0] < self.heights_m[:, 1]).all()):
-            raise ValueError("prisms: top must be less than bottom (z is down)")
 
     def __len__(self) -> int:
         return len(self.cluster)

@@ -34,17 +34,17 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
     )  # fmt: skip
     if lacking:
         return _no_numbers(model)
-    return FrameModel(
+    return FrameModel.written(
         valid=model.valid, cause=model.cause, planes=planes, support_px=model.support_px, margin_m=model.margin_m,
         flags=model.flags, cluster=model.cluster, prisms=table.moved(heights, vertices),
-        free=FreeProfile(
+        free=FreeProfile.written(
             azimuth_edges_rad=edges, layer_edges_m=layers, free_from_m=free.free_from_m, free_to_m=free.free_to_m, end=free.end
         ),
         ground=Ground(
             seen=ground.seen, height_m=ground.height_m, slope_x=cos * ground.slope_x - sin * ground.slope_y,
             slope_y=sin * ground.slope_x + cos * ground.slope_y, share=ground.share, blind_beyond_m=ground.blind_beyond_m,
         ),
-        stats=model.stats, ke_per_m=model.ke_per_m, strips=None,
+        stats=model.stats, ke_per_m=model.ke_per_m,
     )  # fmt: skip
 
 

@@ -248,6 +248,23 @@ class FreeProfile:
         put(self, "free_to_m", readonly(self.free_to_m, np.float32, (d, layers), "free_to_m"))
         put(self, "end", readonly(self.end, np.uint8, (d, layers), "end"))
 
+    @classmethod
+    def written(
+        cls, *, azimuth_edges_rad: NDArray[np.float32], layer_edges_m: NDArray[np.float32], free_from_m: NDArray[np.float32],
+        free_to_m: NDArray[np.float32], end: NDArray[np.uint8],
+    ) -> FreeProfile:  # fmt: skip
+        """Of arrays that our own kernels have written, which fit; they become read-only."""
+        profile = object.__new__(cls)
+        put = object.__setattr__
+        put(profile, "azimuth_edges_rad", azimuth_edges_rad)
+        put(profile, "layer_edges_m", layer_edges_m)
+        put(profile, "free_from_m", free_from_m)
+        put(profile, "free_to_m", free_to_m)
+        put(profile, "end", end)
+        for array in (azimuth_edges_rad, layer_edges_m, free_from_m, free_to_m, end):
+            array.setflags(write=False)
+        return profile
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Prism:
@@ -339,6 +356,33 @@ class FrameModel:
         put(self, "cluster", readonly(self.cluster, np.int32, (n,), "cluster"))
         if n and not (self.planes[:, 4] < self.planes[:, 5]).all():
             raise ValueError("planes: top must be less than bottom (z is down)")
+
+    @classmethod
+    def written(
+        cls, *, valid: bool, cause: InvalidCause, planes: NDArray[np.float32], support_px: NDArray[np.int32],
+        margin_m: NDArray[np.float32], flags: NDArray[np.uint8], cluster: NDArray[np.int32], prisms: Sequence[Prism],
+        free: FreeProfile, ground: Ground, stats: FrameStats, ke_per_m: float, strips: StripTable | None = None,
+    ) -> FrameModel:  # fmt: skip
+        """Of arrays that our own kernels have written and looked through, which fit; they become read-only. To check them
+        once more takes longer than many a stage."""
+        model = object.__new__(cls)
+        put = object.__setattr__
+        put(model, "valid", valid)
+        put(model, "cause", cause)
+        put(model, "planes", planes)
+        put(model, "support_px", support_px)
+        put(model, "margin_m", margin_m)
+        put(model, "flags", flags)
+        put(model, "cluster", cluster)
+        put(model, "prisms", prisms)
+        put(model, "free", free)
+        put(model, "ground", ground)
+        put(model, "stats", stats)
+        put(model, "ke_per_m", ke_per_m)
+        put(model, "strips", strips)
+        for array in (planes, support_px, margin_m, flags, cluster):
+            array.setflags(write=False)
+        return model
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,25 +45,22 @@ def optical_frame(camera: str) -> str:
     return f"{camera}_optical"
 
 
-def vector_message(v: tuple[float, float, float]) -> pb.Vector3:
-    """x, y, z as a message."""
-    return pb.Vector3(x=v[0], y=v[1], z=v[2])
+def set_vector(message: pb.Vector3, v: tuple[float, float, float]) -> None:
+    """x, y, z into a message. In place: one that is handed over is written and read again to become a part of another."""
+    message.x, message.y, message.z = v
 
 
-def quaternion_message(q_wxyz: tuple[float, float, float, float]) -> pb.Quaternion:
-    """w, x, y, z as a message."""
-    return pb.Quaternion(w=q_wxyz[0], x=q_wxyz[1], y=q_wxyz[2], z=q_wxyz[3])
+def set_quaternion(message: pb.Quaternion, q_wxyz: tuple[float, float, float, float]) -> None:
+    """w, x, y, z into a message."""
+    message.w, message.x, message.y, message.z = q_wxyz
 
 
 def attitude_message(sample: AttitudeSample) -> pb.AttitudeSample:
     """An attitude sample as a message."""
     message = pb.AttitudeSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns)
-    # hundreds a second: set in place, which takes half the time of messages made and copied
-    q = message.q_ned_frd
-    q.w, q.x, q.y, q.z = sample.q_ned_frd_wxyz
+    set_quaternion(message.q_ned_frd, sample.q_ned_frd_wxyz)
     if sample.rates_frd_rad_s is not None:
-        rates = message.rates_frd_rad_s
-        rates.x, rates.y, rates.z = sample.rates_frd_rad_s
+        set_vector(message.rates_frd_rad_s, sample.rates_frd_rad_s)
     return message
 
 
@@ -80,11 +77,9 @@ def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
 def pose_message(sample: PoseSample) -> pb.PoseSample:
     """A position sample as a message."""
     message = pb.PoseSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns, reset_counter=sample.reset_counter)
-    p = message.position_ned_m
-    p.x, p.y, p.z = sample.position_ned_m
+    set_vector(message.position_ned_m, sample.position_ned_m)
     if sample.velocity_ned_m_s is not None:
-        v = message.velocity_ned_m_s
-        v.x, v.y, v.z = sample.velocity_ned_m_s
+        set_vector(message.velocity_ned_m_s, sample.velocity_ned_m_s)
     return message
 
 
@@ -113,7 +108,7 @@ def camera_message(info: CameraInfo) -> pb.CameraInfo:
         mount_roll_rad=mount.roll_rad,
         mount_pitch_rad=mount.pitch_rad,
         mount_yaw_rad=mount.yaw_rad,
-        lever_arm_frd_m=vector_message((mount.x_m, mount.y_m, mount.z_m)),
+        lever_arm_frd_m=pb.Vector3(x=mount.x_m, y=mount.y_m, z=mount.z_m),
         min_range_m=info.min_range_m,
         max_range_m=info.max_range_m,
         ke_per_m=info.ke_per_m,

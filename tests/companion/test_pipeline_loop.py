@@ -6,6 +6,8 @@ import gc
 import threading
 import time
 import weakref
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +16,10 @@ from companion.blindness import Blindness
 from companion.inbox import Inbox
 from companion.pipeline import Pipeline, PrismsResult
 from companion.pipeline_loop import TIDY_AT, TIDY_OLDER_AT, Clockwork, PipelineLoop, tidy
+from companion.recorder import Recorder
+from companion.run_info import run_info
 from core.extractor import Extractor
-from core.types import DepthFrame
+from core.types import AttitudeSample, DepthFrame
 from drivers.clock import ClockEstimate, ClockSource
 from drivers.simulated import camera_info
 
@@ -77,6 +81,64 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
     assert len(collected) >= 20
     assert not any(collected)
     assert until(lambda: sum(ref() is None for ref in lost) > 100, 1.0)
+
+
+class Heard(Recorder):
+    """Notes what it is told, in the same list as what is published."""
+
+    def __init__(self, folder: Path, said: list[str]) -> None:
+        super().__init__(folder, run_info("live", ""))
+        self._said = said
+
+    def begin(self, *of: Any) -> None:
+        self._said.append("begin")
+        super().begin(*of)
+
+    def events(self, events: Any) -> None:
+        self._said.append("attitude")
+
+    def event(self, event: Any) -> None:
+        self._said.append(f"frame {event.sequence}")
+
+    def output(self, output: Any, prisms: bytes | None = None) -> None:
+        self._said.append(f"{type(output).__name__} {output.sequence}, {len(prisms or b'') > 0}")
+
+
+class Breaks(Pipeline):
+    """Cannot handle its second frame."""
+
+    def handle(self, event: Any) -> Any:
+        if isinstance(event, DepthFrame) and event.sequence == 1:
+            raise RuntimeError("as a fault of the pipeline would")
+        return super().handle(event)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_prisms_are_sent_before_anything_of_their_frame_is_recorded_and_the_log_keeps_its_order(tmp_path: Path) -> None:
+    said: list[str] = []
+    recorder, inbox = Heard(tmp_path, said), Inbox()
+    loop = PipelineLoop(
+        Breaks((), lambda info: Extractor()), inbox, Blindness(("front",), 0.3),
+        lambda result, prisms: said.append(f"sent {result.sequence}"), recorder, "always",
+        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
+    )  # fmt: skip
+    inbox.put([camera_info(160, 120)])
+    loop.open()
+    try:
+        for k in range(2):
+            inbox.put([AttitudeSample(1_000 + k, 1_000 + k, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+            frame = np.zeros((120, 160), np.uint16)
+            inbox.put_frame(
+                DepthFrame(camera="front", sequence=k, t_exposure_ns=1_000 + k, t_arrival_ns=2_000, depth_mm=frame)
+            )
+            assert until(lambda k=k: f"frame {k}" in said, 10.0)
+            assert k == 1 or loop.rest(10.0)
+        assert until(lambda: not loop.running, 10.0)
+    finally:
+        loop.close()
+    first = ["attitude", "begin", "sent 0", "frame 0", "FrameDecision 0, False", "PrismsResult 0, True"]
+    # the frame that broke the pipeline is in the log, too: it is the one that has to be looked at
+    assert said == [*first, "attitude", "frame 1"]
 
 
 @pytest.mark.parametrize("survived", [0, 1])

@@ -171,6 +171,14 @@ def test_planes_that_died_are_not_told_and_the_others_keep_their_order() -> None
     assert rows[:, 5].tolist() == pytest.approx([0.5 + P.ground_tolerance_m] * 2, abs=1e-4)
 
 
+@pytest.mark.parametrize("height", [pl.Z0, pl.Z1])
+def test_a_plane_whose_height_is_no_number_is_told_by_nobody(height: int) -> None:
+    planes, ints, moments = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0), (7.0, -1.0, 7.0, 1.0, -1.0, 1.0))
+    planes[1, height] = np.nan
+    with pytest.raises(ValueError, match="top must be less than bottom"):
+        told_planes(2, planes, ints, moments, NO_GROUND, view(), P)
+
+
 # ---- refine -----------------------------------------------------------------------------------------------------
 
 

@@ -66,6 +66,15 @@ def test_it_is_that_of_plain_numbers_bit_for_bit(yaw_rad: float) -> None:
     for name in ("support_px", "margin_m", "flags", "cluster"):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
     assert (after.valid, after.cause, after.stats, after.ke_per_m) == (True, InvalidCause.NONE, before.stats, 0.005)
+    arrays = (
+        after.planes,
+        after.margin_m,
+        after.free.azimuth_edges_rad,
+        after.free.layer_edges_m,
+        moved.heights_m,
+        moved.vertices_m,
+    )
+    assert not any(array.flags.writeable for array in arrays)
     assert after.ground.slope_x == turn[0] * 0.01 + turn[1] * 0.02
     assert (after.ground.seen, after.ground.height_m) == (True, 2.0)
 
