@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 import zmq
 
+from companion.demo import EMBEDDED
 from companion.demo_live import free_port
-from companion.idle_latency import NO_WISH
 from companion.status import newest_health
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -33,6 +33,8 @@ NS = 1_000_000_000
 TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 PAGE = os.sysconf("SC_PAGE_SIZE")
 PATIENCE_S = 180.0
+IDLE_US = EMBEDDED.service.idle_latency_us
+"""As configs/simulated.toml has it; -1: as the machine has it."""
 CONFIG = """
 [[camera]]
 name = "front"
@@ -229,7 +231,7 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=640)
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--no-log", action="store_true")
-    parser.add_argument("--idle-latency", type=int, default=NO_WISH, help="[service] idle_latency_us")
+    parser.add_argument("--idle-latency", type=int, default=IDLE_US, help=f"[service] idle_latency_us ({IDLE_US})")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         try:

@@ -16,8 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from companion.idle_latency import NO_WISH
-
 from . import live, start
 
 SHORT_MINUTES = 0.4
@@ -95,7 +93,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="what the live service is held to")
     parser.add_argument("--minutes", type=float, default=10.0, help="of the long run (10)")
     parser.add_argument("--runs", type=int, default=3, help="starts (3)")
-    parser.add_argument("--idle-latency", type=int, default=NO_WISH, help="[service] idle_latency_us of the live runs")
+    parser.add_argument(
+        "--idle-latency",
+        type=int,
+        default=live.IDLE_US,
+        help=f"[service] idle_latency_us of the live runs ({live.IDLE_US}; -1: as the machine has it)",
+    )
     parser.add_argument("--json", type=Path, help="all that was measured, into a file")
     args = parser.parse_args()
     times = start.runs_of(args.runs)

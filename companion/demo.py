@@ -12,7 +12,7 @@ from typing import Any
 
 from .config import Config, load_config
 from .config_camera import CameraConfig
-from .config_live import AutopilotConfig
+from .config_live import AutopilotConfig, ServiceParams
 from .console import fail, progress, say, say_json, warn
 from .demo_live import DemoError, LiveRun, fly
 from .replay import Options, replay
@@ -23,7 +23,9 @@ from .warmup import WarmupError, warm_up
 
 OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
-EMBEDDED = Config(cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"))
+EMBEDDED = Config(
+    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"), service=ServiceParams(idle_latency_us=0)
+)  # fmt: skip
 """The embedded default: what configs/simulated.toml says too."""
 MOST_FPS = 15.0
 """So many frames a second make a page that is still small enough to open."""
