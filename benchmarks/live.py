@@ -26,6 +26,7 @@ import zmq
 
 from companion.demo import EMBEDDED
 from companion.demo_live import free_port
+from companion.idle_latency import IdleLatency
 from companion.status import newest_health
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -201,6 +202,7 @@ def figures(
     return {
         "flight": args.flight,
         "hz": args.hz,
+        "idle_latency_us": args.idle_latency,
         "minutes": round(seconds / 60.0, 2),
         "frames": len(ages),
         "missed_by_the_subscriber": ear.missed,
@@ -221,6 +223,23 @@ def figures(
     }
 
 
+def add_idle_latency(parser: argparse.ArgumentParser) -> None:
+    """The option of that name."""
+    parser.add_argument(
+        "--idle-latency", type=int, default=IDLE_US, metavar="US",
+        help=f"[service] idle_latency_us ({IDLE_US}; -1: as the machine has it)",
+    )  # fmt: skip
+
+
+def refuse_unheeded(parser: argparse.ArgumentParser, latency_us: int) -> None:
+    """Ends the program where the kernel does not heed the wish: the figures would pass for what they are not."""
+    wish = IdleLatency(latency_us)
+    unheeded = wish.open()
+    wish.close()
+    if unheeded:
+        parser.error(f"{unheeded}; with --idle-latency -1 it is measured as the machine has it")
+
+
 def main() -> int:
     """0: measured; 1: it did not see."""
     parser = argparse.ArgumentParser(description="the live service over minutes")
@@ -231,8 +250,9 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=640)
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--no-log", action="store_true")
-    parser.add_argument("--idle-latency", type=int, default=IDLE_US, help=f"[service] idle_latency_us ({IDLE_US})")
+    add_idle_latency(parser)
     args = parser.parse_args()
+    refuse_unheeded(parser, args.idle_latency)
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         try:
             print(json.dumps(measure(args, Path(folder)), indent=1))

@@ -93,16 +93,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="what the live service is held to")
     parser.add_argument("--minutes", type=float, default=10.0, help="of the long run (10)")
     parser.add_argument("--runs", type=int, default=3, help="starts (3)")
-    parser.add_argument(
-        "--idle-latency",
-        type=int,
-        default=live.IDLE_US,
-        help=f"[service] idle_latency_us of the live runs ({live.IDLE_US}; -1: as the machine has it)",
-    )
+    live.add_idle_latency(parser)
     parser.add_argument("--json", type=Path, help="all that was measured, into a file")
     args = parser.parse_args()
+    live.refuse_unheeded(parser, args.idle_latency)
     times = start.runs_of(args.runs)
-    lines = start_lines(times)
+    lines = [*start_lines(times), Line("[service] idle_latency_us of what follows", f"{args.idle_latency}")]
     runs = []
     try:
         for flight, hz, minutes in (

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import groupby
 from typing import cast
@@ -95,10 +96,11 @@ class PipelineLoop:
         return self._resting.wait(longest_s)
 
     def close(self) -> None:
-        """Ends the loop. May be called twice."""
+        """Ends the loop. May be called twice. The log has the frame, too, over which it hangs."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(5.0)
+            self._write_down()
 
     def _run(self) -> None:
         self._warm_up()
@@ -107,20 +109,24 @@ class PipelineLoop:
         while not self._stop.is_set():
             taken = self._inbox.take(TAKE_S)
             self._resting.clear()
-            try:
-                for kind, alike in groupby(taken, _kind):
-                    if kind is RawFrame:
-                        self._log_line(cast(list[RawFrame], list(alike)))
-                    elif kind is AttitudeSample:
-                        self._move(cast(list[Motion], list(alike)))
-                    else:
-                        for item in alike:
-                            self._handle(item)
-            finally:  # the log has the frame, too, that no pipeline could handle
-                self._write_down()
+            with self._recorder.holding() if self._recorder is not None else nullcontext():
+                try:
+                    self._handle_all(taken)
+                finally:  # the log has the frame, too, that no pipeline could handle
+                    self._write_down()
             tidy()
             self._resting.set()
             self.alive_ns = time.monotonic_ns()
+
+    def _handle_all(self, taken: list[Item]) -> None:
+        for kind, alike in groupby(taken, _kind):
+            if kind is RawFrame:
+                self._log_line(cast(list[RawFrame], list(alike)))
+            elif kind is AttitudeSample:
+                self._move(cast(list[Motion], list(alike)))
+            else:
+                for item in alike:
+                    self._handle(item)
 
     def _log_line(self, frames: list[RawFrame]) -> None:
         """Of what came on the autopilot's line."""
@@ -147,7 +153,7 @@ class PipelineLoop:
             return
         if isinstance(item, Overtaken):
             decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
-            self._tell((decision,))
+            self._tell(decision)
             return
         if isinstance(item, RawFrame):
             self._log_line([item])
@@ -159,29 +165,22 @@ class PipelineLoop:
         done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
-        self._tell(outputs)
+        for output in outputs:
+            self._tell(output)
         if isinstance(item, DepthFrame):
             self._measure(item, begun_ns, done_ns, cpu_ns)
             self._show(item)
 
-    def _tell(self, outputs: tuple[Output, ...]) -> None:
-        """Sends the prisms among them before anything else is done."""
-        sent = [self._send(output) if isinstance(output, PrismsResult) else None for output in outputs]
-        for output, prisms in zip(outputs, sent, strict=True):
-            if isinstance(output, FrameDecision):
-                self._count(output)
-            self._log_output(output, prisms)
-
-    def _log_output(self, output: Output, prisms: bytes | None) -> None:
+    def _tell(self, output: Output) -> None:
+        prisms: bytes | None = None
+        if isinstance(output, PrismsResult):
+            with self.lock:
+                self._blindness.result(output)
+            prisms = prisms_bytes(output)
+            self._publish(output, prisms)
+        else:
+            self._count(output)
         self._later(lambda log: log.output(output, prisms))
-
-    def _send(self, result: PrismsResult) -> bytes:
-        """The bytes of its message."""
-        with self.lock:
-            self._blindness.result(result)
-        prisms = prisms_bytes(result)
-        self._publish(result, prisms)
-        return prisms
 
     def _count(self, decision: FrameDecision) -> None:
         with self.lock:
@@ -210,11 +209,10 @@ class PipelineLoop:
 
     def _write_down(self) -> None:
         """Says it, in the order in which it happened."""
-        if self._recorder is not None and self._unrecorded:
-            with self._recorder.holding():
-                for call in self._unrecorded:
-                    call(self._recorder)
-            self._unrecorded.clear()
+        calls, self._unrecorded = self._unrecorded, []
+        for call in calls:
+            assert self._recorder is not None
+            call(self._recorder)
 
     def _open_log(self, item: Sample) -> None:
         """Begins a file where one is wanted: with the first frame, when the vehicle is armed, when the one before is

@@ -6,6 +6,7 @@ import gc
 import threading
 import time
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -105,40 +106,73 @@ class Heard(Recorder):
 
 
 class Breaks(Pipeline):
-    """Cannot handle its second frame."""
+    """Cannot handle its second frame: `fault` is called over it."""
+
+    def __init__(self, fault: Callable[[], None]) -> None:
+        super().__init__((), lambda info: Extractor())
+        self._fault = fault
 
     def handle(self, event: Any) -> Any:
         if isinstance(event, DepthFrame) and event.sequence == 1:
-            raise RuntimeError("as a fault of the pipeline would")
+            self._fault()
         return super().handle(event)
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_prisms_are_sent_before_anything_of_their_frame_is_recorded_and_the_log_keeps_its_order(tmp_path: Path) -> None:
-    said: list[str] = []
-    recorder, inbox = Heard(tmp_path, said), Inbox()
+def two_frames(folder: Path, said: list[str], fault: Callable[[], None]) -> PipelineLoop:
+    """A loop that has been given two frames, of which the second is `fault`'s. said: what was sent and recorded."""
+    recorder, inbox = Heard(folder, said), Inbox()
     loop = PipelineLoop(
-        Breaks((), lambda info: Extractor()), inbox, Blindness(("front",), 0.3),
-        lambda result, prisms: said.append(f"sent {result.sequence}"), recorder, "always",
-        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
+        Breaks(fault), inbox, Blindness(("front",), 0.3), lambda result, prisms: said.append(f"sent {result.sequence}"),
+        recorder, "always", Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
     )  # fmt: skip
     inbox.put([camera_info(160, 120)])
     loop.open()
+    for k in range(2):
+        inbox.put([AttitudeSample(1_000 + k, 1_000 + k, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+        frame = np.zeros((120, 160), np.uint16)
+        inbox.put_frame(
+            DepthFrame(camera="front", sequence=k, t_exposure_ns=1_000 + k, t_arrival_ns=2_000, depth_mm=frame)
+        )
+        assert k == 1 or until(lambda: "PrismsResult 0, True" in said, 10.0)
+    return loop
+
+
+FIRST = ["attitude", "begin", "sent 0", "frame 0", "FrameDecision 0, False", "PrismsResult 0, True"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_prisms_are_sent_before_their_frame_is_recorded_and_the_log_has_a_frame_that_breaks_the_pipeline(
+    tmp_path: Path,
+) -> None:
+    def breaks() -> None:
+        raise RuntimeError("as a fault of the pipeline would")
+
+    said: list[str] = []
+    loop = two_frames(tmp_path, said, breaks)
+    assert until(lambda: not loop.running, 10.0)
+    loop.close()
+    assert said == [*FIRST, "attitude", "frame 1"]
+
+
+def test_the_log_has_the_frame_over_which_the_pipeline_hangs(tmp_path: Path) -> None:
+    said: list[str] = []
+    hangs, goes_on = threading.Event(), threading.Event()
+
+    def hang() -> None:
+        hangs.set()
+        goes_on.wait(60.0)
+
+    loop = two_frames(tmp_path, said, hang)
     try:
-        for k in range(2):
-            inbox.put([AttitudeSample(1_000 + k, 1_000 + k, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
-            frame = np.zeros((120, 160), np.uint16)
-            inbox.put_frame(
-                DepthFrame(camera="front", sequence=k, t_exposure_ns=1_000 + k, t_arrival_ns=2_000, depth_mm=frame)
-            )
-            assert until(lambda k=k: f"frame {k}" in said, 10.0)
-            assert k == 1 or loop.rest(10.0)
-        assert until(lambda: not loop.running, 10.0)
-    finally:
+        assert hangs.wait(10.0)
+        assert said == FIRST
         loop.close()
-    first = ["attitude", "begin", "sent 0", "frame 0", "FrameDecision 0, False", "PrismsResult 0, True"]
-    # the frame that broke the pipeline is in the log, too: it is the one that has to be looked at
-    assert said == [*first, "attitude", "frame 1"]
+        assert said == [*FIRST, "attitude", "frame 1"]
+    finally:
+        goes_on.set()
+    assert until(lambda: not loop.running, 10.0)
+    # and once: what comes when it goes on after all is its own
+    assert said == [*FIRST, "attitude", "frame 1", "sent 1", "FrameDecision 1, False", "PrismsResult 1, True"]
 
 
 @pytest.mark.parametrize("survived", [0, 1])
