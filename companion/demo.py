@@ -15,6 +15,7 @@ from .config_camera import CameraConfig
 from .config_live import AutopilotConfig, ServiceParams
 from .console import fail, progress, say, say_json, warn
 from .demo_live import DemoError, LiveRun, fly
+from .idle_latency import NO_WISH
 from .replay import Options, replay
 from .replay_report import Replay
 from .status import status_lines
@@ -63,7 +64,8 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
     cameras = tuple(
         replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MOST_FPS)) for c in simulated
     )  # fmt: skip
-    return replace(config, cameras=cameras)
+    # pictures are drawn of it, no times are told: the processors may sleep
+    return replace(config, cameras=cameras, service=replace(config.service, idle_latency_us=NO_WISH))
 
 
 def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
