@@ -64,7 +64,7 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
     cameras = tuple(
         replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MOST_FPS)) for c in simulated
     )  # fmt: skip
-    # pictures are drawn of it, no times are told: the processors may sleep
+    # some seconds to look at, on anybody's machine: its processors may sleep
     return replace(config, cameras=cameras, service=replace(config.service, idle_latency_us=NO_WISH))
 
 

@@ -118,7 +118,7 @@ def free_from_message(message: pb.FreeProfile) -> FreeProfile:
     )
 
 
-def set_ground(message: pb.Ground, ground: Ground) -> None:
+def _set_ground(message: pb.Ground, ground: Ground) -> None:
     """The ground under the camera, into a message."""
     message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
     message.slope_x, message.slope_y = ground.slope_x, ground.slope_y
@@ -160,7 +160,7 @@ def prisms_bytes(result: PrismsResult) -> bytes:
         set_vector(message.transform.translation_m, result.transform.translation_m)
     if model is None:
         return wire_bytes(message)
-    set_ground(message.ground, model.ground)
+    _set_ground(message.ground, model.ground)
     stats = message.stats
     for name, value in zip(_STATS, _stats(model.stats), strict=True):
         setattr(stats, name, value)

@@ -28,9 +28,10 @@ def heeded_us() -> int:
     return int(struct.unpack("=i", DEVICE.read_bytes())[0])
 
 
-def held_by_us(device: Path) -> int:
-    """How many of our files it is."""
-    return sum(os.path.realpath(f"/proc/self/fd/{n}") == str(device) for n in os.listdir("/proc/self/fd"))
+def held_by_us(device: Path, process: int | str = "self") -> int:
+    """How many of our files it is, or of another process."""
+    folder = Path(f"/proc/{process}/fd")
+    return sum(os.path.realpath(file) == str(device) for file in folder.iterdir())
 
 
 def test_the_wish_is_written_as_the_kernel_reads_it_and_held_until_the_end(tmp_path: Path) -> None:
@@ -65,8 +66,11 @@ def test_a_service_asks_for_it_and_even_kill_9_takes_it_back(tmp_path: Path, ren
     try:
         live.start()
         assert until(lambda: "ready: the loops run" in live.said())
-        if ALLOWED:
-            assert heeded_us() == 41
+        if before_us is not None:
+            # another service on this machine may wish for less
+            assert heeded_us() == min(before_us, 41)
+            assert live.process is not None
+            assert held_by_us(DEVICE, live.process.pid) == 1
             live.stop(signal.SIGKILL)
             assert until(lambda: heeded_us() == before_us, 2.0)
         else:
