@@ -14,7 +14,7 @@ from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate
 from .level import level_paper, level_safe, pool_columns
-from .model import blind_model, pixel_stats, strip_table, told_planes
+from .model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
 from .noisy import noisy_share
 from .openings import opening_masks
 from .params import Params
@@ -92,9 +92,13 @@ class Extractor:
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         count, planes, plane_ints, moments = self._planes(codes, n, view, info, settings)
 
+        told = told_planes(count, planes, plane_ints, moments, ground, view, self.params)
+        if told is None:
+            stats = pixel_stats(counts, depth_mm.size)
+            return blind_model(info, InvalidCause.NO_NUMBERS, self.params, stats), state
         return self._model(
-            seen, view, ground, ke, n, count, planes, plane_ints, moments, keep_strips, counts, depth_mm.size,
-            ground_px=ground_px, strips=n, dropped_strips=found - n, overflow=overflow,
+            told, seen, ground, ke, n, planes, plane_ints, keep_strips, counts, depth_mm.size, ground_px=ground_px, strips=n,
+            dropped_strips=found - n, overflow=overflow,
         ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
 
     # ---- pixels -------------------------------------------------------------------------------------------------
@@ -242,14 +246,11 @@ class Extractor:
     # ---- what comes out -----------------------------------------------------------------------------------------
 
     def _model(
-        self, seen: SeenFree, view: ViewGeometry, ground: Ground, ke: float, n: int, count: int, planes: NDArray[np.float64],
-        plane_ints: NDArray[np.int32], moments: NDArray[np.float64], keep_strips: bool, pixels: tuple[int, int, int], px: int,
-        **counted: int,
+        self, told: ToldPlanes, seen: SeenFree, ground: Ground, ke: float, n: int, planes: NDArray[np.float64],
+        plane_ints: NDArray[np.int32], keep_strips: bool, pixels: tuple[int, int, int], px: int, **counted: int,
     ) -> FrameModel:  # fmt: skip
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
-        rows, margin, flags, support_px, cluster = told_planes(
-            count, planes, plane_ints, moments, ground, view, self.params
-        )
+        rows, margin, flags, support_px, cluster = told
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m, self.params.profile_join_m)
         return FrameModel.written(
             valid=True, cause=InvalidCause.NONE, planes=rows, support_px=support_px, margin_m=margin, flags=flags,

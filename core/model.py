@@ -27,6 +27,8 @@ _CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = (
     int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT), int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM),
 )  # fmt: skip
 """The flags as numbers for the kernels."""
+ToldPlanes = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32]]
+"""See `told_planes`."""
 
 
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
@@ -50,10 +52,9 @@ def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameSt
 def told_planes(
     count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], moments: NDArray[np.float64], ground: Ground,
     view: ViewGeometry, params: Params,
-) -> tuple[
-    NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32]
-]:  # fmt: skip
-    """rows (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom; (N,) margin, m, flags, support, px, and cluster of the living planes.
+) -> ToldPlanes | None:  # fmt: skip
+    """rows (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom; (N,) margin, m, flags, support, px, and cluster of the living planes;
+    None where one of them is no numbers: it stands nowhere, and what it hides is not known.
 
     They move to the front of the tables of planes.py, and end at the ground seen at their feet, where they keep
     min_plane_height_m. a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the
@@ -68,7 +69,7 @@ def told_planes(
         cluster,
     )  # fmt: skip
     if n < 0:
-        raise ValueError("planes: top must be less than bottom (z is down)")
+        return None
     return rows[:n], margin[:n], flags[:n], support[:n], cluster[:n]
 
 
@@ -77,7 +78,7 @@ def write_planes(
     count, planes, plane_ints, moments, on_ground, height_m, slope_x, slope_y, tolerance_m, least_m, safe_m, sigmas, column_t,
     left_t, right_t, inferred_share, inferred_columns, rows, margin, flags, support, cluster,
 ):  # fmt: skip
-    """See told_planes; returns how many live, -1 where one of them is not above its bottom, nor is what is not a number."""
+    """See told_planes; returns how many live, -1 where a number of theirs is not finite, or their top not above their bottom."""
     n = 0
     for k in range(count):
         if plane_ints[k, pl.P_SUPPORT] >= 0:
@@ -91,10 +92,22 @@ def write_planes(
         _cut_at_ground(n, planes, height_m, slope_x, slope_y, tolerance_m, least_m)
     _write_rows(n, planes, moments, safe_m, sigmas, rows, margin)
     _write_flags(n, planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags)
-    for k in range(n):
-        if not rows[k, 4] < rows[k, 5]:
-            return -1
-    return n
+    return n if _all_numbers(n, planes, rows, margin) else -1
+
+
+@inner
+def _all_numbers(count, planes, rows, margin):
+    """Whether planes and what is told of them are finite, each top above its bottom. Both, since the greater of a number and
+    of what is none may be the number."""
+    for k in range(count):
+        p, good = planes[k], rows[k, 4] < rows[k, 5] and math.isfinite(margin[k])
+        for c in range(6):
+            good = good and math.isfinite(rows[k, c])
+        for c in (pl.A, pl.B, pl.T0, pl.T1, pl.Z0, pl.Z1, pl.FRONT):
+            good = good and math.isfinite(p[c])
+        if not good:
+            return False
+    return True
 
 
 @inner

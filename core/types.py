@@ -26,6 +26,7 @@ SATURATED_MM = 65535
 
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
+_Thing = TypeVar("_Thing")
 _NATIVE: dict[Any, np.dtype[Any]] = {
     kind: np.dtype(kind) for kind in (np.bool_, np.uint8, np.uint16, np.int32, np.float32)
 }
@@ -52,6 +53,16 @@ def readonly(a: NDArray[Any], dtype: type[_Scalar], shape: tuple[int | None, ...
     view = a.view()
     view.flags.writeable = False
     return view
+
+
+def _unchecked(kind: type[_Thing], **values: Any) -> _Thing:
+    """A frozen object of values that fit, unchecked; its arrays become read-only."""
+    thing = object.__new__(kind)
+    for name, value in values.items():
+        object.__setattr__(thing, name, value)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+    return thing
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,16 +265,10 @@ class FreeProfile:
         free_to_m: NDArray[np.float32], end: NDArray[np.uint8],
     ) -> FreeProfile:  # fmt: skip
         """Of arrays that our own kernels have written, which fit; they become read-only."""
-        profile = object.__new__(cls)
-        put = object.__setattr__
-        put(profile, "azimuth_edges_rad", azimuth_edges_rad)
-        put(profile, "layer_edges_m", layer_edges_m)
-        put(profile, "free_from_m", free_from_m)
-        put(profile, "free_to_m", free_to_m)
-        put(profile, "end", end)
-        for array in (azimuth_edges_rad, layer_edges_m, free_from_m, free_to_m, end):
-            array.setflags(write=False)
-        return profile
+        return _unchecked(
+            cls, azimuth_edges_rad=azimuth_edges_rad, layer_edges_m=layer_edges_m, free_from_m=free_from_m,
+            free_to_m=free_to_m, end=end,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -365,24 +370,10 @@ class FrameModel:
     ) -> FrameModel:  # fmt: skip
         """Of arrays that our own kernels have written and looked through, which fit; they become read-only. To check them
         once more takes longer than many a stage."""
-        model = object.__new__(cls)
-        put = object.__setattr__
-        put(model, "valid", valid)
-        put(model, "cause", cause)
-        put(model, "planes", planes)
-        put(model, "support_px", support_px)
-        put(model, "margin_m", margin_m)
-        put(model, "flags", flags)
-        put(model, "cluster", cluster)
-        put(model, "prisms", prisms)
-        put(model, "free", free)
-        put(model, "ground", ground)
-        put(model, "stats", stats)
-        put(model, "ke_per_m", ke_per_m)
-        put(model, "strips", strips)
-        for array in (planes, support_px, margin_m, flags, cluster):
-            array.setflags(write=False)
-        return model
+        return _unchecked(
+            cls, valid=valid, cause=cause, planes=planes, support_px=support_px, margin_m=margin_m, flags=flags,
+            cluster=cluster, prisms=prisms, free=free, ground=ground, stats=stats, ke_per_m=ke_per_m, strips=strips,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,21 +162,26 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
 def test_planes_that_died_are_not_told_and_the_others_keep_their_order() -> None:
     planes, ints, moments = plane_table(*((x, -1.0, x, 1.0, -1.0, 1.0) for x in (5.0, 6.0, 7.0, 8.0)))
     ints[:4, pl.P_CLUSTER], ints[:4, pl.P_SUPPORT] = (0, 1, 2, 3), (160, -1, 320, -1)
-    rows, margin, flags, support_px, cluster = told_planes(4, planes, ints, moments, NO_GROUND, view(), P)
+    told = told_planes(4, planes, ints, moments, NO_GROUND, view(), P)
+    assert told is not None
+    rows, margin, flags, support_px, cluster = told
     assert rows[:, 0].tolist() == pytest.approx([5.0, 7.0], abs=1e-4)
     assert (support_px.tolist(), cluster.tolist()) == ([10, 20], [0, 2])
     assert len(margin) == len(flags) == 2
     ground = Ground(seen=True, height_m=0.5)
-    rows, *_ = told_planes(2, planes, ints, moments, ground, view(), P)
+    told = told_planes(2, planes, ints, moments, ground, view(), P)
+    assert told is not None
+    rows = told[0]
     assert rows[:, 5].tolist() == pytest.approx([0.5 + P.ground_tolerance_m] * 2, abs=1e-4)
 
 
-@pytest.mark.parametrize("height", [pl.Z0, pl.Z1])
-def test_a_plane_whose_height_is_no_number_is_told_by_nobody(height: int) -> None:
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("column", [pl.A, pl.B, pl.T0, pl.T1, pl.Z0, pl.Z1, pl.FRONT])
+def test_where_a_plane_is_no_numbers_none_is_told(column: int, number: float) -> None:
     planes, ints, moments = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0), (7.0, -1.0, 7.0, 1.0, -1.0, 1.0))
-    planes[1, height] = np.nan
-    with pytest.raises(ValueError, match="top must be less than bottom"):
-        told_planes(2, planes, ints, moments, NO_GROUND, view(), P)
+    assert told_planes(2, planes, ints, moments, NO_GROUND, view(), P) is not None
+    planes[1, column] = number
+    assert told_planes(2, planes, ints, moments, NO_GROUND, view(), P) is None
 
 
 # ---- refine -----------------------------------------------------------------------------------------------------

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from core import extractor
+from core import planes as pl
 from core.classify import clear_range_m
 from core.extractor import Extractor
 from core.params import Params
+from core.plane_stages import shape_planes
 from core.types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics, InvalidCause
 from drivers.scenes import SceneBuilder
 from drivers.sensor_model import TYPICAL
@@ -353,3 +357,23 @@ def test_leaves_all_over_the_picture_are_no_noise() -> None:
     model = extract(depth, VIEW)
     assert model.valid
     assert len(model.planes) > 0
+
+
+@pytest.mark.parametrize("column", [pl.A, pl.T0, pl.Z1, pl.FRONT])
+def test_a_frame_one_of_whose_planes_is_no_numbers_is_blind_and_teaches_nothing(
+    monkeypatch: pytest.MonkeyPatch, column: int
+) -> None:
+    def spoilt(*args: Any) -> int:
+        count = shape_planes(*args)
+        plane_tables = args[-len(ex._plane_tables) :]
+        plane_tables[0][count - 1, column] = np.nan
+        return count
+
+    ex, state = Extractor(Params()), ExtractorState(ground_height_m=1.5, ke_per_m=0.003)
+    assert ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), state)[0].valid
+    monkeypatch.setattr(extractor, "shape_planes", spoilt)
+    model, after = ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), state)
+    assert says_nothing(model, InvalidCause.NO_NUMBERS)
+    assert after == state
+    monkeypatch.undo()
+    assert ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), after)[0].valid
