@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import textwrap
 import time
@@ -96,6 +97,12 @@ class Watched:
 @pytest.fixture(autouse=True)
 def _import_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+
+def test_a_cameras_process_sleeps_no_longer_than_it_says() -> None:
+    code = "from companion.camera_process import be_punctual; be_punctual(); print(open('/proc/self/timerslack_ns').read())"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert int(told.stdout) == 1
 
 
 def test_frames_of_a_camera_flow(tmp_path: Path) -> None:
