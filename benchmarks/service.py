@@ -103,7 +103,7 @@ def main() -> int:
     try:
         for flight, hz, minutes in (
             ("street", 12.0, SHORT_MINUTES), ("trees", 12.0, SHORT_MINUTES), ("trees", 30.0, SHORT_MINUTES),
-            ("street", 30.0, args.minutes),
+            ("demo", 12.0, SHORT_MINUTES), ("demo", 30.0, SHORT_MINUTES), ("street", 30.0, args.minutes),
         ):  # fmt: skip
             runs.append(run_of(flight, hz, minutes, args.idle_latency))
             lines += live_lines(runs[-1], held=flight == "street")
