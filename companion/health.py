@@ -156,9 +156,11 @@ def state_of(cameras: Iterable[CameraView], troubles: list[str], started: bool) 
 
 
 class Machine:
-    """What the machine does for the service: processor, memory, heat."""
+    """What the machine does for the service: processor, memory, heat; and `notes`, what it was asked for and refuses, in
+    words, though nothing depends on it."""
 
     def __init__(self) -> None:
+        self.notes: list[str] = []
         self._begun_ns = self._last_ns = time.monotonic_ns()
         self._cpu_s = _cpu_s()
 
@@ -170,6 +172,7 @@ class Machine:
         self._last_ns, self._cpu_s = now_ns, cpu_s
         message.memory_bytes = _memory_bytes()
         message.temperatures.extend(_temperatures())
+        message.notes.extend(self.notes)
 
 
 def new_report(boot: str, number: int) -> pb.Health:

@@ -18,8 +18,8 @@ NO_WISH: Final = -1
 class IdleLatency:
     """`open` asks, `close` takes it back; so does the end of the process, whatever ends it."""
 
-    def __init__(self, latency_us: int, device: Path = DEVICE) -> None:
-        self._latency_us, self._device = latency_us, device
+    def __init__(self, latency_us: int, device: Path | None = None) -> None:
+        self._latency_us, self._device = latency_us, device or DEVICE
         self._file: int | None = None
 
     def open(self) -> str:

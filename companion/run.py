@@ -134,9 +134,10 @@ def run(args: argparse.Namespace) -> int:
 
     idle = IdleLatency(config.service.idle_latency_us)
     unheeded = idle.open()
+    service = Service(config, folders(), warm_up)
     if unheeded:
         log.warning(unheeded)
-    service = Service(config, folders(), warm_up)
+        service.machine.notes.append(unheeded)
     try:
         service.open()
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)

@@ -74,7 +74,7 @@ class Service:
     def __init__(self, config: Config, folders: Folders, warm_up: Callable[[], None]) -> None:
         self.config, self._folders = config, folders
         self._boot = boot_id()
-        self._machine = Machine()
+        self.machine = Machine()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._allow: AllowList | None = None
         self._publishers: dict[str, Publisher] = {}
@@ -389,7 +389,7 @@ class Service:
             for cause, count in self.loop.dropped.items():
                 report.frames_dropped[cause] = count
         report.samples_lost = self.inbox.lost
-        self._machine.fill(report)
+        self.machine.fill(report)
         self._tell_of_computer(report)
         if self.metrics is not None:
             self.metrics.update(report)

@@ -508,7 +508,7 @@ class Temperature(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., celsius: _Optional[float] = ...) -> None: ...
 
 class Health(_message.Message):
-    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns", "samples_lost")
+    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns", "samples_lost", "notes")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNKNOWN: _ClassVar[Health.State]
@@ -545,6 +545,7 @@ class Health(_message.Message):
     MEMORY_BYTES_FIELD_NUMBER: _ClassVar[int]
     UPTIME_NS_FIELD_NUMBER: _ClassVar[int]
     SAMPLES_LOST_FIELD_NUMBER: _ClassVar[int]
+    NOTES_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     boot_id: str
     number: int
@@ -562,7 +563,8 @@ class Health(_message.Message):
     memory_bytes: int
     uptime_ns: int
     samples_lost: int
-    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ...) -> None: ...
+    notes: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ..., notes: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class WorldUpdate(_message.Message):
     __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "counts", "publication")

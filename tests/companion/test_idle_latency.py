@@ -11,8 +11,9 @@ import pytest
 
 from companion.config import ConfigError, config_of
 from companion.idle_latency import DEVICE, IdleLatency
+from drivers.proto import osape_v1_pb2 as pb
 
-from .live import Live, until
+from .live import PATIENCE_S, Live, flown, until
 
 ALLOWED = os.access(DEVICE, os.R_OK | os.W_OK)
 SERVICE = """
@@ -21,6 +22,20 @@ idle_latency_us = 41
 [record]
 record = "off"
 """
+
+
+SEEING = (
+    """
+[[camera]]
+name = "front"
+kind = "simulated"
+flight = "street"
+width_px = 160
+[autopilot]
+address = "udpin:127.0.0.1:{port}"
+"""
+    + SERVICE
+)
 
 
 def heeded_us() -> int:
@@ -75,6 +90,27 @@ def test_a_service_asks_for_it_and_even_kill_9_takes_it_back(tmp_path: Path, ren
             assert until(lambda: heeded_us() == before_us, 2.0)
         else:
             assert "idle_latency_us = 41 is not heeded" in live.said()
+    finally:
+        live.close()
+
+
+def test_a_service_that_is_not_heeded_notes_it_in_each_report_and_flies_on(tmp_path: Path, renders: Path) -> None:
+    """Nothing is wrong with what it sees: no trouble, no other state."""
+    live = Live(tmp_path, SEEING, renders)
+    (tmp_path / "sitecustomize.py").write_text(
+        "import pathlib, companion.idle_latency as idle\nidle.DEVICE = pathlib.Path('/dev/full')\n"
+    )
+    live.environment["PYTHONPATH"] = f"{tmp_path}{os.pathsep}{live.environment['PYTHONPATH']}"
+    try:
+        live.start()
+        ear = live.ear("health", pb.Health)
+        with flown(live):
+            report = ear.wait(lambda h: h.state == pb.Health.STATE_ACTIVE, PATIENCE_S)
+            later = ear.wait(lambda h: h.number > report.number, 10.0)
+        for h in (report, later):
+            assert [note.split(": ")[0] for note in h.notes] == ["idle_latency_us = 41 is not heeded"]
+            assert not any("idle_latency" in trouble for trouble in h.troubles)
+        assert "idle_latency_us = 41 is not heeded" in live.said()
     finally:
         live.close()
 

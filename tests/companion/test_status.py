@@ -49,6 +49,18 @@ def report() -> pb.Health:
     return h
 
 
+def test_a_note_is_told_and_is_no_trouble() -> None:
+    h = report()
+    h.ClearField("troubles")
+    h.state = pb.Health.STATE_ACTIVE
+    h.notes.append("idle_latency_us = 0 is not heeded: no right to it")
+    assert status_lines(h)[:3] == [
+        "ACTIVE for 65 s",
+        "  nothing is wrong",
+        "  note: idle_latency_us = 0 is not heeded: no right to it",
+    ]
+
+
 def test_a_report_in_words() -> None:
     text = "\n".join(status_lines(report()))
     for words in (
