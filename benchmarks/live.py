@@ -2,14 +2,16 @@
 
 Service, camera process, autopilot and subscriber are real processes with real sockets; the log is written. The camera's
 frames were rendered before, so that only what a real camera's driver would cost is in the figures, and arrive at the
-instant of their exposure: every attitude is extrapolated. After the warm-up it counts what the subscriber did not get,
-the time from each exposure to it, and what the processes took. --hz 12 --flight trees for other cases."""
+instant of their exposure: every attitude is extrapolated. The configuration is the text of configs/simulated.toml but for
+flight, rate, port and places. After the warm-up it counts what the subscriber did not get, the time from each exposure to
+it, and what the processes took. --hz 12 --flight trees for other cases."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -36,18 +38,8 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 PATIENCE_S = 180.0
 IDLE_US = EMBEDDED.service.idle_latency_us
 """As configs/simulated.toml has it; -1: as the machine has it."""
-CONFIG = """
-[[camera]]
-name = "front"
-kind = "simulated"
-flight = "{flight}"
-width_px = {width}
-fps = {hz}
-seed = {seed}
-[autopilot]
-address = "udpin:127.0.0.1:{port}"
-[service]
-idle_latency_us = {idle_us}
+SHIPPED = Path(__file__).parents[1] / "configs" / "simulated.toml"
+PLACES = """
 [record]
 record = "{record}"
 folder = "{folder}/logs"
@@ -57,6 +49,16 @@ prisms = "ipc://{folder}/prisms"
 health = "ipc://{folder}/health"
 depth = "ipc://{folder}/depth"
 """
+
+
+def shipped(shown: dict[str, str | int | float]) -> str:
+    """configs/simulated.toml with other values for these keys. Raises ValueError where it has one of them not once."""
+    text = SHIPPED.read_text()
+    for key, value in shown.items():
+        text, found = re.subn(rf"(?m)^{key} = .*$", f"{key} = {json.dumps(value)}", text)
+        if found != 1:
+            raise ValueError(f"{SHIPPED.name}: {found} lines `{key} = ..`, expected one")
+    return text
 
 
 @dataclass(slots=True)
@@ -155,9 +157,13 @@ def running(*words: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
 def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Runs the service; the figures. Raises TimeoutError when it does not see."""
     config = folder / "live.toml"
-    values = {"flight": args.flight, "width": args.width, "hz": args.hz, "seed": args.seed, "port": free_port()}
-    values["idle_us"] = args.idle_latency
-    config.write_text(CONFIG.format(**values, folder=folder, record="off" if args.no_log else "always"))
+    text = shipped(
+        {
+            "flight": args.flight, "width_px": args.width, "fps": args.hz, "seed": args.seed,
+            "address": f"udpin:127.0.0.1:{free_port()}", "idle_latency_us": args.idle_latency,
+        }
+    )  # fmt: skip
+    config.write_text(text + PLACES.format(folder=folder, record="off" if args.no_log else "always"))
     ear, stop, health = Ear(), threading.Event(), f"ipc://{folder}/health"
     with ExitStack() as stack:
         stack.enter_context(running("simulate-autopilot", "-c", str(config), log=folder / "autopilot.txt"))
@@ -248,7 +254,7 @@ def main() -> int:
     parser.add_argument("--flight", default="street")
     parser.add_argument("--hz", type=float, default=30.0)
     parser.add_argument("--width", type=int, default=640)
-    parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=EMBEDDED.cameras[0].seed)
     parser.add_argument("--no-log", action="store_true")
     add_idle_latency(parser)
     args = parser.parse_args()

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from benchmarks.live import shipped
 from benchmarks.service import live_lines, start_lines
+from companion.config import config_of
+from companion.demo import EMBEDDED
 
 FOUND: dict[str, Any] = {
     "flight": "street", "hz": 30.0, "minutes": 10.0, "frames": 18000, "dropped_by_the_service": {}, "log_dropped": 0,
@@ -59,3 +64,15 @@ def test_starts_by_their_median() -> None:
     good = {line.what: line.good for line in start_lines({"start to ready": [0.9, 2.0, 0.8], "start to prisms": [1.2]})}
     assert good == {"start to ready": True, "start to prisms": None}
     assert start_lines({"kill -9 to ready": [1.6, 1.7, 1.0]})[0].good is False
+
+
+def test_what_is_measured_is_the_shipped_configuration_but_for_what_is_asked() -> None:
+    measured = config_of(tomllib.loads(shipped({"flight": "street", "fps": 12.0})), "measured")
+    street = replace(EMBEDDED.cameras[0], flight="street", fps=12.0)
+    assert measured == replace(EMBEDDED, cameras=(street,))
+
+
+@pytest.mark.parametrize("key", ["speed", "#", "[^=]+"])
+def test_a_key_that_the_shipped_configuration_has_not_once_is_no_measurement(key: str) -> None:
+    with pytest.raises(ValueError, match=r"simulated\.toml: \d+ lines"):
+        shipped({key: 1})
