@@ -119,6 +119,11 @@ class PipelineLoop:
             self.alive_ns = time.monotonic_ns()
 
     def _handle_all(self, taken: list[Item]) -> None:
+        for item in (
+            taken
+        ):  # cameras first: a log that begins in between describes them all, and ends not before its first image
+            if isinstance(item, CameraInfo):
+                self._pipeline.announce(item)
         for kind, alike in groupby(taken, _kind):
             if kind is RawFrame:
                 self._log_line(cast(list[RawFrame], list(alike)))
@@ -145,8 +150,7 @@ class PipelineLoop:
 
     def _handle(self, item: Item) -> None:
         if isinstance(item, CameraInfo):
-            self._pipeline.announce(item)
-            return
+            return  # announced before all else
         self._open_log(item)
         if isinstance(item, Note):
             self._later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))

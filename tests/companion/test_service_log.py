@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from companion.blindness import Blindness
@@ -165,3 +166,46 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     assert result.comparison.passed
     assert result.comparison.compared == len(said) == 4
     assert said == [0, 1, 2, 20]
+
+
+def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_without_an_image(tmp_path: Path) -> None:
+    """What came meanwhile is handled at one go: frames that were passed over, the other camera, then the first image."""
+    flight = SimulatedFlight("street", width=160, height=120, duration_s=0.5, rates=Rates(depth_hz=20.0))
+    info, config = camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m), Config()
+    recorder = Recorder(tmp_path / "logs", run_info("live", config_text(config)), RecordParams())
+    inbox, warm, said = Inbox(), threading.Event(), list[int]()
+
+    def warm_up() -> None:
+        assert warm.wait(30.0)
+
+    loop = PipelineLoop(
+        Pipeline((), lambda info: Extractor(config.extractor), config.sync),
+        inbox,
+        Blindness(("front", "right"), 0.3),
+        lambda result, prisms: said.append(result.sequence),
+        recorder,
+        "always",
+        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        warm_up,
+    )
+    recorder.open()
+    loop.open()
+    inbox.put([info])
+    for event in flight.events():
+        if not isinstance(event, DepthFrame):
+            inbox.put([event])
+            continue
+        inbox.put_frame(event)
+        if event.sequence == 4:
+            inbox.put([replace(info, camera="right")])
+    warm.set()
+    assert until(lambda: said == [10], 30.0)
+    assert loop.rest(30.0)
+    loop.close()
+    recorder.close()
+    (log,) = (tmp_path / "logs").iterdir()
+    assert kinds(log)["CAUSE_BUSY"] == 10
+    result = replay(log, Options(check=True))
+    assert result.comparison is not None
+    assert result.comparison.passed
+    assert result.comparison.compared == 1
