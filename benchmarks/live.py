@@ -38,6 +38,8 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 PATIENCE_S = 180.0
 IDLE_US = EMBEDDED.service.idle_latency_us
 """As configs/simulated.toml has it; -1: as the machine has it."""
+SEED = EMBEDDED.cameras[0].seed
+"""As it has it, too."""
 SHIPPED = Path(__file__).parents[1] / "configs" / "simulated.toml"
 PLACES = """
 [record]
@@ -254,7 +256,7 @@ def main() -> int:
     parser.add_argument("--flight", default="street")
     parser.add_argument("--hz", type=float, default=30.0)
     parser.add_argument("--width", type=int, default=640)
-    parser.add_argument("--seed", type=int, default=EMBEDDED.cameras[0].seed)
+    parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--no-log", action="store_true")
     add_idle_latency(parser)
     args = parser.parse_args()

@@ -1,8 +1,9 @@
 """What the live service is held to, in one go: `python -m benchmarks.service` (14 minutes; `--minutes 1` for a look).
 
 Starts (`benchmarks.start`), then runs of the whole service (`benchmarks.live`): a street at 30 Hz for the minutes that are
-asked for, at 12 Hz for its processor's share, and foliage at both. Each figure stands beside its bound. The machine has to
-be at rest: how long the service waited for a processor that others had is told with each run."""
+asked for, at 12 Hz for its processor's share, and at both foliage and the flight of configs/simulated.toml. Each figure
+stands beside its bound. The machine has to be at rest: how long the service waited for a processor that others had is told
+with each run."""
 
 from __future__ import annotations
 
@@ -81,7 +82,7 @@ def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
 def run_of(flight: str, hz: float, minutes: float, idle_latency: int) -> dict[str, Any]:
     """One run with its log on. Raises TimeoutError when it does not see."""
     asked = Namespace(
-        flight=flight, hz=hz, minutes=minutes, width=640, seed=0, warm_up=WARM_UP_S, no_log=False,
+        flight=flight, hz=hz, minutes=minutes, width=640, seed=live.SEED, warm_up=WARM_UP_S, no_log=False,
         idle_latency=idle_latency,
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:

@@ -119,9 +119,8 @@ class PipelineLoop:
             self.alive_ns = time.monotonic_ns()
 
     def _handle_all(self, taken: list[Item]) -> None:
-        for item in (
-            taken
-        ):  # cameras first: a log that begins in between describes them all, and ends not before its first image
+        # cameras first: a log that begins in between describes them all, and is not given up before its first image
+        for item in taken:
             if isinstance(item, CameraInfo):
                 self._pipeline.announce(item)
         for kind, alike in groupby(taken, _kind):
@@ -131,7 +130,8 @@ class PipelineLoop:
                 self._move(cast(list[Motion], list(alike)))
             else:
                 for item in alike:
-                    self._handle(item)
+                    if not isinstance(item, CameraInfo):
+                        self._handle(item)
 
     def _log_line(self, frames: list[RawFrame]) -> None:
         """Of what came on the autopilot's line."""
@@ -148,9 +148,7 @@ class PipelineLoop:
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
 
-    def _handle(self, item: Item) -> None:
-        if isinstance(item, CameraInfo):
-            return  # announced before all else
+    def _handle(self, item: Sample) -> None:
         self._open_log(item)
         if isinstance(item, Note):
             self._later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))

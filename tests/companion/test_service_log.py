@@ -8,12 +8,12 @@ import signal
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from companion.blindness import Blindness
 from companion.config import Config, config_text
-from companion.config_camera import CameraConfig
 from companion.config_live import RecordParams
 from companion.inbox import Inbox
 from companion.pipeline import Pipeline, PrismsResult
@@ -117,10 +117,34 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
     assert whole["CAUSE_ATTITUDE_TOO_OLD"] >= 1
 
 
+def recorder_in(folder: Path) -> Recorder:
+    """One that writes into this folder."""
+    return Recorder(folder, run_info("live", config_text(Config())), RecordParams())
+
+
+def loop_of(
+    inbox: Inbox,
+    recorder: Recorder,
+    publish: Callable[[PrismsResult, bytes], None],
+    warm_up: Callable[[], None] = lambda: None,
+) -> PipelineLoop:
+    """A pipeline of its own, without an autopilot's clock, recorded always."""
+    config = Config()
+    return PipelineLoop(
+        Pipeline((), lambda info: Extractor(config.extractor), config.sync),
+        inbox,
+        Blindness(("front", "right"), 0.3),
+        publish,
+        recorder,
+        "always",
+        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        warm_up,
+    )
+
+
 def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_again(tmp_path: Path) -> None:
     flight = SimulatedFlight("trees", width=160, height=120, duration_s=1.0, rates=Rates(depth_hz=20.0))
-    config = Config(cameras=(CameraConfig(name="front", kind="simulated"),))
-    recorder = Recorder(tmp_path / "logs", run_info("live", config_text(config)), RecordParams())
+    recorder = recorder_in(tmp_path / "logs")
     inbox, held = Inbox(), threading.Event()
     said: list[int] = []
     rested: list[bool] = []
@@ -134,16 +158,7 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     def said_up_to(frames: int) -> bool:
         return until(lambda: len(said) >= frames, 30.0)
 
-    loop = PipelineLoop(
-        Pipeline((), lambda info: Extractor(config.extractor), config.sync),
-        inbox,
-        Blindness(("front",), 0.3),
-        publish,
-        recorder,
-        "always",
-        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
-        lambda: None,
-    )
+    loop = loop_of(inbox, recorder, publish)
     recorder.open()
     loop.open()
     inbox.put([camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m)])
@@ -171,23 +186,13 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
 def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_without_an_image(tmp_path: Path) -> None:
     """What came meanwhile is handled at one go: frames that were passed over, the other camera, then the first image."""
     flight = SimulatedFlight("street", width=160, height=120, duration_s=0.5, rates=Rates(depth_hz=20.0))
-    info, config = camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m), Config()
-    recorder = Recorder(tmp_path / "logs", run_info("live", config_text(config)), RecordParams())
+    info, recorder = camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m), recorder_in(tmp_path / "logs")
     inbox, warm, said = Inbox(), threading.Event(), list[int]()
 
     def warm_up() -> None:
         assert warm.wait(30.0)
 
-    loop = PipelineLoop(
-        Pipeline((), lambda info: Extractor(config.extractor), config.sync),
-        inbox,
-        Blindness(("front", "right"), 0.3),
-        lambda result, prisms: said.append(result.sequence),
-        recorder,
-        "always",
-        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
-        warm_up,
-    )
+    loop = loop_of(inbox, recorder, lambda result, prisms: said.append(result.sequence), warm_up)
     recorder.open()
     loop.open()
     inbox.put([info])
