@@ -130,6 +130,11 @@ def _waited_s(pid: int) -> float:
     return waited_ns / NS
 
 
+def stolen_s() -> float:
+    """Seconds that this machine's processors were ready and the host of a virtual machine gave them to others, so far."""
+    return int(Path("/proc/stat").read_text().split("\n", 1)[0].split()[8]) * TICK_S / (os.cpu_count() or 1)
+
+
 def child_of(pid: int) -> int:
     """The camera's process. Raises LookupError."""
     for entry in Path("/proc").iterdir():
@@ -182,15 +187,16 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
         before = newest_health(health, 5.0)
         pids = {"service": service.pid, "camera": child_of(service.pid)}
         ear.begin()
-        begun_s, first = time.monotonic(), {name: taken(pid) for name, pid in pids.items()}
+        begun_s, first, stolen_before_s = time.monotonic(), {name: taken(pid) for name, pid in pids.items()}, stolen_s()
         sizes: list[int] = []
         while time.monotonic() - begun_s < args.minutes * 60.0:
             time.sleep(1.0)
             sizes.append(taken(service.pid).bytes)
         seconds = time.monotonic() - begun_s
-        last = {name: taken(pid) for name, pid in pids.items()}
+        last, stolen = {name: taken(pid) for name, pid in pids.items()}, stolen_s() - stolen_before_s
         after = newest_health(health, 5.0)
-    return figures(args, ear, seconds, first, last, sizes, before, after)
+    found = figures(args, ear, seconds, first, last, sizes, before, after)
+    return found | {"stolen_by_the_host_percent": round(100.0 * stolen / seconds, 2)}
 
 
 def figures(

@@ -2,8 +2,8 @@
 
 Starts (`benchmarks.start`), then runs of the whole service (`benchmarks.live`): a street at 30 Hz for the minutes that are
 asked for, at 12 Hz for its processor's share, and at both foliage and the flight of configs/simulated.toml. Each figure
-stands beside its bound. The machine has to be at rest: how long the service waited for a processor that others had is told
-with each run."""
+stands beside its bound. The machine has to be at rest: how long the service waited for a processor that others had, and
+how much of the processors the host of a virtual machine gave to others, is told with each run."""
 
 from __future__ import annotations
 
@@ -59,6 +59,7 @@ def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
     p50, p99 = found["exposure_to_subscriber_ms"]["p50"], found["exposure_to_subscriber_ms"]["p99"]
     cpu, waited = found["cpu_percent"], found["waited_for_a_processor_percent"]["service"]
     before, after = found["service_mb"]
+    stolen = found["stolen_by_the_host_percent"]
     quick, light = (held and hz >= 30.0), (held and hz <= 12.0)
     passed = Line(
         f"{name}: frames", f"{found['frames']} in {found['minutes']:g} min, {lost} dropped or lost", "0", lost == 0
@@ -74,6 +75,7 @@ def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
             f"<= {CPU_PERCENT:g} %" if light else "", cpu["service"] <= CPU_PERCENT if light else None,
         ),
         Line(f"{name}: waited for a processor", f"{waited:.1f} %{' (others had it: not at rest)' * (waited > BUSY_PERCENT)}"),
+        Line(f"{name}: processors taken by the host", f"{stolen:.2f} %"),
         Line(f"{name}: memory, first and last quarter", f"{before:.0f}, {after:.0f} MB", "flat", after <= GROWTH * before),
         Line(f"{name}: log", f"{found['log_mb_per_minute']:.0f} MB a minute"),
     ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 from copy import deepcopy
 from dataclasses import replace
@@ -9,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.live import shipped
+from benchmarks.live import shipped, stolen_s
 from benchmarks.service import live_lines, start_lines
 from companion.config import config_of
 from companion.demo import EMBEDDED
@@ -18,7 +19,7 @@ FOUND: dict[str, Any] = {
     "flight": "street", "hz": 30.0, "minutes": 10.0, "frames": 18000, "dropped_by_the_service": {}, "log_dropped": 0,
     "samples_lost": 0, "exposure_to_subscriber_ms": {"p50": 5.0, "p99": 7.5}, "cpu_percent": {"service": 9.5, "camera": 3.0},
     "waited_for_a_processor_percent": {"service": 0.4, "camera": 0.1}, "service_mb": [180.0, 181.0],
-    "log_mb_per_minute": 633.0,
+    "log_mb_per_minute": 633.0, "stolen_by_the_host_percent": 0.31,
 }  # fmt: skip
 
 
@@ -52,6 +53,13 @@ def test_a_machine_that_is_not_at_rest_is_told() -> None:
     busy = live_lines(FOUND | {"waited_for_a_processor_percent": {"service": 50.0}}, held=True)
     assert "50.0 % (others had it: not at rest)" in "\n".join(map(str, busy))
     assert "at rest" not in "\n".join(map(str, live_lines(FOUND, held=True)))
+
+
+def test_what_the_host_gave_to_others_is_told() -> None:
+    said = {line.what: line.value for line in live_lines(FOUND, held=True)}
+    assert said["street 30 Hz: processors taken by the host"] == "0.31 %"
+    before_s = stolen_s()
+    assert 0.0 <= before_s <= stolen_s() <= time.monotonic()
 
 
 def test_foliage_is_told_and_held_to_no_times() -> None:
