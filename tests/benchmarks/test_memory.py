@@ -33,7 +33,12 @@ HELD_SHARE = 0.02
 STEP_SHARE, MOST_STEPS = 0.01, 8
 """Tables grow by this share at least when they do, and seldom: none is beyond what the largest image can need."""
 QUICK_RESIDENT, SOAK_RESIDENT = 4e6, 8e6
-"""Bytes that the allocator may take more: fragments, not frames (one frame's arrays at 160x120 are 0.5 MB)."""
+"""Bytes that the allocator may take more while no table grows: fragments, not frames (one frame's arrays at 160x120 are
+0.5 MB)."""
+LOOK_RESIDENT = 1e5
+"""Of these in the median from look to look: fragments come now and then, a leak each time."""
+LEFT_SHARE = 0.25
+"""Of what is held, at most, the allocator keeps of the tables before when some grow; seen: 0.17."""
 BLOCKS = 250
 """Objects of Python that may be more: one a frame kept would be as many as the frames."""
 
@@ -58,8 +63,11 @@ def test_many_frames_leave_nothing_behind() -> None:
     steps = [rise for rise in rises if rise > STEP_SHARE * samples[0].held]
     assert len(steps) <= MOST_STEPS, words
     assert sum(rises) - sum(steps) <= HELD_SHARE * samples[0].held, words
-    beside = [s.resident - s.held for s in samples]
-    assert max(beside) - beside[0] < SOAK_RESIDENT, words
+    more = [(b.resident - a.resident, rise) for (a, b), rise in zip(pairwise(samples), rises, strict=True)]
+    quiet = [took for took, rise in more if rise not in steps]
+    assert sum(quiet) < SOAK_RESIDENT, words
+    assert float(np.median(quiet)) < LOOK_RESIDENT, words
+    assert all(took <= LEFT_SHARE * samples[0].held for took, rise in more if rise in steps), words
     assert samples[-1].blocks - samples[0].blocks < BLOCKS, words
 
 
