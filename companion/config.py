@@ -76,6 +76,12 @@ class Config:
                 f"must know of blindness within {BLIND_TOLD_S:g} s; set stale_s to 0.3 or less"
             )
 
+    @property
+    def helped_cameras(self) -> tuple[str, ...]:
+        """Names of those that are quick enough for a second thread to help with their frames."""
+        from_hz = self.service.second_thread_from_hz
+        return tuple(c.name for c in self.cameras if 0.0 < from_hz <= c.fps)
+
     def camera(self, name: str) -> CameraConfig:
         """The section of a camera; one that changes nothing where there is none."""
         return next((c for c in self.cameras if c.name == name), CameraConfig(name=name))

@@ -118,6 +118,9 @@ class ServiceParams:
         -1, -1, 100_000, "us",
         "a sleeping processor wakes up within this; 0: none sleeps, at the price of power and heat; -1: as the system has it",
     )  # fmt: skip
+    second_thread_from_hz: float = number(
+        0.0, 0.0, 1000.0, "Hz", "a second thread helps with each frame of a camera whose `fps` is this or more; 0: none does"
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check("service", self)

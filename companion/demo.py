@@ -25,7 +25,8 @@ from .warmup import WarmupError, warm_up
 OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
-    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"), service=ServiceParams(idle_latency_us=0)
+    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
+    service=ServiceParams(idle_latency_us=0, second_thread_from_hz=25.0),
 )  # fmt: skip
 """The embedded default: what configs/simulated.toml says too."""
 MOST_FPS = 15.0

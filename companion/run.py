@@ -133,11 +133,12 @@ def run(args: argparse.Namespace) -> int:
         gc.enable()
 
     idle = IdleLatency(config.service.idle_latency_us)
-    unheeded = idle.open()
+    refusals = [idle.open()]
     service = Service(config, folders(), warm_up)
-    if unheeded:
-        log.warning(unheeded)
-        service.machine.notes.append(unheeded)
+    refusals.append(service.second.open())
+    for refusal in filter(None, refusals):
+        log.warning(refusal)
+        service.machine.notes.append(refusal)
     try:
         service.open()
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)

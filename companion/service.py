@@ -49,6 +49,7 @@ from .pipeline_loop import Clockwork, PipelineLoop
 from .publisher import Publisher, Stream, boot_id
 from .recorder import Recorder
 from .run_info import run_info
+from .second_thread import SecondThread
 from .service_folders import Folders
 from .surround import SurroundKeeper, surround_message
 
@@ -92,11 +93,11 @@ class Service:
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
-        self._next_computer_ns = 0
         self.recorder = self._recorder()
         self.metrics = self._metrics()
+        self.second = SecondThread(config.helped_cameras)
         self._pipeline = Pipeline(
-            (), lambda info: Extractor(config.extractor), config.sync,
+            (), lambda info: Extractor(config.extractor, self.second.helper_of(info.camera)), config.sync,
             mask=lambda info: masked(config.camera(info.camera), info),
         )  # fmt: skip
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
@@ -105,7 +106,7 @@ class Service:
             warm_up, self._previews.show,
         )  # fmt: skip
         self._rates, self._losses = FrameRates(), Losses()
-        self._next_health_ns = 0
+        self._next_health_ns = self._next_computer_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
         self.troubles: list[str] = []
 
@@ -156,15 +157,13 @@ class Service:
             self.avoidance.message(message, arrival_ns)
 
     def _recorder(self) -> Recorder | None:
-        record = self.config.record
-        if record.record == "off":
+        if (record := self.config.record).record == "off":
             return None
         folder = Path(record.folder) if record.folder else self._folders.state / "logs"
         return Recorder(folder, run_info("live", config_text(self.config)), record)
 
     def _metrics(self) -> MetricsServer | None:
-        port = self.config.service.metrics_port
-        if port == 0:
+        if (port := self.config.service.metrics_port) == 0:
             return None
         from .metrics import MetricsServer  # a web server: only where it is asked for
 
@@ -219,6 +218,7 @@ class Service:
         for camera in self.cameras.values():
             camera.close()
         self.loop.close()
+        self.second.close()
         if self.recorder is not None:
             self.recorder.close()
         if self.avoidance is not None:

@@ -172,6 +172,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     """Runs what these modes use on small frames, for the extractor uint16 millimetres, as cameras give, and float32
     metres."""
     from core.extractor import Extractor
+    from core.helper import AtOnce
     from core.params import Params
 
     info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
@@ -189,6 +190,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
             state = ExtractorState()
             for R in (level, tilted):
                 model, state = extractor.extract(depth, info, R, state, keep_strips=True)
+        Extractor(Params(mode=mode), AtOnce()).extract(frame, info, level)
         _run_telling_kernels(model)
         _run_rare_kernels(frame, info)
 
