@@ -91,8 +91,8 @@ class SecondThread:
         """As `core.helper.Helper` says."""
         if self._last is not None:
             self._last.settle()  # of a frame that was given up
-        if self._thread is None or self._thread.native_id is None:
-            return Done(None)
+        if self._thread is None or self._thread.native_id is None or not self._thread.is_alive():
+            return Done(None)  # nothing is laid up for a thread that has ended with an error
         self._keep_off(self._thread.native_id)
         task = _Task(work)
         self._last = task

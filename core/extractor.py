@@ -85,13 +85,13 @@ class Extractor:
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        look_for_ground = self._ground(marks, info, R, ke, state)
+        look_for_ground = self._ground_finder(marks, info, R, ke, state)
         ground_job = self._helper.start(look_for_ground) if self._helper is not None else None
         codes, view, exact = self._level(marks, info, R, ke)
         ground = (ground_job.result() if ground_job is not None else None) or look_for_ground()
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
-        shift = self._gate(ground, view, ke)
-        search = self._search(codes, shift, view, settings)
+        gate, shift = self._gate(ground, view, ke)
+        search = self._search(codes, gate, shift, view, settings)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
         n, found, ground_px, overflow = self._strips(search, codes, shift, view, info, R, ground, clear_m, ke, settings)
         if self._is_shreds(found, view):
@@ -165,7 +165,7 @@ class Extractor:
             codes = pooled
         return codes, view, exact
 
-    def _ground(
+    def _ground_finder(
         self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
     ) -> Callable[[], Ground]:
         """What finds the ground, before any density; the paper looks for horizontal surfaces among the rest only."""
@@ -176,20 +176,25 @@ class Extractor:
 
     # ---- strips and clusters ------------------------------------------------------------------------------------
 
-    def _gate(self, ground: Ground, view: ViewGeometry, ke: float) -> NDArray[np.float32]:
-        """Makes the ground's gate; its shift for each column."""
-        return ground_gate(ground, view, ke, self.params, self._buffer("gate", (65536,), np.float32))
+    def _gate(self, ground: Ground, view: ViewGeometry, ke: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The ground's gate and its shift for each column, see `ground_gate`."""
+        gate = self._buffer("gate", (65536,), np.float32)
+        return gate, ground_gate(ground, view, ke, self.params, gate)
 
     def _search(
-        self, codes: NDArray[np.uint16], shift: NDArray[np.float32], view: ViewGeometry, settings: Settings
+        self,
+        codes: NDArray[np.uint16],
+        gate: NDArray[np.float32],
+        shift: NDArray[np.float32],
+        view: ViewGeometry,
+        settings: Settings,
     ) -> StripSearch:
-        """Sections 4.1-4.3, begun."""
+        """Sections 4.1-4.3, begun where there is a helper."""
         bins = settings.bins
         if len(self._strip_tables[3]) <= view.cols:
             cols = -(-view.cols // _MORE_COLS) * _MORE_COLS
             self._strip_tables = strip_tables(cols, self.params.max_column_strips)
         ints, floats = self._strip_tables[:2]
-        gate = self._buffer("gate", (65536,), np.float32)
         return StripSearch(
             (
                 codes, gate, shift, view.tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,

@@ -99,24 +99,43 @@ def test_it_is_kept_off_the_processor_of_whoever_asks_wherever_that_is_moved_to(
 
 
 @needs_two
-def test_what_has_not_begun_when_it_is_asked_for_is_never_done() -> None:
-    """Whoever asked does it; the memory that it would write to may be in use for the next frame by then."""
-    second, held = opened(), Part(hold=True)
+def test_a_new_piece_waits_for_what_a_frame_that_was_given_up_left() -> None:
+    """The memory that it writes to is the next frame's."""
+    second, held, after = opened(), Part(hold=True), Part()
     try:
         second.start(held)
         assert held.began.wait(5.0)
-        late = Part()
-        threading.Timer(0.2, held.let.set).start()
+        threading.Timer(0.3, held.let.set).start()
         begun_s = time.monotonic()
-        job = second.start(late)  # waits for what the frame before left
-        assert time.monotonic() - begun_s > 0.1
-        assert job.result() in (None, "done")
-        never = Part()
-        second.close()
-        assert second.start(never).result() is None
-        assert not never.began.wait(0.2)
+        second.start(after)
+        assert time.monotonic() - begun_s > 0.2
     finally:
         second.close()
+
+
+@needs_two
+def test_what_has_not_begun_when_it_is_asked_for_is_never_done() -> None:
+    """Whoever asked does it himself."""
+    second, held, late = opened(), Part(hold=True), Part()
+    try:
+        second.start(held)
+        assert held.began.wait(5.0)
+        second._last = None  # else it would wait for the thread to be free
+        begun_s = time.monotonic()
+        assert second.start(late).result() is None
+        assert time.monotonic() - begun_s < 5.0
+        held.let.set()
+        assert not late.began.wait(0.3)
+        then = Part()
+        job = second.start(then)
+        assert then.began.wait(5.0)
+        assert job.result() == "done"
+    finally:
+        held.let.set()
+        second.close()
+    never = Part()
+    assert second.start(never).result() is None
+    assert not never.began.wait(0.2)
 
 
 @needs_two

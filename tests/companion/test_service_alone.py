@@ -154,7 +154,8 @@ def test_whatever_breaks_in_a_flight_is_said(tmp_path: Path, renders: Path) -> N
             told = line.change(
                 lambda a: [(1000 * m.time_usec, set(m.distances)) for m in a.of_kind("OBSTACLE_DISTANCE")]
             )
-            seen_ns = [m.t_exposure_ns for m in prisms.since(begun_ns) if m.valid]  # after it: nothing told is newer
+            time.sleep(0.2)  # what it was told by has come here, too
+            seen_ns = [m.t_exposure_ns for m in prisms.since(begun_ns) if m.valid]
             return [v for t, v in told if t > seen_ns[0] and not any(0 <= t - s <= 4 * NS // 10 for s in seen_ns)]
 
         # four faults on the way, each longer than that; where on it we began to look decides how soon it is enough
