@@ -12,14 +12,16 @@ from pathlib import Path
 from typing import Final
 
 DEVICE: Final = Path("/dev/cpu_dma_latency")
+DRIVER: Final = Path("/sys/devices/system/cpu/cpuidle/current_driver")
+"""Of the states of sleep: without one the kernel takes the wish and halts idle processors all the same."""
 NO_WISH: Final = -1
 
 
 class IdleLatency:
     """`open` asks, `close` takes it back; so does the end of the process, whatever ends it."""
 
-    def __init__(self, latency_us: int, device: Path | None = None) -> None:
-        self._latency_us, self._device = latency_us, device or DEVICE
+    def __init__(self, latency_us: int, device: Path | None = None, driver: Path | None = None) -> None:
+        self._latency_us, self._device, self._driver = latency_us, device or DEVICE, driver or DRIVER
         self._file: int | None = None
 
     def open(self) -> str:
@@ -35,7 +37,20 @@ class IdleLatency:
                 f"idle_latency_us = {self._latency_us} is not heeded: {self._device}: {error.strerror}; "
                 "`companion install` gives the right to it; a kernel without PM QoS does not have it"
             )
-        return ""
+        return self._without_driver()
+
+    def _without_driver(self) -> str:
+        try:
+            name = self._driver.read_text().strip()
+        except OSError as error:
+            name = error.strerror or str(error)
+        else:
+            if name != "none":
+                return ""
+        return (
+            f"idle_latency_us = {self._latency_us} is not heeded: {self._driver}: {name}; without a driver the kernel halts "
+            "idle processors whatever is wished; booted with idle=poll (x86) or nohlt (ARM) it lets none sleep"
+        )
 
     def close(self) -> None:
         """May be called twice."""

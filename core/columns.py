@@ -25,8 +25,6 @@ from .strips import (
     slide_windows,
 )
 
-BLOCK = 16
-"""Columns that are looked at in one go. No result depends on it."""
 LEFT, RIGHT = range(2)
 B_FIRST, B_END, B_GROUND, B_OVERFLOW = range(4)
 """Of a block: its strips in the table from and to, ground pixels, strips merged for want of room."""
@@ -42,8 +40,7 @@ def extract_strips(
     codes: (cols, rows) uint16. gate, shift: see `ground_gate`; shift: (cols,) float32. tan_mid: (rows,) float32.
     The bin arrays: BinTable. fs, si: settings by the S_ and I_ indices. ints, floats: outputs, with room for I_ROOM
     strips of each column."""
-    blocks = -(-codes.shape[0] // BLOCK)
-    taken, done = np.array([0, blocks]), np.zeros((blocks, 4), np.int64)
+    taken, done = np.array([0, 1]), np.zeros((1, 4), np.int64)
     n = strips_from_side(
         LEFT, taken, done, codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, first_code,
         fs, si, ints, floats,
@@ -56,12 +53,13 @@ def strips_from_side(
     side, taken, done, codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, first_code,
     fs, si, ints, floats,
 ):  # fmt: skip
-    """Strips of blocks of BLOCK columns from one side on, up to where another thread is that began at the other; their
-    number. Arguments as for `extract_strips`, the tables of strips each thread's own.
+    """Strips of blocks of columns from one side on, up to where another thread is that began at the other; how many.
+    Arguments as for `extract_strips`, the tables of strips each thread's own.
 
     side: LEFT or RIGHT. taken: (2,) int64, shared: blocks from 0 to taken[LEFT] - 1 and from taken[RIGHT] on are someone's.
-    done: (B, 4) int64 out, one's own: by the B_ indices for each block. Whatever one thread sees of the other's progress,
-    and however late, every block is done: at worst both do one, with the same result."""
+    done: (B, 4) int64 out, one's own: by the B_ indices for each of the B blocks that the columns are cut into. Whatever
+    one thread sees of the other's progress, and however late, every block is done: at worst both do one, with the same
+    result."""
     cols, rows = codes.shape
     n_bins, half = bin_px.shape[0], weights.shape[0] // 2
     whole = (rows + 7) // 8 * 8
@@ -80,6 +78,7 @@ def strips_from_side(
     tile = tile_columns(tan_mid, shift)
     limited, between = -1, False
     blocks = done.shape[0]
+    wide = -(-cols // blocks)
     for k in range(blocks):
         block = k if side == LEFT else blocks - 1 - k
         if block >= taken[RIGHT] if side == LEFT else block < taken[LEFT]:
@@ -88,7 +87,7 @@ def strips_from_side(
         measured[:] = 0
         opened, overflow = np.int64(0), tally[OVERFLOW]
         done[block, B_FIRST] = tally[N]
-        for u in range(block * BLOCK, min(cols, (block + 1) * BLOCK)):
+        for u in range(block * wide, min(cols, (block + 1) * wide)):
             if u // tile != limited:
                 limited = u // tile
                 shifts = shift[limited * tile : (limited + 1) * tile]

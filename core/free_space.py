@@ -94,7 +94,8 @@ def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
         odd = u & 1
         column, counted = codes[u], looked[odd]
         for v in range(rows):
-            unknown[v] += counted[v] if column[v] == Q_UNKNOWN else np.uint16(0)
+            count = counted[v]  # read in any case, see `kernels`
+            unknown[v] += count if column[v] == Q_UNKNOWN else np.uint16(0)
         to, at = np.uint64(2 * ((u - u0) >> 1) + 2 * even * odd), np.uint64(2 * odd)
         for _ in range((rows + 2 - 2 * odd) >> 2):
             cells[to], cells[to + one] = column[at], column[at + one]

@@ -4,6 +4,11 @@ Numba counts the references to every array that a compiled function is given, at
 time than most of our small functions take for their work. `inner` leaves that out. Such a function may take arrays and
 look at parts of them, but it neither makes nor returns one, not even in passing (`table[i] = table[j]` copies a row by way
 of a new one: see `copy_row`), and calls none that does. The compiler refuses the former, a test the latter.
+
+A loop over an image is done for many pixels at a time only where each of them reads the same memory: in `a[i] if c else b`
+the element is read where c holds, which AVX-512 alone among the processors at hand can do for bytes and words. Elsewhere,
+on every board, such a loop goes pixel by pixel, many times as long. So the element is read before: `x = a[i]`, then
+`x if c else b`.
 """
 
 from __future__ import annotations

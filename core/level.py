@@ -313,7 +313,8 @@ def pool_groups(codes, step, apart, total, count, out):
                 count[v] += np.int32(agrees)
         for v in range(rows):
             mean = np.float32(total[v]) / np.float32(max(count[v], np.int32(1)))
-            line[v] = np.uint16(mean + np.float32(0.5)) if count[v] > 1 else line[v]
+            nearest = line[v]
+            line[v] = np.uint16(mean + np.float32(0.5)) if count[v] > 1 else nearest
 
 
 @inner

@@ -14,9 +14,9 @@ from .kernels import inner, inner_inline, kernel
 
 ROW, CODE = range(2)
 """Lines of a list of pixels: their row and their code."""
-NO_PEAK, CLOSED, TAKEN = 253, 254, 255
-"""Marks of a row besides the number of the peak that it belongs to: of none; not measured, far or ground; in a strip. Up
-to NO_PEAK a row is open: measured, and nobody has it yet."""
+NO_PEAK, TAKEN, CLOSED = 253, 254, 255
+"""Marks of a row besides the number of the peak that it belongs to: of none; in a strip; not measured, far or ground. Up
+to NO_PEAK a row is open: measured, and nobody has it yet. The greater of two marks is the one that stays."""
 
 MAX_TILES = 16
 """Parts of the view that have limits of their own (resolution of a look-up; no result depends on it)."""
@@ -140,13 +140,13 @@ def mark_rows(line, mask, first, last, peaks, low, high, first_code, mark):
     low, high: bins of the peaks. first_code: see BinTable. mark: (V rounded up to 8,) uint8 out."""
     begin, end = np.uint64(first), np.uint64(last + 1)
     for v in range(begin, end):
-        mark[v] = CLOSED - mask[v]
+        mark[v] = CLOSED - (mask[v] << 1)
     for p in range(peaks):
         # as narrow as the codes: more rows are then done at a time
         least, most = np.uint16(min(first_code[low[p]], 65535)), np.uint16(max(first_code[high[p] + 1] - 1, 0))
         for v in range(begin, end):
-            inside = mask[v] & (line[v] >= least) & (line[v] <= most)
-            mark[v] = np.uint8(p) if inside else mark[v]
+            inside, so_far = mask[v] & (line[v] >= least) & (line[v] <= most), mark[v]
+            mark[v] = np.uint8(p) if inside else so_far
 
 
 @inner_inline

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .columns import B_GROUND, B_OVERFLOW, BLOCK, LEFT, RIGHT, append_blocks, extract_strips, strips_from_side
+from .columns import B_GROUND, B_OVERFLOW, LEFT, RIGHT, append_blocks, extract_strips, strips_from_side
 from .helper import Helper, Job
 
+_BLOCK_COLS = 16
+"""Columns that one of two threads takes in one go. No result depends on it."""
 Tables = tuple[NDArray[np.int32], NDArray[np.float32]]
 """ints and floats of strips."""
 
@@ -27,7 +29,7 @@ class StripSearch:
         self._view, self._tables = view, tables
         self._others: Job[int] | None = None
         if helper is not None:
-            blocks = -(-len(view[0]) // BLOCK)
+            blocks = -(-len(view[0]) // _BLOCK_COLS)
             self._taken, self._spare = np.array([0, blocks]), spare()
             self._done = np.zeros((2, blocks, 4), np.int64)
             work = partial(strips_from_side, RIGHT, self._taken, self._done[RIGHT], *view, *self._spare)

@@ -333,7 +333,7 @@ def finish_segment(
         )  # fmt: skip
     tail = np.uint16(min(high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM], 65535.0))
     for v in range(u_top, u_end):
-        mark[v] = TAKEN if (mark[v] <= NO_PEAK) & (line[v] <= tail) else mark[v]
+        mark[v] = max(mark[v], TAKEN if line[v] <= tail else np.uint8(0))
 
 
 @inner

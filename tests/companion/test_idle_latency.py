@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from companion.config import ConfigError, config_of
-from companion.idle_latency import DEVICE, IdleLatency
+from companion.idle_latency import DEVICE, DRIVER, IdleLatency
 from drivers.proto import osape_v1_pb2 as pb
 
 from .live import PATIENCE_S, Live, flown, until
 
 ALLOWED = os.access(DEVICE, os.R_OK | os.W_OK)
+UNDRIVEN = not DRIVER.exists() or DRIVER.read_text().strip() == "none"
 SERVICE = """
 [service]
 idle_latency_us = 41
@@ -50,9 +51,10 @@ def held_by_us(device: Path, process: int | str = "self") -> int:
 
 
 def test_the_wish_is_written_as_the_kernel_reads_it_and_held_until_the_end(tmp_path: Path) -> None:
-    device = tmp_path / "latency"
+    device, driver = tmp_path / "latency", tmp_path / "driver"
     device.touch()
-    idle = IdleLatency(250, device)
+    driver.write_text("acpi_idle\n")
+    idle = IdleLatency(250, device, driver)
     assert idle.open() == ""
     assert device.read_bytes() == struct.pack("=i", 250)  # four bytes; text would mean hexadecimal to it
     assert held_by_us(device) == 1  # closed, it would no longer be heeded
@@ -66,7 +68,7 @@ def test_the_kernel_heeds_it_and_forgets_it() -> None:
     before_us = heeded_us()
     wish_us = min(before_us, 100) // 2
     idle = IdleLatency(wish_us)
-    assert idle.open() == ""
+    assert ("is not heeded" in idle.open()) == UNDRIVEN
     try:
         assert heeded_us() == wish_us
     finally:
@@ -86,6 +88,7 @@ def test_a_service_asks_for_it_and_even_kill_9_takes_it_back(tmp_path: Path, ren
             assert heeded_us() == min(before_us, 41)
             assert live.process is not None
             assert held_by_us(DEVICE, live.process.pid) == 1
+            assert ("idle_latency_us = 41 is not heeded" in live.said()) == UNDRIVEN
             live.stop(signal.SIGKILL)
             assert until(lambda: heeded_us() == before_us, 2.0)
         else:
@@ -130,6 +133,21 @@ def test_a_kernel_without_it_is_told_with_the_remedy(tmp_path: Path) -> None:
     assert "idle_latency_us = 0 is not heeded" in said
     assert "No such file" in said
     assert "companion install" in said
+    idle.close()
+
+
+@pytest.mark.parametrize(("text", "why"), [("none\n", "none"), (None, "No such file")])
+def test_a_kernel_without_a_driver_for_sleep_takes_the_wish_and_does_not_heed_it(
+    tmp_path: Path, text: str | None, why: str
+) -> None:
+    device, driver = tmp_path / "latency", tmp_path / "current_driver"
+    device.touch()
+    if text is not None:
+        driver.write_text(text)
+    idle = IdleLatency(0, device, driver)
+    said = idle.open()
+    assert said.startswith(f"idle_latency_us = 0 is not heeded: {driver}: {why}")
+    assert "idle=poll" in said
     idle.close()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from core import strips as s
 from core import support
-from core.columns import B_GROUND, B_OVERFLOW, BLOCK, LEFT, RIGHT, append_blocks, extract_strips, strips_from_side
+from core.columns import B_GROUND, B_OVERFLOW, LEFT, RIGHT, append_blocks, extract_strips, strips_from_side
 from core.density import bin_table
 from core.params import Params
 from core.settings import float_settings, int_settings
@@ -51,7 +51,7 @@ def strips_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> t
 @pytest.mark.parametrize("both", [0, 2])
 def test_two_sides_that_meet_anywhere_find_what_one_finds(left: int, both: int) -> None:
     """The right side has all but `left` blocks, `both` of them the left side does, too: it saw the other too late."""
-    codes = np.concatenate([leaves(seed) for seed in range(6)])[:70]  # the last block is not whole
+    codes = np.concatenate([leaves(seed) for seed in range(6)])[:69]  # the last block is not whole
     gate = np.full(65536, 0.3, np.float32)
     gate[:700] = 0.1
     search, ints, floats = search_of(codes, Params(max_column_strips=8), gate)
@@ -59,7 +59,7 @@ def test_two_sides_that_meet_anywhere_find_what_one_finds(left: int, both: int) 
     assert ground > 0
     assert merged > 0
     more, own = (ints.copy(), floats.copy()), (np.full_like(ints, -7), np.full_like(floats, np.nan))
-    blocks = -(-len(codes) // BLOCK)
+    blocks = 5
     left = min(left, blocks)
     taken, done = np.array([left, blocks]), np.zeros((2, blocks, 4), np.int64)
     strips_from_side(RIGHT, taken, done[RIGHT], *search, *more)
