@@ -7,8 +7,8 @@ of a new one: see `copy_row`), and calls none that does. The compiler refuses th
 
 A loop over an image is done for many pixels at a time only where each of them reads the same memory: in `a[i] if c else b`
 the element is read where c holds, which AVX-512 alone among the processors at hand can do for bytes and words. Elsewhere,
-on every board, such a loop goes pixel by pixel, many times as long. So the element is read before: `x = a[i]`, then
-`x if c else b`.
+on every board, such a loop goes pixel by pixel and takes many times as long. So the element is read before: `x = a[i]`,
+then `x if c else b`.
 """
 
 from __future__ import annotations
