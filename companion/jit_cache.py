@@ -3,18 +3,24 @@
 numba asks of a cached kernel only whether the kernel's own file has changed. A kernel that calls one of another file
 holds that one's machine code too, and would go on with the old code after a change there. So every state of the
 sources gets a directory of its own, named by a hash of them all; a few old ones are kept, for going back and forth.
+A new directory starts with links to the kernels of older ones whose import closure has not changed (see `seed`), so that a
+change recompiles only the kernels of the changed file and of the files that import it.
 
 numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() before anything else.
 """
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import fcntl
 import hashlib
+import json
 import os
 import re
 import shutil
 import sys
+from collections.abc import Collection
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -26,6 +32,10 @@ KEPT: Final = 3
 _PREFIX: Final = "kernels-"
 _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
 _LOCK: Final = "in-use"
+_CLOSURES: Final = "closures.json"
+"""In each directory: the hash of the import closure of every module that was there when the directory was made."""
+_NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world_params"})
+"""Modules of parameter classes. A kernel cannot read one, so a change there changes no machine code."""
 
 _held: list[int] = []
 """Open files whose locks tell other processes that the directory is in use; they close with the process."""
@@ -40,7 +50,11 @@ def use_own_cache() -> Path | None:
     named = os.environ.get(VARIABLE)
     for base in [base_of(Path(named))] if named else _usual_bases():
         folder = base / (_PREFIX + source_key(ROOT))
+        is_new = not folder.exists()
         if _open(folder):
+            if is_new:
+                with contextlib.suppress(OSError):
+                    seed(base, folder, ROOT)
             prune(base, folder)
             os.environ[VARIABLE] = str(folder)
             return folder
@@ -55,11 +69,90 @@ def base_of(folder: Path) -> Path:
 def source_key(root: Path) -> str:
     """16 hex digits: the sources of every kernel of the service, and numba's version."""
     digest = hashlib.sha256(metadata.version("numba").encode())
-    for path in (*sorted((root / "core").glob("*.py")), root / "drivers" / "raycast.py"):
+    for path in _kernel_files(root):
         content = path.read_bytes()
         digest.update(f"\n{path.name} {len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()[:16]
+
+
+def seed(base: Path, folder: Path, root: Path) -> None:
+    """Links the cached kernels of older directories into a new one, for each module whose import closure is the same.
+
+    numba replaces its files by renaming, so a link never changes the older directory. It checks the source of the
+    kernel's own file by itself."""
+    closures = import_closures(root)
+    missing = dict(closures)
+    older = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
+    for other in sorted(older, key=_last_use, reverse=True):
+        there = _closures_of(other)
+        same = [name for name, key in missing.items() if there.get(name) == key]
+        linked = {name for name in same if _link_kernels(other, folder, name.rpartition(".")[2])}
+        missing = {name: key for name, key in missing.items() if name not in linked}
+    (folder / _CLOSURES).write_text(json.dumps(closures))
+
+
+def import_closures(root: Path) -> dict[str, str]:
+    """Hash per module (`core.level`): its own source, and the syntax trees of all it imports from the kernels' files,
+    without docstrings."""
+    files = {f"{path.parent.name}.{path.stem}": path for path in _kernel_files(root)}
+    trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
+    imports = {name: _imported(tree, name, files.keys()) - _NOT_IN_KERNELS for name, tree in trees.items()}
+    dumped = {name: ast.dump(tree) for name, tree in trees.items()}
+    version = metadata.version("numba")
+    closures = {}
+    for name in files:
+        reached, todo = {name}, [name]
+        while todo:
+            new = imports[todo.pop()] - reached
+            reached |= new
+            todo += new
+        text = "\n".join([version, files[name].read_text(), *(dumped[other] for other in sorted(reached - {name}))])
+        closures[name] = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return closures
+
+
+def _kernel_files(root: Path) -> list[Path]:
+    return [*sorted((root / "core").glob("*.py")), root / "drivers" / "raycast.py"]
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            body = [s for s in node.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+            node.body = body or [ast.Pass()]
+    return tree
+
+
+def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
+    """Those of the known modules that a module imports, by whatever form of import."""
+    package, found = name.rpartition(".")[0], set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            source = ".".join(part for part in (package if node.level else "", node.module or "") if part)
+            found |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
+    return found & set(known)
+
+
+def _closures_of(folder: Path) -> dict[str, str]:
+    try:
+        return dict(json.loads((folder / _CLOSURES).read_text()))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
+def _link_kernels(source: Path, target: Path, module: str) -> bool:
+    """Whether the source directory holds kernels of this module; they are linked into the target directory."""
+    files = [f for f in source.glob(f"*/{module}.*") if f.suffix in (".nbi", ".nbc")]
+    # each data file before the index that names it
+    for file in sorted(files, key=lambda f: f.suffix):
+        place = target / file.parent.name / file.name
+        place.parent.mkdir(exist_ok=True)
+        if not place.exists():
+            os.link(file, place)
+    return bool(files)
 
 
 def prune(base: Path, current: Path) -> None:

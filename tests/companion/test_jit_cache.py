@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import companion.jit_cache as jit_cache
-from companion.jit_cache import VARIABLE, base_of, prune, source_key, use_own_cache
+from companion.jit_cache import VARIABLE, base_of, import_closures, prune, source_key, use_own_cache
 
 CALLER = """
 from numba import njit
@@ -91,6 +91,39 @@ def test_every_module_of_the_service_has_it(tmp_path: Path) -> None:
     told = python("import companion.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
     assert Path(told) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
     assert python("import companion.cli, sys; print('numba' in sys.modules)", tmp_path) == "False"
+
+
+def kernels(folder: Path) -> set[str]:
+    return {file.name.partition("-")[0] for file in folder.glob("*/*.nbi")}
+
+
+@pytest.mark.parametrize(
+    ("changed", "added", "kept"),
+    [
+        ("core/outer.py", "\n", {"inner.inner"}),
+        ("core/inner.py", "\nx = 1\n", set()),
+        ("core/other.py", "\nx = 1\n", {"inner.inner", "outer.outer"}),
+        ("core/inner.py", '\n"""A sentence that no machine code depends on."""\n', {"outer.outer"}),
+    ],
+)
+def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
+    tmp_path: Path, changed: str, added: str, kept: set[str]
+) -> None:
+    root, cache = sources(tmp_path / "project", factor=2), tmp_path / "cache"
+    (root / "core" / "other.py").write_text("")
+    open_cache = KEYED.format(root=str(root))
+    assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
+    with (root / changed).open("a") as file:
+        file.write(added)
+    python(open_cache, cache)
+    assert kernels(cache / f"kernels-{source_key(root)}") == kept
+    assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
+
+
+def test_every_kernel_module_has_an_import_closure() -> None:
+    closures = import_closures(jit_cache.ROOT)
+    assert {"core.free_space", "core.extractor", "drivers.raycast"} <= closures.keys()
+    assert len(set(closures.values())) == len(closures)
 
 
 @pytest.mark.parametrize("changed", ["core/outer.py", "core/inner.py", "drivers/raycast.py", "core/new.py"])
