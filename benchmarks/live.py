@@ -28,7 +28,6 @@ import zmq
 
 from companion.demo import EMBEDDED
 from companion.demo_live import free_port
-from companion.idle_latency import IdleLatency
 from companion.status import newest_health
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -36,8 +35,6 @@ NS = 1_000_000_000
 TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 PAGE = os.sysconf("SC_PAGE_SIZE")
 PATIENCE_S = 180.0
-IDLE_US = EMBEDDED.service.idle_latency_us
-"""As configs/simulated.toml has it; -1: as the machine has it."""
 SEED = EMBEDDED.cameras[0].seed
 """As it has it, too."""
 SHIPPED = Path(__file__).parents[1] / "configs" / "simulated.toml"
@@ -167,7 +164,7 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
     text = shipped(
         {
             "flight": args.flight, "width_px": args.width, "fps": args.hz, "seed": args.seed,
-            "address": f"udpin:127.0.0.1:{free_port()}", "idle_latency_us": args.idle_latency,
+            "address": f"udpin:127.0.0.1:{free_port()}",
         }
     )  # fmt: skip
     config.write_text(text + PLACES.format(folder=folder, record="off" if args.no_log else "always"))
@@ -216,7 +213,6 @@ def figures(
     return {
         "flight": args.flight,
         "hz": args.hz,
-        "idle_latency_us": args.idle_latency,
         "minutes": round(seconds / 60.0, 2),
         "frames": len(ages),
         "missed_by_the_subscriber": ear.missed,
@@ -237,23 +233,6 @@ def figures(
     }
 
 
-def add_idle_latency(parser: argparse.ArgumentParser) -> None:
-    """The option of that name."""
-    parser.add_argument(
-        "--idle-latency", type=int, default=IDLE_US, metavar="US",
-        help=f"[service] idle_latency_us ({IDLE_US}; -1: as the machine has it)",
-    )  # fmt: skip
-
-
-def refuse_unheeded(parser: argparse.ArgumentParser, latency_us: int) -> None:
-    """Ends the program where the kernel does not heed the wish: the figures would pass for what they are not."""
-    wish = IdleLatency(latency_us)
-    unheeded = wish.open()
-    wish.close()
-    if unheeded:
-        parser.error(f"{unheeded}; with --idle-latency -1 it is measured as the machine has it")
-
-
 def main() -> int:
     """0: measured; 1: it did not see."""
     parser = argparse.ArgumentParser(description="the live service over minutes")
@@ -264,9 +243,7 @@ def main() -> int:
     parser.add_argument("--width", type=int, default=640)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--no-log", action="store_true")
-    add_idle_latency(parser)
     args = parser.parse_args()
-    refuse_unheeded(parser, args.idle_latency)
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         try:
             print(json.dumps(measure(args, Path(folder)), indent=1))

@@ -81,11 +81,10 @@ def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
     ]  # fmt: skip
 
 
-def run_of(flight: str, hz: float, minutes: float, idle_latency: int) -> dict[str, Any]:
+def run_of(flight: str, hz: float, minutes: float) -> dict[str, Any]:
     """One run with its log on. Raises TimeoutError when it does not see."""
     asked = Namespace(
         flight=flight, hz=hz, minutes=minutes, width=640, seed=live.SEED, warm_up=WARM_UP_S, no_log=False,
-        idle_latency=idle_latency,
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="osape-") as folder:
         return live.measure(asked, Path(folder))
@@ -96,19 +95,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="what the live service is held to")
     parser.add_argument("--minutes", type=float, default=10.0, help="of the long run (10)")
     parser.add_argument("--runs", type=int, default=3, help="starts (3)")
-    live.add_idle_latency(parser)
     parser.add_argument("--json", type=Path, help="all that was measured, into a file")
     args = parser.parse_args()
-    live.refuse_unheeded(parser, args.idle_latency)
     times = start.runs_of(args.runs)
-    lines = [*start_lines(times), Line("[service] idle_latency_us of what follows", f"{args.idle_latency}")]
+    lines = [*start_lines(times)]
     runs = []
     try:
         for flight, hz, minutes in (
             ("street", 12.0, SHORT_MINUTES), ("trees", 12.0, SHORT_MINUTES), ("trees", 30.0, SHORT_MINUTES),
             ("demo", 12.0, SHORT_MINUTES), ("demo", 30.0, SHORT_MINUTES), ("street", 30.0, args.minutes),
         ):  # fmt: skip
-            runs.append(run_of(flight, hz, minutes, args.idle_latency))
+            runs.append(run_of(flight, hz, minutes))
             lines += live_lines(runs[-1], held=flight == "street")
     except TimeoutError as error:
         print(error, file=sys.stderr)

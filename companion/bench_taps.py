@@ -16,7 +16,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
 
-HOSTS: Final = ("core.extractor", "core.strip_search", "core.strip_stages", "core.plane_stages")
+HOSTS: Final = ("core.extractor", "core.strip_stages", "core.plane_stages")
 """Modules whose calls are watched: those that put the stages together."""
 
 STAGE_OF_MODULE: Final[dict[str, str]] = {

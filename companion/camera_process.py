@@ -10,8 +10,6 @@ import json
 import signal
 import sys
 import time
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from core.types import CameraInfo, CameraMount, Intrinsics
@@ -54,17 +52,9 @@ def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) 
         source.close()
 
 
-def be_punctual() -> None:
-    """From here on a sleep of this process's main thread ends when it is due. By itself Linux lets it be late by 50 us, so
-    that several wake together; a simulated frame would be late by that, as no device's is."""
-    with suppress(OSError):  # without it, all goes on as well
-        Path("/proc/self/timerslack_ns").write_text("1\n")
-
-
 def main(argv: list[str]) -> int:
     """0 never: it runs until it is stopped or fails; the cause is said on the channel."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service decides when we end
-    be_punctual()
     section = CameraConfig(**json.loads(argv[1]))
     writer = FrameWriter(int(argv[0]), section.name)
     try:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import functools
 import json
+import logging
 import re
 import tomllib
 import types
@@ -27,7 +28,10 @@ from core.world_params import WorldParams
 from .config_avoid import AvoidParams
 from .config_camera import CameraConfig, OutputConfig
 from .config_live import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
+from .config_retired import without_retired
 from .sync import SyncParams
+
+log = logging.getLogger(__name__)
 
 SECTIONS: dict[str, type] = {
     "extractor": Params,
@@ -76,12 +80,6 @@ class Config:
                 f"must know of blindness within {BLIND_TOLD_S:g} s; set stale_s to 0.3 or less"
             )
 
-    @property
-    def helped_cameras(self) -> tuple[str, ...]:
-        """Names of those that are quick enough for a second thread to help with their frames."""
-        from_hz = self.service.second_thread_from_hz
-        return tuple(c.name for c in self.cameras if 0.0 < from_hz <= c.fps)
-
     def camera(self, name: str) -> CameraConfig:
         """The section of a camera; one that changes nothing where there is none."""
         return next((c for c in self.cameras if c.name == name), CameraConfig(name=name))
@@ -97,7 +95,7 @@ class ConfigError(Exception):
 
 
 def load_config(path: Path) -> Config:
-    """The configuration in a TOML file. Raises ConfigError."""
+    """The configuration in a TOML file; logs a warning for each retired key. Raises ConfigError."""
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -110,7 +108,10 @@ def load_config(path: Path) -> Config:
     except tomllib.TOMLDecodeError as error:
         problem = f"not valid TOML: {error}; strings need quotes, decimals a digit on both sides of the dot"
         raise ConfigError(str(path), [problem]) from error
-    return config_of(content, str(path))
+    current, warnings = without_retired(content)
+    for warning in warnings:
+        log.warning("%s: %s", path, warning)
+    return config_of(current, str(path))
 
 
 def config_text(config: Config) -> str:
@@ -128,7 +129,7 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
         raise ConfigError(source, [f"not valid JSON: {error}; the log is damaged"]) from error
     if not isinstance(content, dict):
         raise ConfigError(source, ["not an object of sections; the log is damaged"])
-    return config_of(content, source)
+    return config_of(without_retired(content)[0], source)
 
 
 def config_of(content: Mapping[str, Any], source: str) -> Config:

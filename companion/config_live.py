@@ -114,13 +114,6 @@ class ServiceParams:
     blind_hz: float = number(12.5, 10.0, 50.0, "Hz", "rate of the messages that say so")
     hang_s: float = number(2.0, 0.5, 30.0, "s", "a loop that has not gone round for this long hangs")
     metrics_port: int = number(0, 0, 65535, "", "Prometheus text on 127.0.0.1; 0: none")
-    idle_latency_us: int = number(
-        -1, -1, 100_000, "us",
-        "a sleeping processor wakes up within this; 0: none sleeps, at the price of power and heat; -1: as the system has it",
-    )  # fmt: skip
-    second_thread_from_hz: float = number(
-        0.0, 0.0, 1000.0, "Hz", "a second thread helps with each frame of a camera whose `fps` is this or more; 0: none does"
-    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check("service", self)

@@ -12,10 +12,9 @@ from typing import Any
 
 from .config import Config, load_config
 from .config_camera import CameraConfig
-from .config_live import AutopilotConfig, ServiceParams
+from .config_live import AutopilotConfig
 from .console import fail, progress, say, say_json, warn
 from .demo_live import DemoError, LiveRun, fly
-from .idle_latency import NO_WISH
 from .replay import Options, replay
 from .replay_report import Replay
 from .status import status_lines
@@ -26,7 +25,6 @@ OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
     cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
-    service=ServiceParams(idle_latency_us=0, second_thread_from_hz=25.0),
 )  # fmt: skip
 """The embedded default: what configs/simulated.toml says too."""
 MOST_FPS = 15.0
@@ -65,8 +63,7 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
     cameras = tuple(
         replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MOST_FPS)) for c in simulated
     )  # fmt: skip
-    # some seconds to look at, on anybody's machine: its processors may sleep
-    return replace(config, cameras=cameras, service=replace(config.service, idle_latency_us=NO_WISH))
+    return replace(config, cameras=cameras)
 
 
 def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:

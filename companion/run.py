@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 from .config import load_config
 from .console import say
-from .idle_latency import IdleLatency
 from .sd_notify import Notifier
 from .service_folders import folders
 
@@ -132,18 +131,11 @@ def run(args: argparse.Namespace) -> int:
         gc.freeze()
         gc.enable()
 
-    idle = IdleLatency(config.service.idle_latency_us)
-    refusals = [idle.open()]
     service = Service(config, folders(), warm_up)
-    refusals.append(service.second.open())
-    for refusal in filter(None, refusals):
-        log.warning(refusal)
-        service.machine.notes.append(refusal)
     try:
         service.open()
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)
     finally:
         notifier.stopping()
         service.close()
-        idle.close()
         say("stopped")

@@ -49,7 +49,6 @@ from .pipeline_loop import Clockwork, PipelineLoop
 from .publisher import Publisher, Stream, boot_id
 from .recorder import Recorder
 from .run_info import run_info
-from .second_thread import SecondThread
 from .service_folders import Folders
 from .surround import SurroundKeeper, surround_message
 
@@ -95,9 +94,8 @@ class Service:
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
         self.recorder = self._recorder()
         self.metrics = self._metrics()
-        self.second = SecondThread(config.helped_cameras)
         self._pipeline = Pipeline(
-            (), lambda info: Extractor(config.extractor, self.second.helper_of(info.camera)), config.sync,
+            (), lambda info: Extractor(config.extractor), config.sync,
             mask=lambda info: masked(config.camera(info.camera), info),
         )  # fmt: skip
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
@@ -218,7 +216,6 @@ class Service:
         for camera in self.cameras.values():
             camera.close()
         self.loop.close()
-        self.second.close()
         if self.recorder is not None:
             self.recorder.close()
         if self.avoidance is not None:

@@ -122,9 +122,9 @@ def make_ready(*modes: str) -> None:
     child, since compiling leaves a gigabyte behind, and the service stays as large as it once was.
 
     A service that died while it loaded has perhaps met a damaged cache, and would die of it again at each start: a
-    mark tells the next one, which lets `warm_up` look and mend first, and then loads in numba's own way. What the start
-    has made stays for good: it is taken out of the garbage collector's sight, whose full rounds would otherwise go
-    through it all again and again with the other threads waiting. Raises WarmupError."""
+    mark tells the next one, which lets `warm_up` look and mend first. What the start has made stays for good: it is
+    frozen (`gc.freeze`), since full collections would otherwise scan all of it again and again and stop the other
+    threads meanwhile. Raises WarmupError."""
     begun_s = time.monotonic()
     named = os.environ.get(VARIABLE)
     mark = Path(named) / MARK if named else None
@@ -136,10 +136,6 @@ def make_ready(*modes: str) -> None:
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
-    if not died:
-        from .kernel_loading import load_quickly  # imports numba
-
-        load_quickly()
     run_kernels(modes, metres=False)
     if mark is not None:
         mark.unlink(missing_ok=True)
@@ -172,7 +168,6 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     """Runs what these modes use on small frames, for the extractor uint16 millimetres, as cameras give, and float32
     metres."""
     from core.extractor import Extractor
-    from core.helper import AtOnce
     from core.params import Params
 
     info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
@@ -190,7 +185,6 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
             state = ExtractorState()
             for R in (level, tilted):
                 model, state = extractor.extract(depth, info, R, state, keep_strips=True)
-        Extractor(Params(mode=mode), AtOnce()).extract(frame, info, level)
         _run_telling_kernels(model)
         _run_rare_kernels(frame, info)
 

@@ -25,10 +25,6 @@ from .strips import (
     slide_windows,
 )
 
-LEFT, RIGHT = range(2)
-B_FIRST, B_END, B_GROUND, B_OVERFLOW = range(4)
-"""Of a block: its strips in the table from and to, ground pixels, strips merged for want of room."""
-
 
 @kernel
 def extract_strips(
@@ -40,26 +36,6 @@ def extract_strips(
     codes: (cols, rows) uint16. gate, shift: see `ground_gate`; shift: (cols,) float32. tan_mid: (rows,) float32.
     The bin arrays: BinTable. fs, si: settings by the S_ and I_ indices. ints, floats: outputs, with room for I_ROOM
     strips of each column."""
-    taken, done = np.array([0, 1]), np.zeros((1, 4), np.int64)
-    n = strips_from_side(
-        LEFT, taken, done, codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, first_code,
-        fs, si, ints, floats,
-    )  # fmt: skip
-    return n, done[:, B_GROUND].sum(), done[:, B_OVERFLOW].sum()
-
-
-@kernel
-def strips_from_side(
-    side, taken, done, codes, gate, shift, tan_mid, H, bin_of_code, bin_px, bin_width_px, threshold, weights, first_code,
-    fs, si, ints, floats,
-):  # fmt: skip
-    """Strips of blocks of columns from one side on, up to where another thread is that began at the other; how many.
-    Arguments as for `extract_strips`, the tables of strips each thread's own.
-
-    side: LEFT or RIGHT. taken: (2,) int64, shared: blocks from 0 to taken[LEFT] - 1 and from taken[RIGHT] on are someone's.
-    done: (B, 4) int64 out, one's own: by the B_ indices for each of the B blocks that the columns are cut into. Whatever
-    one thread sees of the other's progress, and however late, every block is done: at worst both do one, with the same
-    result."""
     cols, rows = codes.shape
     n_bins, half = bin_px.shape[0], weights.shape[0] // 2
     whole = (rows + 7) // 8 * 8
@@ -77,65 +53,36 @@ def strips_from_side(
     rises = gate_rises(gate)
     tile = tile_columns(tan_mid, shift)
     limited, between = -1, False
-    blocks = done.shape[0]
-    wide = -(-cols // blocks)
-    for k in range(blocks):
-        block = k if side == LEFT else blocks - 1 - k
-        if block >= taken[RIGHT] if side == LEFT else block < taken[LEFT]:
-            break
-        taken[side] = block + 1 - side
-        measured[:] = 0
-        opened, overflow = np.int64(0), tally[OVERFLOW]
-        done[block, B_FIRST] = tally[N]
-        for u in range(block * wide, min(cols, (block + 1) * wide)):
-            if u // tile != limited:
-                limited = u // tile
-                shifts = shift[limited * tile : (limited + 1) * tile]
-                between = tile_limits(gate, rises, tan_mid, shifts, below, above)
-            line = codes[u]
-            open_rows(line, gate, shift[u], tan_mid, below, above, between, mask, doubt, measured)
+    opened = np.int64(0)
+    for u in range(cols):
+        if u // tile != limited:
+            limited = u // tile
+            shifts = shift[limited * tile : (limited + 1) * tile]
+            between = tile_limits(gate, rises, tan_mid, shifts, below, above)
+        line = codes[u]
+        open_rows(line, gate, shift[u], tan_mid, below, above, between, mask, doubt, measured)
+        n = gather_rows(line, mask, px)
+        if n == 0:
+            continue
+        opened += n
+        top_row, bottom_row = px[ROW, 0], px[ROW, n - 1]
+        tally[FIRST] = tally[N]
+        first, last = count_bins(px, n, bin_of_code, lanes)
+        begin, end = soft_counts(lanes, first, last, weights, hist, counts)
+        peaks = peaks_of_column(counts, begin, end, threshold, fs[S_VALLEY], fs[S_ALPHA], low, high, top)
+        if peaks > 0 or si[I_PAPER] == 1:
+            mark_rows(line, mask, top_row, bottom_row, peaks, low, high, first_code, mark)
+        for p in range(peaks):
+            d, low_code, high_code, rough = peak_range(low[p], high[p], top[p], bin_px, bin_width_px, weights, fs, si)
+            slide_windows(
+                line, mark, top_row, bottom_row, p, d, low_code, high_code, rough, u, H, area, fs, si, seen, own, best,
+                parts, ints, floats, tally,
+            )  # fmt: skip
+        if peaks > 0:
+            free_rows(mark, top_row, bottom_row, mask)
             n = gather_rows(line, mask, px)
-            if n == 0:
-                continue
-            opened += n
-            top_row, bottom_row = px[ROW, 0], px[ROW, n - 1]
-            tally[FIRST] = tally[N]
-            first, last = count_bins(px, n, bin_of_code, lanes)
-            begin, end = soft_counts(lanes, first, last, weights, hist, counts)
-            peaks = peaks_of_column(counts, begin, end, threshold, fs[S_VALLEY], fs[S_ALPHA], low, high, top)
-            if peaks > 0 or si[I_PAPER] == 1:
-                mark_rows(line, mask, top_row, bottom_row, peaks, low, high, first_code, mark)
-            for p in range(peaks):
-                d, low_code, high_code, rough = peak_range(
-                    low[p], high[p], top[p], bin_px, bin_width_px, weights, fs, si
-                )
-                slide_windows(
-                    line, mark, top_row, bottom_row, p, d, low_code, high_code, rough, u, H, area, fs, si, seen, own, best,
-                    parts, ints, floats, tally,
-                )  # fmt: skip
-            if peaks > 0:
-                free_rows(mark, top_row, bottom_row, mask)
-                n = gather_rows(line, mask, px)
-            irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally)
-        done[block, B_END] = tally[N]
-        done[block, B_GROUND] = np.int64(measured.sum()) - opened
-        done[block, B_OVERFLOW] = tally[OVERFLOW] - overflow
-    return tally[N]
-
-
-@kernel
-def append_blocks(first, done, more_ints, more_floats, n, ints, floats):
-    """Strips of the blocks from `first` on, which another thread found, behind n of one's own; how many there are then.
-
-    done: that thread's, see `strips_from_side`; more_ints, more_floats: its tables."""
-    for block in range(first, done.shape[0]):
-        for k in range(done[block, B_FIRST], done[block, B_END]):
-            for c in range(ints.shape[1]):
-                ints[n, c] = more_ints[k, c]
-            for c in range(floats.shape[1]):
-                floats[n, c] = more_floats[k, c]
-            n += 1
-    return n
+        irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally)
+    return tally[N], np.int64(measured.sum()) - opened, tally[OVERFLOW]
 
 
 @inner_inline

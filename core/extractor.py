@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import clusters, fill, planes_paper, support
 from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
+from .columns import extract_strips
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
 from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate
-from .helper import Helper
 from .level import level_paper, level_safe, pool_columns
 from .model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
 from .noisy import noisy_share
@@ -24,7 +22,6 @@ from .plane_stages import plane_tables, shape_planes
 from .prisms import layered_prisms
 from .scratch import Scratch
 from .settings import Settings, settings_of
-from .strip_search import StripSearch
 from .strip_stages import settle_strips, strip_tables
 from .truncation import MEANS_LEFT
 from .types import (
@@ -43,10 +40,10 @@ _MORE_COLS, _MORE_STRIPS = 32, 512
 class Extractor:
     """Turns depth frames into planes. Holds its parameters and scratch memory, nothing that outlives a frame.
 
-    Not for two threads at once; make one each. helper: does a part of each frame, to the same result bit for bit."""
+    Not for two threads at once; make one each."""
 
-    def __init__(self, params: Params | None = None, helper: Helper | None = None) -> None:
-        self.params, self._helper = params or Params(), helper
+    def __init__(self, params: Params | None = None) -> None:
+        self.params = params or Params()
         self._settings: Settings | None = None
         self._strip_tables = strip_tables(0, self.params.max_column_strips)
         self._room_for_strips = 0
@@ -85,15 +82,11 @@ class Extractor:
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        look_for_ground = self._ground_finder(marks, info, R, ke, state)
-        ground_job = self._helper.start(look_for_ground) if self._helper is not None else None
         codes, view, exact = self._level(marks, info, R, ke)
-        ground = (ground_job.result() if ground_job is not None else None) or look_for_ground()
+        ground = self._ground(marks, info, R, ke, state)
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
-        gate, shift = self._gate(ground, view, ke)
-        search = self._search(codes, gate, shift, view, settings)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
-        n, found, ground_px, overflow = self._strips(search, codes, shift, view, info, R, ground, clear_m, ke, settings)
+        n, found, ground_px, overflow = self._strips(codes, view, info, R, ground, clear_m, ke, settings)
         if self._is_shreds(found, view):
             stats = pixel_stats(counts, depth_mm.size, dropped_strips=found)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
@@ -165,53 +158,20 @@ class Extractor:
             codes = pooled
         return codes, view, exact
 
-    def _ground_finder(
+    def _ground(
         self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
-    ) -> Callable[[], Ground]:
-        """What finds the ground, before any density; the paper looks for horizontal surfaces among the rest only."""
+    ) -> Ground:
+        """The ground, before any density; the paper looks for horizontal surfaces among the rest only."""
         if self.params.paper:
-            return lambda: NO_GROUND
+            return NO_GROUND
         points = self._buffer("points", (self.params.ground_max_samples, 7), np.float32)
-        return partial(find_ground, marks, info, R, ke, state.ground_height_m, self.params, points)
+        return find_ground(marks, info, R, ke, state.ground_height_m, self.params, points)
 
     # ---- strips and clusters ------------------------------------------------------------------------------------
 
-    def _gate(self, ground: Ground, view: ViewGeometry, ke: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The ground's gate and its shift for each column, see `ground_gate`."""
-        gate = self._buffer("gate", (65536,), np.float32)
-        return gate, ground_gate(ground, view, ke, self.params, gate)
-
-    def _search(
-        self,
-        codes: NDArray[np.uint16],
-        gate: NDArray[np.float32],
-        shift: NDArray[np.float32],
-        view: ViewGeometry,
-        settings: Settings,
-    ) -> StripSearch:
-        """Sections 4.1-4.3, begun where there is a helper."""
-        bins = settings.bins
-        if len(self._strip_tables[3]) <= view.cols:
-            cols = -(-view.cols // _MORE_COLS) * _MORE_COLS
-            self._strip_tables = strip_tables(cols, self.params.max_column_strips)
-        ints, floats = self._strip_tables[:2]
-        return StripSearch(
-            (
-                codes, gate, shift, view.tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
-                bins.weights, bins.first_code, settings.strip_floats, settings.strip_ints,
-            ),
-            (ints, floats),
-            self._helper,
-            lambda: (
-                self._buffer("helper_ints", ints.shape, np.int32), self._buffer("helper_floats", floats.shape, np.float32)
-            ),
-        )  # fmt: skip
-
     def _strips(
         self,
-        search: StripSearch,
         codes: NDArray[np.uint16],
-        shift: NDArray[np.float32],
         view: ViewGeometry,
         info: CameraInfo,
         R: Rotation,
@@ -222,10 +182,21 @@ class Extractor:
     ) -> tuple[int, int, int, int]:
         """Sections 4.1-4.4 and 5.1: strips that stay, in clusters, gaps filled; strips found, ground pixels taken out, and strips
         merged for room. Writes the tables of strips and their places."""
-        p, k = self.params, info.intrinsics
+        p, k, bins = self.params, info.intrinsics, settings.bins
+        gate = self._buffer("gate", (65536,), np.float32)
+        shift = ground_gate(ground, view, ke, p, gate)
+        if len(self._strip_tables[3]) <= view.cols:
+            cols = -(-view.cols // _MORE_COLS) * _MORE_COLS
+            self._strip_tables = strip_tables(cols, p.max_column_strips)
         ints, floats, place, columns, *scratch = self._strip_tables
         fs, si = settings.strip_floats, settings.strip_ints
-        found, ground_px, overflow = search.found()
+        found, ground_px, overflow = map(
+            int,
+            extract_strips(
+                codes, gate, shift, view.tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
+                bins.weights, bins.first_code, fs, si, ints, floats,
+            ),
+        )  # fmt: skip
         if p.paper:
             return self._paper_clusters(view, found), found, ground_px, overflow
         doubt = doubt_settings(ground, view, ke, p)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import fields
 from pathlib import Path
@@ -163,3 +164,19 @@ def test_the_documented_tables_are_up_to_date() -> None:
     text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
     assert text == with_tables(text), "run `make config-docs`"
     assert "min_obstacle_height_m" in tables()
+
+
+def test_a_retired_key_is_accepted_with_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text("[service]\nidle_latency_us = 0\nsecond_thread_from_hz = 25.0\nblind_hz = 20.0\n")
+    config = load_config(path)
+    assert config.service.blind_hz == 20.0
+    assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING"]
+    assert f"{path}: [service] idle_latency_us is retired" in caplog.text
+
+
+def test_a_log_with_a_retired_key_can_still_be_replayed(caplog: pytest.LogCaptureFixture) -> None:
+    content = json.loads(config_text(Config()))
+    content["service"]["idle_latency_us"] = 33
+    assert config_from_text(json.dumps(content)) == Config()
+    assert not caplog.records

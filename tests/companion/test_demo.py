@@ -15,7 +15,6 @@ from companion.config_camera import CameraConfig
 from companion.config_live import AutopilotConfig
 from companion.demo import CAMERA, EMBEDDED, MOST_FPS, DemoOptions, demo_config
 from companion.demo_live import DemoError, Processes, live_config, toml_of
-from companion.idle_latency import NO_WISH
 from companion.warmup import run_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,7 +47,6 @@ def test_the_configuration_is_flown_with_lines_of_its_own(tmp_path: Path) -> Non
     config = Config(cameras=(nose, CameraConfig(name="real", kind="oak")), autopilot=AutopilotConfig(attitude_hz=55.0))
     flown = demo_config(config, DemoOptions(width_px=160))
     assert [(c.name, c.flight, c.width_px, c.fps) for c in flown.cameras] == [("nose", "alley", 160, MOST_FPS)]
-    assert demo_config(EMBEDDED, DemoOptions()).service.idle_latency_us == NO_WISH
     live = live_config(flown, tmp_path / "logs", tmp_path)
     assert live.autopilot.attitude_hz == 55.0
     assert live.autopilot.address != config.autopilot.address

@@ -53,11 +53,11 @@ def test_a_note_is_told_and_is_no_trouble() -> None:
     h = report()
     h.ClearField("troubles")
     h.state = pb.Health.STATE_ACTIVE
-    h.notes.append("idle_latency_us = 0 is not heeded: no right to it")
+    h.notes.append("the processor runs at half its clock: too hot")
     assert status_lines(h)[:3] == [
         "ACTIVE for 65 s",
         "  nothing is wrong",
-        "  note: idle_latency_us = 0 is not heeded: no right to it",
+        "  note: the processor runs at half its clock: too hot",
     ]
 
 

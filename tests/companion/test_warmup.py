@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-import companion.kernel_loading as kernel_loading
 import companion.warmup as warmup
 from companion.cli import main
 
@@ -171,7 +170,6 @@ def test_whatever_parameters_choose_every_kernel_that_python_calls_is_run() -> N
 
 DIES_WHILE_LOADING = """
 import os
-import companion.kernel_loading as kernel_loading
 import companion.warmup as warmup
 warmup.CHILD = "raise SystemExit(1)"
 warmup.run_kernels = lambda modes, metres: os._exit(9)
@@ -184,7 +182,6 @@ def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[s
     """What make_ready runs, told instead of done; objects are the collector's again at the end."""
     ran: list[tuple[str, ...]] = []
     monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: ran.append(tuple(modes)))
-    monkeypatch.setattr(kernel_loading, "load_quickly", lambda: None)  # it would stay for the tests that follow
     yield ran
     gc.unfreeze()
 
@@ -248,7 +245,7 @@ def test_kernels_that_cannot_be_loaded_end_the_start(small: Path, monkeypatch: p
 def test_after_a_death_while_loading_a_damaged_cache_is_mended(
     small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else each new start would die of it again, or of a way of loading that does not suit this machine."""
+    """Otherwise each new start would end the same way."""
     warmup.warm_up()
     environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[1])}
     died = subprocess.run([sys.executable, "-c", DIES_WHILE_LOADING], env=environment, check=False)
@@ -257,7 +254,6 @@ def test_after_a_death_while_loading_a_damaged_cache_is_mended(
     mark.rename(small / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
     (file,) = small.rglob("*.nbc")
     file.write_bytes(b"")
-    monkeypatch.setattr(kernel_loading, "load_quickly", lambda: pytest.fail("not in numba's own way"))
     warmup.make_ready("safe")
     assert ready == [("safe",)]
     (mended,) = small.rglob("*.nbc")

@@ -9,7 +9,7 @@ import pytest
 
 from core import strips as s
 from core import support
-from core.columns import B_GROUND, B_OVERFLOW, LEFT, RIGHT, append_blocks, extract_strips, strips_from_side
+from core.columns import extract_strips
 from core.density import bin_table
 from core.params import Params
 from core.settings import float_settings, int_settings
@@ -45,34 +45,6 @@ def strips_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> t
     support.index_columns(ints, n, len(codes), columns)
     support.sort_columns(ints, floats, len(codes), columns)
     return ints[:n], floats[:n], int(ground), int(merged)
-
-
-@pytest.mark.parametrize("left", range(6))
-@pytest.mark.parametrize("both", [0, 2])
-def test_two_sides_that_meet_anywhere_find_what_one_finds(left: int, both: int) -> None:
-    """The right side has all but `left` blocks, `both` of them the left side does, too: it saw the other too late."""
-    codes = np.concatenate([leaves(seed) for seed in range(6)])[:69]  # the last block is not whole
-    gate = np.full(65536, 0.3, np.float32)
-    gate[:700] = 0.1
-    search, ints, floats = search_of(codes, Params(max_column_strips=8), gate)
-    n, ground, merged = extract_strips(*search, ints, floats)
-    assert ground > 0
-    assert merged > 0
-    more, own = (ints.copy(), floats.copy()), (np.full_like(ints, -7), np.full_like(floats, np.nan))
-    blocks = 5
-    left = min(left, blocks)
-    taken, done = np.array([left, blocks]), np.zeros((2, blocks, 4), np.int64)
-    strips_from_side(RIGHT, taken, done[RIGHT], *search, *more)
-    assert list(taken) == [left, left]
-    taken[:] = 0, min(left + both, blocks)
-    mine = strips_from_side(LEFT, taken, done[LEFT], *search, *own)
-    first = int(taken[LEFT])
-    assert first == min(left + both, blocks)
-    assert append_blocks(first, done[RIGHT], *more, mine, *own) == n
-    np.testing.assert_array_equal(own[0][:n], ints[:n])
-    np.testing.assert_array_equal(own[1][:n], floats[:n])
-    counts = done[LEFT, :first].sum(0) + done[RIGHT, first:].sum(0)
-    assert (counts[B_GROUND], counts[B_OVERFLOW]) == (ground, merged)
 
 
 def leaves(seed: int) -> np.ndarray:

@@ -30,10 +30,7 @@ cx_px = 320.0
 cy_px = 240.0
 [autopilot]
 address = "serial:/dev/serial/by-id/usb-not-plugged-in:921600"
-[service]
-idle_latency_us = 33
 """
-IDLE_LATENCY = Path("/dev/cpu_dma_latency")
 CAMERA = """
 import json, os, time
 from core.types import Intrinsics
@@ -145,8 +142,6 @@ def first_start() -> None:
     status = Path(f"/proc/{pid()}/status").read_text()
     words = {line.split(":")[0]: line.split(":")[1].split() for line in status.splitlines()}
     tell(uid=int(words["Uid"][0]), capabilities=words["CapBnd"][0], no_new_privileges=words["NoNewPrivs"][0])
-    if IDLE_LATENCY.exists():
-        tell(idle_latency_us=int.from_bytes(IDLE_LATENCY.read_bytes(), "little"))
     time.sleep(5.0)  # two watchdogs long: waiting for a camera and an autopilot is living
     report = ran(COMPANION, "status")
     tell(status=report.returncode, status_said=report.stdout + report.stderr, **unit("NRestarts", "StatusText"))
