@@ -76,9 +76,7 @@ class RecordParams:
     least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "with less free space on the disk nothing is recorded")
     queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "waiting for the disk, at most")
     queue_items: int = number(5000, 100, 100_000, "", "and so many items")
-    zstd_level: int = number(
-        -1, -20, 9, "", "of the compression: the lower the quicker and the larger, from -1 down noise at the quickest"
-    )
+    zstd_level: int = number(-1, -20, 9, "", "compression level; a lower level is faster and gives larger files")
     depth: bool = switch(True, "the depth images too: without them nothing can be replayed")
     mavlink: bool = switch(True, "the autopilot's messages as they came")
     drawings: bool = switch(

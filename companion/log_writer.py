@@ -24,7 +24,6 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.topics import ENCODING, TOPICS, camera_name_fits
 from drivers.wire import attitude_message, calibration_message, camera_message, depth_parts, pose_message
 
-from .direct_file import DirectFile
 from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
 from .messages import decision_message, prisms_bytes, state_message, wire_bytes
 from .pipeline import FrameDecision, Output, PipelineState
@@ -34,7 +33,6 @@ LIBRARY: Final = "osape-companion log 1"
 """In the file's header; a fixed text, so that a newer MCAP library does not change the bytes."""
 CHUNK_BYTES: Final = 1 << 20
 ACTIVE: Final = ".active"
-Stream = BinaryIO | DirectFile
 
 
 class LogWriter:
@@ -43,13 +41,13 @@ class LogWriter:
     Raises OSError (no space, no rights) and ValueError for an output that is something else than a log, and for
     stamps and names that a log cannot hold.
 
-    direct: past the page cache, for logs in flight; level: zstd's."""
+    level: of zstandard, see `McapWriter`."""
 
-    def __init__(self, path: Path | str, direct: bool = False, level: int = ZSTD_LEVEL) -> None:
+    def __init__(self, path: Path | str, level: int = ZSTD_LEVEL) -> None:
         self.path = Path(path)
         refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
-        self._file: Stream = DirectFile(self.active_path) if direct else self.active_path.open("wb")
+        self._file: BinaryIO = self.active_path.open("wb")
         self._writer = McapWriter(self._file, CHUNK_BYTES, level)
         self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
@@ -189,7 +187,7 @@ def start_writer(stream: BinaryIO) -> Writer:
     return writer
 
 
-def finish_file(writer: McapWriter | Writer, stream: Stream, active: Path, path: Path) -> None:
+def finish_file(writer: McapWriter | Writer, stream: BinaryIO, active: Path, path: Path) -> None:
     """Ends the file, waits until it is on the disk and names it."""
     finish: Callable[[], None] = writer.finish
     finish()

@@ -17,10 +17,9 @@ from fastcrc.crc32 import iso_hdlc
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Header, Schema, Statistics, SummaryOffset
+from zstandard import ZstdCompressor
 
 from drivers.mcap_scan import MAGIC
-
-from .chunk_compressor import ChunkCompressor
 
 ZSTD_LEVEL: Final = 1
 """Where nobody waits and nothing else says it; what others take and save: docs/service.md."""
@@ -55,11 +54,11 @@ class Sink(Protocol):
 class McapWriter:
     """A file in the making: `start`, then channels and messages, then `finish`, which leaves the stream open.
 
-    level: zstd's, the lower the quicker, below 0 too: see `ChunkCompressor`."""
+    level: of zstandard; a lower level is faster and gives larger files, also below 0."""
 
     def __init__(self, stream: Sink, chunk_bytes: int, level: int = ZSTD_LEVEL) -> None:
         self._stream, self._chunk_bytes = stream, chunk_bytes
-        self._compressor = ChunkCompressor(level)
+        self._compressor = ZstdCompressor(level=level)
         self._buffer = memoryview(bytearray(_START))
         self._filled = 0
         self._offset = 0

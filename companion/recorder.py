@@ -311,7 +311,7 @@ class _Current:
         if free_bytes(self._folder) < self._params.least_free_mb * 1e6:
             raise OSError(f"less than {self._params.least_free_mb:g} MB free on the disk; make room for logs")
         path = part_path(self._folder, self._flight, self.files)
-        self._log = LogWriter(path, direct=True, level=self._params.zstd_level)
+        self._log = LogWriter(path, level=self._params.zstd_level)
         self.files += 1
         self._begun_ns = self._synced_ns = time.monotonic_ns()
         self._log.begin(self._run, item.cameras, item.state, item.t_ns)

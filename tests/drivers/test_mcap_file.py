@@ -118,35 +118,24 @@ def test_a_log_of_a_killed_run_is_read(tmp_path):
     assert read(log.path)[1] is None
 
 
-def test_a_flights_log_ends_with_its_last_chunk_and_zeros(tmp_path):
-    """A log in flight is written in whole blocks: what its last one does not fill is zeros, and no damage."""
-    log = LogWriter(tmp_path / "killed.mcap", direct=True)
+def test_a_log_that_ends_with_zeros_is_cut_there(tmp_path):
+    """Some file systems leave zeros behind what was written when the power fails."""
+    log = LogWriter(tmp_path / "killed.mcap")
     log.begin(run_info("live"), (INFO,), t_ns=START_NS)
     events = flight(300)
     for event in events:
         log.event(event)
-    size = log.bytes_written
-    killed = tmp_path / "copy.mcap.active"
-    killed.write_bytes(log.active_path.read_bytes())
     log.abandon()
-    assert log.active_path.stat().st_size == size
-    assert size < killed.stat().st_size < size + 4096
+    content = log.active_path.read_bytes()
+    killed = tmp_path / "copy.mcap.active"
+    killed.write_bytes(content + bytes(3000))
     found, problem = read(killed)
-    assert f"damaged at byte {size}" in problem
+    assert f"damaged at byte {len(content)}" in problem
     assert "ends there without its closing part" in problem
     assert 100 < len(found) < len(events)
     assert all(same(a, b) for a, b in zip(found, events, strict=False))
     killed.write_bytes(killed.read_bytes() + b"\0" * 9 + b"!")
     assert "no record begins with 0x00" in read(killed)[1]
-
-
-def test_a_direct_log_has_the_bytes_of_any(tmp_path):
-    for name, direct in (("a.mcap", False), ("b.mcap", True)):
-        with LogWriter(tmp_path / name, direct) as log:
-            log.begin(run_info("live"), (INFO,), t_ns=START_NS)
-            for event in flight(100):
-                log.event(event)
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
 @pytest.mark.parametrize("seed", range(60))
