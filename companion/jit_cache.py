@@ -71,7 +71,7 @@ def source_key(root: Path) -> str:
     digest = hashlib.sha256(metadata.version("numba").encode())
     for path in _kernel_files(root):
         content = path.read_bytes()
-        digest.update(f"\n{path.name} {len(content)}\n".encode())
+        digest.update(f"\n{path.relative_to(root)} {len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()[:16]
 
@@ -87,7 +87,7 @@ def seed(base: Path, folder: Path, root: Path) -> None:
     for other in sorted(older, key=_last_use, reverse=True):
         there = _closures_of(other)
         same = [name for name, key in missing.items() if there.get(name) == key]
-        linked = {name for name in same if _link_kernels(other, folder, name.rpartition(".")[2])}
+        linked = {name for name in same if _link_kernels(other, folder, name)}
         missing = {name: key for name, key in missing.items() if name not in linked}
     (folder / _CLOSURES).write_text(json.dumps(closures))
 
@@ -95,7 +95,7 @@ def seed(base: Path, folder: Path, root: Path) -> None:
 def import_closures(root: Path) -> dict[str, str]:
     """Hash per module (`core.level`): its own source, and the syntax trees of all it imports from the kernels' files,
     without docstrings."""
-    files = {f"{path.parent.name}.{path.stem}": path for path in _kernel_files(root)}
+    files = {".".join(path.relative_to(root).with_suffix("").parts): path for path in _kernel_files(root)}
     trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
     imports = {name: _imported(tree, name, files.keys()) - _NOT_IN_KERNELS for name, tree in trees.items()}
     dumped = {name: ast.dump(tree) for name, tree in trees.items()}
@@ -113,7 +113,7 @@ def import_closures(root: Path) -> dict[str, str]:
 
 
 def _kernel_files(root: Path) -> list[Path]:
-    return [*sorted((root / "core").glob("*.py")), root / "drivers" / "raycast.py"]
+    return [*sorted((root / "core").rglob("*.py")), root / "drivers" / "raycast.py"]
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:
@@ -126,12 +126,13 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
 
 def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
     """Those of the known modules that a module imports, by whatever form of import."""
-    package, found = name.rpartition(".")[0], set()
+    parents, found = name.split(".")[:-1], set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            source = ".".join(part for part in (package if node.level else "", node.module or "") if part)
+            base = parents[: len(parents) + 1 - node.level] if node.level else []
+            source = ".".join([*base, node.module] if node.module else base)
             found |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
     return found & set(known)
 
@@ -145,7 +146,11 @@ def _closures_of(folder: Path) -> dict[str, str]:
 
 def _link_kernels(source: Path, target: Path, module: str) -> bool:
     """Whether the source directory holds kernels of this module; they are linked into the target directory."""
-    files = [f for f in source.glob(f"*/{module}.*") if f.suffix in (".nbi", ".nbc")]
+    package, _, stem = module.rpartition(".")
+    places = (
+        f"{package.rpartition('.')[2]}_*/{stem}.*"  # numba names a directory by the last folder and a hash of the path
+    )
+    files = [f for f in source.glob(places) if f.suffix in (".nbi", ".nbc")]
     # each data file before the index that names it
     for file in sorted(files, key=lambda f: f.suffix):
         place = target / file.parent.name / file.name

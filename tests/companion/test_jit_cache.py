@@ -120,6 +120,20 @@ def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
     assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
 
 
+def test_modules_of_the_same_name_in_two_packages_are_told_apart(tmp_path: Path) -> None:
+    root, cache = sources(tmp_path / "project", factor=2), tmp_path / "cache"
+    (root / "core" / "world").mkdir()
+    (root / "core" / "world" / "__init__.py").write_text("")
+    (root / "core" / "world" / "outer.py").write_text(CALLER.replace("from .inner", "from ..inner"))
+    (root / "core" / "outer.py").write_text(
+        "from numba import njit\n\n@njit(cache=True)\ndef outer(x):\n    return x\n"
+    )
+    run = KEYED.format(root=str(root)) + RUN.format(root=str(root)).replace("core.outer", "core.world.outer")
+    assert python(run + "import core.outer as o; o.outer(1)", cache) == "21"
+    sources(root, factor=3)
+    assert python(run, cache) == "31"
+
+
 def test_every_kernel_module_has_an_import_closure() -> None:
     closures = import_closures(jit_cache.ROOT)
     assert {"core.free_space", "core.extractor", "drivers.raycast"} <= closures.keys()
