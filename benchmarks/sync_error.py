@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.sync import AttitudeAt, Synchroniser, SyncParams
+from companion.config_sync import SyncParams
+from companion.sync import AttitudeAt, Synchroniser
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample
 from drivers.clock import ClockSource

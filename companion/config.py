@@ -29,7 +29,7 @@ from .config_avoid import AvoidParams
 from .config_camera import CameraConfig, OutputConfig
 from .config_live import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .config_retired import without_retired
-from .sync import SyncParams
+from .config_sync import SyncParams
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .config_camera import CameraConfig
-from .sync import NS, SyncParams
+from .config_sync import SyncParams
+from .sync import NS
 
 SHOWN = 8
 """Problems of one kind that are spelled out; the rest is counted."""

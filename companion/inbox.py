@@ -8,42 +8,11 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from google.protobuf.message import Message
+from core.types import CameraInfo, DepthFrame
 
-from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from .events import Item, Overtaken
 
-
-@dataclass(frozen=True, slots=True)
-class Overtaken:
-    """A frame that a newer one replaced; its pixels are gone."""
-
-    camera: str
-    sequence: int
-    t_exposure_ns: int
-    t_arrival_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RawFrame:
-    """A MAVLink message as it came."""
-
-    data: bytes
-    t_arrival_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Note:
-    """For the log alone: a message of the table of topics by its key."""
-
-    key: str
-    message: Message
-    t_arrival_ns: int
-
-
-Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame | Note
-Item = Sample | CameraInfo
 TOGETHER = 64
 """Samples that wait together before the pipeline is woken for them: they matter to the next frame, which wakes it too. To
 wake takes more than to handle some dozens."""

@@ -24,6 +24,7 @@ from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
 
 from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from .config_avoid import AvoidParams
+from .config_sync import SyncParams
 from .free_memory import FreeMemory
 from .masks import Mask
 from .obstacle_distance import ARDUPILOT, clear_cm, for_reader, obstacle_distance_message
@@ -34,7 +35,7 @@ from .pipeline import PrismsResult
 from .reframe import LevelTransform, reframed
 from .sectors import PARTS, SECTORS, Look, Recall, SectorScan, View, covered, looked_into, scan
 from .surround import joined, step_to_level
-from .sync import AttitudeAt, PoseAt, Synchroniser, SyncParams
+from .sync import AttitudeAt, PoseAt, Synchroniser
 
 NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)

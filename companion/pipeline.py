@@ -20,9 +20,10 @@ from core.frames import Vector, level_cam_at
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, PoseSample
 from drivers.base import Event
 
+from .config_sync import SyncParams
 from .masks import Mask, without
 from .reframe import LevelTransform, reframed
-from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser, SyncParams
+from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
 
 UNSEEN = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
 """Dropped without a message of their own: the same or a newer exposure has been published already."""

@@ -19,8 +19,9 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
 
 from .blindness import Blindness
+from .events import Item, Note, Overtaken, RawFrame, Sample
 from .health import clock_message
-from .inbox import Inbox, Item, Note, Overtaken, RawFrame, Sample
+from .inbox import Inbox
 from .latency import Latencies
 from .messages import prisms_bytes
 from .pipeline import FrameDecision, Output, Pipeline, PrismsResult

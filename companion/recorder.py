@@ -23,7 +23,7 @@ from drivers.base import Event
 from drivers.proto import osape_v1_pb2 as pb
 
 from .config_live import RecordParams
-from .inbox import RawFrame
+from .events import RawFrame
 from .log_folder import files_of, free_bytes, make_room, new_flight, part_path, repair
 from .log_writer import LogWriter
 from .pipeline import Output, PipelineState

@@ -30,6 +30,7 @@ from .config_live import STREAMS
 from .counts import FrameRates, Losses
 from .curve import AllowList, load_keys
 from .depth_preview import DepthPreviews
+from .events import Note, RawFrame
 from .health import (
     AutopilotView,
     CameraView,
@@ -41,7 +42,7 @@ from .health import (
     state_of,
     troubles_of,
 )
-from .inbox import Inbox, Note, RawFrame
+from .inbox import Inbox
 from .masks import hidden, masked
 from .messages import blind_message, wire_bytes
 from .pipeline import Pipeline, PrismsResult

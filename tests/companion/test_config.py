@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from companion.config import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, load_config
 from companion.config_camera import CameraConfig
 from companion.config_docs import tables, with_tables
-from companion.sync import SyncParams
+from companion.config_sync import SyncParams
 from core.params import Params
 from core.types import CameraInfo, CameraMount, Intrinsics
 

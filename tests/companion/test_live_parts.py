@@ -13,7 +13,8 @@ import pytest
 
 from companion.blindness import Blindness
 from companion.camera_supervisor import CameraCondition, CameraStatus
-from companion.inbox import TOGETHER, Inbox, Overtaken, RawFrame
+from companion.events import Overtaken, RawFrame
+from companion.inbox import TOGETHER, Inbox
 from companion.latency import Latencies
 from companion.pipeline import PrismsResult
 from companion.sd_notify import Notifier

@@ -230,7 +230,7 @@ def test_the_wrong_size_does_not_reach_the_extractor():
 
 
 def test_positions_can_be_left_aside():
-    from companion.sync import SyncParams
+    from companion.config_sync import SyncParams
 
     line = Pipeline((INFO,), EasyExtractor, SyncParams(use_pose=False))
     _, result = outputs([attitude(START_NS), pose(START_NS), frame(0, START_NS)], line)

@@ -18,7 +18,7 @@ import pytest
 from companion import recorder as recorder_module
 from companion.config import Config
 from companion.config_live import RecordParams
-from companion.inbox import RawFrame
+from companion.events import RawFrame
 from companion.log_folder import files_of, make_room, new_flight, part_path, repair
 from companion.pipeline import Pipeline
 from companion.recorder import Recorder
