@@ -34,6 +34,8 @@ _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
 _LOCK: Final = "in-use"
 _CLOSURES: Final = "closures.json"
 """In each directory: the hash of the import closure of every module that was there when the directory was made."""
+KERNELS_OUTSIDE_CORE: Final = ("drivers/raycast.py",)
+"""Files with kernels, relative to the root, beside those of core."""
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world_params"})
 """Modules of parameter classes. A kernel cannot read one, so a change there changes no machine code."""
 
@@ -113,7 +115,7 @@ def import_closures(root: Path) -> dict[str, str]:
 
 
 def _kernel_files(root: Path) -> list[Path]:
-    return [*sorted((root / "core").rglob("*.py")), root / "drivers" / "raycast.py"]
+    return [*sorted((root / "core").rglob("*.py")), *(root / name for name in KERNELS_OUTSIDE_CORE)]
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:

@@ -55,10 +55,9 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def sources(root: Path, factor: int) -> Path:
     """A small core of two files, one calling the other."""
-    for package in ("core", "drivers"):
-        (root / package).mkdir(parents=True, exist_ok=True)
-        (root / package / "__init__.py").write_text("")
-    (root / "drivers" / "raycast.py").write_text("")
+    for name in ("core/__init__.py", *jit_cache.KERNELS_OUTSIDE_CORE):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
     (root / "core" / "inner.py").write_text(INNER.format(factor=factor))
     if not (root / "core" / "outer.py").exists():
         (root / "core" / "outer.py").write_text(CALLER)

@@ -1,0 +1,57 @@
+"""Prints the test files that a change may break, for `make check`: `python .ci/affected_tests.py [REVISION]`.
+
+Changed are the files that differ from REVISION (HEAD) in the working tree, new ones too. Of each changed module the tests
+of its own package (`tests/core` for `core`) that import it, directly or not, are printed, and of each changed test file
+itself. A change in `core` adds the golden results."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import grimp
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("core", "drivers", "companion", "benchmarks")
+GOLDEN = "tests/test_golden.py"
+
+
+def changed_files(revision: str) -> list[str]:
+    """Python files that differ from a revision or are not tracked, relative to the checkout."""
+    commands = (
+        ["git", "diff", "--name-only", "--diff-filter=d", revision],
+        ["git", "ls-files", "--others", "--exclude-standard"],
+    )
+    outputs = [subprocess.run(c, cwd=ROOT, capture_output=True, text=True, check=True).stdout for c in commands]
+    return sorted({line for output in outputs for line in output.splitlines() if line.endswith(".py")})
+
+
+def affected_tests(changed: list[str], graph: grimp.ImportGraph) -> set[str]:
+    """Test files to run for changed files."""
+    tests: set[str] = set()
+    for file in changed:
+        module = ".".join(Path(file).with_suffix("").parts).removesuffix(".__init__")
+        package = module.partition(".")[0]
+        if package == "core":
+            tests.add(GOLDEN)
+        if module not in graph.modules:
+            continue
+        found = {module} | graph.find_downstream_modules(module)
+        for name in found:
+            parts = name.split(".")
+            if parts[0] == "tests" and parts[-1].startswith("test_") and (package == "tests" or parts[1] == package):
+                tests.add("/".join(parts) + ".py")
+    return {test for test in tests if (ROOT / test).is_file()}
+
+
+def main() -> None:
+    """Prints one file a line, nothing where no test is affected."""
+    sys.path.insert(0, str(ROOT))
+    graph = grimp.build_graph(*PACKAGES, "tests", cache_dir=None)
+    revision = sys.argv[1] if len(sys.argv) > 1 else "HEAD"
+    print("\n".join(sorted(affected_tests(changed_files(revision), graph))))
+
+
+if __name__ == "__main__":
+    main()
