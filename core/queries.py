@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .rectangles import Rectangles, rectangles
 from .types import FrameModel, FreeProfile
+from .ways import checked_radius, positions, ways_free
 
 Floats = NDArray[np.float64]
 Answers = NDArray[np.uint8]
@@ -59,8 +60,8 @@ class Space:
         """(M,) Answer for balls of a radius around points (M, 3) of the common frame.
 
         Occupied: a plane is nearer than the radius and its margin. Free: the whole ball lies within what one camera saw
-        to be free."""
-        p = _rows(points_m)
+        to be free. Raises ValueError for a radius that is negative or not finite."""
+        radius_m, p = checked_radius(radius_m), positions(points_m)
         out = np.full(len(p), Answer.UNKNOWN, np.uint8)
         out[self._free(p, np.full(len(p), radius_m))] = Answer.FREE
         out[self._rectangles.touch(p, p, radius_m)] = Answer.OCCUPIED
@@ -69,8 +70,9 @@ class Space:
     def segments(self, from_m: ArrayLike, to_m: ArrayLike, radius_m: float = 0.0) -> Answers:
         """(M,) Answer for balls of a radius moved from points (M, 3) to points (M, 3) along straight lines.
 
-        Free: every ball of a chain that covers the way is."""
-        a, b = _rows(from_m), _rows(to_m)
+        Free: every ball of a chain that covers the way is. A way longer than MOST_WAY_M (core/ways.py) is never free.
+        Raises ValueError for a radius that is negative or not finite."""
+        radius_m, a, b = checked_radius(radius_m), positions(from_m), positions(to_m)
         if a.shape != b.shape:
             raise ValueError(f"segments: {len(a)} beginnings and {len(b)} ends; expected as many of each")
         out = np.full(len(a), Answer.UNKNOWN, np.uint8)
@@ -84,19 +86,19 @@ class Space:
     def nearest(self, points_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int32]]:
         """(distance_m, direction, plane) of the nearest plane to each point (M, 3): its margin taken off the distance,
         the unit vector (M, 3) towards it, its number in the order of the parts; inf, 0 and -1 where there is none."""
-        return self._rectangles.nearest(_rows(points_m))
+        return self._rectangles.nearest(positions(points_m))
 
     def _ways_free(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
         """Whether each way is covered by free balls: their middles a step apart, their radius grown by half of one."""
-        length = np.linalg.norm(b - a, axis=1)
-        step = max(0.1, radius_m)
-        count = np.maximum(1, np.ceil(length / step).astype(int))
-        way = np.repeat(np.arange(len(a)), count)
-        first = np.cumsum(count) - count
-        share = (np.arange(len(way)) - first[way] + 0.5) / count[way]
-        middles = a[way] + share[:, None] * (b - a)[way]
-        free = self._free(middles, radius_m + 0.5 * (length / count)[way])
-        return np.asarray(np.bincount(way, ~free, len(a)) == 0)
+        reach = np.array([p.model.free.free_to_m.max(initial=0.0) for p in self._parts], np.float64)
+        place = np.array([p.place_m for p in self._parts])
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        low[:2], high[:2] = (place[:, :2] - reach[:, None]).min(axis=0), (place[:, :2] + reach[:, None]).max(axis=0)
+
+        def free(middles: Floats, step: Floats) -> NDArray[np.bool_]:
+            return self._free(middles, radius_m + 0.5 * step)
+
+        return ways_free(a, b, low, high, max(0.1, radius_m), free)
 
     def _free(self, p: Floats, radius_m: Floats) -> NDArray[np.bool_]:
         out = np.zeros(len(p), bool)
@@ -136,11 +138,3 @@ def balls_free(
             good &= (near >= free.free_from_m[d, layer]) & (far <= free.free_to_m[d, layer])
     ok[rows] = good
     return ok
-
-
-def _rows(points_m: ArrayLike) -> Floats:
-    rows = np.asarray(points_m, np.float64)
-    rows = rows[None] if rows.ndim == 1 else rows
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise ValueError(f"points of shape {rows.shape}; expected (M, 3): x, y, z in metres")
-    return rows

@@ -6,13 +6,12 @@ queries only; free space as cells, all that a ball reaches into. Only numpy: a p
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .queries import Answer, Answers, Floats, _rows
+from .queries import Answer, Answers, Floats
 from .rectangles import Rectangles, rectangles
+from .ways import checked_radius, positions, ways_free
 from .world_picture import WorldPicture
 from .world_prisms import way_inside, world_prisms
 
@@ -47,8 +46,8 @@ class WorldSpace:
         """(M,) Answer for balls of a radius around points (M, 3) in ned.
 
         Occupied: a plane is nearer than the radius and its margin, or it lies in a closed prism. Free: every cell that the ball may reach into was
-        seen free."""
-        p = _rows(points_m)
+        seen free. Raises ValueError for a radius that is negative or not finite."""
+        radius_m, p = checked_radius(radius_m), positions(points_m)
         out = np.full(len(p), Answer.UNKNOWN, np.uint8)
         out[self._free(p, radius_m)] = Answer.FREE
         out[self._touch(p, p, radius_m)] = Answer.OCCUPIED
@@ -57,8 +56,9 @@ class WorldSpace:
     def segments(self, from_m: ArrayLike, to_m: ArrayLike, radius_m: float = 0.0) -> Answers:
         """(M,) Answer for balls of a radius moved from points (M, 3) to points (M, 3) along straight lines.
 
-        Free: every ball of a chain that covers the way is."""
-        a, b = _rows(from_m), _rows(to_m)
+        Free: every ball of a chain that covers the way is. A way longer than MOST_WAY_M (core/ways.py) is never free.
+        Raises ValueError for a radius that is negative or not finite."""
+        radius_m, a, b = checked_radius(radius_m), positions(from_m), positions(to_m)
         if a.shape != b.shape:
             raise ValueError(f"segments: {len(a)} beginnings and {len(b)} ends; expected as many of each")
         out = np.full(len(a), Answer.UNKNOWN, np.uint8)
@@ -72,7 +72,7 @@ class WorldSpace:
     def nearest(self, points_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int32]]:
         """(distance_m, direction, plane) of the nearest plane to each point (M, 3): its margin taken off the distance,
         the unit vector (M, 3) towards it, its row in the picture; inf, 0 and -1 where there is none."""
-        return self._rectangles.nearest(_rows(points_m))
+        return self._rectangles.nearest(positions(points_m))
 
     # ---- planes ---------------------------------------------------------------------------------------------------------
 
@@ -102,21 +102,19 @@ class WorldSpace:
 
     def _ways_free(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
         """Whether each way is covered by free balls, their middles at most a step apart, their radius grown by half."""
-        length = np.linalg.norm(b - a, axis=1)
-        step = max(_STEP_M, 0.5 * radius_m)
-        count = np.maximum(1, np.ceil(length / step).astype(int))
-        way = np.repeat(np.arange(len(a)), count)
-        first = np.cumsum(count) - count
-        share = (np.arange(len(way)) - first[way] + 0.5) / count[way]
-        middles = a[way] + share[:, None] * (b - a)[way]
-        free = self._free(middles, radius_m + 0.5 * step)
-        return np.asarray(np.bincount(way, ~free, len(a)) == 0)
+        step_m = max(_STEP_M, 0.5 * radius_m)
+        low, high = (self.picture.blocks.min(axis=0) * _BLOCK), (self.picture.blocks.max(axis=0) + 1) * _BLOCK
+
+        def free(middles: Floats, _: Floats) -> NDArray[np.bool_]:
+            return self._free(middles, radius_m + 0.5 * step_m)
+
+        return ways_free(a, b, CELL_M * low, CELL_M * high, step_m, free)
 
     def _free(self, p: Floats, radius_m: float) -> NDArray[np.bool_]:
         """(M,) whether all cells that the box around each ball reaches into are free."""
         out = np.zeros(len(p), bool)
         blocks = self.picture.blocks
-        if not len(blocks) or not math.isfinite(radius_m):
+        if not len(blocks):
             return out
         low, high = blocks.min(axis=0) * _BLOCK, (blocks.max(axis=0) + 1) * _BLOCK
         with np.errstate(invalid="ignore"):

@@ -180,3 +180,31 @@ def test_wrong_shapes() -> None:
         Space([]).points(np.zeros((4, 2)))
     with pytest.raises(ValueError, match="as many of each"):
         Space([]).segments(np.zeros((4, 3)), np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("radius", [-1.0, -1e-9, math.nan, math.inf])
+def test_a_radius_that_is_none_is_refused(radius: float) -> None:
+    for space in (Space([SeenFrom(model(free=profile(1.0, 7.5)), HERE)]), Space([])):
+        with pytest.raises(ValueError, match="radius_m = "):
+            space.points([[5, 0, 0]], radius)
+        with pytest.raises(ValueError, match="radius_m = "):
+            space.segments([[5, 0, 0]], [[6, 0, 0]], radius)
+
+
+@pytest.mark.parametrize("far", [2e5, 1e9, 1e300])
+def test_a_way_far_beyond_what_is_known_is_not_free(far: float) -> None:
+    """Its chain of balls is never made: 1e9 m would take 10,000,000,000 of them."""
+    for reach in (7.5, math.inf):
+        space = Space([SeenFrom(model(free=profile(1.0, reach)), HERE)])
+        assert Answer.FREE not in space.segments([[5, 0, 0]], [[far, 0, 0]], 0.2)
+
+
+def test_many_ways_are_looked_at_a_part_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = Space([SeenFrom(model(free=profile(1.0, 7.5)), HERE)])
+    rng = np.random.default_rng(1)
+    a, b = rng.uniform(-8, 8, (200, 3)), rng.uniform(-8, 8, (200, 3))
+    a[:, 2], b[:, 2] = 0.0, 0.0
+    together = space.segments(a, b, 0.1)
+    assert set(together.tolist()) == {Answer.FREE, Answer.UNKNOWN}
+    monkeypatch.setattr("core.ways.MOST_BALLS", 7)
+    assert space.segments(a, b, 0.1).tolist() == together.tolist()

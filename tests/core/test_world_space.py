@@ -135,10 +135,27 @@ def test_numbers_that_are_none_are_occupied_and_shapes_are_checked() -> None:
         Answer.OCCUPIED,
         Answer.UNKNOWN,
     ]
-    assert Answer.FREE not in space.points(np.zeros((3, 3)), math.nan)
     with pytest.raises(ValueError, match="2 beginnings and 1 ends"):
         space.segments(np.zeros((2, 3)), np.zeros((1, 3)))
     distance, towards, number = space.nearest([[0.0, 0.0, 0.0]])
     assert distance[0] >= 0.0
     assert np.linalg.norm(towards[0]) == pytest.approx(1.0) or distance[0] == 0.0
     assert 0 <= number[0] < 12
+
+
+@pytest.mark.parametrize("radius", [-1.0, -1e-9, math.nan, math.inf])
+def test_a_radius_that_is_none_is_refused(radius: float) -> None:
+    space = WorldSpace(picture(np.random.default_rng(0)))
+    with pytest.raises(ValueError, match="radius_m = "):
+        space.points([[0, 0, 0]], radius)
+    with pytest.raises(ValueError, match="radius_m = "):
+        space.segments([[0, 0, 0]], [[1, 0, 0]], radius)
+
+
+@pytest.mark.parametrize("far", [2e5, 1e9, 1e300])
+def test_a_way_far_beyond_what_is_known_is_not_free(far: float) -> None:
+    p = picture(np.random.default_rng(0), planes=1, free_share=1.0)
+    answers = WorldSpace(p).segments(
+        [[-20.0, 0, -20.0], [-far, 30.0, -20.0]], [[far, 0, -20.0], [far, 30.0, -20.0]], 0.2
+    )
+    assert Answer.FREE not in answers
