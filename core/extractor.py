@@ -72,6 +72,9 @@ class Extractor:
         cause = rotation_cause(R, self.params)
         if cause:
             return blind_model(info, cause, self.params), state
+        exact_view = view_geometry(info, R, self.params)
+        if exact_view.is_empty:
+            return blind_model(info, InvalidCause.TOO_STEEP, self.params), state
         ke = state.ke_per_m if math.isfinite(state.ke_per_m) else info.ke_per_m
         marks, counts = self._classify(depth_mm, info, ke)
         measured, far, flying = counts
@@ -82,7 +85,7 @@ class Extractor:
         clear_m = clear_range_m(info, ke, self.params)
         ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
 
-        codes, view, exact = self._level(marks, info, R, ke)
+        codes, view, exact = self._level(marks, info, R, ke, exact_view)
         ground = self._ground(marks, info, R, ke, state)
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
         seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
@@ -135,13 +138,13 @@ class Extractor:
         return not self.params.paper and strips > self.params.max_strips_per_column * view.cols
 
     def _level(
-        self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float
+        self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, view: ViewGeometry
     ) -> tuple[NDArray[np.uint16], ViewGeometry, tuple[NDArray[np.uint16], ViewGeometry]]:
-        """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval.
+        """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval. view: of
+        `view_geometry`.
 
         Third: the exactly levelled view without pooling, by which free space is judged: pooled columns and the paper's
         view would hide what is unknown."""
-        view = view_geometry(info, R, self.params)
         codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
         level_safe(marks, info, R, view, codes, self._buffer("picked", (marks.size,), np.uint8))
         exact = codes, view

@@ -335,7 +335,7 @@ class FrameModel:
     planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom, metres, top < bottom (z down); free space lies on the right
     of a -> b seen from above. support_px: (N,) int32 distinct source pixels; margin_m: (N,) float32, what a consumer
     subtracts from free space in front of the plane; flags: (N,) uint8 PlaneFlags; cluster: (N,) int32.
-    sigma_d_px: disparity noise used (1 sigma, px of the levelled view)."""
+    ke_per_m: the noise estimate used, sigma_Z = ke * Z^2."""
 
     valid: bool
     cause: InvalidCause

@@ -18,6 +18,8 @@ from .types import CameraInfo
 
 _MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
 """Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
+_MIN_CELLS = 2
+"""Along each axis: the distance between two rows is asked for."""
 _BORDER_POINTS = 32
 """Parts of each side of the image whose ends are looked at for the extent of the view."""
 
@@ -46,6 +48,11 @@ class ViewGeometry:
     tan_mid: NDArray[np.float32]
     lateral: NDArray[np.float32]
     H: NDArray[np.float64]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether (nearly) all rays of the source are steeper than the view reaches: there is nothing to work on."""
+        return min(self.cols, self.rows) < _MIN_CELLS
 
 
 @inner
@@ -94,7 +101,8 @@ def tilt_rad(R_level_optical: Rotation) -> float:
 def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
     """The virtual camera whose window covers every source pixel not steeper than `max_elevation_deg`.
 
-    Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel."""
+    Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel. The view
+    `is_empty` where no pixel is left, as with a principal point outside of the image and a steep camera."""
     k = info.intrinsics
     limit = math.tan(math.radians(params.max_elevation_deg))
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
@@ -113,9 +121,10 @@ def level_view(R, k, width, height, limit, ratio):
     left, right, up, down = window_of_border(R, k, width, height, limit)
     f_px = min(k[0], k[1])
     cells = (right - left) * (down - up) * f_px * f_px
-    f_px *= math.sqrt(min(1.0, ratio * width * height / cells))
+    f_px *= math.sqrt(min(1.0, ratio * width * height / max(cells, 1.0)))
     cu, cols = _axis(f_px * left, f_px * right, k[2])
     cv, rows = _axis(f_px * up, f_px * down, k[3])
+    cols, rows = max(cols, 0), max(rows, 0)
     edges, middles, H = np.empty(rows + 1, np.float32), np.empty(rows, np.float32), np.empty((3, 3))
     fill_view(R, k, f_px, cu, cv, edges, middles, H)
     return cols, rows, f_px, cu, cv, edges, middles, np.ones(rows, np.float32), H

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core import extractor
@@ -54,6 +54,41 @@ def test_rotations_that_are_none_are_refused_with_their_cause() -> None:
 def test_a_camera_tilted_too_far_says_so(pitch_deg: float) -> None:
     R = level(math.radians(pitch_deg))
     assert says_nothing(extract(flat_wall(INFO, 5.0), INFO, R), InvalidCause.TOO_STEEP)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize(
+    ("k", "tilt_rad", "roll_rad", "mode"),
+    [
+        (Intrinsics(17, 160, 41.3, 3.291, 20.65, 178.89), 0.0, 1.1022, "paper"),
+        (Intrinsics(16, 24, 2.5602, 166.2748, -7.9984, 10.0836), -0.91947, -1.23059, "safe"),
+    ],
+    ids=["no cell", "one row"],
+)
+def test_a_view_without_a_pixel_that_is_not_too_steep_says_so(
+    k: Intrinsics, tilt_rad: float, roll_rad: float, mode: str
+) -> None:
+    """A principal point outside of the image, and a camera that looks steeply or lies on its side."""
+    info = CameraInfo("front", k, max_range_m=10.0)
+    depth = np.full((k.height, k.width), 1000, np.uint16)
+    model, _ = Extractor(Params(mode=mode)).extract(depth, info, level(tilt_rad, roll_rad))
+    assert says_nothing(model, InvalidCause.TOO_STEEP)
+
+
+@settings(max_examples=150)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["safe", "paper"]))
+def test_no_camera_and_no_attitude_end_in_an_exception(seed: int, mode: str) -> None:
+    rng = np.random.default_rng(seed)
+    width, height = (int(rng.choice([16, 17, 24, 64])) for _ in range(2))
+    fx, fy = np.exp(rng.uniform(math.log(0.1001), math.log(19.99), 2)) * width
+    cx, cy = rng.uniform(-0.4999, 1.4999, 2) * (width, height)
+    info = CameraInfo("front", Intrinsics(width, height, float(fx), float(fy), float(cx), float(cy)), max_range_m=60.0)
+    R = level(float(rng.uniform(-1.57, 1.57)), float(rng.uniform(-math.pi, math.pi)))
+    depth = rng.integers(0, 65536, (height, width)).astype(np.uint16)
+    if rng.random() < 0.5:
+        depth[:] = rng.integers(300, 20_000)
+    model, _ = Extractor(Params(mode=mode)).extract(depth, info, R)
+    assert model.valid or model.cause is not InvalidCause.NONE
 
 
 @pytest.mark.nojit
