@@ -101,8 +101,9 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
 def recording_message(status: RecordStatus) -> pb.RecordingHealth:
     """The recorder."""
     return pb.RecordingHealth(
-        recording=status.recording, file=status.file, bytes=status.bytes, dropped=status.dropped, trouble=status.trouble
-    )
+        recording=status.recording, file=status.file, bytes=status.bytes, dropped=status.dropped,
+        trouble=status.trouble, repairing=status.repairing,
+    )  # fmt: skip
 
 
 def troubles_of(

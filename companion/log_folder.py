@@ -1,4 +1,4 @@
-"""The folder of flight logs: names, the budget of the disk, and what a killed run left behind.
+"""The folder of flight logs: names and the budget of the disk.
 
 A flight's files are named FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT begins with the wall clock's date as a label.
 A file being written ends in .active. Of finished flights the oldest files go first when the budget is spent; those of
@@ -12,10 +12,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.base import DriverError
-
-from .log_writer import ACTIVE
-from .recover import recover
+from .log_writer import ACTIVE, RECOVERING
 
 _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})\.mcap(?P<active>\.active)?$")
 
@@ -61,10 +58,27 @@ def files_of(folder: Path) -> list[LogFile]:
     return sorted(found, key=lambda f: (f.modified_ns, f.flight, f.part))
 
 
+def used_bytes(folder: Path) -> int:
+    """What all logs take together, with the copies that a repair is writing."""
+    return sum(f.bytes for f in files_of(folder)) + sum(_size(path) for path in recovering_files(folder))
+
+
+def recovering_files(folder: Path) -> list[Path]:
+    """Copies that a repair is writing, or that one left which was killed."""
+    return [path for path in folder.glob(f"*{ACTIVE}{RECOVERING}") if path.is_file()]
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0  # renamed meanwhile
+
+
 def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
     """Deletes the oldest files of finished flights until all logs together fit the budget; returns what went."""
     files = files_of(folder)
-    excess = sum(f.bytes for f in files) - budget_bytes
+    excess = used_bytes(folder) - budget_bytes
     gone = []
     for f in files:
         if excess <= 0:
@@ -81,24 +95,3 @@ def free_bytes(folder: Path) -> int:
     """Free space of the folder's disk, for us."""
     stat = os.statvfs(folder)
     return stat.f_bavail * stat.f_frsize
-
-
-def repair(folder: Path, running: str) -> list[str]:
-    """Makes whole files of what killed runs left; returns what was done, in words. Nothing readable is lost: where
-    recovery fails, the .active file stays as it is."""
-    said = []
-    for f in files_of(folder):
-        if not f.active or f.flight == running:
-            continue
-        target = f.path.with_name(f.path.name.removesuffix(ACTIVE))
-        try:
-            result = recover(f.path, target)
-        except (DriverError, ValueError, OSError) as error:
-            said.append(f"{f.path.name}: left as it is ({error})")
-            continue
-        if result.output is None:
-            os.replace(f.path, target)  # it was whole, only its name was missing
-        else:
-            f.path.unlink()
-        said.append(f"{target.name}: {result.messages} messages recovered")
-    return said

@@ -7,6 +7,7 @@ A log is written as FILE.active and gets its name when it is whole; a killed run
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -33,6 +34,8 @@ LIBRARY: Final = "osape-companion log 1"
 """In the file's header; a fixed text, so that a newer MCAP library does not change the bytes."""
 CHUNK_BYTES: Final = 1 << 20
 ACTIVE: Final = ".active"
+RECOVERING: Final = ".recovering"
+"""Behind ACTIVE: a whole file in the making from an unfinished one."""
 
 
 class LogWriter:
@@ -48,6 +51,8 @@ class LogWriter:
         refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
         self._file: BinaryIO = self.active_path.open("wb")
+        with contextlib.suppress(OSError):  # some network folders have no locks
+            fcntl.flock(self._file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)  # no repair of a file that is being written
         self._writer = McapWriter(self._file, CHUNK_BYTES, level)
         self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
@@ -75,6 +80,14 @@ class LogWriter:
         """Waits until what was written is on the disk itself. Raises OSError."""
         self._file.flush()
         os.fdatasync(self._file.fileno())
+
+    @property
+    def in_place(self) -> bool:
+        """Whether the file still has its name: it was neither deleted nor moved, nor was its folder."""
+        try:
+            return os.path.samestat(os.stat(self.active_path), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
 
     def abandon(self) -> None:
         """Leaves what was written as FILE.active."""

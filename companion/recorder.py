@@ -6,13 +6,12 @@ has no holes that a replay would not notice."""
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -24,13 +23,17 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from .config_live import RecordParams
 from .events import RawFrame
-from .log_folder import files_of, free_bytes, make_room, new_flight, part_path, repair
+from .log_current import Begin, CurrentLog, LogTakenAwayError
+from .log_folder import new_flight
+from .log_repair import Repairs
 from .log_writer import LogWriter
 from .pipeline import Output, PipelineState
 
 NS: Final = 1_000_000_000
 RETRY_NS: Final = 5 * NS
 """After a failure, before a new file is tried."""
+REPAIR_AFTER_NS: Final = 10 * NS
+"""Files of killed runs are repaired once this flight is being recorded, or so long after the start where it is not."""
 _SMALL: Final = 512
 """Bytes that a sample or a decision counts for in the queue."""
 _RESULT: Final = 20_000
@@ -45,7 +48,8 @@ would wait 1 to 2 ms for the processor on which a chunk is compressed."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordStatus:
-    """How recording goes. trouble: in words, empty when there is none."""
+    """How recording goes. trouble: in words, empty when there is none. repairing: name of the file of an earlier flight
+    that is being made whole beside it, empty: none."""
 
     recording: bool = False
     file: str = ""
@@ -54,14 +58,8 @@ class RecordStatus:
     queued: int = 0
     dropped: int = 0
     trouble: str = ""
+    repairing: str = ""
     alive_ns: int = 0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Begin:
-    t_ns: int
-    cameras: tuple[CameraInfo, ...]
-    state: PipelineState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,13 +70,14 @@ class _Item:
 class Recorder:
     """`begin`, `event`, `output`, `message` and `end` come from the pipeline's thread; `close` ends the last file.
 
-    When `wants_begin`, call `begin` with the state at that moment."""
+    When `wants_begin`, call `begin` with the state at that moment. One lock, that of `_ready`, guards all fields that
+    several threads use. It is the last in the order of locks: nothing is called while it is held that takes another."""
 
     def __init__(self, folder: Path, run: pb.RunInfo, params: RecordParams | None = None) -> None:
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
-        self._queue: deque[_Begin | _Item | None] = deque()
+        self._queue: deque[Begin | _Item | None] = deque()
         self._queued_bytes = 0
-        self._held: list[_Begin | _Item | None] = []
+        self._held: list[Begin | _Item | None] = []
         self._held_bytes = 0
         self._holding = False
         self._ready = threading.Condition()
@@ -87,6 +86,7 @@ class Recorder:
         self._wanting, self._not_before_ns = True, 0
         self._status = RecordStatus(alive_ns=time.monotonic_ns())
         self._dropped = 0
+        self._repairs = Repairs(folder)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self.flight = ""
 
@@ -99,34 +99,36 @@ class Recorder:
     @property
     def status(self) -> RecordStatus:
         """How it goes now."""
-        s = self._status
-        return RecordStatus(
-            recording=s.recording, file=s.file, files=s.files, bytes=s.bytes, queued=len(self._queue) + len(self._held),
-            dropped=self._dropped, trouble=s.trouble, alive_ns=s.alive_ns,
-        )  # fmt: skip
+        with self._ready:
+            queued = len(self._queue) + len(self._held)
+            return replace(self._status, queued=queued, dropped=self._dropped)
 
     @property
     def may_begin(self) -> bool:
         """Whether a new file can be begun now; after a failure not again for some seconds."""
-        return time.monotonic_ns() >= self._not_before_ns
+        with self._ready:
+            return time.monotonic_ns() >= self._not_before_ns
 
     @property
     def wants_begin(self) -> bool:
         """Whether a new file is to be begun now."""
-        return self._wanting and self.may_begin
+        with self._ready:
+            return self._wanting and self.may_begin
 
     # ---- from the pipeline ------------------------------------------------------------------------------------------
 
     def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState) -> None:
         """From here on into a new file, which opens with this state."""
-        self._begun = True
-        self._taking = self._put(_Begin(t_ns, tuple(cameras), state), _SMALL)
-        self._wanting = not self._taking
+        with self._ready:
+            self._begun = True
+            self._taking = self._put(Begin(t_ns, tuple(cameras), state), _SMALL)
+            self._wanting = not self._taking
 
     def end(self) -> None:
         """Nothing more until the next begin: the vehicle was disarmed."""
-        self._taking = False
-        self._put(None, 0)
+        with self._ready:
+            self._taking = False
+            self._put(None, 0)
 
     def event(self, event: Event) -> None:
         """What came from the hardware."""
@@ -167,24 +169,27 @@ class Recorder:
     def holding(self) -> Iterator[None]:
         """What is said meanwhile is handed to the thread at the end, so that it does not begin to work beside a frame
         that is not published yet."""
-        self._holding = True
+        with self._ready:
+            self._holding = True
         try:
             yield
         finally:
-            self._holding = False
-            self._hand_over()
+            with self._ready:
+                self._holding = False
+                self._hand_over()
 
     def _take(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
         """count: how many messages it is, where they are dropped."""
-        if not self._taking:
-            # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
-            self._dropped += count if self._wanting and self._begun else 0
-            return
-        if not self._put(_Item(write), size, count):
-            self._taking = False
-            self._wanting = True
+        with self._ready:
+            if not self._taking:
+                # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
+                self._dropped += count if self._wanting and self._begun else 0
+            elif not self._put(_Item(write), size, count):
+                self._taking = False
+                self._wanting = True
 
-    def _put(self, item: _Begin | _Item | None, size: int, count: int = 1) -> bool:
+    def _put(self, item: Begin | _Item | None, size: int, count: int = 1) -> bool:
+        """With the lock. False: there was no room."""
         waiting = len(self._queue) + len(self._held)
         waiting_bytes = self._queued_bytes + self._held_bytes + size
         full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
@@ -198,14 +203,14 @@ class Recorder:
         return True
 
     def _hand_over(self) -> None:
-        """Wakes the thread for a frame or for many samples; for a few it comes by itself, some times a second."""
-        with self._ready:
-            self._queue.extend(self._held)
-            self._queued_bytes += self._held_bytes
-            if self._much:
-                self._ready.notify()
+        """With the lock. Wakes the thread for a frame or for many samples; for a few it comes by itself, some times a
+        second."""
+        self._queue.extend(self._held)
+        self._queued_bytes += self._held_bytes
         self._held.clear()
         self._held_bytes = 0
+        if self._much:
+            self._ready.notify()
 
     @property
     def _much(self) -> bool:
@@ -213,8 +218,8 @@ class Recorder:
 
     def close(self) -> None:
         """Writes what is queued, finishes the file and ends. May be called twice."""
-        self._hand_over()
         with self._ready:
+            self._hand_over()
             self._stop = True
             self._ready.notify()
         if self._thread.ident is not None:
@@ -223,42 +228,59 @@ class Recorder:
     # ---- the thread ---------------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
-        said = repair(self._folder, self.flight)
-        current = _Current(self._folder, self.flight, self._run_info, self._params)
+        repairs = self._repairs
+        repairs.begin(self.flight)
+        current = CurrentLog(self._folder, self.flight, self._run_info, self._params, repairs)
+        repair_ns = time.monotonic_ns() + REPAIR_AFTER_NS
         trouble = ""
-        while True:
-            items = self._next_items()
-            if items is None:
-                break
-            try:
-                for item in items:
-                    if isinstance(item, _Begin):
-                        current.begin(item)
-                        trouble = ""
-                    elif item is None:
-                        current.finish()
-                    else:
-                        current.write(item)
-                current.sync()
-            except (OSError, ValueError) as error:
-                trouble = f"recording stopped: {getattr(error, 'strerror', None) or error}"
-                current.abandon()
-                self._not_before_ns = time.monotonic_ns() + RETRY_NS
-                self._taking, self._wanting = False, True
-                self._dropped += 1
-            if current.wants_successor and self._taking:
-                self._wanting = True
-            self._status = RecordStatus(
-                recording=current.path is not None, file=str(current.path or ""), files=current.files,
-                bytes=current.total_bytes, trouble=trouble or "; ".join(s for s in said if "left as it is" in s),
-                alive_ns=time.monotonic_ns(),
-            )  # fmt: skip
+        try:
+            while (items := self._next_items()) is not None:
+                trouble = self._write(current, items, trouble)
+                if current.path is not None or time.monotonic_ns() >= repair_ns:
+                    with suppress(OSError):  # a folder that is gone has nothing to repair
+                        repairs.step(current.room_for)
+                self._say(current, trouble or repairs.trouble)
+        finally:
+            repairs.stop()
         try:
             current.finish()
         except OSError as error:
             self._status = RecordStatus(trouble=f"the last file stays .active: {error.strerror}")
 
-    def _next_items(self) -> list[_Begin | _Item | None] | None:
+    def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], trouble: str) -> str:
+        """Into the file; why recording has stopped, in words, empty: it goes on. trouble: the one before."""
+        try:
+            for item in items:
+                if isinstance(item, Begin):
+                    current.begin(item)
+                    trouble = ""
+                elif item is None:
+                    current.finish()
+                else:
+                    current.write(item.write)
+            current.sync()
+        except (OSError, ValueError) as error:
+            trouble = f"recording stopped: {getattr(error, 'strerror', None) or error}"
+            current.abandon()
+            with self._ready:
+                # where the file was taken away nothing keeps a new one from being begun at once
+                wait_ns = 0 if isinstance(error, LogTakenAwayError) else RETRY_NS
+                self._not_before_ns = time.monotonic_ns() + wait_ns
+                self._taking, self._wanting = False, True
+                self._dropped += 1
+        return trouble
+
+    def _say(self, current: CurrentLog, trouble: str) -> None:
+        with self._ready:
+            if current.wants_successor and self._taking:
+                self._wanting = True
+            self._status = RecordStatus(
+                recording=current.path is not None, file=str(current.path or ""), files=current.files,
+                bytes=current.total_bytes, trouble=trouble, repairing=self._repairs.repairing,
+                alive_ns=time.monotonic_ns(),
+            )  # fmt: skip
+
+    def _next_items(self) -> list[Begin | _Item | None] | None:
         """What is queued, waiting a little for it; None at the end."""
         with self._ready:
             idle = not self._stop and not self._much
@@ -270,73 +292,3 @@ class Recorder:
             self._queue.clear()
             self._queued_bytes = 0
             return items
-
-
-class _Current:
-    """The file being written."""
-
-    def __init__(self, folder: Path, flight: str, run: pb.RunInfo, params: RecordParams) -> None:
-        self._folder, self._flight, self._run, self._params = folder, flight, run, params
-        self._log: LogWriter | None = None
-        self._begun_ns = self._synced_ns = 0
-        self.files = 0
-        self._finished_bytes = 0
-
-    @property
-    def path(self) -> Path | None:
-        """Of the file being written."""
-        return self._log.active_path if self._log is not None else None
-
-    @property
-    def total_bytes(self) -> int:
-        """Written in this flight."""
-        return self._finished_bytes + (self._log.bytes_written if self._log is not None else 0)
-
-    @property
-    def wants_successor(self) -> bool:
-        """Whether the file is large or old enough."""
-        if self._log is None:
-            return False
-        old = time.monotonic_ns() - self._begun_ns > self._params.file_s * NS
-        return old or self._log.bytes_written > self._params.file_mb * 1e6
-
-    def begin(self, item: _Begin) -> None:
-        """Finishes the file before and opens the next. Raises OSError, also where the disk is nearly full."""
-        self.finish()
-        # room for this file is made before it needs it
-        budget = max(0, round((self._params.budget_mb - self._params.file_mb) * 1e6))
-        make_room(self._folder, budget, self._flight)
-        if sum(f.bytes for f in files_of(self._folder)) > budget:
-            raise OSError(f"this flight's logs have spent the budget of {self._params.budget_mb:g} MB")
-        if free_bytes(self._folder) < self._params.least_free_mb * 1e6:
-            raise OSError(f"less than {self._params.least_free_mb:g} MB free on the disk; make room for logs")
-        path = part_path(self._folder, self._flight, self.files)
-        self._log = LogWriter(path, level=self._params.zstd_level)
-        self.files += 1
-        self._begun_ns = self._synced_ns = time.monotonic_ns()
-        self._log.begin(self._run, item.cameras, item.state, item.t_ns)
-
-    def write(self, item: _Item) -> None:
-        """Into the file, if there is one."""
-        if self._log is not None:
-            item.write(self._log)
-
-    def sync(self) -> None:
-        """Once a second everything written goes to the disk itself."""
-        now_ns = time.monotonic_ns()
-        if self._log is not None and now_ns - self._synced_ns >= NS:
-            self._log.sync()
-            self._synced_ns = now_ns
-
-    def finish(self) -> None:
-        """Ends the file and gives it its name."""
-        if self._log is not None:
-            log, self._log = self._log, None
-            log.finish()
-            self._finished_bytes += os.path.getsize(log.path)
-
-    def abandon(self) -> None:
-        """Leaves the file as .active: what was written of it can be recovered."""
-        if self._log is not None:
-            log, self._log = self._log, None
-            log.abandon()

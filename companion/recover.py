@@ -15,7 +15,7 @@ from drivers.mcap_file import open_scan
 from drivers.mcap_scan import Damage, Item, Logged, McapScan
 
 from .console import say, say_json
-from .log_writer import ACTIVE, finish_file, start_writer
+from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
 
 
 @dataclass(slots=True)
@@ -55,7 +55,7 @@ def _copied(path: Path, target: Path) -> Recovery:
     """Copies message by message; the copy gets its name only when it is worth having."""
     result = Recovery(target)
     scan = open_scan(path)
-    active = target.with_name(target.name + ACTIVE + ".recovering")
+    active = target.with_name(target.name + ACTIVE + RECOVERING)
     stream = None
     try:
         stream = active.open("wb")

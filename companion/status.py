@@ -79,6 +79,8 @@ def status_lines(h: pb.Health) -> list[str]:
         lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} dropped")
     else:
         lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
+    if r.repairing:
+        lines.append(f"log: repairing {r.repairing}, which a killed run left")
     dropped = ", ".join(f"{count} {cause}" for cause, count in sorted(h.frames_dropped.items()))
     lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
     if h.samples_lost:

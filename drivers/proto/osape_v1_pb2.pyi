@@ -474,18 +474,20 @@ class AutopilotHealth(_message.Message):
     def __init__(self, address: _Optional[str] = ..., line_open: bool = ..., line_error: _Optional[str] = ..., line_warning: _Optional[str] = ..., autopilot: _Optional[str] = ..., system_id: _Optional[int] = ..., armed: bool = ..., attitude_hz: _Optional[float] = ..., position_hz: _Optional[float] = ..., clock: _Optional[_Union[ClockEstimate, _Mapping]] = ..., counts: _Optional[_Mapping[str, int]] = ..., attitude_age_ns: _Optional[int] = ...) -> None: ...
 
 class RecordingHealth(_message.Message):
-    __slots__ = ("recording", "file", "bytes", "dropped", "trouble")
+    __slots__ = ("recording", "file", "bytes", "dropped", "trouble", "repairing")
     RECORDING_FIELD_NUMBER: _ClassVar[int]
     FILE_FIELD_NUMBER: _ClassVar[int]
     BYTES_FIELD_NUMBER: _ClassVar[int]
     DROPPED_FIELD_NUMBER: _ClassVar[int]
     TROUBLE_FIELD_NUMBER: _ClassVar[int]
+    REPAIRING_FIELD_NUMBER: _ClassVar[int]
     recording: bool
     file: str
     bytes: int
     dropped: int
     trouble: str
-    def __init__(self, recording: bool = ..., file: _Optional[str] = ..., bytes: _Optional[int] = ..., dropped: _Optional[int] = ..., trouble: _Optional[str] = ...) -> None: ...
+    repairing: str
+    def __init__(self, recording: bool = ..., file: _Optional[str] = ..., bytes: _Optional[int] = ..., dropped: _Optional[int] = ..., trouble: _Optional[str] = ..., repairing: _Optional[str] = ...) -> None: ...
 
 class Latency(_message.Message):
     __slots__ = ("stage", "p50_ms", "p95_ms", "p99_ms")

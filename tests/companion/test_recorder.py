@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,11 +17,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion import log_current
 from companion import recorder as recorder_module
 from companion.config import Config
 from companion.config_live import RecordParams
 from companion.events import RawFrame
-from companion.log_folder import files_of, make_room, new_flight, part_path, repair
+from companion.log_folder import files_of, make_room, new_flight, part_path, recovering_files
+from companion.log_repair import Repairs, repair
+from companion.log_writer import LogWriter
 from companion.pipeline import Pipeline
 from companion.recorder import Recorder
 from companion.replay import Options, make_pipeline, replay
@@ -212,7 +217,7 @@ def test_a_queue_of_images_is_bounded_by_its_bytes(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_told_and_recording_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [10**12]
-    monkeypatch.setattr(recorder_module, "free_bytes", lambda folder: free[0])
+    monkeypatch.setattr(log_current, "free_bytes", lambda folder: free[0])
     monkeypatch.setattr(recorder_module, "RETRY_NS", 50_000_000)
     source = flight()
     pipeline = make_pipeline(Config(), source.cameras)
@@ -339,6 +344,134 @@ def test_a_killed_recording_is_made_whole_at_the_next_start(tmp_path: Path) -> N
     assert len(events) > 20
     for event, sent in zip(events, flight(30.0).events(), strict=False):
         assert (event.t_arrival_ns, type(event)) == (sent.t_arrival_ns, type(sent))
+
+
+STUCK = (sys.executable, "-c", "import sys; sys.stdin.read()")
+"""A repair that does not end by itself."""
+
+
+def unfinished(folder: Path, name: str = "20260101-000000") -> Path:
+    """What a killed run left."""
+    log = LogWriter(part_path(folder, name, 0))
+    source = flight(3.0)
+    log.begin(run_info("live"), source.cameras, make_pipeline(Config(), source.cameras).state())
+    for event in source.events():
+        log.event(event)
+    log.sync()
+    log.abandon()
+    return log.active_path
+
+
+def test_the_flight_is_recorded_while_an_old_file_is_repaired(tmp_path: Path) -> None:
+    old = unfinished(tmp_path)
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder._repairs = Repairs(tmp_path, STUCK)
+    recorder.open()
+    source = flight()
+    run_through(recorder, make_pipeline(Config(), source.cameras), source.events())
+    assert until(lambda: recorder.status.repairing == old.name)
+    assert recorder.status.recording
+    assert until(lambda: recorder.status.queued == 0)
+    assert recorder.status.dropped == 0
+    recorder.close()  # and the repair with it
+    assert recorder.status.repairing == old.name
+    assert [f.active for f in files_of(tmp_path)] == [True, False]
+
+
+def test_an_old_file_is_repaired_beside_the_recording_and_that_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "companion")
+    old = unfinished(tmp_path)
+    recorder = Recorder(tmp_path, run_info("live"), SMALL)
+    recorder.open()
+    source = flight()
+    run_through(recorder, make_pipeline(Config(), source.cameras), source.events())
+    assert until(lambda: bool(recorder._repairs.said), 60.0)
+    recorder.close()
+    assert recorder.status.trouble == ""
+    assert not old.exists()
+    assert any("repairs 20260101-000000.000.mcap.active" in m for m in caplog.messages)
+    assert any("20260101-000000.000.mcap: " in m and "messages recovered" in m for m in caplog.messages)
+    assert len(files_of(tmp_path)) == 2
+    assert not recovering_files(tmp_path)
+
+
+def test_a_kill_during_a_repair_loses_nothing(tmp_path: Path) -> None:
+    old = unfinished(tmp_path)
+    content = old.read_bytes()
+    part = old.with_name(old.name + ".recovering")
+    part.write_bytes(content[: len(content) // 2])  # what a killed repair leaves
+    repairs = Repairs(tmp_path, STUCK)
+    repairs.begin("now")
+    assert not part.exists()
+    repairs.step(lambda size: True)
+    assert repairs.repairing == old.name
+    repairs.stop()
+    assert old.read_bytes() == content
+    (said,) = repair(tmp_path, "now")
+    assert "messages recovered" in said
+
+
+def test_a_repair_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
+    code = "import companion.log_repair as r, time; r.repair_file = lambda p: time.sleep(600); r.run_child()"
+    process = subprocess.Popen([sys.executable, "-c", code, "x"], stdin=subprocess.PIPE)
+    assert process.poll() is None
+    assert process.stdin is not None
+    process.stdin.close()
+    assert process.wait(60.0) == 1
+
+
+def test_a_file_that_is_written_is_not_repaired(tmp_path: Path) -> None:
+    log = LogWriter(part_path(tmp_path, "other", 0))
+    (said,) = repair(tmp_path, "mine")
+    assert "another process writes" in said
+    log.abandon()
+
+
+def test_a_copy_counts_in_the_budget_and_gives_way_to_the_recording(tmp_path: Path) -> None:
+    params = RecordParams(file_mb=1.0, budget_mb=10.0, least_free_mb=1.0)
+    (tmp_path / "a.000.mcap.active.recovering").write_bytes(bytes(9_500_000))
+    old = fake_log(tmp_path, "b", 0, 3000, 100)
+    repairs = Repairs(tmp_path, STUCK)
+    repairs._waiting = [unfinished(tmp_path, "c")]
+    repairs.step(lambda size: True)
+    current = log_current.CurrentLog(tmp_path, "d", run_info("live"), params, repairs)
+    source = flight()
+    current.begin(log_current.Begin(0, source.cameras, make_pipeline(Config(), source.cameras).state()))
+    assert not old.exists()
+    assert repairs.repairing == ""
+    assert not recovering_files(tmp_path)
+    current.abandon()
+
+
+@pytest.mark.parametrize("how", ["deleted", "moved", "file deleted"])
+def test_a_folder_that_is_taken_away_in_flight_is_made_anew(tmp_path: Path, how: str) -> None:
+    folder = tmp_path / "state" / "logs"
+    recorder = Recorder(folder, run_info("live"), SMALL)
+    recorder.open()
+    source = flight(4.0)
+    pipeline = make_pipeline(Config(), source.cameras)
+    events = source.events()
+    run_through(recorder, pipeline, itertools.islice(events, 60))
+    assert until(lambda: recorder.status.recording)
+    first = recorder.status.file
+    if how == "moved":
+        folder.parent.rename(tmp_path / "elsewhere")
+    elif how == "deleted":
+        shutil.rmtree(folder.parent)
+    else:
+        Path(first).unlink()
+    assert until(lambda: recorder.wants_begin)
+    assert "was deleted or moved away" in recorder.status.trouble
+    run_through(recorder, pipeline, events)
+    assert until(lambda: recorder.status.recording and not recorder.status.trouble)
+    recorder.close()
+    assert files_of(folder)
+    for log in files_of(folder):
+        result = replay(log.path, Options(check=True))
+        assert result.comparison is not None
+        assert result.comparison.passed
 
 
 def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
