@@ -10,7 +10,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from core.types import AttitudeSample, PoseSample
@@ -147,9 +147,12 @@ class MavlinkLink:
             self._session.system_status = status
 
     def status(self) -> LinkStatus:
-        """What the session knows."""
+        """What the session knows, and how many datagrams were dropped as a flood since the line was opened."""
+        transport = self._transport
+        dropped = transport.flood.dropped if transport is not None and transport.flood is not None else 0
         with self._lock:
-            return self._session.status(time.monotonic_ns())
+            status = self._session.status(time.monotonic_ns())
+        return replace(status, counts=status.counts | {"datagrams dropped as a flood": dropped}) if dropped else status
 
     def _run(self) -> None:
         backoff_s, losses, error = FIRST_BACKOFF_S, 0, ""
@@ -188,7 +191,9 @@ class MavlinkLink:
                 self._await(transport, little=size < LITTLE_BYTES)
             with self._turn:
                 size = self._round(transport)
-            self._state = LineState(True, "", warning, losses, time.monotonic_ns())
+            now_ns = time.monotonic_ns()
+            flood = transport.flood.text(now_ns) if transport.flood is not None else ""
+            self._state = LineState(True, "", "; ".join(filter(None, (flood, warning))), losses, now_ns)
         with self._lock:  # the last words: what was posted before we were told to close
             if self._session.has_posted:
                 for data in self._session.due(time.monotonic_ns(), transport.speaks_first):

@@ -23,9 +23,14 @@ from typing import Protocol
 import serial
 
 from .base import BadData, DeviceLost, DeviceNotFound
+from .udp_flood import FloodFilter
 
 DEFAULT_BAUD = 921_600
 _READ_BYTES = 65_536
+_MOST_DATAGRAMS = 1024
+"""Taken in one read. What is dropped as a flood costs some microseconds each; the socket's buffer holds about as many."""
+_BUFFER_BYTES = 1 << 20
+"""Of a UDP socket, as far as the system allows: room for the autopilot beside a flood until the next read."""
 Chunk = tuple[bytes, int]
 """Bytes and the instant of their arrival, monotonic ns."""
 Source = tuple[str, int] | None
@@ -48,6 +53,11 @@ class Transport(Protocol):
     @property
     def sources(self) -> list[Source] | None:
         """Who sent each chunk of the newest `read`; None: always the one other end."""
+        ...
+
+    @property
+    def flood(self) -> FloodFilter | None:
+        """What drops floods from foreign addresses; None: the line has one other end."""
         ...
 
     def wait(self, timeout_s: float) -> None:
@@ -112,6 +122,7 @@ class SerialLine:
 
     speaks_first = False
     sources = None
+    flood = None
 
     def __init__(self, address: Address) -> None:
         self._address = address
@@ -168,10 +179,12 @@ class UdpLine:
 
     def __init__(self, address: Address) -> None:
         self._address = address
+        self.flood = FloodFilter()
         self.speaks_first = address.kind == "udpout"
         place = _resolve(address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
         self._more = select.poll()
         self._more.register(self._socket, select.POLLIN)
         self._peer: tuple[str, int] | None = place if self.speaks_first else None
@@ -196,7 +209,7 @@ class UdpLine:
             self.wait(timeout_s)
         chunks: list[Chunk] = []
         self.sources = []
-        for _ in range(256):  # then the rest of the loop has its turn
+        for _ in range(_MOST_DATAGRAMS):  # then the rest of the loop has its turn
             # asked, since after a pause an empty socket's exception takes three times as long
             if not self._more.poll(0):
                 break
@@ -208,7 +221,10 @@ class UdpLine:
                 continue  # nobody listened to our last word; that is no failure of ours
             except OSError as error:
                 raise DeviceLost(f"{self._address}: {_reason(error)}") from error
-            chunks.append((data, time.monotonic_ns()))
+            arrival_ns = time.monotonic_ns()
+            if not self.flood.passes(peer, arrival_ns):
+                continue
+            chunks.append((data, arrival_ns))
             self.sources.append(peer)
             if not self._chosen:
                 self._peer = peer
@@ -227,8 +243,11 @@ class UdpLine:
                 raise DeviceLost(f"{self._address}: {_reason(error)}") from error
 
     def answer(self, chunk: int) -> None:
+        source = self.sources[chunk]
+        if source is not None:
+            self.flood.trust(source, time.monotonic_ns())
         if not self.speaks_first:
-            self._peer, self._chosen = self.sources[chunk], True
+            self._peer, self._chosen = source, True
 
     def close(self) -> None:
         self._socket.close()
@@ -240,6 +259,7 @@ class TcpLine:
     bytes_per_s = None
     speaks_first = False
     sources = None
+    flood = None
 
     def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
         self._address = address

@@ -21,6 +21,7 @@ from drivers.mavlink_link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE
 from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
 from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd, UdpEnd
 from drivers.transport import Address, UdpLine, open_transport, parse_address
+from drivers.udp_flood import PER_SOURCE
 
 NS, MS = 1_000_000_000, 1_000_000
 Samples = list[AttitudeSample | PoseSample]
@@ -260,6 +261,60 @@ def test_noise_is_left_to_the_links_own_thread() -> None:
             link.catch_up()  # whoever has a frame does not wait for a thread that is at it
     finally:
         line.close()
+
+
+def test_a_flood_does_not_keep_the_attitude_from_the_frame_at_hand() -> None:
+    """Real datagrams, 200 of noise before each attitude; the link's own thread does not run."""
+    line = UdpLine(Address("udpin", "127.0.0.1", free_port()))
+    samples: Samples = []
+    link = MavlinkLink(Address("udpin", "127.0.0.1", line.port), MavlinkSession(), samples.extend)
+    link._transport = line
+    place, noise = ("127.0.0.1", line.port), b"\x55" * 250
+    encoder = dialect.MAVLink(None, 1, 1)
+    try:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        ):
+            for data in SimulatedAutopilot().due(time.monotonic_ns()):
+                autopilot.sendto(data, place)
+            link.catch_up()
+            with_attitude = 0
+            for k in range(60):
+                for _ in range(200):
+                    stranger.sendto(noise, place)
+                boot_ms = time.monotonic_ns() // 1_000_000
+                message = dialect.MAVLink_attitude_quaternion_message(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.01 * k, 0.0, 0.0)
+                autopilot.sendto(message.pack(encoder), place)
+                before = len(samples)
+                link.catch_up()
+                with_attitude += len(samples) > before
+                if link._left:
+                    link._round(line)  # what is too much for a frame is the thread's
+            assert with_attitude >= 58  # those frames apart in which a new window let some of the noise pass
+            assert link.status().counts["datagrams dropped as a flood"] > 60 * 200 - 20 * PER_SOURCE
+            assert "udp_flood: about" in line.flood.text(time.monotonic_ns())
+    finally:
+        line.close()
+
+
+def test_a_flood_is_named_beside_the_line() -> None:
+    port = free_port()
+    place = ("127.0.0.1", port)
+    with (
+        linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
+        AutopilotLine(SimulatedAutopilot(), UdpEnd(*place)),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        assert until(lambda: synchronised(link) and len(samples) > 20)
+        assert link.line.warning == ""
+        for _ in range(1000):
+            stranger.sendto(b"\x55" * 100, place)
+            if "udp_flood" in link.line.warning:
+                break
+            time.sleep(0.001)
+        assert "from 127.0.0.1:" in link.line.warning
+        assert until(lambda: link.line.warning == "")
 
 
 def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Path) -> None:

@@ -1,0 +1,76 @@
+"""Datagrams that nobody asked for, dropped before they are parsed.
+
+Reading a datagram takes microseconds, looking through its bytes for messages up to a hundred times as long. While the
+autopilot's own address is known, other addresses may therefore send a bounded number of datagrams: enough for a second
+autopilot, another companion or an autopilot with a new port to be noticed, and too few to keep the autopilot's attitude
+from the frame at hand."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+NS = 1_000_000_000
+WINDOW_NS = NS // 2
+PER_SOURCE, ALL_SOURCES = 64, 256
+"""Datagrams of one foreign address, and of all of them, that are passed on in one window."""
+TRUST_NS = 3 * NS
+"""An address whose last message of the autopilot is older is no longer trusted: it may have a new one."""
+MOST_TRUSTED = 4
+"""Addresses from which the autopilot may speak at the same time, as over two radios."""
+
+
+class FloodFilter:
+    """`trust` the address from which the autopilot spoke, then ask of each datagram whether it `passes`. One thread at a
+    time; `text` may be called from another."""
+
+    def __init__(self) -> None:
+        self._trusted: OrderedDict[tuple[str, int], int] = OrderedDict()
+        self._passed: dict[tuple[str, int], int] = {}
+        self._all = 0
+        self._begun_ns = 0
+        self._dropped_now = 0
+        self._from = ""
+        self._text, self._text_ns = "", 0
+        self.dropped = 0
+
+    def trust(self, source: tuple[str, int], now_ns: int) -> None:
+        """The autopilot spoke from there."""
+        self._trusted[source] = now_ns
+        self._trusted.move_to_end(source)
+        if len(self._trusted) > MOST_TRUSTED:
+            self._trusted.popitem(last=False)
+
+    def passes(self, source: tuple[str, int], now_ns: int) -> bool:
+        """Whether a datagram from there is to be parsed. All pass while no address is trusted."""
+        if source in self._trusted or not any(now_ns - t_ns < TRUST_NS for t_ns in self._trusted.values()):
+            return True
+        if now_ns - self._begun_ns >= WINDOW_NS:
+            self._next_window(now_ns)
+        count = self._passed.get(source, 0) + 1
+        if count <= PER_SOURCE and self._all < ALL_SOURCES:
+            self._passed[source] = count
+            self._all += 1
+            return True
+        self._dropped_now += 1
+        self.dropped += 1
+        self._from = f"{source[0]}:{source[1]}"
+        return False
+
+    def text(self, now_ns: int) -> str:
+        """The flood of the last second, in words; empty: there is none."""
+        if self._dropped_now and now_ns - self._begun_ns < 2 * WINDOW_NS:
+            return self._words(self._dropped_now)
+        return self._text if self._text and now_ns - self._text_ns < 2 * WINDOW_NS else ""
+
+    def _next_window(self, now_ns: int) -> None:
+        self._text, self._text_ns = self._words(self._dropped_now) if self._dropped_now else "", now_ns
+        self._passed.clear()
+        self._all = self._dropped_now = 0
+        self._begun_ns = now_ns
+
+    def _words(self, dropped: int) -> str:
+        rate = round(dropped * NS / WINDOW_NS)
+        return (
+            f"udp_flood: about {rate} datagrams a second from {self._from} or others are dropped unread: they are not the "
+            "autopilot's; close the port to them, or stop their sender"
+        )

@@ -1,0 +1,42 @@
+"""Foreign datagrams in excess are dropped, the autopilot's never."""
+
+from __future__ import annotations
+
+from drivers.udp_flood import ALL_SOURCES, NS, PER_SOURCE, TRUST_NS, WINDOW_NS, FloodFilter
+
+AUTOPILOT = ("10.0.0.1", 14550)
+
+
+def trusting() -> FloodFilter:
+    flood = FloodFilter()
+    flood.trust(AUTOPILOT, NS)
+    return flood
+
+
+def test_all_pass_while_no_autopilot_is_known() -> None:
+    flood = FloodFilter()
+    assert all(flood.passes(("10.0.0.9", 1), NS) for _ in range(10 * ALL_SOURCES))
+    assert flood.dropped == 0
+
+
+def test_one_address_and_all_addresses_are_bounded_in_each_window() -> None:
+    flood = trusting()
+    assert sum(flood.passes(("10.0.0.9", 1), NS) for _ in range(1000)) == PER_SOURCE
+    assert sum(flood.passes(("10.0.0.9", k), NS) for k in range(2, 1000)) == ALL_SOURCES - PER_SOURCE
+    assert all(flood.passes(AUTOPILOT, NS) for _ in range(1000))
+    assert flood.passes(("10.0.0.9", 1), NS + WINDOW_NS)
+    assert "from 10.0.0.9:999 or others" in flood.text(NS + WINDOW_NS)
+    assert flood.text(NS + 4 * WINDOW_NS) == ""
+    assert flood.dropped == 1998 - ALL_SOURCES
+
+
+def test_an_autopilot_that_fell_silent_may_have_a_new_address() -> None:
+    flood = trusting()
+    assert all(flood.passes(("10.0.0.1", 2), NS + TRUST_NS) for _ in range(1000))
+
+
+def test_a_few_datagrams_of_others_are_read_beside_a_flood() -> None:
+    flood = trusting()
+    for k in range(1000):
+        flood.passes(("10.0.0.9", 1), NS + k)
+    assert all(flood.passes(("10.0.0.2", 3), NS + k) for k in range(20))
