@@ -21,6 +21,7 @@ from fastcrc.crc32 import iso_hdlc
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, DeviceLost
 from drivers.frame_channel import FrameReader, Word
+from drivers.watched_thread import WatchedThread
 
 from .camera_process import info_from_json
 from .config_camera import CameraConfig
@@ -85,7 +86,7 @@ class CameraSupervisor:
         self._status = CameraStatus(
             camera=section.name, condition=CameraCondition.STARTING, cause="not started yet", since_ns=_now()
         )
-        self._thread = threading.Thread(target=self._run, name=f"camera {section.name}", daemon=True)
+        self._thread = WatchedThread(self._run, f"camera {section.name}")
         self._process: subprocess.Popen[bytes] | None = None
         self._judge = FrozenJudge(self._params.frozen_frames)
 
@@ -98,6 +99,11 @@ class CameraSupervisor:
     def pid(self) -> int | None:
         """Of the camera's process."""
         return self._process.pid if self._process is not None else None
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
 
     def open(self) -> None:
         """Starts the thread; the camera may come later."""

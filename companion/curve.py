@@ -114,6 +114,11 @@ class AllowList:
         self._auth.start()
         self._auth.configure_curve_callback("osape", _Known(keys.clients))
 
+    @property
+    def running(self) -> bool:
+        """Whether its thread answers."""
+        return bool(self._auth.is_alive())
+
     def close(self) -> None:
         """May be called again."""
         self._auth.stop()

@@ -20,6 +20,8 @@ from .messages import SCHEMA_VERSION
 from .publisher import Publisher, Stream
 
 NS = 1_000_000_000
+ERRORS = (ArithmeticError, LookupError, OSError, TypeError, ValueError, zmq.ZMQError)
+"""What a picture or a socket may lead to that was not foreseen."""
 WIDTH_PX = 320
 """Pixels are picked at whole steps until the image is no wider than this."""
 
@@ -41,6 +43,7 @@ class DepthPreviews:
         self._publisher: Publisher | None = None
         self._listeners: set[bytes] = set()
         self._due_ns: dict[str, int] = {}
+        self.trouble = ""
 
     def open(self, address: str, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None) -> None:
         """Binds the socket; an empty address: there is no such stream. Raises as Publisher does."""
@@ -59,7 +62,14 @@ class DepthPreviews:
             self._publisher = None
 
     def show(self, frame: DepthFrame) -> None:
-        """Sends a frame where one is wanted and due. Never waits."""
+        """Sends a frame where one is wanted and due. Never waits. An error ends the stream and not the flight."""
+        try:
+            self._show(frame)
+        except ERRORS as error:
+            self.trouble = f"no depth images for viewers any more ({type(error).__name__}: {error})"
+            self.close()
+
+    def _show(self, frame: DepthFrame) -> None:
         now_ns = time.monotonic_ns()
         publisher = self._publisher
         if publisher is None or now_ns < self._due_ns.get(frame.camera, 0) or not self._wanted(publisher):

@@ -5,13 +5,13 @@ the answer is then 503, which a scraper shows as a target that is down."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer
 
 from drivers.proto import osape_v1_pb2 as pb
+from drivers.watched_thread import WatchedThread
 
 from .health import STATES
 
@@ -29,28 +29,35 @@ Sample = tuple[dict[str, str], float]
 
 
 class MetricsServer:
-    """Answers GET /metrics. `trouble`: why it cannot, in words; the service goes on without."""
+    """Answers GET /metrics. The service goes on without it."""
 
     def __init__(self, port: int) -> None:
         self.port = port
-        self.trouble = ""
+        self._refused = ""
         self._report: pb.Health | None = None
         self._server: _Server | None = None
-        self._thread: threading.Thread | None = None
+        self._thread: WatchedThread | None = None
 
     def open(self) -> None:
         """Starts the thread; a port that cannot be had is a trouble and no error: nobody flies by it."""
         try:
             self._server = _Server(self.port, self.newest)
         except OSError as error:
-            self.trouble = (
+            self._refused = (
                 f"no metrics: port {self.port} on {LOOPBACK} cannot be had ({error.strerror}); "
                 "choose another [service] metrics_port"
             )
             return
         self.port = self._server.server_address[1]
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(POLL_S,), name="metrics", daemon=True)
+        self._thread = WatchedThread(self._server.serve_forever, "metrics", (POLL_S,))
         self._thread.start()
+
+    @property
+    def trouble(self) -> str:
+        """Why it cannot answer, in words; empty: it can."""
+        if self._thread is not None and self._thread.failure:
+            return f"no metrics: their server has ended ({self._thread.failure})"
+        return self._refused
 
     def update(self, report: pb.Health) -> None:
         """The newest report; it is not changed afterwards."""

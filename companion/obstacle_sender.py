@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical, rotation_from_quaternion, rotation_level_ned
 from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
+from drivers.watched_thread import WatchedThread
 
 from .blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from .config_avoid import AvoidParams
@@ -287,7 +288,8 @@ class ObstacleSender:
     ) -> None:
         self._teller, self._avoid, self._ask, self._post = teller, avoid, ask, post
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
+        self._thread = WatchedThread(self._run, "obstacles")
+        self._said_last = False
         self.told: Told | None = None
         self.sent = 0
         self.alive_ns = time.monotonic_ns()
@@ -297,15 +299,23 @@ class ObstacleSender:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends it. May be called twice."""
+        """Ends it. May be called twice. Where an exception has ended the thread, the last decision is sent from here."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
+        if self._thread.failure and not self._said_last:
+            self._said_last = True
+            self._tell(time.monotonic_ns())
 
     @property
     def running(self) -> bool:
         """False once the thread has ended, told or not."""
         return self._thread.is_alive()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
 
     def _run(self) -> None:
         step_ns = round(NS / self._avoid.rate_hz)

@@ -17,6 +17,7 @@ from typing import cast
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.clock import ClockEstimate, ClockSource
+from drivers.watched_thread import WatchedThread
 
 from .blindness import Blindness
 from .events import Item, Note, Overtaken, RawFrame, Sample
@@ -63,7 +64,7 @@ class PipelineLoop:
         self._show = show
         self._recorder, self._record, self._clockwork, self._warm_up = recorder, record, clockwork, warm_up
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
+        self._thread = WatchedThread(self._run, "pipeline")
         self._recording = False
         self._unrecorded: list[Callable[[Recorder], None]] = []
         self._described: tuple[CameraInfo, ...] = ()
@@ -91,6 +92,11 @@ class PipelineLoop:
     def running(self) -> bool:
         """False once the thread has ended, told or not."""
         return self._thread.is_alive()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
 
     def rest(self, longest_s: float) -> bool:
         """Waits until no frame is being handled, but no longer than this; whether none is."""

@@ -20,6 +20,7 @@ from google.protobuf.message import Message
 from core.types import CameraInfo, DepthFrame
 from drivers.base import Event
 from drivers.proto import osape_v1_pb2 as pb
+from drivers.watched_thread import WatchedThread
 
 from .config_live import RecordParams
 from .events import RawFrame
@@ -87,7 +88,7 @@ class Recorder:
         self._status = RecordStatus(alive_ns=time.monotonic_ns())
         self._dropped = 0
         self._repairs = Repairs(folder)
-        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread = WatchedThread(self._work, "recorder")
         self.flight = ""
 
     def open(self) -> None:
@@ -101,7 +102,11 @@ class Recorder:
         """How it goes now."""
         with self._ready:
             queued = len(self._queue) + len(self._held)
-            return replace(self._status, queued=queued, dropped=self._dropped)
+            status = replace(self._status, queued=queued, dropped=self._dropped)
+        if self._thread.failure:
+            trouble = f"recording has ended ({self._thread.failure}); `companion recover` makes the last file whole"
+            return replace(status, recording=False, trouble=trouble)
+        return status
 
     @property
     def may_begin(self) -> bool:

@@ -59,12 +59,9 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
         (stop if ready else service.loop.begun).wait(max(0.0, next_tick_s - time.monotonic()))  # told at once
         service.loop.rest(REST_S)
         service.tick()
-        if not service.loop.running:
-            log.critical("the pipeline has ended: its cause stands above")
-            return 1
-        if service.avoidance is not None and not service.avoidance.sender.running:
+        if ended := service.ended() or ("" if service.loop.running else "the pipeline has ended"):
             # an autopilot that flies on without our word must not wait for the watchdog
-            log.critical("the sender of obstacles has ended: its cause stands above")
+            log.critical("%s; the service ends, to be started again", ended)
             return 1
         if service.started and not ready:
             ready = True
@@ -137,5 +134,7 @@ def run(args: argparse.Namespace) -> int:
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)
     finally:
         notifier.stopping()
-        service.close()
-        say("stopped")
+        try:
+            service.close()
+        finally:
+            say("stopped")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -207,39 +208,61 @@ class Service:
             camera.open()
 
     def close(self) -> None:
-        """Stops everything and finishes the log. May be called twice.
+        """Stops everything and finishes the log. May be called twice. A part that raises keeps no other from being closed;
+        the exception goes on when all are.
 
         In flight an autopilot may rely on us: it is told of blindness first, and its line is closed last."""
-        if self.avoidance is not None:
-            self.avoidance.end()
-        if self.link is not None:
-            self.link.set_system_status(MAV_STATE_CRITICAL)
-        for camera in self.cameras.values():
-            camera.close()
-        self.loop.close()
-        if self.recorder is not None:
-            self.recorder.close()
-        if self.avoidance is not None:
-            self.avoidance.close()
-        if self.link is not None:
-            self.link.close()
-        self.signing.close()
-        if self.metrics is not None:
-            self.metrics.close()
-        if self.world is not None:
-            self.world.close()
-        self._previews.close()
-        for publisher in self._publishers.values():
-            publisher.close()
+        with ExitStack() as last_first:  # the calls are made in the reverse of this order
+            last_first.callback(self._context.destroy, linger=0)
+            last_first.callback(self._close_allow_list)
+            for publisher in reversed(self._publishers.values()):
+                last_first.callback(publisher.close)
+            last_first.callback(self._previews.close)
+            for part in (self.world, self.metrics, self.signing, self.link, self.avoidance, self.recorder):
+                if part is not None:
+                    last_first.callback(part.close)
+            last_first.callback(self.loop.close)
+            for camera in reversed(self.cameras.values()):
+                last_first.callback(camera.close)
+            if self.link is not None:
+                last_first.callback(self.link.set_system_status, MAV_STATE_CRITICAL)
+            if self.avoidance is not None:
+                last_first.callback(self.avoidance.end)
+
+    def _close_allow_list(self) -> None:
         if self._allow is not None:
-            self._allow.close()
-            self._allow = None
-        self._context.destroy(linger=0)
+            allow, self._allow = self._allow, None
+            allow.close()
 
     @property
     def started(self) -> bool:
         """Whether the loops run, kernels compiled."""
         return self.loop.started
+
+    def ended(self) -> str:
+        """Which thread that no flight can do without was ended by an exception, in words; empty: none. The service then
+        ends, to be started again (docs/service.md)."""
+        parts = {"the pipeline": self.loop.failure}
+        if self.link is not None:
+            parts["the line to the autopilot"] = self.link.failure
+        if self.avoidance is not None:
+            parts["the sender of obstacles"] = self.avoidance.sender.failure
+        parts |= {f"the supervision of camera {name}": camera.failure for name, camera in self.cameras.items()}
+        return "; ".join(f"{part} has ended: {failure}" for part, failure in parts.items() if failure)
+
+    def _degraded(self) -> list[str]:
+        """What has ended that a flight can do without, in words; recording and the merged world speak for themselves."""
+        signing = self.signing.failure
+        said = [
+            self.metrics.trouble if self.metrics is not None else "",
+            self.second.trouble,
+            self._previews.trouble,
+            f"timestamps of signatures are kept no more ({signing})" if signing else "",
+            "no new subscriber is let in: the check of keys has ended"
+            if self._allow and not self._allow.running
+            else "",
+        ]
+        return [s for s in said if s]
 
     def hung(self) -> str:
         """Which loop has not gone round for hang_s, in words; empty: all live. A slow disk hangs only the log, which is
@@ -273,8 +296,7 @@ class Service:
         autopilot = self._autopilot_view(now_ns)
         recording = self.recorder.status if self.recorder is not None else None
         self.troubles = troubles_of(views, autopilot, recording, self.hung())
-        if self.metrics is not None and self.metrics.trouble:
-            self.troubles.append(self.metrics.trouble)
+        self.troubles += self._degraded()
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
             self.troubles += self.avoidance.troubles(now_ns)

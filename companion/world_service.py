@@ -18,6 +18,7 @@ from core.world import Sight, World
 from core.world_params import WorldParams
 from drivers.base import DriverError
 from drivers.proto import osape_v1_pb2 as pb
+from drivers.watched_thread import WatchedThread
 
 from .config import Config
 from .curve import ServerKeys
@@ -46,7 +47,7 @@ class WorldService:
         self._waiting: deque[PrismsResult] = deque()
         self._lock = threading.Lock()
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="world", daemon=True)
+        self._thread = WatchedThread(self._run, "world")
         self.dropped = self.refused = 0
         self.alive_ns = time.monotonic_ns()
         self._sequence, self._since, self._section = 0, 0, -1
@@ -68,6 +69,8 @@ class WorldService:
 
     def troubles(self, now_ns: int, hang_s: float) -> list[str]:
         """What is wrong with it, in words."""
+        if self._thread.failure:
+            return [f"the merged world has ended ({self._thread.failure}): planners must not use it"]
         still = now_ns - self.alive_ns > hang_s * NS
         return ["the merged world stands still: planners must not use it"] if still else []
 

@@ -19,6 +19,7 @@ from .base import DriverError
 from .link_budget import LinkBudget
 from .mavlink import LinkStatus, MavlinkSession
 from .transport import Address, Chunk, Transport, open_transport
+from .watched_thread import WatchedThread
 
 NS = 1_000_000_000
 READ_S = 0.01
@@ -97,18 +98,31 @@ class MavlinkLink:
         self._news = threading.Event()
         self.budget: LinkBudget | None = None
         self._state = LineState(False, "not opened yet", "", 0, time.monotonic_ns())
-        self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
+        self._thread = WatchedThread(self._run, "mavlink")
 
     def open(self) -> None:
         """Starts the thread; the line itself may come later."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stops the thread and closes the line. May be called twice."""
+        """Stops the thread and closes the line. May be called twice. Where an exception has ended the thread, what was posted
+        since goes out from here: the autopilot is to know that nothing is seen any more."""
         self._stop.set()
         self._news.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
+        if self._thread.failure and self._transport is not None:
+            with self._turn:
+                transport, self._transport = self._transport, None
+                try:
+                    self._send_posted(transport)
+                finally:
+                    transport.close()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
 
     @property
     def line(self) -> LineState:
@@ -171,11 +185,11 @@ class MavlinkLink:
                     losses += 1
                     if time.monotonic_ns() - opened_ns > LONGEST_BACKOFF_S * NS:
                         backoff_s = FIRST_BACKOFF_S
-            finally:
-                if transport is not None:
-                    with self._turn:
-                        self._transport, self._left = None, []
-                        transport.close()
+            # not after another exception: `close` then needs the line for what is said last
+            if transport is not None:
+                with self._turn:
+                    self._transport, self._left = None, []
+                    transport.close()
             if not self._stop.is_set():
                 self._wait(backoff_s, error, losses)
                 backoff_s = min(2.0 * backoff_s, LONGEST_BACKOFF_S)
@@ -194,7 +208,11 @@ class MavlinkLink:
             now_ns = time.monotonic_ns()
             flood = transport.flood.text(now_ns) if transport.flood is not None else ""
             self._state = LineState(True, "", "; ".join(filter(None, (flood, warning))), losses, now_ns)
-        with self._lock:  # the last words: what was posted before we were told to close
+        self._send_posted(transport)
+
+    def _send_posted(self, transport: Transport) -> None:
+        """What was posted before the link is closed."""
+        with self._lock:
             if self._session.has_posted:
                 for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
                     transport.write(data)

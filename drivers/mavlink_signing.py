@@ -58,6 +58,11 @@ class Signing:
         """Whether we have a key."""
         return self._key is not None
 
+    @property
+    def failure(self) -> str:
+        """The exception that ended the keeping of timestamps, in words; empty: none did."""
+        return self._clock.failure
+
     def close(self) -> None:
         """Ends the keeping of timestamps."""
         self._clock.close()

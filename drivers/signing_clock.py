@@ -14,6 +14,8 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+from .watched_thread import WatchedThread
+
 TICKS_PER_S = 100_000
 EPOCH_UNIX_S = 1_420_070_400
 """2015-01-01."""
@@ -42,12 +44,17 @@ class SigningClock:
         self.trouble = ""
         self._last = self._reserved = 0
         self._wanted, self._stop = threading.Event(), threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: WatchedThread | None = None
         if file is not None:
             self._last = self._reserved = self._read(file)
             self._reserve(file)
-            self._thread = threading.Thread(target=self._keep, args=(file,), name="signing clock", daemon=True)
+            self._thread = WatchedThread(self._keep, "signing clock", (file,))
             self._thread.start()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the keeping of timestamps, in words; empty: none did."""
+        return self._thread.failure if self._thread is not None else ""
 
     def next(self) -> int:
         """A timestamp that was never used, and never will be again."""

@@ -48,4 +48,5 @@ def test_it_ends_at_once_when_nobody_tells_the_autopilot_any_more(
         assert "the sender of obstacles has ended" in caplog.text
     finally:
         stop.set()
-        service.close()
+        with pytest.raises(OSError, match="nobody thought of"):  # from the last decision, which is tried once more
+            service.close()

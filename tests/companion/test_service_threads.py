@@ -1,0 +1,226 @@
+"""An exception in any thread of the service has the consequence that docs/service.md names, and is never silent."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from companion.config import Config
+from companion.config_avoid import AvoidParams
+from companion.config_camera import CameraConfig
+from companion.config_live import AutopilotConfig, PublishConfig, RecordParams, ServiceParams
+from companion.depth_preview import DepthPreviews
+from companion.run import serve
+from companion.sd_notify import Notifier
+from companion.service import Service
+from companion.service_folders import Folders
+from drivers.mavlink_dialect import dialect
+
+from .live import free_port, until
+
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+
+
+def broken(*_: object, **__: object) -> None:
+    raise RuntimeError("injected")
+
+
+def service_in(folder: Path) -> Service:
+    """With every thread but that of a camera's process and that of keys."""
+    config = Config(
+        cameras=(CameraConfig(name="front", kind="simulated"),),
+        autopilot=AutopilotConfig(address=f"udpin:127.0.0.1:{free_port()}"),
+        avoid=AvoidParams(send=True, stop_hold_s=0.0),
+        record=RecordParams(least_free_mb=1.0),
+        publish=PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot"),
+        service=ServiceParams(metrics_port=free_port()),
+    )
+    service = Service(config, Folders(folder, folder), lambda: None)
+    camera = service.cameras["front"]
+
+    def no_process() -> str:
+        camera._stop.wait()
+        return "the service stops"
+
+    camera._live = no_process  # type: ignore[method-assign]
+    return service
+
+
+@contextmanager
+def served(service: Service) -> Iterator[list[int]]:
+    """Runs the loop of `companion run`; its status, when it has ended."""
+    stop, status = threading.Event(), list[int]()
+    loop = threading.Thread(target=lambda: status.append(serve(service, Notifier(), stop, 0.02)))
+    try:
+        service.open()
+        loop.start()
+        assert until(lambda: service.started and service.troubles)
+        yield status
+    finally:
+        stop.set()
+        if loop.ident is not None:
+            loop.join(10.0)
+        service.close()
+
+
+class Autopilot:
+    """An armed ArduPilot on UDP that keeps what it is told."""
+
+    def __init__(self, service: Service) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        _, host, port = service.config.autopilot.address.split(":")
+        encoder = dialect.MAVLink(None, 1, 1)
+        heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 128, 0, 4, 3)
+        self._socket.sendto(heartbeat.pack(encoder), (host, int(port)))
+
+    def told(self) -> list[int]:
+        """Ids of the messages that came and were not taken yet."""
+        ids, decoder = list[int](), dialect.MAVLink(None)
+        while True:
+            try:
+                data = self._socket.recv(2048)
+            except BlockingIOError:
+                return ids
+            ids += [m.get_msgId() for m in decoder.parse_buffer(bytearray(data)) or []]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def of_pipeline(service: Service) -> None:
+    service.inbox.take = broken  # type: ignore[assignment,method-assign]
+
+
+def of_line(service: Service) -> None:
+    assert service.session is not None
+    service.session.receive = broken  # type: ignore[assignment,method-assign]
+
+
+def of_sender(service: Service) -> None:
+    assert service.avoidance is not None
+    ask = service.avoidance.sender._ask
+
+    def once() -> object:
+        if threading.current_thread().name == "obstacles":
+            raise RuntimeError("injected")
+        return ask()
+
+    service.avoidance.sender._ask = once  # type: ignore[assignment]
+
+
+def of_camera(service: Service) -> None:
+    service.cameras["front"]._say = broken  # type: ignore[method-assign]
+    service.cameras["front"]._live = broken  # type: ignore[assignment,method-assign]
+
+
+@pytest.mark.parametrize(
+    ("inject", "name"),
+    [
+        (of_pipeline, "the pipeline has ended: RuntimeError: injected"),
+        (of_line, "the line to the autopilot has ended: RuntimeError: injected"),
+        (of_sender, "the sender of obstacles has ended: RuntimeError: injected"),
+    ],
+)
+def test_the_service_ends_with_the_cause_and_the_autopilot_is_told(
+    inject: Callable[[Service], None], name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    service = service_in(tmp_path)
+    with served(service) as status:
+        autopilot = Autopilot(service)
+        assert until(lambda: service.avoidance is not None and service.avoidance.told is not None)
+        inject(service)
+        assert until(lambda: status == [1])
+        assert name in caplog.text
+        autopilot.told()
+        service.close()
+        assert 330 in autopilot.told(), "the blind policy's wall is what it hears last"
+        autopilot.close()
+
+
+def test_the_service_ends_when_the_supervision_of_a_camera_does(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    service = service_in(tmp_path)
+    of_camera(service)
+    with served(service) as status:
+        assert until(lambda: status == [1])
+        assert "the supervision of camera front has ended: RuntimeError: injected" in caplog.text
+
+
+def of_recorder(service: Service) -> None:
+    assert service.recorder is not None
+    service.recorder._next_items = broken  # type: ignore[method-assign]
+
+
+def of_world(service: Service) -> None:
+    assert service.world is not None
+    service.world._take = broken  # type: ignore[method-assign]
+
+
+def of_metrics(service: Service) -> None:
+    assert service.metrics is not None
+    assert service.metrics._server is not None
+    service.metrics._server.service_actions = broken  # type: ignore[method-assign]
+
+
+def of_signing(service: Service) -> None:
+    clock = type(service.signing._clock)(Path(service._folders.state) / "signing")
+    service.signing._clock = clock
+    clock._reserve = broken  # type: ignore[method-assign]
+    clock._wanted.set()
+
+
+@pytest.mark.parametrize(
+    ("inject", "name"),
+    [
+        (of_recorder, "recording has ended (RuntimeError: injected)"),
+        (of_world, "the merged world has ended (RuntimeError: injected)"),
+        (of_metrics, "no metrics: their server has ended (RuntimeError: injected)"),
+        (of_signing, "timestamps of signatures are kept no more (RuntimeError: injected)"),
+    ],
+)
+def test_the_flight_goes_on_and_what_ended_is_named(
+    inject: Callable[[Service], None], name: str, tmp_path: Path
+) -> None:
+    service = service_in(tmp_path)
+    with served(service) as status:
+        inject(service)
+        assert until(lambda: any(name in trouble for trouble in service.troubles)), service.troubles
+        time.sleep(0.2)
+        assert status == []
+        assert service.loop.running
+
+
+def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    previews = DepthPreviews(5.0, "boot")
+
+    def bad(frame: object) -> None:
+        raise ValueError("injected")
+
+    monkeypatch.setattr(previews, "_show", bad)
+    previews.show(None)  # type: ignore[arg-type]
+    assert previews.trouble == "no depth images for viewers any more (ValueError: injected)"
+
+
+def test_a_part_that_raises_keeps_no_other_from_being_closed(tmp_path: Path) -> None:
+    service = service_in(tmp_path)
+    with served(service):
+        pass
+    closed: list[str] = []
+    service.cameras["front"].close = broken  # type: ignore[method-assign]
+    service.loop.close = broken  # type: ignore[method-assign]
+    assert service.recorder is not None
+    assert service.link is not None
+    service.recorder.close = lambda: closed.append("recorder")  # type: ignore[method-assign]
+    service.link.close = lambda: closed.append("line")  # type: ignore[method-assign]
+    with pytest.raises(RuntimeError, match="injected"):
+        service.close()
+    assert closed == ["recorder", "line"]
+    assert service._context.closed
