@@ -3,7 +3,9 @@
 The memory is anonymous (memfd): it has no name to collide with and goes when both processes are gone, however they
 end. A frame's pixels are written into the next of a few slots, then its word is sent; the socket's send and receive are
 the barrier between them. Each slot carries the number of its frame before and behind the pixels, so that a reader that
-was overtaken sees it and takes the next. A reader wants the newest frame only and never makes the writer wait.
+was overtaken sees it and takes the next. Processors with weak ordering (ARM) may show these marks before the pixels: the
+word therefore carries a checksum of some rows, too, which the reader compares with those of its copy. A reader wants the
+newest frame only and never makes the writer wait.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from fastcrc.crc32 import iso_hdlc
+from numpy.typing import NDArray
 
 from core.types import DepthFrame
 
@@ -29,7 +33,9 @@ SLOTS = 4
 _MARK = struct.Struct("<Q")
 _PAGE = 4096
 _LONGEST_WORD = 60_000
-_FRAME = struct.Struct("<cQqqq")
+_CHECKED_ROWS = 16
+"""Every so many rows, and the last, are in the checksum: a writer that overtakes goes through all rows in their order."""
+_FRAME = struct.Struct("<cQqqqI")
 """The word of a frame: b"f" and what `_Told` holds. All other words are JSON objects."""
 _DESCRIPTORS = array.array("i", [0])
 """As long as those that come along with a word."""
@@ -40,6 +46,12 @@ class _Told(NamedTuple):
     sequence: int
     t_exposure_ns: int
     t_arrival_ns: int
+    check: int
+
+
+def checksum(depth_mm: NDArray[np.uint16]) -> int:
+    """CRC-32 of some rows of a depth image (H, W)."""
+    return int(iso_hdlc(depth_mm[-1].tobytes(), iso_hdlc(depth_mm[::_CHECKED_ROWS].tobytes())))
 
 
 def slot_bytes(width: int, height: int) -> int:
@@ -86,7 +98,7 @@ class FrameWriter:
         target = np.ndarray((height, width), np.uint16, self._memory, pixels)
         target[...] = frame.depth_mm
         _MARK.pack_into(self._memory, end, self._written)
-        told = (self._written, frame.sequence, frame.t_exposure_ns, frame.t_arrival_ns)
+        told = (self._written, frame.sequence, frame.t_exposure_ns, frame.t_arrival_ns, checksum(frame.depth_mm))
         self._deliver(lambda: self._socket.send(_FRAME.pack(b"f", *told)))
 
     def _open_memory(self, width: int, height: int) -> None:
@@ -230,7 +242,7 @@ class FrameReader:
         behind = _MARK.unpack_from(self._memory, end)[0]
         depth = np.ndarray((height, width), np.uint16, self._memory, pixels).copy()
         before = _MARK.unpack_from(self._memory, at)[0]
-        if before != told.number or behind != told.number:
+        if before != told.number or behind != told.number or checksum(depth) != told.check:
             self.dropped += 1
             return None
         return DepthFrame(

@@ -13,7 +13,7 @@ import pytest
 
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceLost
-from drivers.frame_channel import _FRAME, FrameReader, FrameWriter, Word, _Told, slot_bytes
+from drivers.frame_channel import _FRAME, SLOTS, FrameReader, FrameWriter, Word, _Told, slot_bytes
 
 
 def frame(sequence: int, width: int = 64, height: int = 48) -> DepthFrame:
@@ -78,6 +78,20 @@ def test_a_frame_that_was_overwritten_meanwhile_is_not_delivered() -> None:
     assert reader.dropped == 1
 
 
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(0, 20), slice(30, 48), slice(47, 48)])
+def test_pixels_of_another_frame_under_the_right_marks_are_not_delivered(rows: slice) -> None:
+    """What a processor with weak ordering may show of a writer that overtakes: the new pixels, and still the old marks."""
+    reader, writer = pair()
+    writer.write(frame(1))
+    told = reader._receive()
+    assert isinstance(told, _Told)
+    assert writer._memory is not None
+    at = (told.number % SLOTS) * slot_bytes(64, 48) + 8
+    np.ndarray((48, 64), np.uint16, writer._memory, at)[rows] = 1005
+    assert reader._frame(told) is None
+    assert reader.dropped == 1
+
+
 def test_the_size_of_the_image_may_change() -> None:
     reader, writer = pair()
     writer.write(frame(1))
@@ -125,13 +139,13 @@ def test_what_nobody_understands_is_refused() -> None:
     writer._socket.send(b"\xff\xfe")
     with pytest.raises(BadData, match="sent what nobody understands"):
         reader.read(1.0)
-    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4)[:-1])
+    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5)[:-1])
     with pytest.raises(BadData, match="sent what nobody understands"):
         reader.read(1.0)
     writer._socket.send(b'{"width": 64}')
     with pytest.raises(BadData, match="sent what nobody understands"):
         reader.read(1.0)
-    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4))
+    writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5))
     with pytest.raises(BadData, match="before it gave the memory"):
         reader.read(1.0)
 
