@@ -106,11 +106,14 @@ class PipelineLoop:
         """Ends the loop. May be called twice. The log has the frame, too, over which it hangs."""
         self._stop.set()
         if self._thread.ident is not None:
-            self._thread.join(5.0)
+            # one that still loads kernels has no frame in hand, and cannot be interrupted
+            self._thread.join(5.0 if self.started else 0.5)
             self._write_down()
 
     def _run(self) -> None:
         self._warm_up()
+        if self._stop.is_set():
+            return
         self.alive_ns = time.monotonic_ns()  # warming up may have taken minutes, and was no hang
         self.begun.set()
         while not self._stop.is_set():

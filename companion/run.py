@@ -108,10 +108,18 @@ def run(args: argparse.Namespace) -> int:
     faulthandler.enable()  # systemd's watchdog sends SIGABRT: where each thread hung is then in the journal
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba loads it where it is installed, for nothing
     config = load_config(args.config)
-    from .warmup import Loading
+    from .warmup import Loading, WarmupError
 
     world = ("world",) if config.publish.world else ()
     loading = Loading(config.extractor.mode, *world)  # beside by far most of the modules
+    stop = threading.Event()
+
+    def end(*_: object) -> None:
+        stop.set()
+        loading.cancel()  # no child compiles on for a minute
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
     loading.start()
     from .service import Service
 
@@ -119,12 +127,14 @@ def run(args: argparse.Namespace) -> int:
     handler.setFormatter(JournalFormatter("JOURNAL_STREAM" in os.environ))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     notifier = Notifier()
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
 
     def warm_up() -> None:
-        loading.finish()
+        try:
+            loading.finish()
+        except WarmupError:
+            if stop.is_set():
+                return  # the loop ends before it begins
+            raise
         gc.freeze()
         gc.enable()
 

@@ -47,6 +47,10 @@ class WarmupError(Exception):
     """The kernels cannot be made ready; the message says why and what to do."""
 
 
+class CancelledError(WarmupError):
+    """The process was told to end while a child compiled."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Warmup:
     """cache: where compiled kernels lie (several places when NUMBA_CACHE_DIR is not set); deleted: cache files that
@@ -99,6 +103,44 @@ def warm_up() -> Warmup:
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
 
 
+class _Children:
+    """The child processes that compile, so that another thread can end them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()  # a signal's handler may interrupt its holder
+        self._running: subprocess.Popen[str] | None = None
+        self._cancelled = False
+
+    def run(self, command: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
+        """As `subprocess.run`, with its output. Raises CancelledError once cancelled."""
+        with self._lock:
+            if self._cancelled:
+                raise CancelledError("compiling was cancelled: the process was told to end")
+            process = self._running = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        try:
+            out, errors = process.communicate(timeout=timeout_s)
+        finally:
+            process.kill()  # nothing where it has ended
+            process.wait()
+            with self._lock:
+                self._running = None
+        if self._cancelled:
+            raise CancelledError("compiling was cancelled: the process was told to end")
+        return subprocess.CompletedProcess(command, process.returncode, out, errors)
+
+    def cancel(self) -> None:
+        """Ends the child that runs, if one does; none is started any more."""
+        with self._lock:
+            self._cancelled = True
+            if self._running is not None:
+                self._running.kill()
+
+
+_CHILDREN = _Children()
+
+
 class Loading(threading.Thread):
     """make_ready, beside whatever else a start has to do. Loading releases the interpreter for most of its time."""
 
@@ -107,8 +149,13 @@ class Loading(threading.Thread):
         self._modes, self._done = modes, False
 
     def run(self) -> None:
-        make_ready(*self._modes)
-        self._done = True
+        with contextlib.suppress(CancelledError):  # `finish` says so
+            make_ready(*self._modes)
+            self._done = True
+
+    def cancel(self) -> None:
+        """Ends a child that compiles; `finish` then raises. What this process itself is loading goes on."""
+        _CHILDREN.cancel()
 
     def finish(self) -> None:
         """Waits until the kernels are there. Raises WarmupError where they cannot be had."""
@@ -283,7 +330,7 @@ def _check_cache_place() -> None:
 def _child(*modes: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", CHILD, *modes]
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        return _CHILDREN.run(command, TIMEOUT_S)
     except subprocess.TimeoutExpired as error:
         raise WarmupError(f"compiling did not end within {TIMEOUT_S:g} s; is the machine overloaded?") from error
 

@@ -1,0 +1,73 @@
+"""`companion run` that is told to end while it starts leaves no process behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .live import PATIENCE_S, ROOT, until
+
+CONFIG = """
+[[camera]]
+name = "front"
+kind = "simulated"
+"""
+
+
+def children(pid: int) -> dict[int, str]:
+    """Pid -> command line of the processes that this one started."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        try:
+            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]) if entry.name.isdigit() else 0
+            if parent == pid:
+                found[int(entry.name)] = (entry / "cmdline").read_text()
+        except (OSError, IndexError):
+            continue  # it has just ended
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_told_to_end_while_kernels_are_compiled_it_ends_with_its_children(tmp_path: Path, number: int) -> None:
+    config = tmp_path / "live.toml"
+    config.write_text(CONFIG)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "cache").mkdir()
+    environment = os.environ | {
+        "RUNTIME_DIRECTORY": str(tmp_path / "run"),
+        "STATE_DIRECTORY": str(tmp_path / "state"),
+        "CACHE_DIRECTORY": str(tmp_path / "cache"),
+        "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),  # nothing is compiled yet
+        "PYTHONPATH": str(ROOT),
+    }
+    (tmp_path / "kernels").mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "companion", "run", "-c", str(config)], cwd=ROOT, env=environment,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    theirs: dict[int, str] = {}
+
+    def compiles_and_films() -> bool:
+        theirs.update(children(process.pid))
+        return {"run_child", "camera_process"} <= {
+            w for w in ("run_child", "camera_process") for c in theirs.values() if w in c
+        }
+
+    try:
+        assert until(compiles_and_films)
+        process.send_signal(number)
+        said, _ = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, said
+        assert said.endswith("stopped\n")
+        assert "Traceback" not in said
+        assert not [pid for pid in theirs if Path(f"/proc/{pid}").exists()]
+    finally:
+        process.kill()
+        for pid in theirs:
+            if Path(f"/proc/{pid}").exists():
+                os.kill(pid, signal.SIGKILL)
