@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from core.types import AttitudeSample, CameraInfo, PoseSample
@@ -19,6 +20,7 @@ from .config_avoid import AvoidParams
 from .echo_check import EchoCheck, likely_cause
 from .flight_modes import mode_trouble
 from .latency import Latencies
+from .margin_file import MarginFile
 from .masks import Mask
 from .obstacle_distance import clear_cm
 from .obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
@@ -51,8 +53,9 @@ class Avoidance:
         post: Callable[[Any], None],
         ill: Callable[[str], str] = lambda camera: "",
         silent: Callable[[], Vehicle | None] = lambda: None,
+        margins: MarginFile | None = None,
     ) -> None:
-        """ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
+        """margins: AVOID_MARGIN as it was read before this start, until it is read again. ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
         more, None: none; it is told on, since it may hear us."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
@@ -62,6 +65,7 @@ class Avoidance:
         self._exposed_ns: dict[str, int] = {}
         self._before_ns: dict[str, int] = {}
         self.parameters = ParameterReader()
+        self._margins = margins or MarginFile(None)
         self._echo = EchoCheck()
         self._texts = StatusTexts()
         self._link: LinkStatus | None = None
@@ -87,6 +91,7 @@ class Avoidance:
         while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
             time.sleep(0.05)
         self._end_ns = 0
+        self._margins.close()
         self.sender.close()
 
     def _flies_on(self) -> bool:
@@ -129,6 +134,9 @@ class Avoidance:
             return
         if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: what was read before still counts
             self.parameters.begin(vehicle.autopilot, vehicle.system_id)
+        margin_m = self.parameters.value("AVOID_MARGIN")
+        if margin_m is not None and vehicle.autopilot == self.parameters.kind:
+            self._margins.keep(vehicle.autopilot, vehicle.system_id, margin_m)
         for request in self.parameters.due(now_ns, vehicle.system_id):
             self._post(request)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
@@ -179,8 +187,9 @@ class Avoidance:
         if self.told is not None and self.told.fault:
             said.insert(0, self.told.fault)
         if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:
+            margin_m = self._margin_m(vehicle) or self._avoid.avoid_margin_m
             said.append(
-                f"AVOID_MARGIN is not known: when blind, the wall stands at {self._avoid.avoid_margin_m:g} m and more; set "
+                f"AVOID_MARGIN is not known: when blind, the wall stands at {margin_m:g} m and more; set "
                 "[avoid] avoid_margin_m to the autopilot's"
             )
         return [trouble, *said] if trouble else said
@@ -205,7 +214,12 @@ class Avoidance:
         vehicle = self._vehicle() or self._silent()
         if vehicle is None:
             return AutopilotNow()
-        return AutopilotNow(kind=vehicle.autopilot, margin_m=self.parameters.value("AVOID_MARGIN"))
+        return AutopilotNow(kind=vehicle.autopilot, margin_m=self._margin_m(vehicle))
+
+    def _margin_m(self, vehicle: Vehicle) -> float | None:
+        """AVOID_MARGIN as it is read now, else as it was before this start; None: never."""
+        read_m = self.parameters.value("AVOID_MARGIN")
+        return self._margins.margin_m(vehicle.autopilot, vehicle.system_id) if read_m is None else read_m
 
     def _send(self, message: Any) -> None:
         told = self.sender.told  # may go out as many messages
@@ -220,9 +234,9 @@ class Avoidance:
 
 
 def avoidance_of(
-    config: Config, cameras: Mapping[str, CameraSupervisor], session: MavlinkSession, link: MavlinkLink
+    config: Config, cameras: Mapping[str, CameraSupervisor], session: MavlinkSession, link: MavlinkLink, state: Path
 ) -> Avoidance:
-    """What tells the autopilot of this line of obstacles."""
+    """What tells the autopilot of this line of obstacles. state: the folder in which its margin is kept."""
 
     def heard() -> Vehicle | None:
         return session.vehicle if session.heard(time.monotonic_ns()) else None
@@ -234,7 +248,9 @@ def avoidance_of(
         status = cameras[camera].status
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
-    return Avoidance(config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent)
+    return Avoidance(
+        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, MarginFile(state)
+    )
 
 
 def last_words(autopilot: str) -> str:

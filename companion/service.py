@@ -142,7 +142,7 @@ class Service:
             params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._autopilot_says
         )
         link = MavlinkLink(address, session, self._deliver)
-        self.avoidance = avoidance_of(self.config, self.cameras, session, link)
+        self.avoidance = avoidance_of(self.config, self.cameras, session, link, self._folders.state)
         return session, link
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
