@@ -13,22 +13,23 @@ SOURCES := $(wildcard core drivers companion tests benchmarks examples)
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help env demo test bench soak vm-test golden golden-recordings proto lint config-docs clean
+.PHONY: help env demo test bench soak vm-test golden golden-recordings proto lint lock config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
 
 env: $(STAMP) ## the environment in .venv, made from nothing
 
-$(STAMP): pyproject.toml .ci/constraints.txt .ci/find-python
+$(STAMP): pyproject.toml requirements-dev.lock .ci/find-python
 	@python="$$(bash .ci/find-python)"; \
 	if ! "$(BIN)/python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 		echo "making $(VENV) with $$python"; \
 		rm -rf $(VENV); \
 		"$$python" -m venv $(VENV); \
 	fi; \
-	echo "installing what pyproject.toml and .ci/constraints.txt say (some minutes the first time)"; \
-	"$(BIN)/python" -m pip install --quiet --constraint .ci/constraints.txt --editable '.[dev]' && touch $@
+	echo "installing the packages of requirements-dev.lock, checked by their hashes (some minutes the first time)"; \
+	"$(BIN)/python" -m pip install --quiet --require-hashes --only-binary :all: --requirement requirements-dev.lock && \
+	"$(BIN)/python" -m pip install --quiet --no-deps --no-build-isolation --editable . && touch $@
 
 demo: $(STAMP) ## the live service on a simulated flight, its log replayed and drawn (about two minutes)
 	@$(BIN)/companion demo $(ARGS)
@@ -78,6 +79,9 @@ golden-recordings: $(STAMP) ## fly the golden recordings anew (only when the sim
 
 proto: $(STAMP) ## the Python code of the message schema
 	@PYTHON=$(BIN)/python sh drivers/proto/generate.sh
+
+lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (needs the network)
+	@bash .ci/make-lock
 
 config-docs: $(STAMP) ## rewrite the tables of docs/configuration.md from the parameters
 	@$(BIN)/python -m companion.config_docs docs/configuration.md

@@ -121,8 +121,10 @@ def config_step(places: Places, config: Path | None, replace: bool) -> Step:
 def check_reachable(places: Sequence[Path]) -> None:
     """Raises InstallError where the service's user could not read this software."""
     remedy = (
-        "make the environment elsewhere: python3 -m venv /opt/osape-companion && "
-        "/opt/osape-companion/bin/pip install PATH_OF_THIS_SOFTWARE, then /opt/osape-companion/bin/companion install"
+        "make the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
+        "/opt/osape-companion/bin/pip install --require-hashes --only-binary :all: -r requirements.lock && "
+        "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation . && "
+        "/opt/osape-companion/bin/companion install"
     )
     for place in places:
         hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
