@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .config import Config, ConfigError, fields_of, load_config
+from .config import ConfigError, load_config
+from .config_differences import PAPER_NOTE, Difference, differences
 from .console import fail, say, say_json
 
 
@@ -26,27 +27,27 @@ def run(args: argparse.Namespace) -> int:
             say_json({"file": str(args.file), "ok": False, "problems": list(error.problems)})
         fail(str(error))
         return 1
-    differences = changes(config)
+    found = differences(config)
     if args.json:
-        say_json({"file": str(args.file), "ok": True, "problems": [], "changes": differences})
+        say_json({"file": str(args.file), "ok": True, "problems": [], "changes": _as_json(found)})
         return 0
     say(f"{args.file}: usable")
     cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
     say(f"  cameras: {cameras}")
-    for section, keys in differences.items():
-        for key, (value, default) in keys.items():
-            say(f"  [{section}] {key} = {value} (default {default})")
-    if not differences:
+    if config.extractor.paper:
+        say(f"  warning: {PAPER_NOTE}")
+    for difference in found:
+        say(f"  {'safety key: ' if difference.safety else ''}{difference.words()}")
+    if not found:
         say("  all parameters have their defaults")
     return 0
 
 
-def changes(config: Config) -> dict[str, dict[str, tuple[Any, Any]]]:
-    """section -> key -> (value, default) of the parameters that differ from their defaults."""
-    out: dict[str, dict[str, tuple[Any, Any]]] = {}
-    for section, values in (("extractor", config.extractor), ("sync", config.sync), ("output", config.output)):
-        keys = {f.name: (getattr(values, f.name), f.default) for f in fields_of(section)}
-        differing = {k: v for k, v in keys.items() if v[0] != v[1]}
-        if differing:
-            out[section] = differing
+def _as_json(found: list[Difference]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Section ("camera NAME" for a camera) -> key -> value, default, unit, and whether it is a safety key."""
+    out: dict[str, dict[str, dict[str, Any]]] = {}
+    for d in found:
+        section = f"camera {d.camera}" if d.section == "camera" else d.section
+        keys = out.setdefault(section, {})
+        keys[d.key] = {"value": d.value, "default": d.default, "unit": d.unit, "safety": d.safety}
     return out

@@ -49,6 +49,9 @@ SECTIONS: dict[str, type] = {
 """TOML section -> the dataclass it fills; `camera` may stand several times."""
 BLIND_TOLD_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
+TOO_DEEP = "nested deeper than can be read"
+SHOWN_CHARACTERS = 200
+"""Of a wrong value in a message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,10 +111,26 @@ def load_config(path: Path) -> Config:
     except tomllib.TOMLDecodeError as error:
         problem = f"not valid TOML: {error}; strings need quotes, decimals a digit on both sides of the dot"
         raise ConfigError(str(path), [problem]) from error
+    except RecursionError as error:
+        raise ConfigError(str(path), [f"{TOO_DEEP}; a configuration has sections and keys only"]) from error
     current, warnings = without_retired(content)
     for warning in warnings:
         log.warning("%s: %s", path, warning)
-    return config_of(current, str(path))
+    config = config_of(current, str(path))
+    if problems := refused_for_flight(config):
+        raise ConfigError(str(path), problems)
+    return config
+
+
+def refused_for_flight(config: Config) -> list[str]:
+    """Combinations of keys that no service may run with, in words with the remedy. A log of an earlier version that was
+    recorded with one can still be replayed: replay sends nothing."""
+    if config.extractor.paper and config.avoid.send:
+        return [
+            '[extractor] mode = "paper" with [avoid] send = true: the paper\'s form misses obstacles and must not steer an '
+            'autopilot; set mode = "safe" or send = false'
+        ]
+    return []
 
 
 def config_text(config: Config) -> str:
@@ -127,6 +146,8 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
         content = json.loads(text)
     except json.JSONDecodeError as error:
         raise ConfigError(source, [f"not valid JSON: {error}; the log is damaged"]) from error
+    except RecursionError as error:
+        raise ConfigError(source, [f"{TOO_DEEP}; the log is damaged"]) from error
     if not isinstance(content, dict):
         raise ConfigError(source, ["not an object of sections; the log is damaged"])
     return config_of(without_retired(content)[0], source)
@@ -222,8 +243,16 @@ def _words(error: Any, content: Mapping[str, Any]) -> str:
         form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
         return f"{where}: expected {form}"
     key = next(f for f in fields_of(section) if f.name == path[-1])
-    value = json.dumps(error["input"], default=str, ensure_ascii=False)
-    return f"{where} = {value}: expected {expected(key)} ({key.metadata['doc']})"
+    return f"{where} = {_shown(error['input'])}: expected {expected(key)} ({key.metadata['doc']})"
+
+
+def _shown(value: Any) -> str:
+    """A wrong value as it would stand in JSON, shortened."""
+    try:
+        text = json.dumps(value, default=str, ensure_ascii=False)
+    except RecursionError:
+        return f"(a value {TOO_DEEP})"
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}..."
 
 
 def _place(path: tuple[Any, ...]) -> str:

@@ -12,8 +12,8 @@ _CORNER = r"-?\d+(?:\.\d+)?,-?\d+(?:\.\d+)?"
 _POLYGON = rf"{_CORNER}(?: +{_CORNER})+"
 
 
-def _number(low: float, high: float, unit: str, doc: str, default: float | None = None) -> Any:
-    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
+def _number(low: float, high: float, unit: str, doc: str, default: float | None = None, *, safety: bool = False) -> Any:
+    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc, "safety": safety})
 
 
 def _choice(default: str, choices: tuple[str, ...], doc: str) -> Any:
@@ -33,21 +33,28 @@ class CameraConfig:
         ("mcap", "simulated", "oak", "zed", "v4l2"),
         "where its frames come from: a recording, the simulator, or a camera",
     )
-    required: bool = field(default=True, metadata={"unit": "", "doc": "while it is blind the whole counts as blind"})
+    required: bool = field(
+        default=True, metadata={"safety": True, "unit": "", "doc": "while it is blind the whole counts as blind"}
+    )
     roll_deg: float | None = _number(-180.0, 180.0, "deg", "mount: right side down is positive")
     pitch_deg: float | None = _number(-90.0, 90.0, "deg", "mount: looking up is positive")
     yaw_deg: float | None = _number(-180.0, 180.0, "deg", "mount: looking to the right is positive")
     x_m: float | None = _number(-10.0, 10.0, "m", "lever arm from the autopilot, forward")
     y_m: float | None = _number(-10.0, 10.0, "m", "lever arm, to the right")
     z_m: float | None = _number(-10.0, 10.0, "m", "lever arm, down")
-    min_range_m: float | None = _number(0.01, 10.0, "m", "nearest depth that the camera measures")
-    max_range_m: float | None = _number(0.5, 65.0, "m", "farthest depth that is used")
+    min_range_m: float | None = _number(0.01, 10.0, "m", "nearest depth that the camera measures", safety=True)
+    max_range_m: float | None = _number(0.5, 65.0, "m", "farthest depth that is used", safety=True)
     ke_per_m: float | None = _number(
-        1e-5, 0.05, "1/m", "noise: sigma_Z = ke * Z^2; a prior where the noise is measured"
+        1e-5,
+        0.05,
+        "1/m",
+        "noise: sigma_Z = ke * Z^2; a prior where the noise is measured",
+        safety=True,
     )
     masks: str = field(
         default="",
         metadata={
+            "safety": True,
             "pattern": rf"^(?:{_POLYGON}(?: *; *{_POLYGON})*)?$",
             "unit": "",
             "doc": "parts of the vehicle in the depth image, which are then unknown: polygons of corners u,v in px with "
@@ -55,7 +62,11 @@ class CameraConfig:
         },
     )
     unmatched_left_px: int | None = _number(
-        0, 1024, "px", "columns at the left that stereo matching never sees; not said: of a zed its disparities, else 0"
+        0,
+        1024,
+        "px",
+        "columns at the left that stereo matching never sees; not said: of a zed its disparities, else 0",
+        safety=True,
     )
     flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
     device: str = field(
@@ -74,7 +85,7 @@ class CameraConfig:
     )
     calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})
     disparities: int = _number(16, 512, "px", "zed only: disparities searched; more see nearer and cost more", 96)
-    confidence: int = _number(0, 255, "", "oak only: lower keeps fewer and surer pixels", 200)
+    confidence: int = _number(0, 255, "", "oak only: lower keeps fewer and surer pixels", 200, safety=True)
     emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
     depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)
     fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not tell it")

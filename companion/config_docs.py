@@ -7,6 +7,8 @@ from dataclasses import MISSING, Field
 from pathlib import Path
 from typing import Any
 
+from core.checked import is_safety_key
+
 from .config import SECTIONS, expected, fields_of
 
 BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tables -->"
@@ -26,10 +28,10 @@ TITLES = {
 
 
 def tables() -> str:
-    """Markdown of all sections: key, default, what may stand there, meaning."""
+    """Markdown of all sections: key, default, what may stand there, meaning, whether it is a safety key."""
     parts: list[str] = []
     for section in SECTIONS:
-        parts += [f"## {TITLES[section]}", "", "| key | default | may be | meaning |", "|---|---|---|---|"]
+        parts += [f"## {TITLES[section]}", "", "| key | default | may be | meaning | safety |", "|---|---|---|---|---|"]
         parts += [_row(f) for f in fields_of(section)]
         parts.append("")
     return "\n".join(parts)
@@ -45,7 +47,7 @@ def _row(f: Field[Any]) -> str:
     else:
         default = f'`"{f.default}"`' if isinstance(f.default, str) else f"`{f.default:g}`"
     meaning = str(f.metadata["doc"]).replace("|", "\\|")
-    return f"| `{f.name}` | {default} | {expected(f)} | {meaning} |"
+    return f"| `{f.name}` | {default} | {expected(f)} | {meaning} | {'yes' if is_safety_key(f) else ''} |"
 
 
 def with_tables(text: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from core.checked import check, choice, number, switch, text
+from core.checked import check, choice, critical, number, switch, text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,10 +93,10 @@ class RecordParams:
 class SupervisorParams:
     """When a camera is called ill and when its process is started anew."""
 
-    silent_s: float = number(0.5, 0.05, 10.0, "s", "without a frame for this long a camera is silent")
-    restart_s: float = number(3.0, 0.5, 60.0, "s", "silent or frozen for this long, its process is started anew")
+    silent_s: float = critical(0.5, 0.05, 10.0, "s", "without a frame for this long a camera is silent")
+    restart_s: float = critical(3.0, 0.5, 60.0, "s", "silent or frozen for this long, its process is started anew")
     open_s: float = number(30.0, 1.0, 300.0, "s", "a process without a first frame by then is started anew")
-    frozen_frames: int = number(4, 2, 1000, "", "the same image so many times again is a frozen camera")
+    frozen_frames: int = critical(4, 2, 1000, "", "the same image so many times again is a frozen camera")
     first_backoff_s: float = number(0.5, 0.0, 60.0, "s", "wait before a new start; doubled while it gives no frames")
     longest_backoff_s: float = number(5.0, 0.1, 600.0, "s", "longest wait before a new start")
 
@@ -108,9 +108,9 @@ class SupervisorParams:
 class ServiceParams:
     """The service itself."""
 
-    stale_s: float = number(0.3, 0.05, 2.0, "s", "a camera whose newest valid exposure is older is blind")
-    blind_hz: float = number(12.5, 10.0, 50.0, "Hz", "rate of the messages that say so")
-    hang_s: float = number(2.0, 0.5, 30.0, "s", "a loop that has not gone round for this long hangs")
+    stale_s: float = critical(0.3, 0.05, 2.0, "s", "a camera whose newest valid exposure is older is blind")
+    blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of the messages that say so")
+    hang_s: float = critical(2.0, 0.5, 30.0, "s", "a loop that has not gone round for this long hangs")
     metrics_port: int = number(0, 0, 65535, "", "Prometheus text on 127.0.0.1; 0: none")
 
     def __post_init__(self) -> None:

@@ -32,6 +32,7 @@ from .autopilot_parameters import ParameterReader, advice
 from .camera_supervisor import CameraSupervisor
 from .config import Config, load_config
 from .config_camera import CameraConfig
+from .config_differences import PAPER_NOTE, safety_lines
 from .console import say, say_json
 from .log_folder import free_bytes
 from .service_folders import folders
@@ -57,6 +58,7 @@ class Finding:
 
 def examine(config: Config, patience_s: float) -> Iterator[Finding]:
     """Everything, one after the other. patience_s: for each camera and for the autopilot."""
+    yield from config_findings(config)
     running = running_service(config, patience_s)
     if running is not None:
         yield from running
@@ -68,6 +70,15 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
             yield camera_finding(camera, config, patience_s)
         yield from autopilot_findings(config, patience_s)
     yield from machine_findings(config)
+
+
+def config_findings(config: Config) -> Iterator[Finding]:
+    """The changed safety keys, and the research mode. A changed key is reported and is no fault: some must fit the
+    camera and the vehicle."""
+    if config.extractor.paper:
+        yield Finding("mode", False, f'{PAPER_NOTE}; set mode = "safe"')
+    lines = safety_lines(config)
+    yield Finding("safety keys", True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 
 
 def running_service(config: Config, patience_s: float) -> list[Finding] | None:

@@ -17,7 +17,7 @@ from typing import Any
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import BadData, DeviceNotFound, Event
 
-from .config import Config, config_text, load_config
+from .config import Config, load_config
 from .config_camera import CameraConfig
 from .console import fail, say, say_json, warn
 from .import_folder import FolderSource
@@ -57,7 +57,7 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
         raise BadData("\n".join([str(error), *report.all_problems()])) from error
     counted = _Counted(source)
     try:
-        write_recording(counted, output, run_info("import", config_text(config or Config())))
+        write_recording(counted, output, run_info("import", config or Config()))
     except BadData as error:
         report.problem("recording", str(error))
     finally:

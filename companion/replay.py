@@ -17,7 +17,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.topics import TOPICS
 
 from .compare import Comparison, Key, key_of
-from .config import Config, ConfigError, config_from_text, config_text, load_config
+from .config import Config, ConfigError, config_from_text, load_config
 from .console import fail, progress, say_json
 from .log_writer import LogWriter, refuse_output
 from .masks import masked
@@ -125,7 +125,7 @@ class _Sink:
     def _open(self, t_ns: int) -> None:
         if self._log is not None and not self._begun:
             self._begun = True
-            self._log.begin(run_info("replay", config_text(self._config)), self._cameras, self._state, t_ns)
+            self._log.begin(run_info("replay", self._config), self._cameras, self._state, t_ns)
 
 
 def _config(options: Options, source: McapRecording) -> Config:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from .config import load_config
+from .config_differences import PAPER_NOTE, safety_lines
 from .console import say
 from .sd_notify import Notifier
 from .service_folders import folders
@@ -138,6 +139,10 @@ def run(args: argparse.Namespace) -> int:
         gc.freeze()
         gc.enable()
 
+    for line in safety_lines(config):
+        log.warning("safety key changed: %s", line)
+    if config.extractor.paper:
+        log.warning(PAPER_NOTE)
     service = Service(config, folders(), warm_up)
     try:
         service.open()

@@ -8,6 +8,8 @@ from typing import Final
 
 from drivers.proto import osape_v1_pb2 as pb
 
+from .config import Config, config_text
+from .config_differences import safety_lines
 from .messages import SCHEMA_VERSION
 
 _NUMBERS_DEPEND_ON: Final = ("numpy", "numba", "llvmlite", "scipy", "opencv-python-headless")
@@ -18,12 +20,13 @@ def software() -> str:
     return f"osape-companion {_version('osape-companion')}"
 
 
-def run_info(source: str, config_json: str = "") -> pb.RunInfo:
-    """What a log says about its making. source: "replay", "import", "simulated", "live"."""
+def run_info(source: str, config: Config | None = None) -> pb.RunInfo:
+    """What a log says about its making. source: "replay", "import", "simulated", "live"; config: the effective one."""
     return pb.RunInfo(
         schema_version=SCHEMA_VERSION,
         software=software(),
-        config_json=config_json,
+        config_json="" if config is None else config_text(config),
+        changed_safety_keys=[] if config is None else safety_lines(config),
         packages=[f"{name} {_version(name)}" for name in _NUMBERS_DEPEND_ON],
         processor=platform.machine(),
         source=source,

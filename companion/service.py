@@ -26,7 +26,8 @@ from .autopilot_line import params_of, signing_of
 from .blindness import Blindness
 from .camera_supervisor import CameraSupervisor
 from .computer_status import ComputerStatus
-from .config import Config, config_text
+from .config import Config, refused_for_flight
+from .config_differences import PAPER_NOTE, safety_lines
 from .config_live import STREAMS
 from .counts import FrameRates, Losses
 from .curve import AllowList, load_keys
@@ -74,9 +75,14 @@ class Service:
     something it needs cannot be had: a stream's address, a key, the folder of the logs."""
 
     def __init__(self, config: Config, folders: Folders, warm_up: Callable[[], None]) -> None:
+        if problems := refused_for_flight(config):
+            raise ValueError("; ".join(problems))
         self.config, self._folders = config, folders
+        self._changed_safety_keys = safety_lines(config)
         self._boot = boot_id()
         self.machine = Machine()
+        if config.extractor.paper:
+            self.machine.notes.append(PAPER_NOTE)
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._allow: AllowList | None = None
         self._publishers: dict[str, Publisher] = {}
@@ -160,7 +166,7 @@ class Service:
         if (record := self.config.record).record == "off":
             return None
         folder = Path(record.folder) if record.folder else self._folders.state / "logs"
-        return Recorder(folder, run_info("live", config_text(self.config)), record)
+        return Recorder(folder, run_info("live", self.config), record)
 
     def _metrics(self) -> MetricsServer | None:
         if (port := self.config.service.metrics_port) == 0:
@@ -396,6 +402,7 @@ class Service:
         report = new_report(self._boot, publisher.published if publisher is not None else 0)
         report.state = self.state
         report.troubles.extend(self.troubles)
+        report.changed_safety_keys.extend(self._changed_safety_keys)
         report.cameras.extend(camera_message(v) for v in views)
         if autopilot is not None:
             report.autopilot.CopyFrom(autopilot_message(autopilot))

@@ -67,6 +67,7 @@ def status_lines(h: pb.Health) -> list[str]:
     lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
     lines += [f"  ! {trouble}" for trouble in h.troubles] or ["  nothing is wrong"]
     lines += [f"  note: {note}" for note in h.notes]
+    lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
         age = f"newest valid exposure {c.age_ns / MS:.0f} ms ago" if c.HasField("age_ns") else "no valid exposure yet"
         kind = "" if c.required else ", not required"

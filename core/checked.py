@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
 from typing import Any
 
 
@@ -12,9 +12,14 @@ def number(default: float, low: float, high: float, unit: str, doc: str) -> Any:
     return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc})
 
 
-def choice(default: str, choices: tuple[str, ...], doc: str) -> Any:
-    """One of several words."""
-    return field(default=default, metadata={"choices": choices, "unit": "", "doc": doc})
+def critical(default: float, low: float, high: float, unit: str, doc: str) -> Any:
+    """A number that is a safety key: see `is_safety_key`."""
+    return field(default=default, metadata={"min": low, "max": high, "unit": unit, "doc": doc, "safety": True})
+
+
+def choice(default: str, choices: tuple[str, ...], doc: str, *, safety: bool = False) -> Any:
+    """One of several words. safety: see `is_safety_key`."""
+    return field(default=default, metadata={"choices": choices, "unit": "", "doc": doc, "safety": safety})
 
 
 def text(default: str, doc: str) -> Any:
@@ -22,9 +27,21 @@ def text(default: str, doc: str) -> Any:
     return field(default=default, metadata={"unit": "", "doc": doc})
 
 
-def switch(default: bool, doc: str) -> Any:
-    """True or false."""
-    return field(default=default, metadata={"unit": "", "doc": doc})
+def switch(default: bool, doc: str, *, safety: bool = False) -> Any:
+    """True or false. safety: see `is_safety_key`."""
+    return field(default=default, metadata={"unit": "", "doc": doc, "safety": safety})
+
+
+def is_safety_key(f: Field[Any]) -> bool:
+    """Whether a field is marked as a safety key.
+
+    A field is marked when its purpose is one of these, so that a changed value can report occupied or unknown space as
+    free: it decides when a frame, an attitude, a camera or a loop counts as unusable, and how soon that is reported; it
+    decides what counts as free, or when an obstacle is removed or forgotten; it sets the least size or number of
+    measurements of a reported obstacle, the noise that is assumed, or a margin; it sets the measured range, or hides a
+    part of the image or of the vehicle's surroundings. Fields that only trade speed, size of the log or smoothness, and
+    those that describe the installation (mount, device, address), are not marked."""
+    return bool(f.metadata.get("safety", False))
 
 
 def check(section: str, parameters: Any) -> None:

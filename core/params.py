@@ -7,29 +7,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .checked import check, choice, number, switch
+from .checked import check, choice, critical, number, switch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
     """Parameters of the extractor. Raises ValueError naming the field, its value and its range."""
 
-    mode: str = choice("safe", ("safe", "paper"), "the corrected form of each stage, or the paper's")
+    mode: str = choice("safe", ("safe", "paper"), "the corrected form of each stage, or the paper's", safety=True)
 
     # The vehicle and what counts as an obstacle
-    min_obstacle_height_m: float = number(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
-    passable_height_m: float = number(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
-    passable_width_m: float = number(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
+    min_obstacle_height_m: float = critical(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
+    passable_height_m: float = critical(1.0, 0.2, 10.0, "m", "least height the vehicle passes [Hs]")
+    passable_width_m: float = critical(2.0, 0.2, 20.0, "m", "least width the vehicle passes [Ws]")
     segment_height_m: float = number(2.0, 0.2, 10.0, "m", "height of segments of irregular things [Hd]")
-    safe_distance_m: float = number(
+    safe_distance_m: float = critical(
         0.28, 0.05, 1.0, "m", "most that a plane may lie behind the near edge of what it stands for"
     )
 
     # Noise: sigma_Z = ke * Z^2, constant in disparity
-    estimate_noise: bool = switch(True, "measure the noise from each frame; the camera's ke is then a prior")
-    noise_prior_span: float = number(4.0, 1.0, 10.0, "", "the measured ke stays within prior/span .. prior*span")
-    noise_memory: float = number(0.7, 0.0, 0.99, "", "share of the previous estimate kept at each frame")
-    min_sigma_px: float = number(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
+    estimate_noise: bool = switch(
+        True, "measure the noise from each frame; the camera's ke is then a prior", safety=True
+    )
+    noise_prior_span: float = critical(4.0, 1.0, 10.0, "", "the measured ke stays within prior/span .. prior*span")
+    noise_memory: float = critical(0.7, 0.0, 0.99, "", "share of the previous estimate kept at each frame")
+    min_sigma_px: float = critical(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
     noise_tiles_down: int = number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
     noise_tiles_across: int = number(8, 1, 32, "", "and columns of them")
     noise_step_px: int = number(8, 1, 64, "px", "step of the second difference whose median is a tile's noise")
@@ -50,64 +52,68 @@ class Params:
     noise_agree_ratio: float = number(1.25, 1.01, 3.0, "", "which is to be at most this much greater or less")
     noise_grid: float = number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
     noise_hold: float = number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
-    clear_sigmas: float = number(
+    clear_sigmas: float = critical(
         3.0, 0.0, 8.0, "sigma", "what measures closer to the range clip than this is far; far is free up to there only"
     )
 
     # Levelling
-    max_tilt_deg: float = number(
+    max_tilt_deg: float = critical(
         60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame says nothing"
     )
-    max_elevation_deg: float = number(74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown")
+    max_elevation_deg: float = critical(
+        74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown"
+    )
     max_view_ratio: float = number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
     paper_roll_deg: float = number(2.0, 0.0, 30.0, "deg", "the paper rotates the image when it rolls more [phi0]")
-    column_step: int = number(1, 1, 16, "", "columns pooled into one [sampling interval]")
-    column_agree_sigmas: float = number(
+    column_step: int = critical(1, 1, 16, "", "columns pooled into one [sampling interval]")
+    column_agree_sigmas: float = critical(
         2.0,
         0.0,
         10.0,
         "sigma",
         "pooled columns that differ by less are one surface: their mean counts, else the nearest",
     )
-    min_measured_share: float = number(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
+    min_measured_share: float = critical(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
-    flying_relative: float = number(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
-    max_flying_share: float = number(
+    flying_relative: float = critical(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
+    max_flying_share: float = critical(
         0.03, 0.005, 1.0, "", "with more of the measured pixels flying the image is noise, no measurement"
     )
-    flying_sigmas: float = number(5.0, 1.0, 20.0, "sigma", "and least step in noise")
+    flying_sigmas: float = critical(5.0, 1.0, 20.0, "sigma", "and least step in noise")
 
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours
-    noisy_look_share: float = number(
+    noisy_look_share: float = critical(
         0.003, 0.0, 1.0, "", "with more of the measured pixels flying, noise is looked for"
     )
-    noisy_tiles: int = number(16, 1, 64, "", "in so many tiles across and down")
-    noisy_judged_share: float = number(
+    noisy_tiles: int = critical(16, 1, 64, "", "in so many tiles across and down")
+    noisy_judged_share: float = critical(
         0.25, 0.01, 1.0, "", "a tile counts with so many of its pixels amid measured ones"
     )
-    noisy_alone_share: float = number(0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone")
-    max_noisy_share: float = number(0.04, 0.0, 1.0, "", "with more of the tiles noise the frame says nothing")
+    noisy_alone_share: float = critical(
+        0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone"
+    )
+    max_noisy_share: float = critical(0.04, 0.0, 1.0, "", "with more of the tiles noise the frame says nothing")
 
     # Ground
-    ground_tolerance_m: float = number(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
-    ground_sigmas: float = number(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")
-    ground_tolerance_cap: float = number(
+    ground_tolerance_m: float = critical(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
+    ground_sigmas: float = critical(4.0, 1.0, 8.0, "sigma", "half-thickness in noise of height, sigma_h = ke*X*h")
+    ground_tolerance_cap: float = critical(
         0.9, 0.3, 1.0, "", "half-thickness is at most this share of the least obstacle height"
     )
-    ground_stand_sigmas: float = number(
+    ground_stand_sigmas: float = critical(
         6.0,
         1.0,
         20.0,
         "sigma",
         "beyond that cap a strip must stand out of the ground's noise by this, all rows together",
     )
-    ground_stand_m: float = number(0.1, 0.0, 1.0, "m", "after this much error of the ground's height")
-    ground_max_below_share: float = number(
+    ground_stand_m: float = critical(0.1, 0.0, 1.0, "m", "after this much error of the ground's height")
+    ground_max_below_share: float = critical(
         0.05, 0.0, 0.3, "", "reject a ground with more of the measured pixels below it"
     )
-    ground_min_share: float = number(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
-    ground_max_slope: float = number(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
+    ground_min_share: float = critical(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
+    ground_max_slope: float = critical(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
     ground_max_height_m: float = number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
     ground_min_height_m: float = number(0.12, 0.02, 1.0, "m", "and the least")
     ground_height_step: float = number(
@@ -166,27 +172,29 @@ class Params:
     bin_depth_m: float = number(0.03, 0.0, 0.5, "m", "a bin is never thinner than this in depth (0: uniform bins)")
     kernel_sigma_bins: float = number(1.25, 0.5, 3.0, "bins", "width of the Gaussian kernel [sigma]")
     kernel_half_bins: int = number(3, 1, 7, "bins", "the kernel ends this far to either side: 2 x this + 1 bins [h]")
-    density_share: float = number(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
-    density_min_px: float = number(4.0, 1.0, 50.0, "px", "least soft count of a peak")
-    peak_alpha: float = number(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
-    peak_valley: float = number(
+    density_share: float = critical(0.7, 0.2, 1.0, "", "share of Hm*x that a peak's soft count must reach")
+    density_min_px: float = critical(4.0, 1.0, 50.0, "px", "least soft count of a peak")
+    peak_alpha: float = critical(0.3, 0.05, 0.9, "", "a peak's interval ends at this share of its height [alpha]")
+    peak_valley: float = critical(
         0.8, 0.3, 1.0, "", "two peaks are one when the valley is above this share of the smaller"
     )
 
     # Windows and strips
-    window_majority: float = number(0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak")
-    window_min_px: int = number(4, 2, 50, "px", "shortest window [least delta v]")
-    window_members: int = number(3, 1, 20, "px", "and least pixels of the peak in it")
+    window_majority: float = critical(
+        0.5, 0.3, 0.95, "", "share of a window's valid pixels that must belong to the peak"
+    )
+    window_min_px: int = critical(4, 2, 50, "px", "shortest window [least delta v]")
+    window_members: int = critical(3, 1, 20, "px", "and least pixels of the peak in it")
     window_take_sigmas: float = number(
         1.0, 0.0, 5.0, "sigma", "pixels of a segment's rows this much nearer than its peak are taken with it"
     )
     rough_factor: float = number(1.2, 0.5, 4.0, "", "a peak wider than this times e(x) is rough")
-    near_quantile: float = number(
+    near_quantile: float = critical(
         0.02, 0.0, 0.2, "", "near side of rough things: the k-th closest, k = max(3, this share)"
     )
-    near_rank: int = number(3, 1, 20, "px", "least k of the k-th closest")
-    near_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "and noise that the k-th closest is expected to stand out by")
-    near_edge_share: float = number(
+    near_rank: int = critical(3, 1, 20, "px", "least k of the k-th closest")
+    near_sigmas: float = critical(2.0, 0.0, 6.0, "sigma", "and noise that the k-th closest is expected to stand out by")
+    near_edge_share: float = critical(
         0.5, 0.1, 1.0, "", "a near edge, less its noise, keeps at least this share of the strip's disparity"
     )
     band_rows: int = number(5, 2, 50, "px", "rows of one band when a strip is looked at for steps")
@@ -196,14 +204,16 @@ class Params:
     irregular_jump: float = number(0.08, 0.01, 0.5, "", "step of disparity between rows, as a share, that ends one")
     irregular_depth_m: float = number(0.5, 0.1, 5.0, "m", "greatest depth of one irregular segment")
     irregular_sigmas: float = number(4.0, 1.0, 10.0, "sigma", "and noise that is neither a jump nor depth")
-    min_support_px: int = number(7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have")
-    min_support_m: float = number(
+    min_support_px: int = critical(
+        7, 1, 100, "px", "source pixels, its own and its neighbours', that a strip must have"
+    )
+    min_support_m: float = critical(
         0.02, 0.0, 0.2, "m", "and source pixels per pixel of this length: near things are large, stray blobs are not"
     )
-    max_column_strips: int = number(
+    max_column_strips: int = critical(
         128, 8, 1024, "", "strips of one column; what would be more is merged into its last, at the nearest distance"
     )
-    max_strips_per_column: float = number(
+    max_strips_per_column: float = critical(
         24.0, 4.0, 1024.0, "", "with more strips a column, on average, the image is noise in blocks, no measurement"
     )
     support_columns: int = number(6, 0, 16, "px", "columns on either side that may support a strip")
@@ -212,7 +222,7 @@ class Params:
     )
     support_sigmas: float = number(4.0, 1.0, 10.0, "sigma", "and difference in disparity, at most, in noise of a pixel")
     support_relative: float = number(0.05, 0.0, 0.5, "", "or as a share of the disparity")
-    support_large: int = number(4, 1, 50, "", "a strip with this many times the support that is needed is large")
+    support_large: int = critical(4, 1, 50, "", "a strip with this many times the support that is needed is large")
     support_tail_sigmas: float = number(
         4.5, 1.0, 10.0, "sigma", "what lies within this of a large strip beside it is that strip's noise"
     )
@@ -249,7 +259,7 @@ class Params:
     merge_spread_m: float = number(
         0.2, 0.02, 2.0, "m", "strips lie no farther than this from a merged plane, root mean square, noise apart"
     )
-    merge_shift_m: float = number(
+    merge_shift_m: float = critical(
         0.3, 0.01, 2.0, "m", "a join shifts neither plane by more than this towards the camera, noise apart"
     )
     merge_candidates: int = number(48, 2, 5000, "", "planes that each one is weighed against in a round of merging")
@@ -266,13 +276,13 @@ class Params:
     join_share: float = number(0.9, 0.1, 0.99, "", "and no square of this share of Ws or of Hs")
     evidence_cell_px: int = number(8, 1, 32, "px", "side of a cell in which evidence is looked for")
     evidence_behind_m: float = number(0.7, 0.05, 3.0, "m", "evidence for a plane lies at most this far behind it")
-    opening_slack_m: float = number(
+    opening_slack_m: float = critical(
         0.1, 0.0, 0.5, "m", "in an opening a join covers nothing farther than this from what was seen"
     )
-    safe_along_m: float = number(
+    safe_along_m: float = critical(
         0.4, 0.05, 2.0, "m", "most that a plane may lie behind that near edge along the viewing ray"
     )
-    rough_near_sigmas: float = number(
+    rough_near_sigmas: float = critical(
         2.0,
         0.0,
         8.0,
@@ -296,15 +306,15 @@ class Params:
         "",
         "and at least this many times the spread of its strips about it: leaves scatter, walls do not",
     )
-    min_plane_distance_m: float = number(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
-    footprint_px: float = number(
+    min_plane_distance_m: float = critical(0.05, 0.01, 0.5, "m", "no plane is shifted nearer to the camera than this")
+    footprint_px: float = critical(
         0.5, 0.0, 4.0, "px", "what a plane's end columns and rows are extended by on either side"
     )
-    cut_footprint_px: float = number(
+    cut_footprint_px: float = critical(
         1.0, 0.0, 10.0, "px", "and by this where the border of the image cuts the rows: they go on there"
     )
     min_plane_height_m: float = number(0.05, 0.001, 0.5, "m", "height kept of a plane that lies below the ground")
-    margin_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
+    margin_sigmas: float = critical(2.0, 0.0, 6.0, "sigma", "noise of a plane's distance inside the published margin")
     inferred_share: float = number(
         0.05, 0.0, 0.5, "", "a plane with more of its rows or columns filled is inferred; less is what pixels drop out"
     )
@@ -337,8 +347,10 @@ class Params:
     opening_edge_px: float = number(
         2.0, 0.0, 50.0, "px", "tops or bottoms that step by more beside an opening end a piece"
     )
-    opening_unknown_share: float = number(0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)")
-    opening_behind_m: float = number(
+    opening_unknown_share: float = critical(
+        0.2, 0.0, 0.5, "", "most of a free box that may be unknown (dropped pixels)"
+    )
+    opening_behind_m: float = critical(
         0.5, 0.05, 5.0, "m", "what must be seen behind an opening from where Ws would reach beyond the maximum range"
     )
 
@@ -355,13 +367,15 @@ class Params:
         "height of a layer of the profile; lower ones are seen whole from nearer when the camera leans",
     )
     profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
-    free_share: float = number(0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free")
-    profile_block_px: int = number(
+    free_share: float = critical(
+        0.8, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it free"
+    )
+    profile_block_px: int = critical(
         4, 2, 64, "px", "rows that are counted together (odd: one more), a layer's rows rounded outwards"
     )
-    profile_sigmas: float = number(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
-    profile_noise_cap: float = number(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
-    profile_least_m: float = number(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
+    profile_sigmas: float = critical(2.0, 0.0, 8.0, "sigma", "a pixel sees through what lies this much before it")
+    profile_noise_cap: float = critical(0.3, 0.0, 0.5, "", "which is at most this share of its distance")
+    profile_least_m: float = critical(0.1, 0.01, 2.0, "m", "a layer with less than this above the ground is not judged")
 
     def __post_init__(self) -> None:
         check("", self)

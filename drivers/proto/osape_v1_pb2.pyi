@@ -361,20 +361,22 @@ class StateSnapshot(_message.Message):
     def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ...) -> None: ...
 
 class RunInfo(_message.Message):
-    __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source")
+    __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
     SOFTWARE_FIELD_NUMBER: _ClassVar[int]
     CONFIG_JSON_FIELD_NUMBER: _ClassVar[int]
     PACKAGES_FIELD_NUMBER: _ClassVar[int]
     PROCESSOR_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
+    CHANGED_SAFETY_KEYS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     software: str
     config_json: str
     packages: _containers.RepeatedScalarFieldContainer[str]
     processor: str
     source: str
-    def __init__(self, schema_version: _Optional[int] = ..., software: _Optional[str] = ..., config_json: _Optional[str] = ..., packages: _Optional[_Iterable[str]] = ..., processor: _Optional[str] = ..., source: _Optional[str] = ...) -> None: ...
+    changed_safety_keys: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, schema_version: _Optional[int] = ..., software: _Optional[str] = ..., config_json: _Optional[str] = ..., packages: _Optional[_Iterable[str]] = ..., processor: _Optional[str] = ..., source: _Optional[str] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class MavlinkFrame(_message.Message):
     __slots__ = ("frame",)
@@ -510,7 +512,7 @@ class Temperature(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., celsius: _Optional[float] = ...) -> None: ...
 
 class Health(_message.Message):
-    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns", "samples_lost", "notes")
+    __slots__ = ("schema_version", "boot_id", "number", "t_ns", "state", "troubles", "cameras", "autopilot", "recording", "latencies", "temperatures", "frames_used", "frames_dropped", "cpu_share", "memory_bytes", "uptime_ns", "samples_lost", "notes", "changed_safety_keys", "diagnostics")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNKNOWN: _ClassVar[Health.State]
@@ -548,6 +550,8 @@ class Health(_message.Message):
     UPTIME_NS_FIELD_NUMBER: _ClassVar[int]
     SAMPLES_LOST_FIELD_NUMBER: _ClassVar[int]
     NOTES_FIELD_NUMBER: _ClassVar[int]
+    CHANGED_SAFETY_KEYS_FIELD_NUMBER: _ClassVar[int]
+    DIAGNOSTICS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     boot_id: str
     number: int
@@ -566,7 +570,19 @@ class Health(_message.Message):
     uptime_ns: int
     samples_lost: int
     notes: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ..., notes: _Optional[_Iterable[str]] = ...) -> None: ...
+    changed_safety_keys: _containers.RepeatedScalarFieldContainer[str]
+    diagnostics: _containers.RepeatedCompositeFieldContainer[Diagnostic]
+    def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ..., notes: _Optional[_Iterable[str]] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ..., diagnostics: _Optional[_Iterable[_Union[Diagnostic, _Mapping]]] = ...) -> None: ...
+
+class Diagnostic(_message.Message):
+    __slots__ = ("code", "camera", "text")
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    code: str
+    camera: str
+    text: str
+    def __init__(self, code: _Optional[str] = ..., camera: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
 
 class WorldUpdate(_message.Message):
     __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "counts", "publication")

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from companion.cli import main
+from companion.config import ConfigError
+from companion.install import config_step
+from companion.install_steps import places_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,7 +25,7 @@ def test_a_usable_file_is_called_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert call(str(ROOT / "configs" / "indoor.toml")) == 0
     out = capsys.readouterr().out
     assert "usable" in out
-    assert "[extractor] min_obstacle_height_m = 0.2 (default 0.6)" in out
+    assert "safety key: [extractor] min_obstacle_height_m = 0.2 m (default 0.6 m)" in out
 
 
 def test_json_of_a_usable_file(capsys: pytest.CaptureFixture[str]) -> None:
@@ -31,6 +36,125 @@ def test_json_of_a_usable_file(capsys: pytest.CaptureFixture[str]) -> None:
         "problems": [],
         "changes": {},
     }
+
+
+EVERY_SECTION = """
+[extractor]
+max_flying_share = 0.9
+link_gap_px = 5
+[sync]
+max_gap_s = 0.2
+[output]
+scene = false
+[avoid]
+clear_share = 0.5
+silence_s = 9.0
+points = true
+[autopilot]
+attitude_hz = 50.0
+[publish]
+depth_hz = 2.0
+[world]
+clear_after = 1
+[record]
+zstd_level = 3
+[supervision]
+frozen_frames = 100
+[service]
+stale_s = 0.25
+[[camera]]
+name = "front"
+kind = "oak"
+required = false
+pitch_deg = -10.0
+"""
+
+
+def test_every_section_is_compared_and_safety_keys_are_marked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "all.toml"
+    path.write_text(EVERY_SECTION)
+    assert call(str(path)) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    marked = [
+        "[extractor] max_flying_share = 0.9 (default 0.03)",
+        "[sync] max_gap_s = 0.2 s (default 0.15 s)",
+        '[[camera]] "front" required = false (default true)',
+        "[avoid] clear_share = 0.5 (default 0.8)",
+        "[avoid] silence_s = 9 s (default 2 s)",
+        "[world] clear_after = 1 (default 5)",
+        "[supervision] frozen_frames = 100 (default 4)",
+        "[service] stale_s = 0.25 s (default 0.3 s)",
+    ]
+    plain = [
+        "[extractor] link_gap_px = 5 px (default 4 px)",
+        "[output] scene = false (default true)",
+        '[[camera]] "front" kind = "oak" (default "mcap")',
+        '[[camera]] "front" pitch_deg = -10 deg (default: as the camera or the recording has it)',
+        "[avoid] points = true (default false)",
+        "[autopilot] attitude_hz = 50 Hz (default 100 Hz)",
+        "[publish] depth_hz = 2 Hz (default 5 Hz)",
+        "[record] zstd_level = 3 (default -1)",
+    ]
+    assert {line for line in lines if line.startswith("[")} == set(plain)
+    assert {line.removeprefix("safety key: ") for line in lines if line.startswith("safety key: ")} == set(marked)
+
+
+def test_json_holds_every_difference_with_its_mark(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "all.toml"
+    path.write_text(EVERY_SECTION)
+    assert call(str(path), "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["changes"]["avoid"]["clear_share"] == {"value": 0.5, "default": 0.8, "unit": "", "safety": True}
+    assert told["changes"]["camera front"]["pitch_deg"] == {
+        "value": -10.0, "default": None, "unit": "deg", "safety": False,
+    }  # fmt: skip
+    assert set(told["changes"]) == {
+        "extractor", "sync", "output", "avoid", "autopilot", "publish", "world", "record", "supervision", "service",
+        "camera front",
+    }  # fmt: skip
+
+
+def test_paper_mode_is_called_a_research_mode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "paper.toml"
+    path.write_text('[extractor]\nmode = "paper"\n')
+    assert call(str(path)) == 0
+    assert "research" in capsys.readouterr().out
+
+
+def test_paper_mode_that_sends_to_the_autopilot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "paper.toml"
+    path.write_text(
+        '[extractor]\nmode = "paper"\n[avoid]\nsend = true\n[autopilot]\naddress = "udpin:127.0.0.1:14540"\n'
+    )
+    errors = []
+    for words in (["check-config", str(path)], ["doctor", "-c", str(path)]):
+        assert main(words) == 1
+        errors.append(capsys.readouterr().err)
+    command = [sys.executable, "-m", "companion", "run", "-c", str(path)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert ran.returncode == 1
+    errors.append(ran.stderr)
+    (tmp_path / "image" / "etc").mkdir(parents=True)
+    with pytest.raises(ConfigError) as refused:
+        config_step(places_of(tmp_path / "image"), path, False)
+    errors.append(str(refused.value))
+    for error in errors:
+        assert str(path) in error
+        assert '[extractor] mode = "paper" with [avoid] send = true' in error
+        assert 'set mode = "safe" or send = false' in error
+
+
+def test_deeply_nested_files_are_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for text in ("a = " + "[" * 20_000 + "]" * 20_000, "[extractor]\nmode" + ".a" * 5_000 + " = 1\n"):
+        path = tmp_path / "deep.toml"
+        path.write_text(text)
+        assert call(str(path)) == 1
+        error = capsys.readouterr().err
+        assert str(path) in error
+        assert "nested" in error
+        assert len(error) < 1000
 
 
 def test_mistakes_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -88,7 +88,7 @@ class Heard(Recorder):
     """Notes what it is told, in the same list as what is published."""
 
     def __init__(self, folder: Path, said: list[str]) -> None:
-        super().__init__(folder, run_info("live", ""))
+        super().__init__(folder, run_info("live"))
         self._said = said
 
     def begin(self, *of: Any) -> None:

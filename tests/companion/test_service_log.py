@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from companion.blindness import Blindness
-from companion.config import Config, config_text
+from companion.config import Config
 from companion.config_live import RecordParams
 from companion.inbox import Inbox
 from companion.pipeline import Pipeline, PrismsResult
@@ -119,7 +119,7 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
 
 def recorder_in(folder: Path) -> Recorder:
     """One that writes into this folder."""
-    return Recorder(folder, run_info("live", config_text(Config())), RecordParams())
+    return Recorder(folder, run_info("live", Config()), RecordParams())
 
 
 def loop_of(

@@ -1,0 +1,89 @@
+"""Differences from the defaults, and which keys are marked as safety keys."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import companion.service_folders as service_folders
+from companion.config import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, fields_of
+from companion.config_camera import CameraConfig
+from companion.config_differences import PAPER_NOTE, differences, safety_lines
+from companion.config_docs import tables
+from companion.run_info import run_info
+from companion.service import Service
+from companion.service_folders import folders
+from core.checked import is_safety_key
+from core.params import Params
+
+MARKED = {
+    "extractor": {"mode", "min_measured_share", "max_flying_share", "max_noisy_share", "estimate_noise", "margin_sigmas",
+                  "free_share", "clear_sigmas", "max_tilt_deg", "min_obstacle_height_m", "noise_prior_span"},
+    "sync": {"max_gap_s", "max_extrapolation_s"},
+    "camera": {"required", "masks", "max_range_m", "min_range_m", "ke_per_m", "unmatched_left_px"},
+    "avoid": {"clear_share", "seen_share", "silence_s", "remember_s", "remember_m", "remember_free_s", "radius_m", "blind",
+              "unseen", "recover_frames", "stop_hold_s", "avoid_margin_m"},
+    "world": {"clear_share", "clear_after", "free_age_s", "level_memory_s", "memory_frames"},
+    "supervision": {"silent_s", "frozen_frames"},
+    "service": {"stale_s", "blind_hz", "hang_s"},
+}  # fmt: skip
+UNMARKED = {
+    "extractor": {"merge_candidates", "meet_columns", "merge_rounds"},
+    "camera": {"name", "kind", "device", "pitch_deg", "fps"},
+    "output": {"scene", "transforms", "copy_input"},
+    "publish": {"prisms", "depth_hz"},
+    "record": {"record", "zstd_level"},
+    "autopilot": {"address", "system_id"},
+}
+
+
+def test_keys_whose_purpose_is_safety_are_marked() -> None:
+    marked = {section: {f.name for f in fields_of(section) if is_safety_key(f)} for section in SECTIONS}
+    for section, names in MARKED.items():
+        assert names <= marked[section]
+    for section, names in UNMARKED.items():
+        assert not names & marked[section]
+
+
+def test_the_defaults_do_not_differ() -> None:
+    assert differences(Config()) == []
+    assert differences(Config(cameras=(CameraConfig(name="front"),))) == []
+
+
+def test_marked_keys_in_the_documentation() -> None:
+    rows = {row.split("|")[1].strip(): row for row in tables().splitlines() if row.startswith("| `")}
+    assert rows["`max_flying_share`"].endswith("| yes |")
+    assert rows["`zstd_level`"].endswith("|  |")
+
+
+def test_the_log_holds_the_changed_safety_keys() -> None:
+    config = config_of({"avoid": {"clear_share": 0.5}, "record": {"zstd_level": 2}}, "x")
+    assert list(run_info("live", config).changed_safety_keys) == ["[avoid] clear_share = 0.5 (default 0.8)"]
+    assert json.loads(run_info("live", config).config_json)["avoid"]["clear_share"] == 0.5
+    assert run_info("live").config_json == ""
+
+
+def test_safety_lines_name_paper_mode() -> None:
+    assert safety_lines(Config(extractor=Params(mode="paper"))) == ['[extractor] mode = "paper" (default "safe")']
+    assert "research" in PAPER_NOTE
+
+
+PAPER_SENDS = {
+    "extractor": {"mode": "paper"}, "avoid": {"send": True}, "autopilot": {"address": "udpin:127.0.0.1:14540"},
+}  # fmt: skip
+
+
+def test_a_log_of_a_refused_configuration_can_still_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replay sends nothing; the service refuses it however it was made."""
+    config = config_from_text(json.dumps(PAPER_SENDS))
+    assert config_from_text(config_text(config)) == config
+    monkeypatch.setattr(service_folders, "LIVE", tmp_path, raising=False)
+    with pytest.raises(ValueError, match='mode = "safe"'):
+        Service(config, folders(), lambda: None)
+
+
+def test_deeply_nested_json_in_a_log_is_refused_in_words() -> None:
+    with pytest.raises(ConfigError, match="nested"):
+        config_from_text('{"a": ' + "[" * 100_000 + "]" * 100_000 + "}")
