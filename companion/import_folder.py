@@ -234,6 +234,8 @@ def _json_object(path: Path) -> dict[str, Any]:
         raise BadData(f"{path}: cannot be read ({error.strerror}); it holds width, height, fx, fy, cx, cy") from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise BadData(f"{path}: not valid JSON ({error})") from error
+    except RecursionError as error:
+        raise BadData(f"{path}: nested deeper than can be read; it holds width, height, fx, fy, cx, cy") from error
     if not isinstance(content, dict):
         raise BadData(f'{path}: expected an object such as {{"width": 640, "height": 480, "fx": 383.5, ...}}')
     return content

@@ -142,7 +142,7 @@ def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
 def _closures_of(folder: Path) -> dict[str, str]:
     try:
         return dict(json.loads((folder / _CLOSURES).read_text()))
-    except (OSError, ValueError, TypeError):
+    except (OSError, ValueError, TypeError, RecursionError):  # damaged: as if there were none
         return {}
 
 

@@ -64,7 +64,8 @@ def _copied(path: Path, target: Path) -> Recovery:
         for item in scan.items():
             copy.take(item, result)
         if result.messages == 0:
-            raise BadData(f"{path}: no message in it is readable; nothing was written")
+            first = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
+            raise BadData(f"{path}: no message in it is readable{first}; nothing was written")
         if result.damages:
             finish_file(writer, stream, active, target)
     finally:

@@ -201,7 +201,7 @@ class FrameReader:
                 if data[:1] == b"f":
                     return _Told(*_FRAME.unpack(data)[1:])
                 word = self._understood(data, beside)
-            except (ValueError, KeyError, TypeError, struct.error) as error:
+            except (ValueError, KeyError, TypeError, struct.error, RecursionError) as error:
                 raise BadData(f"camera {self._camera}: its process sent what nobody understands ({error})") from error
             if word is not None:
                 return word

@@ -15,20 +15,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Footer, Header, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata, Schema, Statistics
+
+from .mcap_chunk import PARSE_ERRORS, unpacked
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _FRAME: Final = struct.Struct("<BQ")
-_CHUNK_FIXED: Final = struct.Struct("<QQQI")
 _FOOTER_BYTES: Final = _FRAME.size + 20
-_MOST_CHUNK_BYTES: Final = 1 << 30
+_MOST_RECORD_BYTES: Final = 1 << 28
+"""In the file; a longer record is left out."""
+_FIRST_RECORDS: Final = 100_000
+"""Records in chunks that are read of any file, and one more for each byte of it. Real messages need several bytes each,
+however well they compress."""
 _FIRST_PRIVATE: Final = 0x80
-_PARSE_ERRORS: Final = (struct.error, McapError, UnicodeDecodeError, RuntimeError, zstandard.ZstdError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,7 @@ class McapScan:
         except BaseException:
             self._stream.close()
             raise
+        self._records_left = _FIRST_RECORDS + self._size
         self.header: Header | None = None
         self.schemas: dict[int, Schema] = dict(self.summary.schemas) if self.summary else {}
         self.channels: dict[int, Channel] = dict(self.summary.channels) if self.summary else {}
@@ -111,11 +113,20 @@ class McapScan:
                 yield Damage(at, f"no record begins with 0x{opcode:02x}", fatal=True)
                 return
             if at + _FRAME.size + length > self._size:
-                if opcode == Opcode.CHUNK:
+                if opcode == Opcode.CHUNK and self._size - at <= _MOST_RECORD_BYTES:
                     yield from self._chunk(at, self._stream.read(self._size - at - _FRAME.size), whole=False)
                 break
             ended = ended or opcode == Opcode.FOOTER
-            yield from self._record(at, opcode, length)
+            if length > _MOST_RECORD_BYTES:
+                yield Damage(
+                    at, f"record left out: {length} bytes, more than the limit of {_MOST_RECORD_BYTES}", fatal=False
+                )
+            else:
+                yield from self._record(at, opcode, length)
+            if self._records_left < 0:
+                most = _FIRST_RECORDS + self._size
+                yield Damage(at, f"it holds more records than the limit of {most} for a file of this size", fatal=True)
+                return
             at += _FRAME.size + length
         yield Damage(at, "the file ends there without its closing part", fatal=True)
 
@@ -133,7 +144,7 @@ class McapScan:
         elif opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA) or opcode in _IN_CHUNKS:
             try:
                 item = self._parsed(at, opcode, self._stream.read(length))
-            except _PARSE_ERRORS as error:
+            except PARSE_ERRORS as error:
                 item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
             if item is not None:
                 yield item
@@ -173,13 +184,16 @@ class McapScan:
     def _chunk(self, at: int, payload: bytes, whole: bool) -> Iterator[Item]:
         """What a chunk holds. A cut one: as far as it can be unpacked; the caller tells of the cut."""
         try:
-            data = _unpacked(payload, whole)
-        except _PARSE_ERRORS as error:
+            data = unpacked(payload, whole)
+        except PARSE_ERRORS as error:
             if whole:
                 yield Damage(at, f"chunk left out: {error or type(error).__name__}", fatal=False)
             return
         inside = 0
         while inside + _FRAME.size <= len(data):
+            self._records_left -= 1
+            if self._records_left < 0:
+                return
             opcode, length = _FRAME.unpack_from(data, inside)
             begin = inside + _FRAME.size
             if begin + length > len(data):
@@ -187,7 +201,7 @@ class McapScan:
             if opcode in _IN_CHUNKS:
                 try:
                     item = self._parsed(at, opcode, data[begin : begin + length])
-                except _PARSE_ERRORS as error:
+                except PARSE_ERRORS as error:
                     item = Damage(at, f"unreadable record: {error or type(error).__name__}", fatal=False)
                 if item is not None:
                     yield item
@@ -208,13 +222,15 @@ class McapScan:
         footer = Footer.read(ReadDataStream(io.BytesIO(end[_FRAME.size :])))
         if not len(MAGIC) <= footer.summary_start < self._size - tail:
             return None
+        if self._size - tail - footer.summary_start > _MOST_RECORD_BYTES:
+            return None
         self._stream.seek(footer.summary_start)
         data = self._stream.read(self._size - tail - footer.summary_start)
         if footer.summary_crc and zlib.crc32(end[: _FRAME.size + 16], zlib.crc32(data)) != footer.summary_crc:
             return None
         try:
             return _summary(data)
-        except _PARSE_ERRORS:
+        except PARSE_ERRORS:
             return None
 
 
@@ -223,26 +239,6 @@ _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 def _known(opcode: int) -> bool:
     return opcode >= _FIRST_PRIVATE or Opcode.HEADER <= opcode <= Opcode.DATA_END
-
-
-def _unpacked(payload: bytes, whole: bool) -> bytes:
-    """The records of a chunk. Raises one of _PARSE_ERRORS; a cut chunk gives what there is."""
-    _, _, size, crc = _CHUNK_FIXED.unpack_from(payload)
-    if size > _MOST_CHUNK_BYTES:
-        raise McapError(f"it claims to unpack to {size} bytes")
-    chunk = Chunk.read(ReadDataStream(io.BytesIO(payload)))
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size)
-    elif chunk.compression == "lz4" and not whole:
-        data = b""
-    else:
-        if chunk.compression not in ("", "lz4"):
-            raise McapError(f"unknown compression {chunk.compression!r}")
-        stream, length = get_chunk_data_stream(chunk)
-        data = stream.read(length)
-    if whole and (len(data) != size or (crc and zlib.crc32(data) != crc)):
-        raise McapError("its checksum is wrong")
-    return data
 
 
 def _summary(data: bytes) -> Summary:

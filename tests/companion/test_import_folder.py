@@ -264,6 +264,9 @@ def test_broken_json_and_nothing_there(tmp_path: Path, capsys: pytest.CaptureFix
     (folder / "intrinsics.json").write_text("{")
     assert imported(folder)[0] == 1
     assert "not valid JSON" in capsys.readouterr().err
+    (folder / "intrinsics.json").write_text("[" * 100_000)
+    assert imported(folder)[0] == 1
+    assert "nested deeper than can be read" in capsys.readouterr().err
     assert imported(tmp_path / "none")[0] == 1
     assert "there is nothing" in capsys.readouterr().err
     (folder / "frames.csv").write_text(HEADING + "\n")

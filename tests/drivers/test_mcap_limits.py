@@ -1,0 +1,145 @@
+"""Small files that unpack to very much: refused with a message, within bounded memory."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import lz4.frame
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+
+from drivers.mcap_chunk import MOST_CHUNK_BYTES
+from drivers.mcap_scan import Damage, Logged, McapScan
+
+MAGIC = b"\x89MCAP0\r\n"
+MIB = 1 << 20
+PEAK = """
+import resource, sys
+from companion.cli import main
+status = main([sys.argv[1], sys.argv[2]])
+print(status, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def text(value: str) -> bytes:
+    return struct.pack("<I", len(value)) + value.encode()
+
+
+CHANNEL = record(Opcode.CHANNEL, struct.pack("<HH", 1, 0) + text("/a") + text("json") + struct.pack("<I", 0))
+MESSAGE = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 5, 5))
+
+
+def chunk(data: bytes, compression: str, size: int | None = None, crc: bool = True) -> bytes:
+    """A chunk record. size: what it claims to unpack to; None: the truth."""
+    packed = zstandard.ZstdCompressor().compress(data) if compression == "zstd" else lz4.frame.compress(data)
+    claims = len(data) if size is None else size
+    head = struct.pack("<QQQI", 5, 5, claims, zlib.crc32(data) if crc else 0)
+    return record(Opcode.CHUNK, head + text(compression) + struct.pack("<Q", len(packed)) + packed)
+
+
+def file_of(path: Path, chunks: Iterable[bytes]) -> Path:
+    path.write_bytes(MAGIC + record(Opcode.HEADER, text("") + text("")) + b"".join(chunks))
+    return path
+
+
+def damages(path: Path) -> list[str]:
+    scan = McapScan(path)
+    try:
+        return [item.cause for item in scan.items() if isinstance(item, Damage)]
+    finally:
+        scan.close()
+
+
+def zeros_of_a_gibibyte(path: Path) -> Path:
+    """66 kB: two chunks that unpack to 1 GiB each, as they say."""
+    packer = zstandard.ZstdCompressor().compressobj()
+    packed = b"".join(packer.compress(bytes(16 * MIB)) for _ in range(64)) + packer.flush()
+    head = struct.pack("<QQQI", 5, 5, 1 << 30, 0)
+    one = record(Opcode.CHUNK, head + text("zstd") + struct.pack("<Q", len(packed)) + packed)
+    return file_of(path, [one, one])
+
+
+def many_messages(path: Path) -> Path:
+    """66 kB of chunks within the limit of size, each of two million empty messages."""
+    one = chunk(CHANNEL + MESSAGE * ((MOST_CHUNK_BYTES - len(CHANNEL)) // len(MESSAGE)), "zstd")
+    return file_of(path, [one] * (66_000 // len(one)))
+
+
+@pytest.mark.parametrize(
+    ("build", "words"), [(zeros_of_a_gibibyte, "1073741824 bytes"), (many_messages, "more records than")]
+)
+@pytest.mark.parametrize("command", ["info", "recover"])
+def test_a_small_file_that_unpacks_to_gigabytes_needs_little_memory(build, words, command, tmp_path) -> None:
+    path = build(tmp_path / "bomb.mcap")
+    assert path.stat().st_size < 100_000
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, command, str(path)], capture_output=True, text=True, check=False, timeout=300
+    )
+    told = done.stdout + done.stderr
+    assert words in told
+    status, peak_kb = done.stdout.splitlines()[-1].split()
+    assert int(status) == (1 if command == "info" or build is zeros_of_a_gibibyte else 0)
+    assert int(peak_kb) < 600_000
+    assert "Traceback" not in told
+
+
+def test_a_chunk_at_the_limit_is_read(tmp_path) -> None:
+    payload = bytes(MOST_CHUNK_BYTES - len(CHANNEL) - len(MESSAGE))
+    message = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 5, 5) + payload)
+    scan = McapScan(file_of(tmp_path / "a.mcap", [chunk(CHANNEL + message, "zstd")]))
+    found = [item for item in scan.items() if isinstance(item, Logged)]
+    scan.close()
+    assert [len(item.message.data) for item in found] == [len(payload)]
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("crc", [True, False])
+def test_a_chunk_that_unpacks_to_more_than_it_claims_is_left_out(compression, crc, tmp_path) -> None:
+    data = CHANNEL + MESSAGE * 100
+    bad = chunk(data + bytes(20 * MIB), compression, size=len(data), crc=crc)
+    causes = damages(file_of(tmp_path / "a.mcap", [bad, chunk(CHANNEL + MESSAGE, compression)]))
+    assert "chunk left out" in causes[0]
+    assert "unpacks to more" in causes[0]
+
+
+def test_lz4_is_read_and_a_cut_or_wrong_one_is_left_out(tmp_path) -> None:
+    good = chunk(CHANNEL + MESSAGE * 3, "lz4")
+    scan = McapScan(file_of(tmp_path / "a.mcap", [good]))
+    assert sum(isinstance(item, Logged) for item in scan.items()) == 3
+    scan.close()
+    broken = bytearray(good)
+    broken[-9] ^= 0xFF
+    assert any("chunk left out" in cause for cause in damages(file_of(tmp_path / "b.mcap", [bytes(broken)])))
+
+
+def test_a_frame_that_wants_a_window_of_two_gibibytes_is_left_out(tmp_path) -> None:
+    parameters = zstandard.ZstdCompressionParameters(window_log=31)
+    packer = zstandard.ZstdCompressor(compression_params=parameters).compressobj()  # without the size of its content
+    packed = packer.compress(CHANNEL + MESSAGE) + packer.flush()
+    head = struct.pack("<QQQI", 5, 5, len(CHANNEL + MESSAGE), 0)
+    one = record(Opcode.CHUNK, head + text("zstd") + struct.pack("<Q", len(packed)) + packed)
+    assert any("chunk left out" in cause for cause in damages(file_of(tmp_path / "a.mcap", [one])))
+
+
+def test_a_record_of_a_gigabyte_in_a_file_with_a_hole_is_left_out(tmp_path) -> None:
+    path = tmp_path / "hole.mcap"
+    begin = MAGIC + record(Opcode.HEADER, text("") + text(""))
+    with path.open("wb") as stream:
+        stream.write(begin + struct.pack("<BQ", Opcode.ATTACHMENT, 1 << 32))
+        stream.seek(1 << 32, 1)
+        stream.write(chunk(CHANNEL + MESSAGE, "zstd"))
+    scan = McapScan(path)
+    items = list(scan.items())
+    scan.close()
+    assert any(isinstance(item, Damage) and "4294967296 bytes" in item.cause for item in items)
+    assert sum(isinstance(item, Logged) for item in items) == 1
