@@ -5,10 +5,12 @@ the answer is then 503, which a scraper shows as a target that is down."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer
+from typing import Any
 
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.watched_thread import WatchedThread
@@ -87,6 +89,11 @@ class _Server(TCPServer):
     def __init__(self, port: int, text: Callable[[], str | None]) -> None:
         self.text = text
         super().__init__((LOOPBACK, port), _Handler)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that resets its connection is no fault; anything else shows its trace."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):

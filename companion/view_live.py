@@ -14,7 +14,7 @@ from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from socketserver import ThreadingTCPServer
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from drivers.base import DeviceNotFound
@@ -104,6 +104,11 @@ class _Server(ThreadingTCPServer):
         self._room, self._names = room, names_of(host)
         self._places = threading.BoundedSemaphore(PAGES)
         super().__init__((host, port), _Handler)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that resets its connection is no fault; anything else shows its trace."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
 
     def reply(self, host: str, path: str) -> tuple[int, str, bytes]:
         """(status, type, body) of one question. host: what the browser calls us."""
