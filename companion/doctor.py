@@ -34,6 +34,7 @@ from .config import Config, load_config
 from .config_camera import CameraConfig
 from .config_differences import PAPER_NOTE, safety_lines
 from .console import say, say_json
+from .diagnostics import LEAST_ATTITUDE_HZ, attitude_rate_low, template_intrinsics
 from .log_folder import free_bytes
 from .service_folders import folders
 from .status import newest_health, somebody_publishes
@@ -77,6 +78,8 @@ def config_findings(config: Config) -> Iterator[Finding]:
     camera and the vehicle."""
     if config.extractor.paper:
         yield Finding("mode", False, f'{PAPER_NOTE}; set mode = "safe"')
+    for found in template_intrinsics(config.cameras):
+        yield Finding(f"camera {found.camera}", False, found.words())
     lines = safety_lines(config)
     yield Finding("safety keys", True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 
@@ -214,7 +217,10 @@ def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Ite
     yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
     rate = f"{status.attitude_hz:.0f} Hz of {wanted_hz:g} wanted, position {status.position_hz:.0f} Hz"
     enough = status.attitude_hz >= ATTITUDE_SHARE * wanted_hz
-    yield Finding("attitude", enough, rate if enough else f"{rate}: is the line fast enough (921600 baud)?")
+    if 0.0 < status.attitude_hz < LEAST_ATTITUDE_HZ:
+        yield Finding("attitude", False, attitude_rate_low(status.attitude_hz, wanted_hz).words())
+    else:
+        yield Finding("attitude", enough, rate if enough else f"{rate}: is the line fast enough (921600 baud)?")
     clock = status.clock
     if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
         yield Finding("clock", True, f"known to {clock.bound_ns / 1e6:.2f} ms")

@@ -33,6 +33,7 @@ from .counts import FrameRates, Losses
 from .curve import AllowList, load_keys
 from .depth_preview import DepthPreviews
 from .events import Note, RawFrame
+from .diagnostics import AttitudeRateCheck, Diagnostic, GroundCheck, template_intrinsics
 from .health import (
     AutopilotView,
     CameraView,
@@ -79,6 +80,9 @@ class Service:
             raise ValueError("; ".join(problems))
         self.config, self._folders = config, folders
         self._changed_safety_keys = safety_lines(config)
+        self._template = template_intrinsics(config.cameras)
+        self._attitude_rate, self._ground = AttitudeRateCheck(config.autopilot.attitude_hz), GroundCheck()
+        self.diagnostics: list[Diagnostic] = []
         self._boot = boot_id()
         self.machine = Machine()
         if config.extractor.paper:
@@ -121,6 +125,8 @@ class Service:
     def _supervisor(self, name: str) -> CameraSupervisor:
         def opened(info: CameraInfo) -> None:
             self.inbox.put([info])
+            with self.loop.lock:
+                self._ground.started(name)
             if self.avoidance is not None:
                 self.avoidance.announce(info, hidden(self.config.camera(name), info))
 
@@ -313,6 +319,8 @@ class Service:
             )
         if self.world is not None:
             self.troubles += self.world.troubles(now_ns, self.config.service.hang_s)
+        self.diagnostics = self._diagnosed(autopilot, now_ns)
+        self.troubles += [d.words() for d in self.diagnostics]
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
         state = state_of(views, self.troubles, self.started)
@@ -321,6 +329,12 @@ class Service:
             if self.link is not None:
                 self.link.set_system_status(HEARTBEAT_STATES[state])
             self._publish_health(views, autopilot)
+
+    def _diagnosed(self, autopilot: AutopilotView | None, now_ns: int) -> list[Diagnostic]:
+        rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
+        with self.loop.lock:
+            ground = self._ground.check()
+        return [*self._template, *self._attitude_rate.check(rate_hz, now_ns), *ground]
 
     def _views(self, now_ns: int) -> list[CameraView]:
         views = []
@@ -354,6 +368,7 @@ class Service:
             self.world.put(result)
         with self.loop.lock:
             self._surround.result(result)
+            self._ground.result(result)
         self._publish_surround(time.monotonic_ns())
 
     def _publish_blind(self, view: CameraView, now_ns: int) -> None:
@@ -402,6 +417,7 @@ class Service:
         report = new_report(self._boot, publisher.published if publisher is not None else 0)
         report.state = self.state
         report.troubles.extend(self.troubles)
+        report.diagnostics.extend(d.message() for d in self.diagnostics)
         report.changed_safety_keys.extend(self._changed_safety_keys)
         report.cameras.extend(camera_message(v) for v in views)
         if autopilot is not None:

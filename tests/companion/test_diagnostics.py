@@ -1,0 +1,140 @@
+"""Faults recognised by their pattern: when they are reported, when not, and what they say."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from companion.config import Config, config_of, load_config
+from companion.diagnostics import (
+    GROUND_FRAMES,
+    LEAST_ATTITUDE_HZ,
+    TEMPLATE_V4L2_PX,
+    TEMPLATE_ZED_CALIBRATION,
+    AttitudeRateCheck,
+    GroundCheck,
+    template_intrinsics,
+)
+from companion.doctor import config_findings
+from companion.service import Service
+from companion.service_folders import Folders
+from drivers.proto import osape_v1_pb2 as pb
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+S = 1_000_000_000
+
+
+def test_the_template_values_are_those_of_the_shipped_files() -> None:
+    (v4l2,) = tomllib.loads((CONFIGS / "v4l2.toml").read_text())["camera"]
+    (zed,) = tomllib.loads((CONFIGS / "zed.toml").read_text())["camera"]
+    assert tuple(v4l2[k] for k in ("fx_px", "fy_px", "cx_px", "cy_px")) == TEMPLATE_V4L2_PX
+    assert Path(zed["calibration"]).name == TEMPLATE_ZED_CALIBRATION
+
+
+@pytest.mark.parametrize("name", ["v4l2", "zed"])
+def test_unchanged_template_intrinsics_are_named(name: str) -> None:
+    config = load_config(CONFIGS / f"{name}.toml")
+    (found,) = template_intrinsics(config.cameras)
+    assert (found.code, found.camera) == ("template_intrinsics", "front")
+    assert f"configs/{name}.toml" in found.text
+    own = replace(config.cameras[0], fx_px=384.1, calibration="/etc/osape-companion/SN00001234.conf")
+    assert template_intrinsics([own]) == []
+    findings = {f.part: f for f in config_findings(config)}
+    assert not findings["camera front"].good
+    assert "template_intrinsics" in findings["camera front"].words
+
+
+@pytest.mark.parametrize("name", ["oak", "simulated", "two-cameras", "indoor", "default"])
+def test_other_shipped_files_have_no_template_intrinsics(name: str) -> None:
+    assert template_intrinsics(load_config(CONFIGS / f"{name}.toml").cameras) == []
+
+
+def test_a_low_rate_of_the_attitude_is_named_after_three_seconds() -> None:
+    check = AttitudeRateCheck(100.0)
+    assert check.check(2.0, 0) == []
+    assert check.check(2.0, 3 * S - 1) == []
+    (found,) = check.check(2.0, 3 * S)
+    assert found.code == "attitude_rate_low"
+    for words in ("2.0 Hz", "10 Hz", "100 Hz", "SRx_EXTRA1", "MAV_x_RATE"):
+        assert words in found.text
+
+
+def test_a_rate_that_rises_or_ends_is_not_low() -> None:
+    check = AttitudeRateCheck(100.0)
+    check.check(2.0, 0)
+    assert check.check(LEAST_ATTITUDE_HZ, 2 * S) == []
+    assert check.check(2.0, 4 * S) == []
+    assert check.check(0.0, 6 * S) == []  # silence is told by its age
+    assert check.check(2.0, 8 * S) == []
+
+
+def frame(measured: float, seen: bool, valid: bool = True, camera: str = "front") -> Any:
+    model = SimpleNamespace(
+        valid=valid, ground=SimpleNamespace(seen=seen), stats=SimpleNamespace(measured_share=measured)
+    )
+    return SimpleNamespace(camera=camera, model=model)
+
+
+def feed(check: GroundCheck, count: int, result: Any) -> None:
+    for _ in range(count):
+        check.result(cast(Any, result))
+
+
+def test_ground_never_seen_is_named() -> None:
+    check = GroundCheck()
+    feed(check, GROUND_FRAMES - 1, frame(0.95, seen=False))
+    assert check.check() == []
+    feed(check, 1, frame(0.9, seen=False))
+    (found,) = check.check()
+    assert (found.code, found.camera) == ("ground_never_seen", "front")
+    for words in ("pitch_deg", "roll_deg", "90 or 180 degrees", "attitude"):
+        assert words in found.text
+    feed(check, 1, frame(0.3, seen=True))
+    assert check.check() == []
+
+
+def test_frames_that_prove_nothing_do_not_count() -> None:
+    check = GroundCheck()
+    feed(check, 2 * GROUND_FRAMES, frame(0.89, seen=False))
+    feed(check, 2 * GROUND_FRAMES, frame(0.95, seen=False, valid=False))
+    feed(check, 2 * GROUND_FRAMES, SimpleNamespace(camera="front", model=None))
+    assert check.check() == []
+
+
+def test_ground_once_seen_ends_the_check_until_the_camera_starts_again() -> None:
+    check = GroundCheck()
+    feed(check, 1, frame(0.5, seen=True))
+    feed(check, 2 * GROUND_FRAMES, frame(0.95, seen=False))
+    assert check.check() == []
+    check.started("front")
+    feed(check, GROUND_FRAMES, frame(0.95, seen=False))
+    assert [d.code for d in check.check()] == ["ground_never_seen"]
+
+
+def test_the_health_report_holds_code_and_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = {"name": "front", "kind": "v4l2", "device": "/dev/null"}
+    camera |= dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), TEMPLATE_V4L2_PX, strict=True))
+    config: Config = config_of({"camera": [camera], "record": {"record": "off"}, "avoid": {"clear_share": 0.5}}, "x")
+    service = Service(config, Folders(tmp_path, tmp_path), lambda: None)
+    monkeypatch.setattr(type(service.loop), "started", True)
+    published: list[pb.Health] = []
+    service._publishers["health"] = cast(
+        Any, SimpleNamespace(published=0, publish=published.append, close=lambda: None)
+    )
+    try:
+        service.tick()
+        service._ground.started("front")
+        feed(service._ground, GROUND_FRAMES, frame(0.95, seen=False))
+        service._next_health_ns = 0
+        service.tick()
+    finally:
+        service.close()
+    assert [d.code for d in published[0].diagnostics] == ["template_intrinsics"]
+    assert [d.code for d in published[1].diagnostics] == ["template_intrinsics", "ground_never_seen"]
+    assert {f"{d.code}: {d.text}" for d in published[1].diagnostics} <= set(published[1].troubles)
+    assert list(published[1].changed_safety_keys) == ["[avoid] clear_share = 0.5 (default 0.8)"]
