@@ -38,7 +38,7 @@ from .diagnostics import LEAST_ATTITUDE_HZ, attitude_rate_low, template_intrinsi
 from .log_folder import free_bytes
 from .service_folders import folders
 from .status import newest_health, somebody_publishes
-from .warmup import COMPILED_S, run_kernels
+from .warmup import COMPILED_S, discard_damaged, run_kernels
 
 NS = 1_000_000_000
 FAR_MM = 65_534
@@ -237,6 +237,8 @@ def machine_findings(config: Config) -> Iterator[Finding]:
         yield Finding("log", True, "recording is off")
     else:
         yield _log_finding(Path(record.folder) if record.folder else folders().state / "logs", record.least_free_mb)
+    if discarded := discard_damaged():
+        yield Finding("kernel cache", False, f"{discarded} damaged files were deleted, and are compiled again now")
     begun_s = time.process_time()  # a machine that is busy with other things compiles nothing
     run_kernels((config.extractor.mode,), metres=False)
     took_s = time.process_time() - begun_s

@@ -25,6 +25,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
+from .kernel_manifest import copy_entries
+
 VARIABLE: Final = "NUMBA_CACHE_DIR"
 ROOT: Final = Path(__file__).resolve().parent.parent
 KEPT: Final = 3
@@ -89,7 +91,9 @@ def seed(base: Path, folder: Path, root: Path) -> None:
     for other in sorted(older, key=_last_use, reverse=True):
         there = _closures_of(other)
         same = [name for name, key in missing.items() if there.get(name) == key]
-        linked = {name for name in same if _link_kernels(other, folder, name)}
+        files = {name: _link_kernels(other, folder, name) for name in same}
+        copy_entries(other, folder, [file for linked_files in files.values() for file in linked_files])
+        linked = {name for name, linked_files in files.items() if linked_files}
         missing = {name: key for name, key in missing.items() if name not in linked}
     (folder / _CLOSURES).write_text(json.dumps(closures))
 
@@ -146,12 +150,11 @@ def _closures_of(folder: Path) -> dict[str, str]:
         return {}
 
 
-def _link_kernels(source: Path, target: Path, module: str) -> bool:
-    """Whether the source directory holds kernels of this module; they are linked into the target directory."""
+def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
+    """Links the kernels of this module into the target directory; returns their paths relative to the source directory."""
     package, _, stem = module.rpartition(".")
-    places = (
-        f"{package.rpartition('.')[2]}_*/{stem}.*"  # numba names a directory by the last folder and a hash of the path
-    )
+    # numba names a directory by the last folder of the source and a hash of its path
+    places = f"{package.rpartition('.')[2]}_*/{stem}.*"
     files = [f for f in source.glob(places) if f.suffix in (".nbi", ".nbc")]
     # each data file before the index that names it
     for file in sorted(files, key=lambda f: f.suffix):
@@ -159,7 +162,7 @@ def _link_kernels(source: Path, target: Path, module: str) -> bool:
         place.parent.mkdir(exist_ok=True)
         if not place.exists():
             os.link(file, place)
-    return bool(files)
+    return [str(f.relative_to(source)) for f in files]
 
 
 def prune(base: Path, current: Path) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
+import logging
 import os
 import subprocess
 import sys
@@ -27,9 +28,10 @@ from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
 
 from .console import fail, say, say_json
 from .jit_cache import VARIABLE, base_of
+from .kernel_manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
 
-CACHED = ("*.nbi", "*.nbc")
-"""numba's index and code files: nothing else is ever deleted."""
+log = logging.getLogger("companion")
+
 CHILD = "import sys; from companion.warmup import run_child; run_child(sys.argv[1:])"
 MODES = ("safe", "paper", "world")
 """What may be made ready: the extractor in each of its modes, and the merged world."""
@@ -87,10 +89,10 @@ def warm_up() -> Warmup:
     """Compiles or loads every kernel, in a child process. Raises WarmupError."""
     _check_cache_place()
     folders = cache_folders()
+    deleted = discard_damaged()
     first = _child()
-    deleted = 0
     if first.returncode != 0:
-        deleted = _delete(folders)
+        deleted += _delete(folders)
         if not deleted:
             raise WarmupError(f"the kernels do not run: {_last_words(first)}")
         second = _child()
@@ -178,8 +180,13 @@ def make_ready(*modes: str) -> None:
     died = mark is not None and mark.exists()
     if died:
         warm_up()
-    elif mark is not None and (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
-        _tell_complete(*lacking)  # else it is tried here, which tells why it fails
+    elif mark is not None:
+        if discarded := discard_damaged():
+            log.warning("the cache of compiled kernels is damaged: %d files deleted, compiling them again", discarded)
+        if (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
+            _tell_complete(*lacking)  # else it is tried here, which tells why it fails
+        elif not lacking and not (mark.parent / MANIFEST).exists():
+            _tell_complete(*modes)  # compiled by a version without a manifest
     with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
         if mark is not None:
             mark.touch()
@@ -189,6 +196,25 @@ def make_ready(*modes: str) -> None:
     if time.monotonic() - begun_s > COMPILED_S:
         gc.collect()  # compiling leaves much behind, loading little
     gc.freeze()
+
+
+def discard_damaged() -> int:
+    """Deletes the kernels whose content is not that of the manifest, and the marks that say that all are there; returns
+    how many files were deleted. A cache that cannot be written is left as it is."""
+    named = os.environ.get(VARIABLE)
+    damaged = damaged_kernels(Path(named)) if named else []
+    if not named or not damaged:
+        return 0
+    try:
+        for mode in MODES:
+            (Path(named) / (COMPLETE + mode)).unlink(missing_ok=True)
+        deleted = delete_kernels(damaged)
+        (Path(named) / MANIFEST).unlink(missing_ok=True)
+        write_manifest(Path(named))
+    except OSError as error:
+        log.warning("compiled kernels in %s are damaged and cannot be deleted (%s)", named, error.strerror)
+        return 0
+    return deleted
 
 
 def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:
@@ -201,6 +227,7 @@ def _tell_complete(*modes: str) -> None:
         with contextlib.suppress(OSError):
             for mode in modes:
                 (Path(named) / (COMPLETE + mode)).touch()
+            write_manifest(Path(named))
 
 
 def run_child(modes: Sequence[str]) -> None:

@@ -1,0 +1,116 @@
+"""SHA-256 of every compiled kernel in a cache directory, checked before a service loads them.
+
+numba checks of a cached kernel that its source has not changed, not that the file is whole: a damaged one can end the
+process or compute something else. The manifest is written when all kernels of a service are there, after their content
+has reached the disk. A kernel that numba writes later is newer than the manifest, and is taken into it at the next
+writing; until then it is not checked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+MANIFEST: Final = "manifest.json"
+CACHED: Final = ("*.nbi", "*.nbc")
+"""numba's index and code files: nothing else is ever deleted."""
+_ENDING: Final = re.compile(r"(\.\d+)?\.nb[ic]$")
+Entry = tuple[int, int, str]
+"""Size in bytes, time of the last change in ns, SHA-256."""
+
+
+class UnreadableManifest(Exception):
+    """There is a manifest, and it is damaged."""
+
+
+def write_manifest(folder: Path) -> None:
+    """Adds all kernels that are not in the manifest as they are, and drops those that are gone. Raises OSError."""
+    try:
+        before = _entries(folder)
+    except UnreadableManifest:
+        before = {}
+    os.sync()  # else a power cut could leave a manifest of files whose content was never written
+    _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in _kernels(folder)})
+
+
+def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
+    """Takes over what the manifest of one directory says about files that were linked into another. names: relative
+    paths. Raises OSError."""
+    try:
+        there, here = _entries(source), _entries(target)
+    except UnreadableManifest:
+        return
+    taken = {name: there[name] for name in names if name in there}
+    if taken:
+        _write(target, {**here, **taken})
+
+
+def damaged_kernels(folder: Path) -> list[Path]:
+    """Kernels whose content is not that of the manifest; all of them where the manifest cannot be read. Without a manifest:
+    none."""
+    path = folder / MANIFEST
+    try:
+        entries = _entries(folder)
+        written_ns = path.stat().st_mtime_ns if entries else 0
+    except (UnreadableManifest, OSError):
+        return _kernels(folder)
+    return [folder / name for name, entry in entries.items() if _is_damaged(folder / name, entry, written_ns)]
+
+
+def delete_kernels(files: Iterable[Path]) -> int:
+    """Deletes all files of the functions that these belong to; returns how many."""
+    deleted = 0
+    for stem in {(f.parent, _ENDING.sub("", f.name)) for f in files}:
+        for file in [f for f in _kernels(stem[0]) if _ENDING.sub("", f.name) == stem[1]]:
+            file.unlink(missing_ok=True)
+            deleted += 1
+    return deleted
+
+
+def _kernels(folder: Path) -> list[Path]:
+    return sorted(f for pattern in CACHED for f in folder.rglob(pattern))
+
+
+def _is_damaged(file: Path, entry: Entry, written_ns: int) -> bool:
+    size, changed_ns, digest = entry
+    try:
+        now = file.stat()
+        if (now.st_size, now.st_mtime_ns) == (size, changed_ns):
+            return hashlib.sha256(file.read_bytes()).hexdigest() != digest
+    except FileNotFoundError:
+        return False  # numba compiles it again
+    except OSError:
+        return True
+    return now.st_mtime_ns <= written_ns  # a newer one was written by numba
+
+
+def _entry(folder: Path, file: Path, before: dict[str, Entry]) -> Entry:
+    now = file.stat()
+    known = before.get(str(file.relative_to(folder)))
+    if known is not None and known[:2] == (now.st_size, now.st_mtime_ns):
+        return known
+    return now.st_size, now.st_mtime_ns, hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _entries(folder: Path) -> dict[str, Entry]:
+    """Relative path -> entry; empty without a manifest. Raises UnreadableManifest."""
+    try:
+        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        return {str(name): (int(size), int(ns), str(digest)) for name, (size, ns, digest) in content.items()}
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise UnreadableManifest(str(folder / MANIFEST)) from error
+
+
+def _write(folder: Path, entries: dict[str, Entry]) -> None:
+    part = folder / f"{MANIFEST}.{os.getpid()}.part"
+    with part.open("w", encoding="utf-8") as stream:
+        json.dump(entries, stream)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(folder / MANIFEST)

@@ -1,0 +1,180 @@
+"""A damaged cache of compiled kernels is found before it is loaded, and made again."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import companion.kernel_loading as kernel_loading
+import companion.warmup as warmup
+from companion.jit_cache import seed
+from companion.kernel_manifest import (
+    MANIFEST,
+    copy_entries,
+    damaged_kernels,
+    delete_kernels,
+    write_manifest,
+)
+
+KERNELS = """
+from numba import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+
+@njit(cache=True)
+def thrice(x):
+    return 3 * x
+"""
+
+
+def made(folder: Path) -> dict[str, Path]:
+    """Three files of two functions, and one that is none of numba's."""
+    (folder / "core_1").mkdir(parents=True)
+    names = ("a.f-3.py311.nbi", "a.f-3.py311.1.nbc", "a.g-9.py311.nbi", "notes.txt")
+    files = {name: folder / "core_1" / name for name in names}
+    for name, file in files.items():
+        file.write_bytes(name.encode() * 100)
+    return files
+
+
+def changed(file: Path, content: bytes) -> None:
+    """As a fault of the disk does it: the time of the last change stays."""
+    before = file.stat()
+    file.write_bytes(content)
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def test_whole_kernels_are_not_damaged(tmp_path: Path) -> None:
+    made(tmp_path)
+    assert damaged_kernels(tmp_path) == []  # without a manifest
+    write_manifest(tmp_path)
+    assert damaged_kernels(tmp_path) == []
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 1700, b"a.f-3.py311.1.nbc" * 99 + b"a.f-3.py311.1.nbd"])
+def test_changed_content_is_found_and_its_function_deleted(tmp_path: Path, content: bytes) -> None:
+    files = made(tmp_path)
+    write_manifest(tmp_path)
+    changed(files["a.f-3.py311.1.nbc"], content)
+    damaged = damaged_kernels(tmp_path)
+    assert damaged == [files["a.f-3.py311.1.nbc"]]
+    assert delete_kernels(damaged) == 2
+    assert {name for name, f in files.items() if f.exists()} == {"a.g-9.py311.nbi", "notes.txt"}
+    write_manifest(tmp_path)
+    assert damaged_kernels(tmp_path) == []
+
+
+def test_damage_stays_known_when_the_manifest_is_written_again(tmp_path: Path) -> None:
+    files = made(tmp_path)
+    write_manifest(tmp_path)
+    changed(files["a.g-9.py311.nbi"], b"a.g-9.py311.nbj" * 100)
+    write_manifest(tmp_path)
+    assert damaged_kernels(tmp_path) == [files["a.g-9.py311.nbi"]]
+
+
+def test_a_kernel_that_numba_wrote_later_is_taken_in(tmp_path: Path) -> None:
+    files = made(tmp_path)
+    write_manifest(tmp_path)
+    later_ns = (tmp_path / MANIFEST).stat().st_mtime_ns + 10**9
+    file = files["a.g-9.py311.nbi"]
+    file.write_bytes(b"of two signatures now")
+    os.utime(file, ns=(later_ns, later_ns))
+    assert damaged_kernels(tmp_path) == []
+    write_manifest(tmp_path)
+    changed(file, b"of two signatures noW")
+    assert damaged_kernels(tmp_path) == [file]
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[1]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000])
+def test_behind_a_damaged_manifest_nothing_is_trusted(tmp_path: Path, content: bytes) -> None:
+    files = made(tmp_path)
+    write_manifest(tmp_path)
+    (tmp_path / MANIFEST).write_bytes(content)
+    assert len(damaged_kernels(tmp_path)) == 3
+    write_manifest(tmp_path)
+    assert damaged_kernels(tmp_path) == []
+    assert files["notes.txt"].exists()
+
+
+def test_linked_kernels_keep_their_entries(tmp_path: Path) -> None:
+    files = made(tmp_path / "old")
+    write_manifest(tmp_path / "old")
+    changed(files["a.g-9.py311.nbi"], b"x" * 1500)
+    (tmp_path / "new" / "core_1").mkdir(parents=True)
+    name = "core_1/a.g-9.py311.nbi"
+    os.link(files["a.g-9.py311.nbi"], tmp_path / "new" / name)
+    copy_entries(tmp_path / "old", tmp_path / "new", [name])
+    assert damaged_kernels(tmp_path / "new") == [tmp_path / "new" / name]
+
+
+def test_a_seeded_directory_is_checked(tmp_path: Path) -> None:
+    """Damage in an older directory is not linked into the new one unnoticed."""
+    root = tmp_path / "sources"
+    for place in ("core", "drivers"):
+        (root / place).mkdir(parents=True)
+    (root / "core" / "a.py").write_text("")
+    (root / "drivers" / "raycast.py").write_text("")
+    base = tmp_path / "base"
+    old, new = base / ("kernels-" + "0" * 16), base / ("kernels-" + "1" * 16)
+    files = made(old)
+    seed(base, old, root)
+    write_manifest(old)
+    changed(files["a.f-3.py311.nbi"], b"y" * 1500)
+    new.mkdir()
+    seed(base, new, root)
+    assert damaged_kernels(new) == [new / "core_1" / "a.f-3.py311.nbi"]
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A cache with two compiled kernels; loading them is left out."""
+    (tmp_path / "small_kernels.py").write_text(KERNELS)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+    code = "from small_kernels import twice, thrice; assert twice(3) == 6 and thrice(3) == 9"
+    monkeypatch.setattr(warmup, "CHILD", code)
+    monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: None)
+    monkeypatch.setattr(kernel_loading, "load_quickly", lambda: None)
+    yield tmp_path / "cache"
+    gc.unfreeze()
+
+
+def test_a_start_makes_a_damaged_kernel_again(cache: Path, caplog: pytest.LogCaptureFixture) -> None:
+    warmup.warm_up()
+    (whole,) = cache.rglob("*thrice*.nbc")
+    (file,) = cache.rglob("*twice*.nbc")
+    content, stamp = file.read_bytes(), whole.stat().st_mtime_ns
+    changed(file, content[:-8] + bytes(8))
+    with caplog.at_level(logging.WARNING):
+        warmup.make_ready("safe")
+    assert "damaged: 2 files deleted" in caplog.text
+    assert file.stat().st_size == len(content)
+    assert whole.stat().st_mtime_ns == stamp
+    assert damaged_kernels(cache) == []
+    caplog.clear()
+    warmup.make_ready("safe")
+    assert caplog.text == ""
+
+
+def test_the_command_makes_a_damaged_kernel_again(cache: Path) -> None:
+    warmup.warm_up()
+    (file,) = cache.rglob("*twice*.nbi")
+    changed(file, bytes(file.stat().st_size))
+    done = warmup.warm_up()
+    assert (done.deleted, done.cached) == (2, 4)
+    assert damaged_kernels(cache) == []
+
+
+def test_a_cache_without_a_manifest_gets_one(cache: Path) -> None:
+    warmup.warm_up()
+    (cache / MANIFEST).unlink()
+    warmup.make_ready("safe")
+    assert (cache / MANIFEST).exists()
