@@ -20,9 +20,10 @@ from companion.diagnostics import (
     GroundCheck,
     template_intrinsics,
 )
-from companion.doctor import config_findings
+from companion.doctor import _link_findings, config_findings
 from companion.service import Service
 from companion.service_folders import Folders
+from drivers.clock import ClockEstimate, ClockSource
 from drivers.proto import osape_v1_pb2 as pb
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -71,6 +72,16 @@ def test_a_rate_that_rises_or_ends_is_not_low() -> None:
     assert check.check(2.0, 4 * S) == []
     assert check.check(0.0, 6 * S) == []  # silence is told by its age
     assert check.check(2.0, 8 * S) == []
+
+
+def test_doctor_names_a_low_rate_of_the_attitude() -> None:
+    vehicle = SimpleNamespace(autopilot="PX4", system_id=1, armed=False)
+    clock = ClockEstimate(ClockSource.TIMESYNC)
+    status = SimpleNamespace(vehicle=vehicle, attitude_hz=2.0, position_hz=1.0, received=9, clock=clock)
+    link = SimpleNamespace(line=SimpleNamespace(error="", open=True))
+    findings = {f.part: f for f in _link_findings(Config(), cast(Any, link), cast(Any, status))}
+    assert not findings["attitude"].good
+    assert findings["attitude"].words.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
 
 
 def frame(measured: float, seen: bool, valid: bool = True, camera: str = "front") -> Any:

@@ -74,7 +74,8 @@ def test_all_is_well(live: Live, line: AutopilotLine, capsys: pytest.CaptureFixt
     assert status == 0, said
     assert said["camera front"]["words"].startswith("160x120, ")
     assert line.autopilot.personality.kind in said["autopilot"]["words"]
-    assert set(said) == {"service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
+    parts = {"safety keys", "service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
+    assert set(said) == parts
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
 
