@@ -139,7 +139,7 @@ def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[st
         status, said = looked(live, capsys, str(PATIENCE_S))
         assert status == 1
         assert "no heartbeat of an autopilot" in said["service"]["words"]
-        assert set(said) == {"service", "log", "kernels"}
+        assert set(said) == {"safety keys", "service", "log", "kernels"}
         assert live.stop() == 0
     finally:
         live.close()
@@ -154,7 +154,7 @@ def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
         status, said = looked(live, capsys, "0.5")
         assert status == 1
         assert "told nothing within 0.5 s: does it hang?" in said["service"]["words"]
-        assert set(said) == {"service", "log", "kernels"}
+        assert set(said) == {"safety keys", "service", "log", "kernels"}
     assert not somebody_publishes(f"ipc://{live.folder}/run/health")
 
     def closed(address: str) -> bool:
@@ -163,7 +163,7 @@ def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
     monkeypatch.setattr(doctor, "somebody_publishes", closed)
     said = looked(live, capsys, "1")[1]
     assert "closed to this user" in said["service"]["words"]
-    assert set(said) == {"service", "log", "kernels"}
+    assert set(said) == {"safety keys", "service", "log", "kernels"}
 
 
 def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
