@@ -32,8 +32,8 @@ from .config_live import STREAMS
 from .counts import FrameRates, Losses
 from .curve import AllowList, load_keys
 from .depth_preview import DepthPreviews
-from .events import Note, RawFrame
 from .diagnostics import AttitudeRateCheck, Diagnostic, GroundCheck, template_intrinsics
+from .events import Note, RawFrame
 from .health import (
     AutopilotView,
     CameraView,
@@ -267,7 +267,6 @@ class Service:
         signing = self.signing.failure
         said = [
             self.metrics.trouble if self.metrics is not None else "",
-            self.second.trouble,
             self._previews.trouble,
             f"timestamps of signatures are kept no more ({signing})" if signing else "",
             "no new subscriber is let in: the check of keys has ended"

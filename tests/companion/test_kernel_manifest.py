@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-import companion.kernel_loading as kernel_loading
 import companion.warmup as warmup
 from companion.jit_cache import seed
 from companion.kernel_manifest import (
@@ -142,7 +141,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     code = "from small_kernels import twice, thrice; assert twice(3) == 6 and thrice(3) == 9"
     monkeypatch.setattr(warmup, "CHILD", code)
     monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: None)
-    monkeypatch.setattr(kernel_loading, "load_quickly", lambda: None)
     yield tmp_path / "cache"
     gc.unfreeze()
 
