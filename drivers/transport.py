@@ -29,6 +29,8 @@ DEFAULT_BAUD = 921_600
 _READ_BYTES = 65_536
 _MOST_DATAGRAMS = 1024
 """Taken in one read. What is dropped as a flood costs some microseconds each; the socket's buffer holds about as many."""
+_LONGEST_NS = 10_000_000
+"""No read spends longer on a flood: a frame may wait for it."""
 _BUFFER_BYTES = 1 << 20
 """Of a UDP socket, as far as the system allows: room for the autopilot beside a flood until the next read."""
 Chunk = tuple[bytes, int]
@@ -180,6 +182,7 @@ class UdpLine:
     def __init__(self, address: Address) -> None:
         self._address = address
         self.flood = FloodFilter()
+        self._room = memoryview(bytearray(_READ_BYTES))
         self.speaks_first = address.kind == "udpout"
         place = _resolve(address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -209,12 +212,13 @@ class UdpLine:
             self.wait(timeout_s)
         chunks: list[Chunk] = []
         self.sources = []
+        begun_ns, dropped = time.monotonic_ns(), False
         for _ in range(_MOST_DATAGRAMS):  # then the rest of the loop has its turn
-            # asked, since after a pause an empty socket's exception takes three times as long
-            if not self._more.poll(0):
+            # asked, since after a pause an empty socket's exception takes three times as long; in a flood more is there
+            if not dropped and not self._more.poll(0):
                 break
             try:
-                data, peer = self._socket.recvfrom(_READ_BYTES)
+                size, peer = self._socket.recvfrom_into(self._room)
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
@@ -222,9 +226,12 @@ class UdpLine:
             except OSError as error:
                 raise DeviceLost(f"{self._address}: {_reason(error)}") from error
             arrival_ns = time.monotonic_ns()
-            if not self.flood.passes(peer, arrival_ns):
+            dropped = not self.flood.passes(peer, arrival_ns)
+            if dropped:
+                if arrival_ns - begun_ns > _LONGEST_NS:
+                    break
                 continue
-            chunks.append((data, arrival_ns))
+            chunks.append((bytes(self._room[:size]), arrival_ns))
             self.sources.append(peer)
             if not self._chosen:
                 self._peer = peer
