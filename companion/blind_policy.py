@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .config_avoid import AvoidParams
-from .obstacle_distance import PX4, UNKNOWN, clear_cm, encoded, near_cm
+from .obstacle_distance import PX4, UNKNOWN, always_told_cm, clear_cm, encoded, near_cm
+from .obstacle_memory import Remembered
 from .sectors import SECTORS, SectorScan, SectorState
 
 NS = 1_000_000_000
@@ -28,14 +29,14 @@ of the walls measured at a margin of 3 m, that is the one at 3.20 m, and neither
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """What there is to tell. scan: of the cameras that see. recalled_m: (72,) remembered obstacles, inf: none.
+    """What there is to tell. scan: of the cameras that see. recalled: remembered obstacles.
 
     blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do, with any part of
     them; whole: (72,) those that seeing ones look into all of.
     newest_ns: the newest exposure of any camera that was good; None: never."""
 
     scan: SectorScan
-    recalled_m: NDArray[np.float64]
+    recalled: Remembered
     blind: NDArray[np.bool_]
     seeing: NDArray[np.bool_]
     whole: NDArray[np.bool_]
@@ -67,11 +68,18 @@ class BlindPolicy:
         values = encoded(sight.scan, self._avoid)
         values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy == "stop":
+            self._planes(values, sight.scan)
             self._wall(values, sight, avoid_margin_m)
-        values = np.minimum(values, self._recalled(sight))
+        values = np.minimum(values, self._recalled(sight, policy))
         since_ns = self._all_blind_since_ns
         silent = since_ns is not None and now_ns - since_ns > self._avoid.silence_s * NS
         return None if silent and policy != "stop" else values
+
+    def _planes(self, values: NDArray[np.uint16], scan: SectorScan) -> None:
+        """Puts planes into unseen sectors: where unknown means clear, a plane behind something unmeasured is better than
+        nothing. The wall, where there is one, is put before it."""
+        behind = (scan.state == SectorState.UNSEEN) & (scan.distance_m < self._avoid.max_distance_m)
+        values[behind] = near_cm(scan.distance_m[behind], self._avoid)
 
     def _wall(self, values: NDArray[np.uint16], sight: Sight, avoid_margin_m: float) -> None:
         """Puts the wall where a camera looks and nobody knows. Blind and seeing ones together: what one sees, counts.
@@ -85,12 +93,26 @@ class BlindPolicy:
         wanted = unseen | (sight.blind & ~sight.whole & (values != clear_cm(self._avoid)))
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 
-    def _recalled(self, sight: Sight) -> NDArray[np.uint16]:
-        """What is remembered, as centimetres: it outranks a farther wall, and what nobody sees."""
+    def _recalled(self, sight: Sight, policy: str) -> NDArray[np.uint16]:
+        """What is remembered, as centimetres: it outranks a farther wall, and what is not seen.
+
+        Where unknown stops the vehicle, a remembered obstacle does not replace it when something nearer may stand before
+        it: when the way to it was not seen, or a camera looks there now and does not see the way. A near one always
+        counts."""
+        all_m = sight.recalled.distance_m
+        nearest = np.full(SECTORS, UNKNOWN, np.uint16)
+        known = np.isfinite(all_m)
+        nearest[known] = near_cm(all_m[known], self._avoid)
+        if policy == "stop":
+            return nearest
+        way_seen_m = sight.recalled.way_seen_m
         out = np.full(SECTORS, UNKNOWN, np.uint16)
-        known = np.isfinite(sight.recalled_m)
-        out[known] = near_cm(sight.recalled_m[known], self._avoid)
-        return out
+        known = np.isfinite(way_seen_m) & ~(sight.seeing & (sight.scan.state == SectorState.UNSEEN))
+        out[known] = near_cm(way_seen_m[known], self._avoid)
+        # beside a sector's own obstacle or clear, the nearest counts whatever is known of the way to it
+        return np.where(
+            (nearest <= always_told_cm(self._avoid)) | (sight.scan.state != SectorState.UNSEEN), nearest, out
+        )
 
 
 class Recovery:

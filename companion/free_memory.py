@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .config_avoid import AvoidParams
 from .obstacle_memory import Here
-from .sectors import View, in_image, points_free
+from .view_free import View, in_image, points_free
 
 NS = 1_000_000_000
 LEAST_APART_NS = NS // 10

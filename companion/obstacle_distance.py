@@ -42,20 +42,27 @@ def clear_cm(avoid: AvoidParams) -> int:
     return limits_cm(avoid)[1] + 1
 
 
+def always_told_cm(avoid: AvoidParams) -> int:
+    """From the hull: an obstacle no farther than this is told whether the way to it was seen free or not. Before near_m no
+    sector has to be seen, so that there is no way to look at."""
+    return round(100 * max(0.0, avoid.near_m - avoid.radius_m))
+
+
 def near_cm(distance_m: NDArray[np.float64], avoid: AvoidParams) -> NDArray[np.uint16]:
     """Distances of obstacles, rounded towards the vehicle, within what both autopilots act on."""
     low, high = limits_cm(avoid)
     return np.clip(np.floor(100.0 * distance_m), low + 1, high - 1).astype(np.uint16)
 
 
-def for_coarse_bins(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]:
+def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int) -> NDArray[np.uint16]:
     """For older PX4, which has bins of 10 degrees and reads the even elements alone: each of them becomes the least of
-    itself and its neighbours. Clear beside unknown is unknown: what nobody saw must not be called clear with it."""
+    itself and its neighbours. Beside unknown it is unknown, since a bin stands for all its sectors; unless the least is no
+    farther than outranks (cm), which is told whatever stands beside it."""
     three = np.stack([np.roll(values, 1), values, np.roll(values, -1)])[:, ::2]
     nearest = three.min(axis=0)
     unseen = (three == UNKNOWN).any(axis=0)
     out = values.copy()
-    out[::2] = np.where(unseen & (nearest >= clear), UNKNOWN, nearest)
+    out[::2] = np.where(unseen & ((nearest >= clear) | (nearest > outranks)), UNKNOWN, nearest)
     return out
 
 
@@ -69,10 +76,12 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
     return out
 
 
-def for_reader(values: NDArray[np.uint16], clear: int, autopilot: str) -> NDArray[np.uint16]:
-    """As this kind of autopilot needs them, whatever is told: in all ways for one that is not known."""
+def for_reader(values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str) -> NDArray[np.uint16]:
+    """As this kind of autopilot needs them, whatever is told: in all ways for one that is not known. That one may take
+    unknown for clear, so that no obstacle gives way to it there."""
+    clear = clear_cm(avoid)
     if autopilot != ARDUPILOT:
-        values = for_coarse_bins(values, clear)
+        values = for_coarse_bins(values, clear, always_told_cm(avoid) if autopilot == PX4 else clear)
     return values if autopilot == PX4 else for_front_face(values, clear)
 
 

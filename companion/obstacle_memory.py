@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from .config_avoid import AvoidParams
 from .reframe import LevelTransform
-from .sectors import SECTORS, STEP_RAD, SectorScan, SectorState, View, points_free
+from .sectors import SECTORS, STEP_RAD, SectorScan, SectorState
+from .view_free import View, points_free
 
 NS = 1_000_000_000
 
@@ -35,17 +36,31 @@ class Here:
         return LevelTransform(self.heading_rad, self.position_ned_m or (0.0, 0.0, 0.0)).inverse()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Remembered:
+    """(72,) each, metres from the hull, inf where nothing is remembered. distance_m: the nearest remembered obstacle;
+    way_seen_m: the nearest of those that were seen with the way to them (SectorState.OBSTACLE)."""
+
+    distance_m: NDArray[np.float64]
+    way_seen_m: NDArray[np.float64]
+
+
+def nothing_remembered() -> Remembered:
+    """No obstacle in any sector."""
+    return Remembered(np.full(SECTORS, np.inf), np.full(SECTORS, np.inf))
+
+
 class ObstacleMemory:
     """`recall` with each scan: adds what is seen now and gives what is remembered besides."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
-        self._points = np.zeros((0, 3))  # x, y of the world, instant in s
+        self._points = np.zeros((0, 4))  # x, y of the world, instant in s, 1 where the way was seen
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(2)
 
-    def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> NDArray[np.float64]:
-        """(72,) distances from the hull to what is remembered and not seen now; inf where nothing is."""
+    def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> Remembered:
+        """What is remembered and not seen now."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
         if section != self._section:  # another origin: the vehicle has not moved, or hardly
@@ -56,22 +71,25 @@ class ObstacleMemory:
         xy = _moved(points[:, :2], here.from_world())
         kept = ~self._seen_through(xy, views)
         points, xy = points[kept], xy[kept]
-        recalled = np.full(SECTORS, np.inf)
+        recalled = nothing_remembered()
         if len(xy):
             sector = np.round(np.arctan2(xy[:, 1], xy[:, 0]) / STEP_RAD).astype(int) % SECTORS
             hull = np.maximum(0.0, np.hypot(xy[:, 0], xy[:, 1]) - self._avoid.radius_m)
-            np.minimum.at(recalled, sector, hull)
+            np.minimum.at(recalled.distance_m, sector, hull)
+            way_seen = points[:, 3] > 0.0
+            np.minimum.at(recalled.way_seen_m, sector[way_seen], hull[way_seen])
         self._points = np.concatenate([points, self._seen_now(scan, here, now_s)])
         return recalled
 
     def _seen_now(self, scan: SectorScan, here: Here, now_s: float) -> NDArray[np.float64]:
-        """(N, 3) points of the world: the near obstacles of a scan."""
-        near = (scan.state == SectorState.OBSTACLE) & (scan.distance_m < self._avoid.remember_m)
+        """(N, 4) rows of _points: the near planes of a scan, whether the way to them was seen or not."""
+        near = scan.distance_m < self._avoid.remember_m
         middle_m = scan.distance_m[near] + self._avoid.radius_m
         azimuth = scan.azimuth_rad[near]
         xy = np.stack([middle_m * np.cos(azimuth), middle_m * np.sin(azimuth)], axis=1)
         world = _moved(xy, LevelTransform(here.heading_rad, here.position_ned_m or (0.0, 0.0, 0.0)))
-        return np.column_stack([world, np.full(len(world), now_s)])
+        way_seen = scan.state[near] == SectorState.OBSTACLE
+        return np.column_stack([world, np.full(len(world), now_s), way_seen])
 
     def _seen_through(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.bool_]:
         """(N,) which places, with half a sector on either side, views call free over the whole band: a pole that is just

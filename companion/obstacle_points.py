@@ -18,7 +18,8 @@ from drivers.mavlink_dialect import dialect
 
 from .config_avoid import AvoidParams
 from .obstacle_distance import BODY_FRD, SENSOR_UNKNOWN, clear_cm
-from .sectors import View, centres_rad
+from .sectors import centres_rad
+from .view_free import View
 
 LAYERS_RAD = tuple(
     (math.radians(a), math.radians(b)) for a, b in ((-89.0, -45.5), (-44.5, -15.5), (15.5, 44.5), (45.5, 89.0))

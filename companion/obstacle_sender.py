@@ -28,15 +28,16 @@ from .config_avoid import AvoidParams
 from .config_sync import SyncParams
 from .free_memory import FreeMemory
 from .masks import Mask
-from .obstacle_distance import ARDUPILOT, clear_cm, for_reader, obstacle_distance_message
-from .obstacle_memory import Here, ObstacleMemory
+from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
+from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
 from .obstacle_points import NO_POINTS, level_points, obstacle_points_messages, other_points
 from .overhead import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
 from .pipeline import PrismsResult
 from .reframe import LevelTransform, reframed
-from .sectors import PARTS, SECTORS, Look, Recall, SectorScan, View, covered, looked_into, scan
+from .sectors import PARTS, SECTORS, Look, Recall, SectorScan, covered, looked_into, scan
 from .surround import joined, step_to_level
 from .sync import AttitudeAt, PoseAt, Synchroniser
+from .view_free import View
 
 NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
@@ -44,7 +45,6 @@ MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, 
 
 EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
 """A camera that was never opened may look anywhere: nobody knows."""
-NOTHING_REMEMBERED = np.full(SECTORS, np.inf)
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 """What numbers may lead to that nobody thought of: then all cameras count as blind, and the thread goes on."""
 
@@ -139,7 +139,7 @@ class ObstacleTeller:
                 fault = f"the distances around the vehicle cannot be reckoned: {type(error).__name__}: {error}"
             causes = dict.fromkeys(self._cameras, "nothing can be reckoned from what it sees")
             self._recovery.blind(causes)
-            return self._told(autopilot, now_ns, causes, scan([], self._avoid), NOTHING_REMEMBERED, fault)
+            return self._told(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
 
     def _decided(self, autopilot: AutopilotNow, now_ns: int) -> Told:
         while self._moved:
@@ -164,7 +164,7 @@ class ObstacleTeller:
             recall = partial(self._freed.free, views, here, now_ns)
         # without an attitude what is remembered stands where it stood when there was one
         self._last_here = here or self._last_here
-        found, recalled = scan(views, self._avoid, recall), NOTHING_REMEMBERED
+        found, recalled = scan(views, self._avoid, recall), nothing_remembered()
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
         told = self._told(autopilot, now_ns, causes, found, recalled)
@@ -191,17 +191,17 @@ class ObstacleTeller:
         now_ns: int,
         causes: dict[str, str],
         found: SectorScan,
-        recalled_m: NDArray[np.float64],
+        recalled: Remembered,
         fault: str = "",
     ) -> Told:
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
-        sight = Sight(found, recalled_m, blind, seeing, whole, self._newest_good_ns)
+        sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns)
         policy = policy_of(self._avoid, autopilot.kind)
         margin_m = self._avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
         values = self._policy.values(sight, policy, margin_m, now_ns)
         if values is not None:
-            values = for_reader(values, clear_cm(self._avoid), autopilot.kind)
+            values = for_reader(values, self._avoid, autopilot.kind)
         return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:

@@ -18,7 +18,7 @@ from drivers.mavlink_dialect import dialect
 from .config_avoid import AvoidParams
 from .obstacle_distance import SENSOR_UNKNOWN, limits_cm
 from .obstacle_memory import Here
-from .sectors import View
+from .view_free import View
 
 NS = 1_000_000_000
 UPWARD, DOWNWARD = 24, 25

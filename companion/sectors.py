@@ -11,15 +11,16 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical
-from core.types import CameraInfo, FrameModel, Intrinsics
+from core.types import CameraInfo, FrameModel
 
 from .config_avoid import AvoidParams
-from .reframe import LevelTransform
+from .view_free import View, ended_by_obstacle, ground_z_m, points_free
 
 SECTORS = 72
 STEP_RAD = math.tau / SECTORS
@@ -27,10 +28,9 @@ PARTS = 5
 """Of a sector, one degree each, by which it is told whether a camera looks into all of it."""
 _EDGE_RAD = 1e-3
 """Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
-
-
-EDGE_SHARE = 0.05
-"""Of the image's width and height on each side."""
+SHORT_M, SHORT_SIGMAS = 0.75, 4.0
+"""The free-range profile may end so far before a plane that was seen in full: one ring (0.5 m) and one step, and so many
+sigmas of the plane's noise, sigma = ke * range^2."""
 
 
 class SectorState(IntEnum):
@@ -57,40 +57,28 @@ Recall = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
 """Which places of level, x, y, z (N,), were seen free before and are looked at by nobody now."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
-    intrinsics, R_optical_level: where its image looks in level; None: nobody knows."""
-
-    model: FrameModel
-    transform: LevelTransform
-    intrinsics: Intrinsics | None = None
-    R_optical_level: NDArray[np.float64] | None = None
-
-    @property
-    def place_m(self) -> tuple[float, float, float]:
-        """x, y, z of the camera."""
-        return self.transform.translation_m
-
-
 def centres_rad() -> NDArray[np.float64]:
     """(72,) middles of the sectors, clockwise from the nose."""
     return np.arange(SECTORS, dtype=np.float64) * STEP_RAD
 
 
 def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None) -> SectorScan:
-    """What the views say together: the nearest obstacle of any, free where any saw it free."""
-    distance_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
+    """The nearest obstacle of any view in each sector, and where any view saw the sector free.
+
+    A sector is CLEAR when it was seen free to the farthest distance told, and OBSTACLE when it was seen free to its
+    nearest plane. Where that cannot be said it is UNSEEN, whatever stands behind: something nearer that was not measured
+    may stand before the plane. A plane nearer than near_m is always an OBSTACLE."""
+    plane_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
     for view in views:
         if view.model.valid:
             distance, azimuth = plane_distances(view.model, avoid)
-            azimuth_rad = np.where(distance < distance_m, azimuth, azimuth_rad)
-            distance_m = np.minimum(distance_m, distance)
-    distance_m = np.maximum(0.0, distance_m - avoid.radius_m)
-    free_m, clear = seen_free(views, avoid, recall)
-    state = np.where(clear, SectorState.CLEAR, SectorState.UNSEEN).astype(np.uint8)
-    state[distance_m < avoid.max_distance_m] = SectorState.OBSTACLE
-    return SectorScan(state, distance_m, free_m, azimuth_rad)
+            azimuth_rad = np.where(distance < plane_m, azimuth, azimuth_rad)
+            plane_m = np.minimum(plane_m, distance)
+    distance_m = np.maximum(0.0, plane_m - avoid.radius_m)
+    obstacle = distance_m < avoid.max_distance_m
+    free_m, seen = seen_free(views, avoid, np.where(obstacle, plane_m, np.inf), recall)
+    state = np.where(seen, np.where(obstacle, SectorState.OBSTACLE, SectorState.CLEAR), SectorState.UNSEEN)
+    return SectorScan(state.astype(np.uint8), distance_m, free_m, azimuth_rad)
 
 
 def plane_distances(model: FrameModel, avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -139,105 +127,81 @@ def segment_distances(
 
 
 def seen_free(
-    views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None
+    views: Sequence[View], avoid: AvoidParams, plane_m: NDArray[np.float64], recall: Recall | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(free_m, clear), each (72,): how far along each sector it was seen free, and whether that reaches the farthest
-    distance told, for a share `clear_share` of the sector's rays and of the height of the band.
+    """(free_m, seen), each (72,): how far along each sector it was seen free, and whether that reaches as far as it must,
+    for a share `clear_share` of the sector's rays and of the height of the band: to the plane, or to the farthest distance
+    told where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
 
     Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
     view calls it free; rays start at the vehicle, views at their cameras. Sectors of which the views themselves see
     seen_share are completed by what is recalled."""
+    x, y, z, ranges = _sector_rays(avoid)
+    free = np.zeros((len(z), *x.shape), bool)
+    valid = [view for view in views if view.model.valid]
+    for view in valid:
+        free |= points_free(view, x, y, z, along_rays=True)
+    must_m = _must_be_seen_m(valid, plane_m)
+    needed = np.repeat(np.where(np.isfinite(plane_m), np.searchsorted(ranges, must_m), len(ranges)), avoid.rays)
+    reached = _reached(free)
+    seen = reached >= needed
+    # behind a measured obstacle the profile says nothing, and nothing is missing
+    i, ray = np.nonzero(~seen & np.isfinite(plane_m).repeat(avoid.rays))
+    k = reached[i, ray]
+    for view in valid:
+        share = must_m.repeat(avoid.rays)[ray] / ranges[k]
+        seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
+    if recall is not None:
+        share = _by_sector(seen).mean(axis=1)
+        enough = np.repeat((share >= avoid.seen_share) & (share < 1.0), avoid.rays)
+        i, ray, k = np.nonzero(~free & enough[None, :, None])
+        free[i, ray, k] = recall(x[ray, k], y[ray, k], z[i])
+        reached = _reached(free)
+        seen |= reached >= needed
+    # what at least clear_share of the rays and slices reach
+    each = np.sort(_by_sector(reached), axis=1)[:, ::-1]
+    least = math.ceil(avoid.clear_share * each.shape[1])
+    common = each[:, least - 1]
+    free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
+    enough = _by_sector(seen).sum(axis=1) >= least
+    return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid))
+
+
+def _sector_rays(
+    avoid: AvoidParams,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """(x, y, z, ranges): the samples along the rays of all sectors. x, y: (72 * rays, ranges); z: (slices,) heights in the
+    band; ranges: (ranges,) from the vehicle's middle."""
     rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
     ranges = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
-    x, y = np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges
-    slices = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * (
-        avoid.band_above_m + avoid.band_below_m
-    )
-    free = np.zeros((len(slices), *x.shape), bool)
-    for view in views:
-        if view.model.valid:
-            free |= points_free(view, x, y, slices, along_rays=True)
-    each = _reached(free, avoid)
-    if recall is not None:
-        whole = each >= len(ranges)
-        enough = np.repeat(whole.mean(axis=1) >= avoid.seen_share, avoid.rays) & ~np.repeat(
-            whole.all(axis=1), avoid.rays
-        )
-        i, ray, k = np.nonzero(~free & enough[None, :, None])
-        free[i, ray, k] = recall(x[ray, k], y[ray, k], slices[i])
-        each = _reached(free, avoid)
-    # what at least clear_share of the rays and slices reach
-    each = np.sort(each, axis=1)[:, ::-1]
-    common = each[:, math.ceil(avoid.clear_share * each.shape[1]) - 1]
-    free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
-    return free_m, common >= len(ranges)
+    band_m = avoid.band_above_m + avoid.band_below_m
+    z = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * band_m
+    return np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges, z, ranges
 
 
-def _reached(free: NDArray[np.bool_], avoid: AvoidParams) -> NDArray[np.int64]:
-    """(72, slices * rays): how many samples of each ray and height are free from near_m on. free: (slices, rays, ranges)."""
-    reached = np.logical_and.accumulate(free, axis=2).sum(axis=2)
-    out: NDArray[np.int64] = reached.reshape(len(free), SECTORS, avoid.rays).transpose(1, 0, 2).reshape(SECTORS, -1)
+def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(72,) how far a sector must have been seen free to its plane: the free-range profile ends short of it by its rings and
+    by the noise that the plane was measured with, on top of the margin that is off plane_m already."""
+    ke_per_m = max((view.model.ke_per_m for view in views), default=0.0)
+    return plane_m - SHORT_M - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
+
+
+def _ground_in_band(views: Sequence[View], avoid: AvoidParams) -> bool:
+    """Whether the ground under the vehicle lies within its band of height: no direction is then free over the band."""
+    here = np.zeros(1)
+    return any(ground_z_m(view, here, here)[0] < avoid.band_below_m for view in views)
+
+
+def _reached(free: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(slices, 72 * rays): how many samples of each height and ray are free from near_m on. free: (slices, 72 * rays,
+    ranges)."""
+    out: NDArray[np.int64] = np.logical_and.accumulate(free, axis=2).sum(axis=2)
     return out
 
 
-def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which places of level lie in a view's image, seen or not; all where nobody knows where it looks.
-
-    Not in its outermost EDGE_SHARE: of what only a part of a layer is in the image the profile says nothing."""
-    k = view.intrinsics
-    if k is None or view.R_optical_level is None:
-        return np.ones(len(x), bool)
-    cx, cy, cz = view.place_m
-    right, down, ahead = view.R_optical_level @ np.stack([x - cx, y - cy, z - cz])
-    safe = np.maximum(ahead, 1e-6)
-    u, v = k.fx * right / safe + k.cx, k.fy * down / safe + k.cy
-    edge_u, edge_v = EDGE_SHARE * k.width, EDGE_SHARE * k.height
-    out: NDArray[np.bool_] = (
-        (ahead > 0.0) & (u > edge_u) & (u < k.width - 1 - edge_u) & (v > edge_v) & (v < k.height - 1 - edge_v)
-    )
-    return out
-
-
-def points_free(
-    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], along_rays: bool = False
-) -> NDArray[np.bool_]:
-    """(len(z), *x.shape): which points of level the view's free-range profile calls free.
-
-    A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
-    was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
-    runs, at it or behind it, through a part of any layer that was seen free."""
-    profile = view.model.free
-    cx, cy, cz = view.place_m
-    edges = profile.azimuth_edges_rad.astype(np.float64)
-    # edges are not wrapped to one turn: the azimuth is taken within a turn from the first edge
-    azimuth = edges[0] + np.mod(np.arctan2(y - cy, x - cx) - edges[0], math.tau)
-    inside = azimuth < edges[-1]
-    range_m = np.hypot(x[inside] - cx, y[inside] - cy)
-    direction = np.searchsorted(edges, azimuth[inside], side="right") - 1
-    layers = profile.layer_edges_m.astype(np.float64) - cz
-    out = np.zeros((len(z), *x.shape), bool)
-    for row in np.flatnonzero((profile.free_to_m > profile.free_from_m).any(axis=0)):
-        begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
-        known = ends > begins
-        for i, height_m in enumerate(z - cz):
-            if along_rays:
-                first, last = _share_of_ray(height_m, layers[row], layers[row + 1])
-                reached = np.maximum(np.maximum(begins, range_m), first * range_m) <= np.minimum(ends, last * range_m)
-            elif layers[row] <= height_m < layers[row + 1]:
-                reached = (begins <= range_m) & (range_m <= ends)
-            else:
-                continue
-            out[i][inside] |= known & reached
-    return out
-
-
-def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float, float]:
-    """Between which multiples of its length the ray to a point at this height, drawn on, runs through a layer; (inf, 0) where
-    it does not. All heights count from the camera, downwards."""
-    if abs(height_m) < 1e-9:
-        return (0.0, math.inf) if top_m <= 0.0 < bottom_m else (math.inf, 0.0)
-    a, b = sorted((top_m / height_m, bottom_m / height_m))
-    return (max(0.0, a), b) if b > 0.0 else (math.inf, 0.0)
+def _by_sector(values: NDArray[Any]) -> NDArray[Any]:
+    """(72, rays * slices) of values (slices, 72 * rays)."""
+    return values.reshape(len(values), SECTORS, -1).transpose(1, 0, 2).reshape(SECTORS, -1)
 
 
 class Look(IntEnum):

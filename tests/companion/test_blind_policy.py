@@ -11,8 +11,9 @@ import pytest
 from companion.blind_policy import BlindPolicy, Recovery, Sight, policy_of
 from companion.config_avoid import AvoidParams
 from companion.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.obstacle_memory import Here, ObstacleMemory
-from companion.sectors import SECTORS, SectorScan, SectorState, View, scan
+from companion.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
+from companion.sectors import SECTORS, SectorScan, SectorState, scan
+from companion.view_free import View
 from drivers.ardupilot_reader import ArduPilotReader
 from drivers.px4_reader import Px4Reader
 
@@ -35,7 +36,7 @@ def sight(
     newest_ns: int | None = 0,
 ) -> Sight:
     found = scan([], AVOID) if found is None else found
-    return Sight(found, NOTHING, blind, seeing, seeing & ~EDGES, newest_ns)
+    return Sight(found, nothing_remembered(), blind, seeing, seeing & ~EDGES, newest_ns)
 
 
 def front_seen(*planes: tuple[float, ...]) -> SectorScan:
@@ -111,7 +112,7 @@ def test_a_camera_that_never_saw_is_blind_from_the_start() -> None:
 def test_what_is_remembered_nearer_than_the_wall_wins_and_what_is_farther_does_not() -> None:
     remembered = NOTHING.copy()
     remembered[0], remembered[2] = 1.1, 9.0
-    blind = replace(sight(blind=FRONT), recalled_m=remembered)
+    blind = replace(sight(blind=FRONT), recalled=Remembered(remembered, remembered))
     stop = BlindPolicy(AVOID).values(blind, "stop", 2.0, NS)
     assert stop is not None
     assert (stop[0], stop[2]) == (110, 212)
@@ -183,18 +184,20 @@ def test_a_near_obstacle_that_leaves_the_view_is_remembered_where_it_stands() ->
     """A pole 3 m ahead; the vehicle flies 2 m forward and turns right by 90 degrees, and nobody looks there any more."""
     memory = ObstacleMemory(AVOID)
     first = front_seen(wall_at(0.0, 3.0))
-    assert np.isinf(memory.recall(first, [], Here(0.0, (10.0, 5.0, -3.0), 1), NS)).all()
+    assert np.isinf(memory.recall(first, [], Here(0.0, (10.0, 5.0, -3.0), 1), NS).distance_m).all()
     nothing = scan([], AVOID)
-    then = memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 2 * NS)
+    then = memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 2 * NS).distance_m
     assert np.flatnonzero(np.isfinite(then)).tolist() == [54]  # 1 m to the left
     assert then[54] == pytest.approx(0.7, abs=0.05)
-    assert np.isinf(memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 5 * NS)).all()  # too long ago
+    assert np.isinf(
+        memory.recall(nothing, [], Here(math.pi / 2, (12.0, 5.0, -3.0), 1), 5 * NS).distance_m
+    ).all()  # too long ago
 
 
 def test_without_a_position_the_turn_is_taken_into_account() -> None:
     memory = ObstacleMemory(AVOID)
     memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.1), NS)
-    then = memory.recall(scan([], AVOID), [], Here(0.1 + math.radians(30.0)), 2 * NS)
+    then = memory.recall(scan([], AVOID), [], Here(0.1 + math.radians(30.0)), 2 * NS).distance_m
     assert np.flatnonzero(np.isfinite(then)).tolist() == [66]
 
 
@@ -202,8 +205,8 @@ def test_what_is_seen_through_is_forgotten() -> None:
     memory = ObstacleMemory(AVOID)
     memory.recall(front_seen(wall_at(0.0, 3.0)), [], Here(0.0), NS)
     clear = View(model(free_to_m=13.0, view_deg=72.0), HERE)
-    assert np.isinf(memory.recall(scan([clear], AVOID), [clear], Here(0.0), 2 * NS)).all()
-    assert np.isinf(memory.recall(scan([], AVOID), [], Here(0.0), 2 * NS)).all()
+    assert np.isinf(memory.recall(scan([clear], AVOID), [clear], Here(0.0), 2 * NS).distance_m).all()
+    assert np.isinf(memory.recall(scan([], AVOID), [], Here(0.0), 2 * NS).distance_m).all()
 
 
 @pytest.mark.parametrize("after", [Here(0.0, (40.0, -7.0, -3.0), 2), Here(0.0), Here(0.0, (12.0, 5.0, -3.0), 1)])
@@ -212,7 +215,7 @@ def test_a_jump_of_the_position_does_not_take_away_what_stands_around(before: He
     """The autopilot's estimate jumps, comes or goes; the obstacle beside the vehicle does not."""
     memory = ObstacleMemory(AVOID)
     memory.recall(front_seen(wall_at(0.0, 4.0)), [], before, NS)
-    then = memory.recall(scan([], AVOID), [], after, NS + NS // 15)
+    then = memory.recall(scan([], AVOID), [], after, NS + NS // 15).distance_m
     flown_m = 2.0 if before.section == after.section == 1 else 0.0
     assert np.flatnonzero(np.isfinite(then)).tolist() == [0]
     assert then[0] == pytest.approx(4.0 - 0.3 - flown_m, abs=0.01)
@@ -225,7 +228,7 @@ def test_a_pole_that_just_left_the_view_is_not_seen_through_beside_itself(at_deg
     pole = wall_at(at_deg, 4.0, 0.02)
     memory.recall(scan([View(model(pole), HERE)], AVOID), [], Here(0.0), NS)
     clear = View(model(free_to_m=13.0, view_deg=72.0), HERE)
-    then = memory.recall(scan([clear], AVOID), [clear], Here(0.0), NS + NS // 15)
+    then = memory.recall(scan([clear], AVOID), [clear], Here(0.0), NS + NS // 15).distance_m
     assert np.isfinite(then).any()
 
 

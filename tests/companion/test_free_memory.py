@@ -14,7 +14,8 @@ from companion.config_avoid import AvoidParams
 from companion.free_memory import FreeMemory
 from companion.obstacle_memory import Here
 from companion.reframe import LevelTransform
-from companion.sectors import SectorState, View, scan
+from companion.sectors import SectorState, scan
+from companion.view_free import View
 from core.frames import rotation_frd_optical
 from core.types import CameraMount, Intrinsics
 

@@ -15,7 +15,7 @@ from companion.obstacle_distance import UNKNOWN, obstacle_distance_message
 from companion.obstacle_points import NO_POINTS, level_points, obstacle_points_messages, other_points
 from companion.obstacle_sender import messages_of
 from companion.reframe import LevelTransform
-from companion.sectors import View
+from companion.view_free import View
 from drivers.ardupilot_layers import LAYERS, MIDDLE, ArduPilotLayers, layer_of
 from drivers.ardupilot_reader import ArduPilotReader, face_of
 from drivers.mavlink_dialect import dialect

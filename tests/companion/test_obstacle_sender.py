@@ -118,7 +118,7 @@ FAULTS = ["no frames", "results are lost", "no attitude", "everything stands sti
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("found", [CLEAR, model(wall_at(0.0, 8.0), free_to_m=7.0, view_deg=72.0)])
+@pytest.mark.parametrize("found", [CLEAR, model(wall_at(0.0, 8.0, 12.0), free_to_m=7.5, view_deg=72.0)])
 def test_blind_is_on_the_wire_by_0_4_s_for_both_autopilots(fault: str, found: FrameModel) -> None:
     chain = Chain(found)
     chain.fly(1.0)
@@ -200,7 +200,7 @@ def test_an_autopilot_whose_margin_is_unknown_gets_the_configured_wall() -> None
 
 def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> None:
     """Exposed at a position 8 m from the wall; 0.2 s later, at 5 m/s, it is 1 m nearer, and turned by 20 degrees."""
-    chain = Chain(model(wall_at(0.0, 8.0), free_to_m=7.5, view_deg=72.0))
+    chain = Chain(model(wall_at(0.0, 8.0), free_to_m=13.0, view_deg=72.0))
     chain.position, chain.speed = (3.0, 4.0, -2.0), (5.0, 0.0, 0.0)
     chain.fly(1.0)
     exposed = chain.position
@@ -217,7 +217,7 @@ def test_obstacles_are_moved_by_position_and_turn_to_the_moment_of_sending() -> 
 
 
 def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
-    chain = Chain(model(wall_at(0.0, 8.0), free_to_m=7.5, view_deg=72.0))
+    chain = Chain(model(wall_at(0.0, 8.0), free_to_m=13.0, view_deg=72.0))
     chain.fly(1.0)
     chain.yaw_rad = math.radians(-30.0)
     chain.fly(0.2, frames=False)

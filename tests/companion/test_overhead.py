@@ -13,7 +13,7 @@ from companion.obstacle_memory import Here
 from companion.obstacle_sender import messages_of
 from companion.overhead import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
 from companion.reframe import LevelTransform
-from companion.sectors import View
+from companion.view_free import View
 from core.types import Ground
 from drivers.ardupilot_layers import ArduPilotHeights
 from drivers.mavlink_dialect import dialect

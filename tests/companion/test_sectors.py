@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.blind_policy import BlindPolicy, Sight, policy_of
 from companion.config_avoid import AvoidParams
 from companion.obstacle_distance import (
     UNKNOWN,
@@ -20,19 +21,11 @@ from companion.obstacle_distance import (
     for_reader,
     obstacle_distance_message,
 )
+from companion.obstacle_memory import nothing_remembered
 from companion.reframe import LevelTransform
-from companion.sectors import (
-    SECTORS,
-    SectorScan,
-    SectorState,
-    View,
-    covered,
-    looked_into,
-    points_free,
-    scan,
-    segment_distances,
-)
-from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Intrinsics
+from companion.sectors import SECTORS, SectorScan, SectorState, covered, looked_into, scan, segment_distances
+from companion.view_free import View, points_free
+from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Ground, Intrinsics
 from drivers.ardupilot_reader import ArduPilotReader, face_of
 from drivers.px4_reader import Px4Reader
 
@@ -58,6 +51,7 @@ def model(
         flags=np.zeros(n, np.uint8),
         cluster=np.zeros(n, np.int32),
         prisms=(),
+        ground=Ground(seen=False),
         free=FreeProfile(
             azimuth_edges_rad=edges,
             layer_edges_m=np.array([-3.0, -1.0, 1.0, 3.0], np.float32),
@@ -76,7 +70,16 @@ def wall_at(angle_deg: float, distance_m: float, width_m: float = 0.12) -> tuple
 
 
 def message_of(found: SectorScan, avoid: AvoidParams = AVOID, autopilot: str = "") -> Any:
-    return obstacle_distance_message(for_reader(encoded(found, avoid), clear_cm(avoid), autopilot), 0, avoid)
+    return obstacle_distance_message(for_reader(encoded(found, avoid), avoid, autopilot), 0, avoid)
+
+
+def told_everywhere(found: SectorScan, autopilot: str) -> Any:
+    """The message for an autopilot by its own policy, of cameras that look into a part of every sector."""
+    everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
+    sight = Sight(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
+    values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, autopilot), 2.0, 0)
+    assert values is not None
+    return obstacle_distance_message(for_reader(values, AVOID, autopilot), 0, AVOID)
 
 
 # ---- geometry ---------------------------------------------------------------------------------------------------------
@@ -110,7 +113,7 @@ def test_only_what_reaches_into_the_band_counts() -> None:
     high = (5.0, -1.0, 5.0, 1.0, -4.0, -AVOID.band_above_m - 0.1)
     beam = (5.0, -1.0, 5.0, 1.0, -AVOID.band_above_m - 1.0, -AVOID.band_above_m + 0.01)
     assert np.isinf(scan([View(model(low, high), HERE)], AVOID).distance_m).all()
-    assert scan([View(model(beam), HERE)], AVOID).state[0] == SectorState.OBSTACLE
+    assert scan([View(model(beam, free_to_m=4.5), HERE)], AVOID).state[0] == SectorState.OBSTACLE
 
 
 def test_margin_and_radius_come_off_the_distance() -> None:
@@ -293,24 +296,31 @@ def test_the_nearest_point_of_a_sector_has_its_own_direction() -> None:
 def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
     angle_deg: float, distance_m: float, width_m: float, clear: bool, known: bool
 ) -> None:
+    """Where the way to it was not seen PX4 is told that nothing is known, which stops it, unless the pole is near;
+    ArduPilot, to which that means clear, is told the pole."""
     pole = wall_at(angle_deg, distance_m, width_m)
     around = scan([View(model(pole, free_to_m=13.0 if clear else 0.0), HERE)], AVOID)
     least = min(distance_m, math.hypot(*pole[:2]), math.hypot(*pole[2:4])) - 0.3
     for px4 in (Px4Reader(5), Px4Reader(10)):
-        px4.read(message_of(around, autopilot="PX4" if known else ""), NS)
+        px4.read(told_everywhere(around, "PX4" if known else ""), NS)
         bins = px4.bins_cm(NS)
         nearest = min(bins[int(angle_deg // px4.bin_deg)], bins[int(-(-angle_deg // px4.bin_deg)) % len(bins)])
-        assert 21 <= nearest <= max(22, 100 * least + 1)
+        if known and not clear and least > AVOID.near_m - AVOID.radius_m - 0.01:
+            assert nearest <= 100 * least + 1 or px4.room_m(angle_deg, NS) == 0.0
+        else:
+            assert 21 <= nearest <= max(22, 100 * least + 1)
     for one_pass, slides in ((False, False), (True, False), (False, True), (True, True)):
         ardupilot = ArduPilotReader(one_pass=one_pass, slides=slides)
-        ardupilot.read(message_of(around, autopilot="ArduPilot" if known else ""), NS)
+        ardupilot.read(told_everywhere(around, "ArduPilot" if known else ""), NS)
         assert ardupilot.faces_m(NS)[face_of(round(angle_deg / 5.0) * 5.0)] <= max(0.22, least + 0.01)
         # its fence has no corner nearer than 0.6 m
         assert ardupilot.room_m(angle_deg, NS) <= max(0.6, least + 0.02) - ardupilot.margin_m
 
 
 def test_a_second_obstacle_in_the_front_face_does_not_hide_the_nearer_one() -> None:
-    found = scan([View(model(wall_at(10.0, 3.0), wall_at(90.0, 9.0), wall_at(350.0, 8.0)), HERE)], AVOID)
+    found = scan(
+        [View(model(wall_at(10.0, 3.0), wall_at(90.0, 9.0), wall_at(350.0, 8.0), free_to_m=13.0), HERE)], AVOID
+    )
     old = ArduPilotReader(one_pass=True)
     old.read(obstacle_distance_message(encoded(found, AVOID), 0, AVOID), NS)
     assert old.faces_m(NS)[0] > 7.0  # that is what has to be worked around
@@ -338,12 +348,12 @@ def test_a_clear_field_stops_nobody_and_an_unseen_one_lets_px4_not_go() -> None:
 def test_clear_beside_unknown_is_not_clear_in_the_coarse_bins() -> None:
     values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
     values[11] = UNKNOWN
-    out = for_coarse_bins(values, clear_cm(AVOID))
+    out = for_coarse_bins(values, clear_cm(AVOID), 600)
     assert out[10] == out[12] == UNKNOWN
     assert out[14] == clear_cm(AVOID)
     values[11], values[12] = 500, UNKNOWN
-    out = for_coarse_bins(values, clear_cm(AVOID))
-    assert (out[10], out[12]) == (500, 500)  # an obstacle outranks what nobody saw
+    out = for_coarse_bins(values, clear_cm(AVOID), 600)
+    assert (out[10], out[12]) == (500, 500)  # a near obstacle outranks what was not seen
 
 
 def test_golden_vectors() -> None:

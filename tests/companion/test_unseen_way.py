@@ -1,0 +1,363 @@
+"""A plane behind something that was not measured is never told as the nearest obstacle: rendered depth with unmeasured
+regions, the extractor, sectors, messages, and both autopilots' readers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from companion.blind_policy import BlindPolicy, Sight
+from companion.config_avoid import AvoidParams
+from companion.obstacle_distance import (
+    ARDUPILOT,
+    PX4,
+    UNKNOWN,
+    clear_cm,
+    encoded,
+    for_coarse_bins,
+    for_reader,
+    obstacle_distance_message,
+)
+from companion.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
+from companion.obstacle_points import level_points
+from companion.reframe import LevelTransform, reframed
+from companion.sectors import SECTORS, STEP_RAD, SectorScan, SectorState, covered, looked_into, scan
+from companion.view_free import View, points_free
+from core.extractor import Extractor
+from core.params import Params
+from core.types import CameraInfo, CameraMount, FrameModel
+from drivers.ardupilot_reader import ArduPilotReader
+from drivers.px4_reader import Px4Reader
+from drivers.scenes import Scene, SceneBuilder
+from drivers.sensor_model import SensorModel
+from drivers.simulated import Rendered, camera_info, render
+
+from .test_sectors import model, wall_at
+
+NS = 1_000_000_000
+AVOID = AvoidParams()
+INFO = camera_info(320, 240)
+SENSOR = SensorModel(ke_per_m=0.0015, sky_is_far=True)
+EXTRACTOR = Extractor(Params())
+HERE = LevelTransform(0.0, (0.0, 0.0, 0.0))
+FRONT = np.arange(-6, 7)
+"""Sectors that the camera looks into all of."""
+
+
+def wall_scene(distance_m: float, height_m: float = 6.0) -> Scene:
+    b = SceneBuilder("wall")
+    b.ground()
+    b.box("wall", distance_m + 0.15, 0.0, 0.3, 60.0, height_m)
+    return b.build()
+
+
+def tangents() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(H, W) each: right and down of each pixel's ray, per metre ahead."""
+    k = INFO.intrinsics
+    u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
+    return np.asarray((u - k.cx) / k.fx, np.float64), np.asarray((v - k.cy) / k.fy, np.float64)
+
+
+def without_texture(width_m: float, distance_m: float, right_m: float = 0.0) -> NDArray[np.bool_]:
+    """(H, W) pixels of a column without texture: nothing is measured there."""
+    right, _ = tangents()
+    return np.asarray(np.abs(right * distance_m - right_m) < width_m / 2)
+
+
+def view_of(seen: Rendered, unmeasured: NDArray[np.bool_], transform: LevelTransform = HERE) -> View:
+    depth_mm = seen.depth_mm.copy()
+    depth_mm[unmeasured] = 0
+    found, _ = EXTRACTOR.extract(depth_mm, INFO, seen.R_level_optical)
+    return View(found, transform, INFO.intrinsics, np.asarray(seen.R_level_optical).T)
+
+
+def looked_at(info: CameraInfo = INFO) -> NDArray[np.uint8]:
+    return looked_into(info, AVOID)
+
+
+def values_of(found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None = None) -> NDArray[np.uint16]:
+    seeing, whole = covered([looked_at()])
+    nowhere = np.zeros(SECTORS, bool)
+    sight = Sight(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
+    values = BlindPolicy(AVOID).values(sight, "unknown" if autopilot == PX4 else "stop", AVOID.avoid_margin_m, 0)
+    assert values is not None
+    return for_reader(values, AVOID, autopilot)
+
+
+@pytest.fixture(scope="module")
+def wall_at_10_m() -> Rendered:
+    return render(wall_scene(10.0), INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR)
+
+
+# ---- a column without texture before a wall ---------------------------------------------------------------------------
+
+
+def test_a_column_that_was_not_measured_hides_the_wall_behind_it(wall_at_10_m: Rendered) -> None:
+    """0.6 m wide at 3 m: it spans 5.7 degrees to either side."""
+    found = scan([view_of(wall_at_10_m, without_texture(0.6, 3.0))], AVOID)
+    assert found.state[[-1, 0, 1]].tolist() == [SectorState.UNSEEN] * 3
+    beside = [i for i in FRONT if abs(i) >= 2]
+    assert (found.state[beside] == SectorState.OBSTACLE).all()
+    assert found.distance_m[beside] == pytest.approx(10.0 / np.cos(np.radians(5.0 * np.abs(beside))) - 0.4, abs=0.6)
+
+
+@pytest.mark.parametrize("bin_deg", [5, 10])
+def test_px4_does_not_fly_towards_the_column(wall_at_10_m: Rendered, bin_deg: int) -> None:
+    values = values_of(scan([view_of(wall_at_10_m, without_texture(0.6, 3.0))], AVOID), PX4)
+    px4 = Px4Reader(bin_deg)
+    px4.read(obstacle_distance_message(values, 0, AVOID), NS)
+    assert px4.bins_cm(NS)[0] == UNKNOWN
+    for degrees in (-5.0, 0.0, 4.0):
+        assert px4.room_m(degrees, NS) == 0.0
+    assert px4.room_m(20.0, NS) > 5.0  # beside it the wall is told where it stands
+
+
+@pytest.mark.parametrize("one_pass", [False, True])
+def test_ardupilot_is_shown_the_policys_wall_before_the_column(wall_at_10_m: Rendered, one_pass: bool) -> None:
+    values = values_of(scan([view_of(wall_at_10_m, without_texture(0.6, 3.0))], AVOID), ARDUPILOT)
+    vehicle = ArduPilotReader(one_pass=one_pass, margin_m=AVOID.avoid_margin_m)
+    vehicle.read(obstacle_distance_message(values, 0, AVOID), NS)
+    assert -0.1 < vehicle.room_m(0.0, NS) < 0.1
+    points = level_points(values, AVOID)  # the same sectors as OBSTACLE_DISTANCE_3D
+    ahead = np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.5 * STEP_RAD
+    assert np.hypot(*points[ahead, :2].T).max() < 2.2
+
+
+def test_a_wall_seen_in_full_stays_where_it_stands(wall_at_10_m: Rendered) -> None:
+    nothing = np.zeros((INFO.intrinsics.height, INFO.intrinsics.width), bool)
+    for distance_m in (2.0, 3.0, 4.0, 5.0, 7.0, 10.0):
+        for pitch_deg in (-15.0, 0.0, 15.0):
+            seen = render(
+                wall_scene(distance_m), INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR,
+                pitch_rad=math.radians(pitch_deg),
+            )  # fmt: skip
+            found = scan([view_of(seen, nothing)], AVOID)
+            assert (found.state[FRONT] == SectorState.OBSTACLE).all(), (distance_m, pitch_deg)
+            assert found.distance_m[0] == pytest.approx(distance_m - AVOID.radius_m, abs=0.4)
+
+
+def test_what_is_near_is_told_whatever_was_not_measured_before_it() -> None:
+    seen = render(wall_scene(2.4), INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR)
+    found = scan([view_of(seen, without_texture(0.3, 1.5))], AVOID)
+    assert (found.state[FRONT] == SectorState.OBSTACLE).all()
+    for autopilot in (PX4, ARDUPILOT, ""):
+        assert (values_of(found, autopilot)[FRONT] <= 300).all()
+
+
+# ---- one of two cameras is blind --------------------------------------------------------------------------------------
+
+
+def test_a_plane_seen_from_aside_does_not_vouch_for_the_way_of_a_blind_camera() -> None:
+    """The camera in front is blind. The other stands 3 m to the right and looks 5 degrees to the left: it sees the wall
+    that stands ahead of the vehicle, and nothing of the first metres on the way there."""
+    yaw_rad = math.radians(-5.0)
+    aside = render(
+        wall_scene(8.0), INFO, yaw_rad=yaw_rad, position_ned_m=(0.0, 3.0, -2.0), sensor=SENSOR
+    )  # fmt: skip
+    nothing = np.zeros((INFO.intrinsics.height, INFO.intrinsics.width), bool)
+    place = LevelTransform(yaw_rad, (0.0, 3.0, 0.0))
+    plain = view_of(aside, nothing)
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    R_level_cam = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    R_optical_level = np.asarray(plain.R_optical_level) @ R_level_cam.T
+    view = View(reframed(plain.model, place), place, INFO.intrinsics, R_optical_level)
+    found = scan([view], AVOID)
+    ahead = found.distance_m[0]
+    assert ahead == pytest.approx(8.0 - AVOID.radius_m, abs=0.6)  # the plane is there
+    assert found.state[0] == SectorState.UNSEEN
+
+    front = replace(INFO, camera="front")
+    other = replace(INFO, camera="right", mount=CameraMount(yaw_rad=yaw_rad))
+    blind, _ = covered([looked_into(front, AVOID)])
+    seeing, whole = covered([looked_into(other, AVOID)])
+    sight = Sight(found, nothing_remembered(), blind, seeing, whole, 0)
+    px4 = BlindPolicy(AVOID).values(sight, "unknown", 2.0, 0)
+    stop = BlindPolicy(AVOID).values(sight, "stop", 2.0, 0)
+    assert px4 is not None
+    assert stop is not None
+    assert px4[0] == UNKNOWN
+    assert stop[0] <= 213
+
+
+# ---- what messages make of it -----------------------------------------------------------------------------------------
+
+
+def unseen_behind(distance_m: float) -> SectorScan:
+    """A scan with a plane at this distance from the hull in sector 0, whose way was not seen; all else is clear."""
+    state = np.full(SECTORS, SectorState.CLEAR, np.uint8)
+    distance = np.full(SECTORS, np.inf)
+    state[0], distance[0] = SectorState.UNSEEN, distance_m
+    return SectorScan(state, distance, np.zeros(SECTORS), np.zeros(SECTORS))
+
+
+def test_an_unseen_way_survives_in_the_coarse_bins() -> None:
+    """A bin of 10 degrees stands for three sectors: one of them unseen, it is not told by its neighbours."""
+    values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
+    values[10:13] = (900, UNKNOWN, 950)
+    out = for_coarse_bins(values, clear_cm(AVOID), 200)
+    assert (out[10], out[11], out[12]) == (UNKNOWN, UNKNOWN, UNKNOWN)
+    values[10] = 150
+    out = for_coarse_bins(values, clear_cm(AVOID), 200)
+    assert (out[10], out[12]) == (150, UNKNOWN)
+
+
+def test_where_unknown_means_clear_the_plane_is_better_than_nothing() -> None:
+    """At the border of the view no wall stands: there ArduPilot keeps the plane, PX4 is told that nothing is known."""
+    found = unseen_behind(5.0)
+    everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
+    border = Sight(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
+    inside = replace(border, whole=everywhere)
+    for sight, policy, expected in (
+        (border, "stop", 500), (border, "unknown", UNKNOWN), (inside, "stop", 212), (inside, "unknown", UNKNOWN),
+    ):  # fmt: skip
+        values = BlindPolicy(AVOID).values(sight, policy, 2.0, 0)
+        assert values is not None
+        assert values[0] == expected
+    off = BlindPolicy(replace(AVOID, unseen="unknown")).values(inside, "stop", 2.0, 0)
+    assert off is not None
+    assert off[0] == 500
+    near = BlindPolicy(AVOID).values(replace(inside, scan=unseen_behind(1.0)), "stop", 2.0, 0)
+    assert near is not None
+    assert near[0] == 100
+
+
+def test_a_remembered_obstacle_does_not_stand_for_an_unseen_way() -> None:
+    """Sector 0 is unseen, sector 3 clear, sector 6 unseen and no camera looks there."""
+    everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
+    scanned = unseen_behind(9.0)
+    scanned.state[6] = SectorState.UNSEEN
+    looking = everywhere & (np.arange(SECTORS) != 6)
+
+    def told(distance_m: float, way_seen: bool) -> list[int]:
+        recalled = np.full(SECTORS, np.inf)
+        recalled[[0, 3, 6]] = distance_m
+        remembered = Remembered(recalled, recalled if way_seen else np.full(SECTORS, np.inf))
+        sight = Sight(scanned, remembered, nowhere, looking, looking, 0)
+        values = BlindPolicy(AVOID).values(sight, "unknown", 2.0, 0)
+        assert values is not None
+        return [int(values[i]) for i in (0, 3, 6)]
+
+    assert told(5.0, way_seen=True) == [UNKNOWN, 500, 500]
+    assert told(5.0, way_seen=False) == [UNKNOWN, 500, UNKNOWN]
+    assert told(1.5, way_seen=False) == [150, 150, 150]
+
+
+def test_what_is_remembered_keeps_whether_its_way_was_seen() -> None:
+    for free_to_m, way_seen in ((0.0, False), (4.5, True)):
+        memory = ObstacleMemory(AVOID)
+        memory.recall(scan([View(model(wall_at(0.0, 5.0), free_to_m=free_to_m), HERE)], AVOID), [], Here(0.0), 0)
+        then = memory.recall(scan([], AVOID), [], Here(0.0), NS)
+        assert then.distance_m[0] == pytest.approx(5.0 - AVOID.radius_m, abs=0.01)
+        assert np.isfinite(then.way_seen_m[0]) == way_seen
+
+
+def test_a_plane_without_any_free_range_is_told_only_when_it_is_near() -> None:
+    for distance_m, state in ((2.0, SectorState.OBSTACLE), (2.8, SectorState.OBSTACLE), (6.0, SectorState.UNSEEN)):
+        found = scan([View(model(wall_at(0.0, distance_m)), HERE)], AVOID)
+        assert found.state[0] == state
+        found = scan([View(model(wall_at(0.0, distance_m), free_to_m=distance_m - 0.5), HERE)], AVOID)
+        assert found.state[0] == SectorState.OBSTACLE
+
+
+# ---- random scenes with random unmeasured regions ---------------------------------------------------------------------
+
+
+def hidden_share(unmeasured: NDArray[np.bool_], range_m: float) -> NDArray[np.float64]:
+    """(72,) which share of the band of height at a range is unmeasured in each sector of FRONT; 0 in the others."""
+    right, down = tangents()
+    sector = np.round(np.arctan(right) / STEP_RAD).astype(int) % SECTORS
+    z_m = down * range_m * np.cos(np.arctan(right))
+    inside = (z_m > -AVOID.band_above_m) & (z_m < AVOID.band_below_m)
+    out = np.zeros(SECTORS)
+    for i in FRONT:
+        here = inside & (sector == i % SECTORS)
+        out[i] = unmeasured[here].mean()
+    return out
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_nothing_is_told_farther_than_what_may_stand_there_unmeasured(seed: int) -> None:
+    """Of every sector half of which is hidden by regions without a measurement, which may be things 2.5 m to 8 m away."""
+    rng = np.random.default_rng(seed)
+    b = SceneBuilder("random")
+    b.ground()
+    b.box("wall", rng.uniform(5.0, 14.0), rng.uniform(-2.0, 2.0), 0.3, 60.0, 6.0, rng.uniform(-0.6, 0.6))
+    for i in range(rng.integers(0, 4)):
+        b.pole(f"pole {i}", rng.uniform(2.5, 9.0), rng.uniform(-3.0, 3.0), rng.uniform(0.1, 0.6), 5.0)
+    sensor = SensorModel(ke_per_m=rng.choice([0.0015, 0.005]), dropout_share=rng.uniform(0.0, 0.1), sky_is_far=True)
+    tilt_rad = rng.uniform(-0.2, 0.2)
+    seen = render(b.build(), INFO, pitch_rad=tilt_rad, position_ned_m=(0.0, 0.0, -2.0), sensor=sensor, seed=seed % 1000)
+    nearest_m = rng.uniform(AVOID.near_m, 8.0)
+    right, down = tangents()
+    unmeasured = np.zeros(right.shape, bool)
+    for _ in range(rng.integers(1, 4)):
+        half_m, tall_m = rng.uniform(0.15, 0.8), rng.uniform(0.8, 3.0)
+        at, up = rng.uniform(-0.6, 0.6), rng.uniform(-0.2, 0.2)
+        unmeasured |= (np.abs(right - at) * nearest_m < half_m) & (np.abs(down - up) * nearest_m < tall_m)
+    found = scan([view_of(seen, unmeasured)], AVOID)
+    # in a tilted image the band lies elsewhere: only what is hidden over all heights counts then
+    whole_columns = unmeasured.all(axis=0, keepdims=True).repeat(len(unmeasured), axis=0)
+    share = hidden_share(unmeasured if abs(tilt_rad) < 0.01 else whole_columns, nearest_m)
+    slack_m = 0.75 + 4.0 * 0.005 * nearest_m**2
+    for i in np.flatnonzero(share >= 0.5).tolist():
+        assert found.state[i] != SectorState.CLEAR
+        if found.state[i] == SectorState.OBSTACLE:
+            assert found.distance_m[i] <= nearest_m - AVOID.radius_m + slack_m, (i, nearest_m, share[i])
+
+
+# ---- low flight -------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0.3, 1.0), st.floats(0.3, 1.2), st.sampled_from([0.0015, 0.005]), st.floats(-0.1, 0.1))
+def test_a_surface_within_the_band_is_never_called_clear(
+    height_m: float, band_below_m: float, ke_per_m: float, tilt_rad: float
+) -> None:
+    avoid = replace(AVOID, band_below_m=band_below_m)
+    b = SceneBuilder("flat")
+    b.ground()
+    b.box("wall", 30.0, 0.0, 0.3, 90.0, 6.0)
+    info = replace(INFO, ke_per_m=ke_per_m)
+    seen = render(
+        b.build(), info, pitch_rad=tilt_rad, position_ned_m=(0.0, 0.0, -height_m),
+        sensor=SensorModel(ke_per_m=ke_per_m, sky_is_far=True),
+    )  # fmt: skip
+    found, _ = EXTRACTOR.extract(seen.depth_mm, info, seen.R_level_optical)
+    sectors = scan([View(found, HERE, info.intrinsics, np.asarray(seen.R_level_optical).T)], avoid)
+    if height_m < band_below_m - 0.03:
+        assert (sectors.state != SectorState.CLEAR).all()
+    z = np.linspace(-0.5, 1.2, 35)
+    x, y = np.full(1, 4.0), np.zeros(1)
+    free = points_free(View(found, HERE), x, y, z)[:, 0]
+    assert not free[z > height_m].any()
+
+
+def test_above_the_band_flat_ground_leaves_every_sector_clear() -> None:
+    b = SceneBuilder("flat")
+    b.ground()
+    b.box("wall", 30.0, 0.0, 0.3, 90.0, 6.0)
+    for height_m in (0.9, 1.0, 1.3, 2.0, 4.0):
+        seen = render(b.build(), INFO, position_ned_m=(0.0, 0.0, -height_m), sensor=SENSOR)
+        found, _ = EXTRACTOR.extract(seen.depth_mm, INFO, seen.R_level_optical)
+        sectors = scan([View(found, HERE, INFO.intrinsics, np.asarray(seen.R_level_optical).T)], AVOID)
+        assert (sectors.state[FRONT] == SectorState.CLEAR).all(), height_m
+
+
+def test_a_raised_surface_taken_for_the_ground_is_never_called_clear() -> None:
+    """A flat roof 0.5 to 0.7 m under the vehicle that fills the view."""
+    for height_m in (0.5, 0.55, 0.6, 0.65, 0.7):
+        b = SceneBuilder("roof")
+        b.ground()
+        b.box("roof", 8.0, 0.0, 20.0, 30.0, 4.0)
+        seen = render(b.build(), INFO, position_ned_m=(0.0, 0.0, -4.0 - height_m), sensor=SENSOR)
+        found: FrameModel = EXTRACTOR.extract(seen.depth_mm, INFO, seen.R_level_optical)[0]
+        sectors = scan([View(found, HERE, INFO.intrinsics, np.asarray(seen.R_level_optical).T)], AVOID)
+        assert (sectors.state != SectorState.CLEAR).all(), height_m
+        assert (encoded(sectors, AVOID) != clear_cm(AVOID)).all()
