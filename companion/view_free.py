@@ -123,7 +123,8 @@ def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float
 def ended_by_obstacle(
     view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], share: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(N,) whether the profile's free range ends before each place because an obstacle was measured there. x, y, z: (N,).
+    """(N,) whether the profile's free range ends before each place because an obstacle was measured there, or the place
+    belongs to the measured ground. x, y, z: (N,).
 
     Where a free range begins and ends so, its pixels were measured: what may stand there is known, and told as a plane.
     Where none begins although an obstacle was measured, pixels are missing; unless no ring before that obstacle has its
@@ -146,4 +147,4 @@ def ended_by_obstacle(
     bottom = np.minimum(edges[row + 1], ground_z_m(view, at_x, at_y) - GROUND_TOLERANCE_M)
     whole = in_image(view, at_x, at_y, edges[row]) & in_image(view, at_x, at_y, bottom)
     out[inside] = by_obstacle & (behind | ((ends <= begins) & ~whole))
-    return out
+    return np.asarray(out | (z > ground_z_m(view, x, y) - GROUND_TOLERANCE_M))

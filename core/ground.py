@@ -22,7 +22,12 @@ from .types import FAR_MM, CameraInfo, Ground
 from .view_geometry import ViewGeometry
 
 NO_GROUND = Ground(seen=False)
+_STEPS_FROM_M = 0.12
+"""Steps of height are counted from here, whatever the least height considered is: it does not shift them."""
 _FAR = np.uint16(FAR_MM)
+_CLIMB_MOST = 2.0 / 3.0
+"""Of the camera's height: a pair of pixels reaches no farther up. A few centimetres above the ground the least climb of a
+pair would reach over the horizon, and no pair of the ground would vote."""
 # indices of `ground_settings`
 (
     V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
@@ -57,6 +62,12 @@ def height_bins(p: Params) -> int:
 
 
 @inner
+def step_of(height_m, bin_step):
+    """The step of height that holds a height > 0, over log height; below 0 under _STEPS_FROM_M."""
+    return int(math.floor(math.log(height_m / _STEPS_FROM_M) / bin_step))
+
+
+@inner
 def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
 
@@ -67,7 +78,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     little of what a wall would show over the same rows."""
     rows, cols = marks.shape
     least, bin_step = tuning[V_LEAST], tuning[V_STEP]
-    bins = len(votes)
+    bins, lowest = len(votes), step_of(least, bin_step)
     votes[:] = 0
     n = 0
     sampled = 0
@@ -92,7 +103,8 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             if z < least or x <= 0.0:
                 continue
             # what a wall would climb over the rows that are looked at
-            climb = min(max(tuning[V_CLIMB] * z, tuning[V_CLIMB_MIN]), tuning[V_CLIMB_MAX])
+            climb_min = min(tuning[V_CLIMB_MIN], _CLIMB_MOST * z)
+            climb = min(max(tuning[V_CLIMB] * z, climb_min), tuning[V_CLIMB_MAX])
             v2 = v - int(max(tuning[V_ROWS_MIN], min(tuning[V_ROWS_MAX], climb * k[1] * d)))
             if v2 < 0:
                 continue
@@ -109,7 +121,7 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             allowed = min(tuning[V_FLAT] * climb + noise, tuning[V_FLAT_CAP] * climb)
             if abs(z2 - z) < allowed and z2 > tuning[V_LEVEL] * z:
                 points[n - 1, 4] = 1.0
-                bin_ = int(math.log(0.5 * (z + z2) / least) / bin_step)
+                bin_ = step_of(0.5 * (z + z2), bin_step) - lowest
                 if 0 <= bin_ < bins:
                     votes[bin_] += 1
     return n, sampled
@@ -282,15 +294,16 @@ def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, v
     score = np.zeros(bins, np.float64)
     for b in range(bins):
         score[b] = votes[max(b - 1, 0) : b + 2].sum()
+    lowest = step_of(tuning[V_LEAST], tuning[V_STEP])
     if seed_height > tuning[V_LEAST]:
-        at, reach = int(math.log(seed_height / tuning[V_LEAST]) / tuning[V_STEP]), int(tuning[V_SEED_STEPS])
+        at, reach = step_of(seed_height, tuning[V_STEP]) - lowest, int(tuning[V_SEED_STEPS])
         score[max(0, at - reach) : at + reach + 1] *= tuning[V_SEED_WEIGHT]
     tries = int(tuning[V_TRIES]) if sampled >= tuning[V_MIN_SAMPLES] else 0
     for _ in range(tries):
         best = np.argmax(score)
         if score[best] < tuning[V_MIN_SHARE] * sampled:
             break
-        height = tuning[V_LEAST] * math.exp((best + 0.5) * tuning[V_STEP])
+        height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning[V_STEP])
         score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
         if height <= tuning[V_MAX_HEIGHT]:
             found = fit_ground(points[:n], height, tuning)

@@ -115,7 +115,7 @@ class Params:
     ground_min_share: float = critical(0.01, 0.001, 0.5, "", "least share of the sampled pixels that must vote for it")
     ground_max_slope: float = critical(0.06, 0.0, 0.3, "m/m", "steepest surface still called ground")
     ground_max_height_m: float = number(60.0, 1.0, 200.0, "m", "greatest height of the camera above ground considered")
-    ground_min_height_m: float = number(0.12, 0.02, 1.0, "m", "and the least")
+    ground_min_height_m: float = number(0.04, 0.02, 1.0, "m", "and the least")
     ground_height_step: float = number(
         0.04, 0.005, 0.3, "", "heights are voted for in steps of this share: noise of height grows with height"
     )

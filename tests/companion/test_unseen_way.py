@@ -361,3 +361,25 @@ def test_a_raised_surface_taken_for_the_ground_is_never_called_clear() -> None:
         sectors = scan([View(found, HERE, INFO.intrinsics, np.asarray(seen.R_level_optical).T)], AVOID)
         assert (sectors.state != SectorState.CLEAR).all(), height_m
         assert (encoded(sectors, AVOID) != clear_cm(AVOID)).all()
+
+
+@pytest.mark.parametrize("height_m", [0.05, 0.06, 0.08, 0.1, 0.12])
+def test_the_floor_before_take_off_is_no_wall(height_m: float) -> None:
+    """ArduCopter arms when nothing is nearer than 0.6 m. A wall ahead keeps its place, and open floor is not clear."""
+    ke_per_m = 0.005
+    info = camera_info(640, 480, ke_per_m=ke_per_m)
+    for wall_m in (4.0, 30.0):
+        seen = render(
+            wall_scene(wall_m), info, position_ned_m=(0.0, 0.0, -height_m),
+            sensor=SensorModel(ke_per_m=ke_per_m, sky_is_far=True),
+        )  # fmt: skip
+        found, _ = EXTRACTOR.extract(seen.depth_mm, info, seen.R_level_optical)
+        assert found.ground.seen
+        sectors = scan([View(found, HERE, info.intrinsics, np.asarray(seen.R_level_optical).T)], AVOID)
+        if wall_m < AVOID.max_distance_m:
+            assert (sectors.state[FRONT] == SectorState.OBSTACLE).all()
+            assert sectors.distance_m[0] == pytest.approx(wall_m - AVOID.radius_m, abs=0.4)
+        else:
+            assert (sectors.state[FRONT] == SectorState.UNSEEN).all()
+            assert (values_of(sectors, PX4)[FRONT] == UNKNOWN).all()
+        assert (values_of(sectors, ARDUPILOT)[FRONT] > 200).all()

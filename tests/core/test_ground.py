@@ -66,6 +66,23 @@ def test_flat_ground_is_recovered(pitch: float, roll: float, height: float) -> N
     assert g.blind_beyond_m == pytest.approx(P.min_obstacle_height_m / (P.ground_sigmas * 0.0015 * g.height_m))
 
 
+@pytest.mark.parametrize("ke", [0.0015, 0.005])
+@pytest.mark.parametrize("pitch", [-0.15, 0.0, 0.15])
+@pytest.mark.parametrize("height", [0.05, 0.06, 0.08, 0.1, 0.12])
+def test_a_floor_a_few_centimetres_under_the_camera_is_the_ground(height: float, pitch: float, ke: float) -> None:
+    """A small vehicle before take-off: its floor must not come out as a wall."""
+    g = find(noisy(ground_image(VIEW, height, pitch), ke, 1), VIEW, level(pitch), ke)
+    assert g.seen
+    assert g.height_m == pytest.approx(height, abs=0.01)
+
+
+@pytest.mark.parametrize("ke", [0.0015, 0.005])
+@pytest.mark.parametrize("distance_m", [0.4, 0.7, 1.5, 6.0])
+def test_the_rows_of_a_wall_just_below_the_horizon_are_no_floor(distance_m: float, ke: float) -> None:
+    for seed in range(5):
+        assert find(noisy(flat_wall(VIEW, distance_m), ke, seed), VIEW, level(), ke) is NO_GROUND
+
+
 @pytest.mark.parametrize(("slope_x", "slope_y"), [(0.03, 0.0), (-0.03, 0.02), (0.0, -0.04)])
 def test_sloping_ground_is_recovered_with_its_signs(slope_x: float, slope_y: float) -> None:
     g = find(ground_image(VIEW, 2.0, -0.3, 0.1, slope_x, slope_y), VIEW, level(-0.3, 0.1))
@@ -241,7 +258,8 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
         assert got[:3] == pytest.approx([x, y, z], rel=1e-5, abs=1e-5)
         want = (0.0, 0.0)
         if z >= P.ground_min_height_m and x > 0.0:
-            climb = min(max(P.ground_pair_climb * z, P.ground_pair_climb_min_m), P.ground_pair_climb_max_m)
+            climb_min = min(P.ground_pair_climb_min_m, 2.0 * z / 3.0)
+            climb = min(max(P.ground_pair_climb * z, climb_min), P.ground_pair_climb_max_m)
             above = v - int(max(4, min(8, climb * k.fy * 1000.0 / float(image[v, u]))))
             if above >= 0 and image[above, u] not in (0, FAR_MM) and place(u, above)[0] > 0.0:
                 x2, _, z2 = place(u, above)
