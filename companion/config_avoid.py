@@ -21,7 +21,7 @@ class AvoidParams:
         12.0, 2.0, 100.0, "m", "farthest obstacle told, and how far clear must have been seen"
     )
     near_m: float = critical(
-        2.5, 0.5, 10.0, "m", "from here on a clear sector must have been seen; nearer is remembered"
+        2.5, 0.5, 10.0, "m", "a sector must have been seen free from here on; nearer obstacles are always told"
     )
     clear_share: float = critical(0.8, 0.5, 1.0, "", "share of a sector's rays and heights seen free to call it clear")
     seen_share: float = critical(
