@@ -54,7 +54,8 @@ def tree() -> Scene:
 @dataclass
 class Flight:
     """A vehicle that wants north at 3 m/s, 1.5 m up. dies_at_m: the camera's last frame is taken there;
-    lean_rad: roll, pitch, in flight; avoid: how the companion is set."""
+    lean_rad: roll, pitch, in flight; avoid: how the companion is set; textureless: the name of the
+    things in the scene that give no depth."""
 
     scene: Scene
     reader: Px4Reader | ArduPilotReader
@@ -66,6 +67,7 @@ class Flight:
     lean_rad: tuple[float, float] = (0.0, 0.0)
     avoid: AvoidParams = AVOID
     params: Params = PARAMS
+    textureless: str = ""
     track: list[tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -104,8 +106,11 @@ class Flight:
             self.scene, CAMERA, roll_rad=roll_rad, pitch_rad=pitch_rad, position_ned_m=position, sensor=SENSOR, seed=7,
             frame=n,
         )  # fmt: skip
+        depth_mm = seen.depth_mm.copy()
+        if self.textureless in self.scene.names:
+            depth_mm[seen.truth.label(self.scene) == self.scene.names.index(self.textureless)] = 0
         frame = DepthFrame(
-            camera="front", sequence=n, t_exposure_ns=self.now_ns, t_arrival_ns=self.now_ns, depth_mm=seen.depth_mm
+            camera="front", sequence=n, t_exposure_ns=self.now_ns, t_arrival_ns=self.now_ns, depth_mm=depth_mm
         )
         for output in self.pipeline.handle(frame):
             if isinstance(output, PrismsResult):
@@ -158,6 +163,18 @@ def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(reader: type) -> None:
     flight = Flight(facade(gap_m=2 * MARGIN_M + 1.0), reader())
     flight.fly(20.0)
     assert flight.x_m > 23.0
+
+
+@ALL
+def test_it_does_not_fly_into_a_column_without_texture_before_a_wall(reader: type) -> None:
+    """The planes close the gap that the column leaves in the wall 5 m behind it."""
+    b = SceneBuilder("column")
+    b.ground()
+    b.box("column", 8.3, 0.0, 0.6, 0.6, 6.0)
+    b.box("wall", 13.15, 0.0, 0.3, 40.0, 6.0)
+    flight = Flight(b.build(), reader(), textureless="column")
+    flight.fly(8.0)
+    assert max(x for x, _ in flight.track) < 8.0 - AVOID.radius_m
 
 
 def test_ardupilots_low_pass_as_delivered_brakes_in_time() -> None:
