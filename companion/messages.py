@@ -31,6 +31,9 @@ from .reframe import LevelTransform
 from .sync import AttitudeAt, DropCause, PoseAt, Source
 
 SCHEMA_VERSION: Final = 1
+UNTOLD_TOLERANCE_M: Final = 0.6
+"""Not tuning: the default `min_obstacle_height_m`, which is the most that the ground's noise reaches up to where the free
+space above it is judged at all (`Ground.blind_beyond_m`)."""
 
 CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
     InvalidCause.NO_MEASUREMENT: pb.CAUSE_NO_MEASUREMENT,
@@ -123,10 +126,15 @@ def _set_ground(message: pb.Ground, ground: Ground) -> None:
     message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
     message.slope_x, message.slope_y = ground.slope_x, ground.slope_y
     message.blind_beyond_m = ground.blind_beyond_m
+    message.tolerance_m, message.noise_per_m = ground.tolerance_m, ground.noise_per_m
+    message.seen_from_m.extend(ground.seen_from_m)
+    message.seen_to_m.extend(ground.seen_to_m)
 
 
 def ground_from_message(message: pb.Ground) -> Ground:
-    """The ground of a message."""
+    """The ground of a message. One of an older version has no tolerance: it gets UNTOLD_TOLERANCE_M."""
+    old = message.seen and not message.HasField("tolerance_m")
+    tolerance_m = UNTOLD_TOLERANCE_M if old else message.tolerance_m
     return Ground(
         seen=message.seen,
         height_m=message.height_m,
@@ -134,6 +142,10 @@ def ground_from_message(message: pb.Ground) -> Ground:
         slope_y=message.slope_y,
         share=message.share,
         blind_beyond_m=message.blind_beyond_m,
+        tolerance_m=tolerance_m,
+        noise_per_m=message.noise_per_m,
+        seen_from_m=tuple(message.seen_from_m),
+        seen_to_m=tuple(message.seen_to_m),
     )
 
 

@@ -12,7 +12,7 @@ from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measure
 from .columns import extract_strips
 from .frames import Rotation
 from .free_space import SeenFree, free_profile, seen_free
-from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate
+from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate, with_ranges
 from .level import level_paper, level_safe, pool_columns
 from .model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
 from .noisy import noisy_share
@@ -259,6 +259,9 @@ class Extractor:
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
         rows, margin, flags, support_px, cluster = told
         prisms = layered_prisms(rows, margin, cluster, self.params.layer_join_m, self.params.profile_join_m)
+        ground = with_ranges(
+            ground, self._buffer("points", (self.params.ground_max_samples, 7), np.float32), seen.edges_t
+        )
         return FrameModel.written(
             valid=True, cause=InvalidCause.NONE, planes=rows, support_px=support_px, margin_m=margin, flags=flags,
             cluster=cluster, prisms=prisms, free=free_profile(seen, len(rows), planes, plane_ints, margin), ground=ground,

@@ -8,6 +8,7 @@ below, a bounded plane fit. None found is said, never assumed.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -290,6 +291,7 @@ def fit_ground(points, height, tuning):
 def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, votes, points):
     """`fit_ground` at the first height that holds, from the most voted on; arguments as for `vote`."""
     n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)
+    points[n:, 4] = 0.0  # rows of an earlier frame
     bins = len(votes)
     score = np.zeros(bins, np.float64)
     for b in range(bins):
@@ -319,7 +321,7 @@ def find_ground(
     """The ground of one frame, or NO_GROUND.
 
     seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
-    points: (ground_max_samples, 7) float32 scratch. The heights are tried from the most voted on; one is taken when
+    points: (ground_max_samples, 7) float32 scratch, left for `with_ranges`. The heights are tried from the most voted on; one is taken when
     enough pixels lie on it and few below."""
     k, p = info.intrinsics, params
     across, down = p.ground_column_step, p.ground_row_step
@@ -331,7 +333,48 @@ def find_ground(
     )  # fmt: skip
     if not seen:
         return NO_GROUND
-    blind = p.min_obstacle_height_m / (p.ground_sigmas * ke * height)
+    noise_per_m = p.ground_sigmas * ke * height
     return Ground(
-        seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y, share=share, blind_beyond_m=blind
+        seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y, share=share,
+        blind_beyond_m=p.min_obstacle_height_m / noise_per_m, tolerance_m=p.ground_tolerance_m, noise_per_m=noise_per_m,
     )  # fmt: skip
+
+
+@kernel
+def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edges_t, seen_from, seen_to):
+    """Nearest and farthest horizontal range at which the ground was measured, for each direction.
+
+    points: (N, 7) of `vote`: the level ones that lie within tolerance + noise x of the plane, no farther than blind.
+    edges_t: (D + 1,) float64 tangents of the directions' edges. seen_from, seen_to: (D,) float32 out, 0: none. A
+    direction without a sample between two that have some gets what both have."""
+    directions = len(edges_t) - 1
+    seen_from[:] = 0.0
+    seen_to[:] = 0.0
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        if points[i, 4] == 0.0 or x > blind or abs(z - height - slope_x * x - slope_y * y) > max(tolerance, noise * x):
+            continue
+        d = int(np.searchsorted(edges_t, y / x, side="right")) - 1
+        if d < 0 or d >= directions:
+            continue
+        r = np.float32(math.hypot(x, y))
+        seen_from[d] = r if seen_to[d] == 0.0 else min(seen_from[d], r)
+        seen_to[d] = max(seen_to[d], r)
+    for d in range(1, directions - 1):
+        if seen_to[d] == 0.0 and seen_to[d - 1] > 0.0 and seen_to[d + 1] > 0.0:
+            near, far = max(seen_from[d - 1], seen_from[d + 1]), min(seen_to[d - 1], seen_to[d + 1])
+            if far > near:
+                seen_from[d], seen_to[d] = near, far
+
+
+def with_ranges(ground: Ground, points: NDArray[np.float32], edges_t: NDArray[np.float64]) -> Ground:
+    """The ground with the ranges at which it was measured. points: as `find_ground` left them; edges_t: (D + 1,) tangents
+    of the directions of the frame's free-range profile."""
+    if not ground.seen:
+        return ground
+    seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)
+    ground_ranges(
+        points, ground.height_m, ground.slope_x, ground.slope_y, ground.tolerance_m, ground.noise_per_m,
+        ground.blind_beyond_m, edges_t, seen_from, seen_to,
+    )  # fmt: skip
+    return replace(ground, seen_from_m=tuple(seen_from.tolist()), seen_to_m=tuple(seen_to.tolist()))

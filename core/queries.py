@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .rectangles import Rectangles, rectangles
+from .solid_ground import solid_ground
 from .types import FrameModel, FreeProfile
 from .ways import checked_radius, positions, ways_free
 
@@ -50,6 +51,7 @@ class Space:
         planes = np.concatenate([np.zeros((0, 6)), *(p.model.planes.astype(np.float64) for p in valid)])
         margins = np.concatenate([np.zeros(0), *(p.model.margin_m.astype(np.float64) for p in valid)])
         self._rectangles: Rectangles = rectangles(planes, margins)
+        self._grounds = [solid_ground(p.model.ground, p.model.free, p.place_m) for p in valid]
 
     @property
     def knows(self) -> bool:
@@ -59,12 +61,13 @@ class Space:
     def points(self, points_m: ArrayLike, radius_m: float = 0.0) -> Answers:
         """(M,) Answer for balls of a radius around points (M, 3) of the common frame.
 
-        Occupied: a plane is nearer than the radius and its margin. Free: the whole ball lies within what one camera saw
-        to be free. Raises ValueError for a radius that is negative or not finite."""
+        Occupied: a plane is nearer than the radius and its margin, or the ball touches the ground, or is below it, where a
+        camera measured the ground. Free: the whole ball lies within what one camera saw to be free, above that camera's
+        ground. Raises ValueError for a radius that is negative or not finite."""
         radius_m, p = checked_radius(radius_m), positions(points_m)
         out = np.full(len(p), Answer.UNKNOWN, np.uint8)
         out[self._free(p, np.full(len(p), radius_m))] = Answer.FREE
-        out[self._rectangles.touch(p, p, radius_m)] = Answer.OCCUPIED
+        out[self._touch(p, p, radius_m)] = Answer.OCCUPIED
         return out
 
     def segments(self, from_m: ArrayLike, to_m: ArrayLike, radius_m: float = 0.0) -> Answers:
@@ -76,7 +79,7 @@ class Space:
         if a.shape != b.shape:
             raise ValueError(f"segments: {len(a)} beginnings and {len(b)} ends; expected as many of each")
         out = np.full(len(a), Answer.UNKNOWN, np.uint8)
-        touched = self._rectangles.touch(a, b, radius_m)
+        touched = self._touch(a, b, radius_m)
         out[touched] = Answer.OCCUPIED
         rest = np.flatnonzero(~touched)
         if len(rest) and self._parts:
@@ -84,9 +87,24 @@ class Space:
         return out
 
     def nearest(self, points_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int32]]:
-        """(distance_m, direction, plane) of the nearest plane to each point (M, 3): its margin taken off the distance,
-        the unit vector (M, 3) towards it, its number in the order of the parts; inf, 0 and -1 where there is none."""
-        return self._rectangles.nearest(positions(points_m))
+        """(distance_m, direction, plane) of the nearest plane or measured ground to each point (M, 3): its margin taken off
+        the distance, the unit vector (M, 3) towards it, the plane's number in the order of the parts. -1: no plane but the
+        ground, or nothing at all, with a distance of inf and a direction of 0."""
+        p = positions(points_m)
+        distance_m, towards, plane = self._rectangles.nearest(p)
+        for ground in self._grounds:
+            below_m, down = ground.nearest(p)
+            nearer = below_m < distance_m
+            distance_m[nearer], towards[nearer], plane[nearer] = below_m[nearer], down[nearer], -1
+        return distance_m, towards, plane
+
+    def _touch(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
+        """(M,) whether each way comes as near to a plane as a radius and its margin, or touches a measured ground."""
+        out = self._rectangles.touch(a, b, radius_m)
+        for ground in self._grounds:
+            rest = np.flatnonzero(~out)
+            out[rest] = ground.touch(a[rest], b[rest], radius_m)
+        return out
 
     def _ways_free(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
         """Whether each way is covered by free balls: their middles a step apart, their radius grown by half of one."""
@@ -102,10 +120,12 @@ class Space:
 
     def _free(self, p: Floats, radius_m: Floats) -> NDArray[np.bool_]:
         out = np.zeros(len(p), bool)
-        for part in self._parts:
+        for part, ground in zip(self._parts, self._grounds, strict=True):
             for begin in range(0, len(p), _CHUNK):
                 rows = slice(begin, begin + _CHUNK)
-                out[rows] |= balls_free(part.model.free, part.place_m, p[rows], radius_m[rows])
+                out[rows] |= ground.clear(p[rows], radius_m[rows]) & balls_free(
+                    part.model.free, part.place_m, p[rows], radius_m[rows]
+                )
         return out
 
 

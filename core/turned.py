@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from .kernels import inner
 from .prism_table import NO_PRISMS, prism_table
-from .types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
+from .types import FrameModel, FreeEnd, FreeProfile, InvalidCause
 
 _INFINITY = np.float32(np.inf)
 _SIDE_RAD = 0.1
@@ -40,9 +41,8 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
         free=FreeProfile.written(
             azimuth_edges_rad=edges, layer_edges_m=layers, free_from_m=free.free_from_m, free_to_m=free.free_to_m, end=free.end
         ),
-        ground=Ground(
-            seen=ground.seen, height_m=ground.height_m, slope_x=cos * ground.slope_x - sin * ground.slope_y,
-            slope_y=sin * ground.slope_x + cos * ground.slope_y, share=ground.share, blind_beyond_m=ground.blind_beyond_m,
+        ground=replace(
+            ground, slope_x=cos * ground.slope_x - sin * ground.slope_y, slope_y=sin * ground.slope_x + cos * ground.slope_y
         ),
         stats=model.stats, ke_per_m=model.ke_per_m,
     )  # fmt: skip

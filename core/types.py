@@ -226,7 +226,11 @@ class Ground:
 
     height_m: camera above it, positive (z of the surface in level_cam); slope_x, slope_y: dz/dx, dz/dy of the fit;
     share: of the measured pixels; blind_beyond_m: forward distance beyond which an obstacle of the minimum height
-    cannot be told from it by this noise (inf: never)."""
+    cannot be told from it by this noise (inf: never).
+    noise_per_m: noise of its height per metre of horizontal range, in metres; what lies closer above it is part of it.
+    tolerance_m: nothing closer above it is ever free, at any range.
+    seen_from_m, seen_to_m: for each direction of the frame's FreeProfile the horizontal ranges between which it was
+    measured, up to blind_beyond_m; to <= from: not measured in this direction; empty: in none."""
 
     seen: bool
     height_m: float = math.nan
@@ -234,6 +238,10 @@ class Ground:
     slope_y: float = 0.0
     share: float = 0.0
     blind_beyond_m: float = math.inf
+    tolerance_m: float = 0.0
+    noise_per_m: float = 0.0
+    seen_from_m: tuple[float, ...] = ()
+    seen_to_m: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
