@@ -20,6 +20,7 @@ from types import TracebackType
 import numpy as np
 import zmq
 from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
 
 from core.world_picture import WorldPicture
 from core.world_saved import ON_WIRE
@@ -29,7 +30,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from .arrival import Ear, age_ns
 from .curve import use_client_keys
 from .service_folders import folders
-from .world_messages import SCHEMA_VERSION, blocks_of, picture_of, records_of
+from .world_messages import SCHEMA_VERSION, blocks_of, ground_of, picture_of, records_of
 
 NS = 1_000_000_000
 STALE_S = 1.0
@@ -77,7 +78,7 @@ class WorldMirror:
         self._came_ns = 0
         self._whole = False
         self._planes: dict[int, np.void] = {}
-        self._blocks: dict[tuple[int, int, int], np.ndarray[tuple[int], np.dtype[np.uint64]]] = {}
+        self._blocks: dict[tuple[int, int, int], tuple[NDArray[np.uint64], NDArray[np.float32]]] = {}
         self._space: tuple[bool, WorldSpace] | None = None
 
     def __enter__(self) -> WorldMirror:
@@ -130,12 +131,13 @@ class WorldMirror:
 
     @property
     def space(self) -> WorldSpace:
-        """What may be asked. While it cannot be used nothing is free; planes that are known are occupied all the same."""
+        """What may be asked. While it cannot be used nothing is free; planes and ground that are known are occupied all the
+        same."""
         usable = self.usable
         if self._space is None or self._space[0] != usable:
             p = self._picture()
             if not usable:
-                p = replace(p, blocks=np.zeros((0, 3), np.int32), masks=np.zeros((0, 256), np.uint64))
+                p = replace(p, masks=np.zeros_like(p.masks))
             self._space = usable, WorldSpace(p)
         return self._space[1]
 
@@ -203,7 +205,7 @@ class WorldMirror:
 
     def _apply(self, message: pb.WorldUpdate, came_ns: int) -> None:
         """Into the copy. Raises ValueError for what does not fit together, the copy as it was."""
-        records, (blocks, masks) = records_of(message), blocks_of(message)
+        records, (blocks, masks), ground = records_of(message), blocks_of(message), ground_of(message)
         before = self._newest
         same = before is not None and before.publication.boot_id == message.publication.boot_id
         heard = before.sequence if before is not None and same else 0
@@ -224,13 +226,16 @@ class WorldMirror:
             self._planes |= {int(r["slot"]): r for r in records}
             for slot in message.removed:
                 self._planes.pop(slot, None)
-            self._blocks |= dict(zip(map(tuple, blocks.tolist()), masks, strict=True))
+            told = zip(masks, ground, strict=True)
+            self._blocks |= dict(zip(map(tuple, blocks.tolist()), told, strict=True))
         self.counts.messages += 1
         self._newest, self._came_ns, self._space = message, came_ns, None
 
     def _picture(self) -> WorldPicture:
         records = np.array(list(self._planes.values()), ON_WIRE)
-        on = sorted(block for block, mask in self._blocks.items() if mask.any())
+        on = sorted(block for block, (mask, ground) in self._blocks.items() if mask.any() or not np.isnan(ground).all())
         blocks = np.array(on, np.int32).reshape(-1, 3)
-        masks = np.array([self._blocks[block] for block in on], np.uint64).reshape(-1, 256)
-        return picture_of(self.section, records, blocks, masks, 0 if self._newest is None else self._newest.t_ns)
+        masks = np.array([self._blocks[block][0] for block in on], np.uint64).reshape(-1, 256)
+        ground = np.array([self._blocks[block][1] for block in on], np.float32).reshape(-1, 256, 2)
+        t_ns = 0 if self._newest is None else self._newest.t_ns
+        return picture_of(self.section, records, blocks, masks, ground, t_ns)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .types import FrameModel
-from .world_free import BLOCKS, GONE, NOW, TURN, FreeTables, empty_free, see_free, seen_blocks
+from .world_free import BLOCKS, GONE, NOW, TURN, FreeTables, GroundPlane, empty_free, see_free, seen_blocks
+from .world_ground import ground_plane, see_ground
 from .world_index import (
     ANCHOR_X,
     ANCHOR_Y,
@@ -121,14 +122,23 @@ class World:
         self.counts.bad_planes += len(sight.model.planes) - len(looks)
         profile, (x, y, _) = sight.model.free, sight.place_m
         edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
-        if bool(np.isfinite(edges).all() and np.isfinite(layers).all()) and not np.isnan(profile.free_to_m).any():
-            see_free(free, x, y, edges, layers, profile.free_from_m, profile.free_to_m)
+        plane = ground_plane(sight.model, sight.place_m[2])
+        bad = np.isnan(profile.free_to_m).any() or np.isnan(plane).any()
+        if bool(np.isfinite(edges).all() and np.isfinite(layers).all() and not bad):
+            see_free(free, x, y, edges, layers, profile.free_from_m, profile.free_to_m, plane)
+            self._see_ground(free, sight, edges, plane)
         see(
             tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers,
             profile.free_from_m, profile.free_to_m, profile.end,
         )  # fmt: skip
         section.newest_ns = max(section.newest_ns, sight.t_ns)
         section.place_m = sight.place_m
+
+    def _see_ground(self, free: FreeTables, sight: Sight, edges: NDArray[np.float64], plane: GroundPlane) -> None:
+        ground, (x, y, _) = sight.model.ground, sight.place_m
+        fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(edges) - 1
+        if ground.seen and fits and bool(np.isfinite([*plane, *ground.seen_from_m, *ground.seen_to_m]).all()):
+            see_ground(free, x, y, edges, np.array(ground.seen_from_m), np.array(ground.seen_to_m), plane)
 
     def picture(self, now_ns: int) -> WorldPicture:
         """What is known now, to be asked and drawn. now_ns: free space that is too old by then is left out."""
@@ -160,11 +170,11 @@ class World:
         box, _, floats, ints, seen_ns, _, _, state = self.section.tables
         used = ints[: int(state[USED])]
         slots = np.flatnonzero((used[:, HITS] > 0) & (used[:, CHANGED] > frames)).astype(np.int32)
-        blocks, masks = seen_blocks(self.section.free, self.epoch(now_ns), turns)
+        blocks, masks, ground = seen_blocks(self.section.free, self.epoch(now_ns), turns)
         return WorldPicture(
             section=self.section.number, slots=slots, planes=box[slots], margin_m=floats[slots, MARGIN],
             flags=ints[slots, FLAGS].astype(np.uint8), hits=ints[slots, HITS], seen_ns=seen_ns[slots],
-            blocks=blocks, masks=masks,
+            blocks=blocks, masks=masks, ground=ground,
         )  # fmt: skip
 
     def saved(self) -> tuple[SavedSection, ...]:

@@ -17,7 +17,9 @@ class WorldPicture:
     slots: (N,) int32, the number of each plane for as long as it lives; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top,
     bottom, free space on the right of a -> b seen from above; margin_m: (N,) float32; flags: (N,) uint8 PlaneFlags; hits:
     (N,) int32 looks onto it; seen_ns: (N,) int64 the newest one. blocks: (B, 3) int32 indices of blocks of 8 x 8 x 32 m;
-    masks: (B, 256) uint64, a bit for each of the 64 cells of 0.5 m in a column: known to be free (world_free.py)."""
+    masks: (B, 256) uint64, a bit for each of the 64 cells of 0.5 m in a column: known to be free (world_free.py).
+    ground: (B, 256, 2) float32 z of the ground's highest point in each column and its noise, nan where none is known
+    (world_ground.py); None: known nowhere."""
 
     section: int
     slots: NDArray[np.int32]
@@ -28,6 +30,7 @@ class WorldPicture:
     seen_ns: NDArray[np.int64]
     blocks: NDArray[np.int32]
     masks: NDArray[np.uint64]
+    ground: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         n, b, put = len(self.slots), len(self.blocks), object.__setattr__
@@ -39,6 +42,8 @@ class WorldPicture:
         put(self, "seen_ns", readonly(self.seen_ns, np.int64, (n,), "seen_ns"))
         put(self, "blocks", readonly(self.blocks, np.int32, (b, 3), "blocks"))
         put(self, "masks", readonly(self.masks, np.uint64, (b, 256), "masks"))
+        if self.ground is not None:
+            put(self, "ground", readonly(self.ground, np.float32, (b, 256, 2), "ground"))
 
     @classmethod
     def empty(cls) -> WorldPicture:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .ground_columns import GroundColumns
 from .queries import Answer, Answers, Floats
 from .rectangles import Rectangles, rectangles
 from .ways import checked_radius, positions, ways_free
@@ -40,17 +41,21 @@ class WorldSpace:
         )
         self.prisms = world_prisms(picture.planes, picture.margin_m, picture.hits)
         self._solids = [prism for prism in self.prisms if prism.closed]
+        self._ground = GroundColumns(picture)
         self._windows: dict[tuple[int, ...], NDArray[np.uint64]] = {}
 
     def points(self, points_m: ArrayLike, radius_m: float = 0.0) -> Answers:
         """(M,) Answer for balls of a radius around points (M, 3) in ned.
 
-        Occupied: a plane is nearer than the radius and its margin, or it lies in a closed prism. Free: every cell that the ball may reach into was
-        seen free. Raises ValueError for a radius that is negative or not finite."""
+        Occupied: a plane is nearer than the radius and its margin, or it lies in a closed prism, or it touches the ground, or
+        lies below it where nothing was seen free since. Free: every cell that the ball may reach into was seen free. Raises ValueError for a radius that
+        is negative or not finite."""
         radius_m, p = checked_radius(radius_m), positions(points_m)
         out = np.full(len(p), Answer.UNKNOWN, np.uint8)
-        out[self._free(p, radius_m)] = Answer.FREE
-        out[self._touch(p, p, radius_m)] = Answer.OCCUPIED
+        free = self._free(p, radius_m)
+        below, touching = self._ground.balls(p, radius_m)
+        out[free] = Answer.FREE
+        out[touching | (below & ~free) | self._touch(p, p, radius_m)] = Answer.OCCUPIED
         return out
 
     def segments(self, from_m: ArrayLike, to_m: ArrayLike, radius_m: float = 0.0) -> Answers:
@@ -62,17 +67,24 @@ class WorldSpace:
         if a.shape != b.shape:
             raise ValueError(f"segments: {len(a)} beginnings and {len(b)} ends; expected as many of each")
         out = np.full(len(a), Answer.UNKNOWN, np.uint8)
-        touched = self._touch(a, b, radius_m)
-        out[touched] = Answer.OCCUPIED
+        below, touching = self._ground.ways(a, b, radius_m)
+        touched = touching | self._touch(a, b, radius_m)
+        out[touched | below] = Answer.OCCUPIED
         rest = np.flatnonzero(~touched)
         if len(rest) and len(self.picture.blocks):
             out[rest[self._ways_free(a[rest], b[rest], radius_m)]] = Answer.FREE
         return out
 
     def nearest(self, points_m: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int32]]:
-        """(distance_m, direction, plane) of the nearest plane to each point (M, 3): its margin taken off the distance,
-        the unit vector (M, 3) towards it, its row in the picture; inf, 0 and -1 where there is none."""
-        return self._rectangles.nearest(positions(points_m))
+        """(distance_m, direction, plane) of the nearest plane or ground to each point (M, 3): its margin taken off the
+        distance, the unit vector (M, 3) towards it, the plane's row in the picture. -1: no plane but the ground, or nothing
+        at all, with a distance of inf and a direction of 0."""
+        p = positions(points_m)
+        distance_m, towards, plane = self._rectangles.nearest(p)
+        below_m, down = self._ground.nearest(p)
+        nearer = below_m < distance_m
+        distance_m[nearer], towards[nearer], plane[nearer] = below_m[nearer], down[nearer], -1
+        return distance_m, towards, plane
 
     # ---- planes ---------------------------------------------------------------------------------------------------------
 

@@ -47,7 +47,8 @@ def world_bytes(world: World) -> bytes:
     """All that is known at its newest frame: planes with moments, and free space."""
     newest_ns = 0 if world.section is None else world.section.newest_ns
     picture = world.picture(newest_ns)
-    return bytes_of(world.saved()) + picture.blocks.tobytes() + picture.masks.tobytes()
+    ground = b"" if picture.ground is None else picture.ground.tobytes()
+    return bytes_of(world.saved()) + picture.blocks.tobytes() + picture.masks.tobytes() + ground
 
 
 def worlds() -> Result:

@@ -28,6 +28,7 @@ from core.world_free import (
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
+NO_GROUND = (math.inf, 0.0, 0.0, 0.0, 0.0)
 
 
 def profile(rng: np.random.Generator) -> FreeProfile:
@@ -43,13 +44,14 @@ def profile(rng: np.random.Generator) -> FreeProfile:
 
 
 def look(free, p: FreeProfile, x: float, y: float) -> None:
-    see_free(free, x, y, p.azimuth_edges_rad.astype(float), p.layer_edges_m.astype(float), p.free_from_m, p.free_to_m)
+    edges, layers = p.azimuth_edges_rad.astype(float), p.layer_edges_m.astype(float)
+    see_free(free, x, y, edges, layers, p.free_from_m, p.free_to_m, NO_GROUND)
 
 
 def cells(free, now: int = 0) -> set[tuple[int, int, int]]:
     """Indices of the cells that are free, one bit at a time."""
     out = set()
-    for (bx, by, bz), masks in zip(*seen_blocks(free, now), strict=True):
+    for (bx, by, bz), masks, _ in zip(*seen_blocks(free, now), strict=True):
         for c in np.flatnonzero(masks):
             for b in range(64):
                 if int(masks[c]) >> b & 1:
