@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import Rotation
-from core.types import FreeProfile, Intrinsics
+from core.types import FreeProfile, Ground, Intrinsics
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +70,29 @@ def free_normals(planes: NDArray[np.float32]) -> Floats:
     d = (planes[:, 2:4] - planes[:, 0:2]).astype(np.float64)
     normal = np.stack([-d[:, 1], d[:, 0]], axis=1)
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
+
+
+def level_range_m(ground: Ground, azimuth_rad: Floats) -> Floats:
+    """(M,) horizontal range up to which the camera's own height is clear of its ground in directions (M,); inf: everywhere.
+
+    The ground rises towards it by its slope; its tolerance and its noise belong to it."""
+    if not ground.seen:
+        return np.full(len(azimuth_rad), np.inf)
+    if not ground.height_m >= ground.tolerance_m:
+        return np.zeros(len(azimuth_rad))
+    rise = -ground.slope_x * np.cos(azimuth_rad) - ground.slope_y * np.sin(azimuth_rad)
+    with np.errstate(divide="ignore"):
+        tolerance = np.where(rise > 0.0, (ground.height_m - ground.tolerance_m) / rise, np.inf)
+        noise = np.where(rise + ground.noise_per_m > 0.0, ground.height_m / (rise + ground.noise_per_m), np.inf)
+    return np.asarray(np.minimum(tolerance, noise))
+
+
+def lowest_free_m(ground: Ground, x_m: Floats) -> Floats:
+    """(M,) z down to which places straight ahead of the camera, x_m (M,) away, may be free above its ground; inf: none."""
+    if not ground.seen:
+        return np.full(len(x_m), np.inf)
+    margin_m = np.maximum(ground.tolerance_m, ground.noise_per_m * x_m)
+    return np.asarray(ground.height_m + ground.slope_x * x_m - margin_m)
 
 
 def layer_at(free: FreeProfile, z_m: float) -> int | None:

@@ -167,6 +167,7 @@ def _nothing() -> dict[str, Any]:
     """The model's part of a frame that says nothing."""
     return {
         "planes": [], "margin": [], "flags": [], "cluster": [], "support": [], "prisms": [], "free": None, "ground": None,
+        "groundMargin": None,
     }  # fmt: skip
 
 
@@ -181,6 +182,7 @@ def _model(model: FrameModel) -> dict[str, Any]:
         "prisms": [_prism(prism) for prism in model.prisms],
         "free": _free(model.free),
         "ground": [round(g.height_m, 3), round(g.slope_x, 5), round(g.slope_y, 5)] if g.seen else None,
+        "groundMargin": [round(g.tolerance_m, 3), round(g.noise_per_m, 5)] if g.seen else None,
     }
 
 

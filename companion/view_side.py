@@ -10,7 +10,7 @@ import numpy as np
 from core.types import FrameModel
 
 from .view_frame import Standing, ViewFrame
-from .view_geometry import elevation_ahead_rad
+from .view_geometry import elevation_ahead_rad, lowest_free_m
 from .view_panel import (
     FREE_COLOR,
     GROUND_COLOR,
@@ -64,9 +64,7 @@ def _heights(model: FrameModel) -> tuple[float, float]:
 
 
 def _free_ahead(ax: Any, model: FrameModel) -> None:
-    """Fills what was seen free straight ahead, layer by layer."""
-    from matplotlib.patches import Rectangle
-
+    """Fills what was seen free straight ahead, layer by layer, above the ground."""
     edges = model.free.azimuth_edges_rad
     ahead = int(np.searchsorted(edges, 0.0, side="right")) - 1
     if not 0 <= ahead < len(edges) - 1:
@@ -75,12 +73,10 @@ def _free_ahead(ax: Any, model: FrameModel) -> None:
     for k in range(len(layers) - 1):
         near, far = float(model.free.free_from_m[ahead, k]), float(model.free.free_to_m[ahead, k])
         if far > near:
-            size = far - near, float(layers[k + 1] - layers[k])
-            ax.add_patch(
-                Rectangle(
-                    (near, -float(layers[k + 1])), *size, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5
-                )
-            )
+            x, top = np.linspace(near, far, 50), float(layers[k])
+            bottom = np.minimum(float(layers[k + 1]), lowest_free_m(model.ground, x))
+            above = bottom > top  # of the ground
+            ax.fill_between(x, -top, -bottom, where=above, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5)
 
 
 def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:

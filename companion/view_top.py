@@ -10,7 +10,7 @@ import numpy as np
 from core.types import FrameModel
 
 from .view_frame import Standing, ViewFrame
-from .view_geometry import field_of_view_rad, free_normals, layer_at
+from .view_geometry import field_of_view_rad, free_normals, layer_at, level_range_m
 from .view_panel import (
     FREE_COLOR,
     RING_M,
@@ -72,7 +72,8 @@ def _free(ax: Any, model: FrameModel) -> str:
         return ""
     edges = model.free.azimuth_edges_rad.astype(np.float64)
     near = model.free.free_from_m[:, layer].astype(np.float64)
-    far = model.free.free_to_m[:, layer].astype(np.float64)
+    clear = level_range_m(model.ground, edges)
+    far = np.minimum(model.free.free_to_m[:, layer], np.minimum(clear[:-1], clear[1:]))
     left = np.stack([np.sin(edges[:-1]), np.cos(edges[:-1])], axis=1)
     right = np.stack([np.sin(edges[1:]), np.cos(edges[1:])], axis=1)
     known = far > near

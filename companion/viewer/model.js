@@ -115,6 +115,16 @@ export function layerAt(edges, z) {
   return -1;
 }
 
+/** Horizontal range up to which the camera's own height is clear of its ground in a direction: the ground may rise towards
+ *  it, and its tolerance and noise belong to it. */
+export function levelRange(frame, azimuth) {
+  if (!frame.ground) return Infinity;
+  const [height, sx, sy] = frame.ground, [tolerance, noise] = frame.groundMargin;
+  if (!(height >= tolerance)) return 0;
+  const rise = -sx * Math.cos(azimuth) - sy * Math.sin(azimuth);
+  return Math.min(rise > 0 ? (height - tolerance) / rise : Infinity, rise + noise > 0 ? height / (rise + noise) : Infinity);
+}
+
 /** Corners in `level` of what was seen free at the camera's height: [[x, y] x 4, ...], near left, far left, far right,
  *  near right. */
 export function freeSectors(frame) {
@@ -123,10 +133,11 @@ export function freeSectors(frame) {
   const layers = f.layers.length - 1, layer = layerAt(f.layers, 100 * frame.cam[2]);
   const quads = [];
   for (let d = 0; layer >= 0 && d + 1 < f.azimuth.length; d++) {
-    const near = f.from[d * layers + layer] / 100, far = f.to[d * layers + layer] / 100;
+    const left = f.azimuth[d] / 1000, right = f.azimuth[d + 1] / 1000;
+    const near = f.from[d * layers + layer] / 100;
+    const far = Math.min(f.to[d * layers + layer] / 100, levelRange(frame, left), levelRange(frame, right));
     if (far <= near) continue;
     const at = (r, a) => [frame.cam[0] + r * Math.cos(a), frame.cam[1] + r * Math.sin(a)];
-    const left = f.azimuth[d] / 1000, right = f.azimuth[d + 1] / 1000;
     quads.push([at(near, left), at(far, left), at(far, right), at(near, right)]);
   }
   return quads;

@@ -1,4 +1,4 @@
-// What a planner in C++ needs: the newest prisms, their age, and the nearest obstacle. Usage: subscriber ADDRESS [COUNT]
+// What a planner in C++ needs: the newest prisms, their age, and the nearest obstacle; space.h answers what is free. Usage: subscriber ADDRESS [COUNT]
 //
 // Blind, stale and silent are said as what they are: nothing may be taken as free.
 #include <zmq.h>
@@ -44,6 +44,7 @@ void tell(const osape::v1::PrismsFrame& frame, double age_s) {
     std::printf("%s: %d planes, %d prisms, nearest %.2f m, %.0f ms old\n", frame.frame().c_str(),
                 frame.planes().margin_m_size(), frame.prisms_size(),
                 nearest_m(frame.planes(), camera.x(), camera.y()), 1000.0 * age_s);
+    if (frame.ground().seen()) std::printf("ground %.2f m below the camera\n", frame.ground().height_m());
   }
 }
 

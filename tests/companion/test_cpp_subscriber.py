@@ -7,9 +7,12 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zmq
 
+from companion.messages import model_from_message
+from core.queries import Answer, SeenFrom, Space
 from drivers.proto import osape_v1_pb2 as pb
 
 SOURCE = Path(__file__).resolve().parents[2] / "examples" / "cpp"
@@ -79,3 +82,49 @@ def test_what_says_nothing_frees_nothing(
     program: Path, publisher: zmq.Socket[bytes], message: bytes | None, why: str
 ) -> None:
     assert heard(program, publisher, message) == f"nothing may be taken as free: {why}"
+
+
+def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) -> pb.PrismsFrame:
+    """A frame of a wall and of inclined ground 2 m below a camera whose view begins anywhere."""
+    directions = 12
+    edges = rng.uniform(-4.0, 4.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), directions + 1)
+    size = 4 * directions
+    made = frame(stats=pb.FrameStats(planes=2))
+    made.planes.support_px.extend([9, 9])
+    made.planes.flags.extend([0, 0])
+    made.planes.cluster.extend([0, 0])
+    made.free.CopyFrom(
+        pb.FreeProfile(
+            azimuth_edges_rad=edges, layer_edges_m=camera[2] + np.array([-4.0, -2.0, 0.0, 2.0, 4.0]),
+            free_from_m=rng.uniform(0.0, 3.0, size), free_to_m=rng.choice([0.0, 6.0, 12.0], size), end=bytes(size),
+        )
+    )  # fmt: skip
+    made.ground.CopyFrom(
+        pb.Ground(
+            seen=True, height_m=2.0, slope_x=rng.uniform(-0.1, 0.1), slope_y=rng.uniform(-0.1, 0.1), tolerance_m=0.25,
+            noise_per_m=0.03, seen_from_m=rng.uniform(0.0, 3.0, directions), seen_to_m=rng.choice([0.0, 5.0, 9.0], directions),
+        )
+    )  # fmt: skip
+    t = made.transform.translation_m
+    t.x, t.y, t.z = camera
+    return made
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    camera = tuple(rng.uniform(-3.0, 3.0, 3))
+    message = over_ground(rng, camera)
+    if seed == 3:
+        message.ground.ClearField("tolerance_m")  # as an older version wrote it
+    p = rng.uniform([-12, -12, -4], [12, 12, 5], (4000, 3)) + camera
+    radius_m = 0.15 * seed
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    asked = "\n".join(f"{x:.17g} {y:.17g} {z:.17g} {radius_m}" for x, y, z in p)
+    done = subprocess.run([program.parent / "ask", file], input=asked, capture_output=True, text=True, check=True)
+    model = model_from_message(message)
+    assert model is not None
+    expected = Space([SeenFrom(model, camera)]).points(p, radius_m)
+    assert set(expected.tolist()) == {Answer.UNKNOWN, Answer.FREE, Answer.OCCUPIED}
+    assert [int(line) for line in done.stdout.split()] == expected.tolist()

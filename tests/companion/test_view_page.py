@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ import companion
 from companion.view_colors import depth_index, palette, range_index
 from companion.view_depth import plane_outlines_px
 from companion.view_frame import ViewFrame
-from companion.view_geometry import nearest_m
+from companion.view_geometry import level_range_m, nearest_m
 from companion.view_page import DEPTH_BUDGET_BYTES, DEPTH_WIDTHS_PX, PageBuilder, depth_width_px, small_index
+from core.types import Ground
 
 from .view_scenes import INFO, blind, frame, tilted
 
@@ -112,6 +114,14 @@ def test_title_and_note_cannot_break_out_of_the_page() -> None:
     assert data_of(page)["title"].endswith("alert(1)</script>.mcap")
 
 
+def uphill() -> ViewFrame:
+    """The ground rises to the camera's height 2.5 m ahead, less a tolerance of 0.25 m."""
+    made = frame()
+    assert made.model is not None
+    ground = Ground(seen=True, height_m=0.5, slope_x=-0.2, tolerance_m=0.25, noise_per_m=0.01)
+    return replace(made, model=replace(made.model, ground=ground))
+
+
 SCRIPT = """
 import * as m from "./model.mjs";
 import { readFileSync } from "node:fs";
@@ -143,7 +153,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Any:
         pytest.skip("no JavaScript engine (node) here to run the page's arithmetic")
     folder = tmp_path_factory.mktemp("node")
     shutil.copy(VIEWER / "model.js", folder / "model.mjs")
-    (folder / "data.json").write_text(json.dumps(data_of(page_of(frame(), tilted()))))
+    (folder / "data.json").write_text(json.dumps(data_of(page_of(frame(), tilted(), uphill()))))
     (folder / "ask.mjs").write_text(SCRIPT)
     done = subprocess.run([node, "ask.mjs"], cwd=folder, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
@@ -174,6 +184,16 @@ def test_page_places_the_vehicle_in_the_world(answers: Any) -> None:
     expected = [5 + np.cos(yaw) - 2 * np.sin(yaw), -2 + np.sin(yaw) + 2 * np.cos(yaw), 0.0]
     np.testing.assert_allclose(out["world"], expected, atol=2e-3)
     np.testing.assert_allclose(out["back"], [1, 2, 3], atol=1e-9)
+
+
+def test_page_ends_free_space_where_the_ground_rises_into_it(answers: Any) -> None:
+    made = uphill()
+    assert made.model is not None
+    (sector,) = answers["out"][2]["sectors"]
+    clear = level_range_m(made.model.ground, np.array([-0.6, 0.0]))
+    assert clear[1] == pytest.approx(0.25 / 0.2)
+    expected = [0.5, clear.min(), clear.min(), 0.5]
+    np.testing.assert_allclose(np.hypot(*np.array(sector).T), expected, atol=1e-3)
 
 
 def test_page_reads_prisms_free_space_and_time(answers: Any) -> None:

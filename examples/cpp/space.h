@@ -1,0 +1,140 @@
+// Is a ball free, occupied, or is it not known? Asked of one frame, as core/queries.py answers in Python.
+//
+// Occupied: it touches a plane or its margin, or the ground or what lies below it where the camera measured the ground.
+// Free: all of it lies in what the camera saw to be free, above the camera's ground. Everything else is unknown.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "osape_v1.pb.h"
+
+namespace osape_space {
+
+enum class Answer { kUnknown = 0, kFree = 1, kOccupied = 2 };
+
+struct Point {
+  double x, y, z;
+};
+
+constexpr double kTurn = 6.283185307179586;
+constexpr double kUntoldToleranceM = 0.6;  // of the ground, in messages of versions that did not tell it
+
+inline bool finite(const Point& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+
+// Horizontal range from the camera.
+inline double range_m(const osape::v1::PrismsFrame& frame, const Point& p) {
+  const auto& camera = frame.transform().translation_m();
+  return std::hypot(p.x - camera.x(), p.y - camera.y());
+}
+
+// Metres straight up from the ground's plane to a point.
+inline double above_ground_m(const osape::v1::PrismsFrame& frame, const Point& p) {
+  const auto& camera = frame.transform().translation_m();
+  const auto& g = frame.ground();
+  return camera.z() + g.height_m() + g.slope_x() * (p.x - camera.x()) + g.slope_y() * (p.y - camera.y()) - p.z;
+}
+
+// Metres straight down to the ground's plane for a metre square to it.
+inline double steepness(const osape::v1::Ground& g) {
+  return std::sqrt(1.0 + g.slope_x() * g.slope_x() + g.slope_y() * g.slope_y());
+}
+
+// The azimuths low..high that a ball reaches into, low within one turn of the profile's first edge (edges are not wrapped).
+inline void azimuths(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, double* low, double* high) {
+  const auto& camera = frame.transform().translation_m();
+  const double range = range_m(frame, p), begin = frame.free().azimuth_edges_rad(0);
+  const double half = range > radius_m ? std::asin(std::clamp(radius_m / range, 0.0, 1.0)) : 0.5 * kTurn;
+  const double from_begin = std::atan2(p.y - camera.y(), p.x - camera.x()) - half - begin;
+  *low = from_begin - std::floor(from_begin / kTurn) * kTurn + begin;
+  *high = *low + 2.0 * half;
+}
+
+// First and last interval of rising edges that low..high reaches into; they may lie outside of 0..edges - 2.
+inline void intervals(const google::protobuf::RepeatedField<float>& edges, double low, double high, int* first, int* last) {
+  *first = static_cast<int>(std::upper_bound(edges.begin(), edges.end(), low) - edges.begin()) - 1;
+  *last = static_cast<int>(std::lower_bound(edges.begin(), edges.end(), high) - edges.begin()) - 1;
+  *last = std::max(*first, *last);
+}
+
+// Whether a ball touches the ground, its noise included, or lies below it, where the camera measured it.
+inline bool touches_ground(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+  const auto& g = frame.ground();
+  const int count = frame.free().azimuth_edges_rad_size() - 1;
+  if (!g.seen() || count < 1 || g.seen_from_m_size() != count || g.seen_to_m_size() != count) return false;
+  const double range = range_m(frame, p);
+  if (!(above_ground_m(frame, p) < steepness(g) * radius_m + g.noise_per_m() * (range + radius_m))) return false;
+  const auto& edges = frame.free().azimuth_edges_rad();
+  double low, high;
+  azimuths(frame, p, radius_m, &low, &high);
+  for (const double turn : {0.0, -kTurn}) {  // a ball that begins left of the first edge may reach into the view
+    const double begin = std::max<double>(low + turn, edges.Get(0)), end = std::min<double>(high + turn, edges.Get(count));
+    if (end < begin) continue;
+    int first, last;
+    intervals(edges, begin, end, &first, &last);
+    for (int d = std::max(0, first); d <= std::min(last, count - 1); ++d) {
+      const double from = g.seen_from_m(d), to = g.seen_to_m(d);
+      if (to > from && range + radius_m >= from && range - radius_m <= to) return true;
+    }
+  }
+  return false;
+}
+
+// Whether a ball is as far above the ground as its tolerance and noise; nothing lower is free anywhere.
+inline bool clear_of_ground(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+  const auto& g = frame.ground();
+  if (!g.seen()) return true;
+  const double tolerance = g.has_tolerance_m() ? g.tolerance_m() : kUntoldToleranceM;
+  const double margin = std::max(tolerance, g.noise_per_m() * (range_m(frame, p) + radius_m));
+  return above_ground_m(frame, p) >= steepness(g) * radius_m + margin;
+}
+
+// Whether a ball comes as near to a plane as its margin.
+inline bool touches_plane(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+  const auto& planes = frame.planes();
+  for (int i = 0; i < planes.margin_m_size() && 6 * i + 5 < planes.corners_m_size(); ++i) {
+    const double ax = planes.corners_m(6 * i), ay = planes.corners_m(6 * i + 1);
+    const double ux = planes.corners_m(6 * i + 2) - ax, uy = planes.corners_m(6 * i + 3) - ay;
+    const double share = std::clamp(((p.x - ax) * ux + (p.y - ay) * uy) / std::max(ux * ux + uy * uy, 1e-12), 0.0, 1.0);
+    const double top = planes.corners_m(6 * i + 4), bottom = planes.corners_m(6 * i + 5);
+    const double dz = p.z < top ? top - p.z : std::max(0.0, p.z - bottom);
+    const double aside = std::hypot(ax + share * ux - p.x, ay + share * uy - p.y);
+    if (std::hypot(aside, dz) <= radius_m + planes.margin_m(i)) return true;
+  }
+  return false;
+}
+
+// Whether all of a ball lies in what the camera saw to be free.
+inline bool seen_free(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+  const auto& free = frame.free();
+  const int directions = free.azimuth_edges_rad_size() - 1, layers = free.layer_edges_m_size() - 1;
+  const int size = directions * layers;
+  const double range = range_m(frame, p);
+  if (directions < 1 || layers < 1 || free.free_from_m_size() != size || free.free_to_m_size() != size) return false;
+  if (range <= radius_m) return false;
+  double low, high;
+  azimuths(frame, p, radius_m, &low, &high);
+  int d0, d1, l0, l1;
+  intervals(free.azimuth_edges_rad(), low, high, &d0, &d1);
+  intervals(free.layer_edges_m(), p.z - radius_m, p.z + radius_m, &l0, &l1);
+  if (d0 < 0 || d1 >= directions || l0 < 0 || l1 >= layers) return false;
+  for (int d = d0; d <= d1; ++d) {
+    for (int l = l0; l <= l1; ++l) {
+      if (range - radius_m < free.free_from_m(d * layers + l) || range + radius_m > free.free_to_m(d * layers + l)) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+// The answer for a ball. A frame that is not valid knows nothing; what is no number may not be flown to.
+inline Answer ball(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+  if (!finite(p) || !std::isfinite(radius_m)) return Answer::kOccupied;
+  if (!frame.valid()) return Answer::kUnknown;
+  if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Answer::kOccupied;
+  const bool free = clear_of_ground(frame, p, radius_m) && seen_free(frame, p, radius_m);
+  return free ? Answer::kFree : Answer::kUnknown;
+}
+
+}  // namespace osape_space
