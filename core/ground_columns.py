@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 CELL_M = 0.5
 _SIDE = 16
 _BLOCK_M = CELL_M * _SIDE
-STEP_M = 0.1
+STEP_M = 0.25
 """Not tuning: distance between the samples of a way that are tested."""
 _MOST_RADIUS_M = 4.0
 """Not tuning: larger balls touch whatever ground lies in the blocks around them."""

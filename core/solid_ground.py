@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .types import FreeProfile, Ground
 
 Floats = NDArray[np.float64]
-STEP_M = 0.1
+STEP_M = 0.2
 """Not tuning: distance between the samples of a way that are tested against the ground."""
 
 

@@ -18,6 +18,7 @@ from core.types import Ground
 from drivers.ardupilot_layers import ArduPilotHeights
 from drivers.mavlink_dialect import dialect
 
+from ..core.test_solid_ground import model_of, room
 from .test_obstacle_sender import ARDUPILOT, AVOID, FAULTS, Chain, broken
 from .test_sectors import model
 
@@ -39,6 +40,18 @@ def test_a_beam_is_told_while_the_vehicle_is_under_it_and_only_then() -> None:
     assert known.upward_m(Here(0.0, (106.0, 50.0, -11.5), 1), 2 * NS) == pytest.approx(0.9)  # has climbed
     assert known.upward_m(Here(0.0, (106.0, 50.0, -14.5), 1), 2 * NS) is None  # is above it
     assert known.upward_m(Here(0.0, (106.0, 50.0, -10.0), 1), 6 * NS + 1) is None  # long ago
+
+
+@pytest.mark.parametrize("pitch_deg", [0.0, 10.0, 20.0])
+@pytest.mark.parametrize("ceiling_m", [0.7, 1.0, 2.0])
+def test_under_a_ceiling_no_more_room_is_told_than_there_is(ceiling_m: float, pitch_deg: float) -> None:
+    """Of a rendered room, whether its ceiling was found or not: what is told upward is no farther than the ceiling."""
+    seen = model_of(room(ceiling_m), height_m=1.5, pitch_rad=math.radians(pitch_deg))
+    known = Overhead(UP)
+    known.see(View(seen, AHEAD), Here(0.0, (0.0, 0.0, -1.5), 1), NS)
+    for north in np.arange(0.0, 11.0, 0.25):
+        told = known.upward_m(Here(0.0, (float(north), 0.0, -1.5), 1), NS)
+        assert told is None or told <= ceiling_m + 0.05
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 35.0, 90.0, 200.0, 341.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from core.queries import Answer, SeenFrom, Space
+from core.types import Ground
 
 from .test_queries import HERE, model, profile, sampled_distance
 
@@ -47,6 +49,24 @@ def test_through_the_gap_that_is_wide_enough(pp: ModuleType, planner: str) -> No
 def test_not_through_the_gap_that_is_too_narrow(pp: ModuleType, planner: str) -> None:
     with pytest.raises(pp.NoPath, match="no path"):
         pp.plan(room(pp, wall_with_gap(1.1), "allow"), GOAL, BOUNDS, planner=planner, tries=2, questions=500)
+
+
+def test_no_path_dives_under_a_wall_through_the_ground(pp: ModuleType) -> None:
+    wall = model((6.0, -9.0, 6.0, 9.0, -3.0, 1.5), margin=0.1, free=profile(1.0, 14.0))
+    ground = Ground(
+        seen=True, height_m=1.8, tolerance_m=0.25, noise_per_m=0.01, seen_from_m=(0.5,) * 16, seen_to_m=(14.0,) * 16
+    )
+    bounds = [[0.0, -4.0, -0.9], [14.0, 4.0, 6.0]]
+    for model_of_frame, error in ((replace(wall, ground=ground), "no path"), (wall, "")):
+        space = Space([SeenFrom(model_of_frame, HERE)])
+        mine = pp.Room(space=space, radius_m=0.3, start=np.zeros(3), been_m=2.5, unknown=pp.Unknown.ALLOW)
+        if error:
+            with pytest.raises(pp.NoPath, match=error):
+                pp.plan(mine, [9.0, 0.0, 0.0], bounds, tries=2, questions=400)
+            with pytest.raises(pp.NoPath, match=r"goal .* is occupied"):
+                pp.plan(mine, [9.0, 0.0, 2.2], bounds)
+        else:  # the wall alone does not stop it
+            assert len(pp.plan(mine, [9.0, 0.0, 0.0], bounds, tries=10)) > 2
 
 
 def test_unknown_is_avoided_or_has_its_price(pp: ModuleType) -> None:

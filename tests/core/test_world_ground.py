@@ -53,6 +53,7 @@ def merged(*sights: Sight) -> World:
     return world
 
 
+@pytest.mark.nojit
 def test_below_the_ground_no_cell_is_free_and_what_touches_it_is_occupied() -> None:
     world = merged(look(0, flat(2.0)))
     assert asked(world, [[6.0, 0.0, z] for z in (0.0, 1.2)]) == [Answer.FREE] * 2
@@ -73,6 +74,7 @@ def test_beyond_where_it_was_measured_it_is_unknown_and_never_free() -> None:
     assert asked(world, [[15.0, 0.0, 1.2]]) == [Answer.FREE]
 
 
+@pytest.mark.nojit
 def test_ground_takes_back_what_was_free_below_it() -> None:
     world = merged(look(0, None))
     assert asked(world, [[6.0, 0.0, 2.4]]) == [Answer.FREE]
@@ -80,11 +82,13 @@ def test_ground_takes_back_what_was_free_below_it() -> None:
     assert asked(world, [[6.0, 0.0, 2.4], [6.0, 0.0, 1.2]]) == [Answer.OCCUPIED, Answer.FREE]
 
 
+@pytest.mark.nojit
 def test_a_frame_that_found_no_ground_frees_nothing_below_the_one_that_is_known() -> None:
     world = merged(look(0, flat(2.0)), look(STEP, None))
     assert asked(world, [[6.0, 0.0, z] for z in (1.2, 2.1, 2.6)]) == [Answer.FREE, Answer.OCCUPIED, Answer.OCCUPIED]
 
 
+@pytest.mark.nojit
 def test_lower_ground_replaces_what_was_taken_for_it() -> None:
     """Over the flat roof of a car that has gone."""
     world = merged(look(0, flat(1.0)), look(STEP, flat(2.6)))
@@ -97,6 +101,7 @@ def test_a_noisy_look_that_agrees_does_not_lift_the_ground() -> None:
     assert asked(world, [[6.0, 0.0, 2.1]]) == [Answer.OCCUPIED]
 
 
+@pytest.mark.nojit
 def test_ground_at_the_border_of_two_blocks_is_one_surface() -> None:
     """z = 0 is a border: noise lifts the ground across it."""
     world = merged(look(0, flat(2.05, noise_per_m=0.03), z=-2.2), look(STEP, flat(2.25), z=-2.2))
@@ -127,6 +132,7 @@ def test_ground_of_numbers_that_are_none_frees_nothing() -> None:
         assert Answer.FREE not in asked(merged(look(0, bad)), [[6.0, 0.0, z] for z in (0.0, 1.2, 2.4)])
 
 
+@pytest.mark.nojit
 def test_sloped_ground_has_no_free_cell_below_it() -> None:
     slope = 0.25
     world = merged(look(0, flat(2.0, slope_x=-slope)))
