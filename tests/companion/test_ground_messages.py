@@ -1,0 +1,74 @@
+"""The ground through messages: a planner's process answers as the service's, for one camera and for all as one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.client import News
+from companion.messages import ground_from_message, prisms_message
+from companion.pipeline import PrismsResult
+from companion.reframe import LevelTransform, reframed
+from companion.sync import DropCause
+from core.queries import Answer, SeenFrom, Space
+from core.types import FrameModel
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.scenes import SceneBuilder
+
+from ..core.test_solid_ground import ahead, model_of, street
+
+
+def result(camera: str, model: FrameModel, transform: LevelTransform) -> PrismsResult:
+    return PrismsResult(
+        camera=camera, sequence=1, t_exposure_ns=10, t_arrival_ns=11, frame="level", drop=DropCause.NONE,
+        model=reframed(model, transform), transform=transform,
+    )  # fmt: skip
+
+
+def space_of(*results: PrismsResult) -> Space:
+    """What a planner asks who heard these cameras as one model."""
+    cameras = [pb.PrismsFrame.FromString(prisms_message(r).SerializeToString()) for r in results]
+    return News(pb.SurroundFrame(schema_version=1, frame="level", valid=True, cameras=cameras), 0).space
+
+
+def moved(p: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:
+    c, s = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad)
+    return np.column_stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]]) + transform.translation_m
+
+
+def test_a_planner_answers_as_the_service_below_the_ground() -> None:
+    model, transform = model_of(street(slope_x=0.03, slope_y=-0.02)), LevelTransform(0.5, (0.2, -0.1, 0.05))
+    sent = result("front", model, transform)
+    assert sent.model is not None
+    read = prisms_message(sent)
+    assert ground_from_message(read.ground) == sent.model.ground
+    p = moved(np.concatenate([ahead(z) for z in (0.5, 1.5, 2.1, 2.4, 2.95)]), transform)
+    answers = space_of(sent).points(p, 0.1)
+    assert np.array_equal(answers, Space([SeenFrom(sent.model, transform.translation_m)]).points(p, 0.1))
+    below = p[:, 2] > 2.85
+    assert Answer.FREE not in answers[below]
+    assert Answer.OCCUPIED in answers[below]
+
+
+def test_no_camera_frees_what_is_below_the_ground_of_another() -> None:
+    blank = SceneBuilder("nothing")
+    blank.box("far", 40.0, 0.0, 1.0, 1.0, 1.0)
+    unaware = result("other", model_of(blank, pitch_rad=0.0), LevelTransform(0.1, (0.0, 0.3, 0.0)))
+    aware = result("front", model_of(street()), LevelTransform(0.0, (0.3, 0.0, 0.1)))
+    p = np.array([[11.0, y, z] for y in (-0.5, 0.0, 0.5) for z in (2.3, 2.6, 2.9)])
+    assert set(space_of(unaware).points(p).tolist()) == {Answer.FREE}
+    assert set(space_of(unaware, aware).points(p).tolist()) == {Answer.OCCUPIED}
+    assert set(space_of(aware, unaware).points(p).tolist()) == {Answer.OCCUPIED}
+
+
+def test_ground_of_an_older_version_frees_nothing_below_it() -> None:
+    sent = result("front", model_of(street()), LevelTransform(0.0, (0.0, 0.0, 0.0)))
+    message = prisms_message(sent)
+    for name in ("tolerance_m", "noise_per_m", "seen_from_m", "seen_to_m"):
+        message.ground.ClearField(name)
+    space = News(message, 0).space
+    for z in (1.5, 2.1, 2.4, 2.95):
+        assert Answer.FREE not in space.points(ahead(z))
+    assert space.points([[5.0, 0.0, 1.3]]).tolist() == [Answer.FREE]
