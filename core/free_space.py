@@ -1,8 +1,11 @@
-"""What was seen to be free, what blocks it, and what nobody knows: the free-range profile.
+"""The free-range profile: which space in front of the camera was seen to be free, and why each free range ends.
 
-Planes alone cannot answer "is it free?": between a pole and the wall behind it lies unknown. For each direction and layer
-of height the profile walks outward in rings; a ring is free when `free_share` of the cells that look at the layer there
-see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen.
+Planes alone cannot answer "is it free?": the space between a pole and the wall behind it is unknown. For each direction
+and layer of height the profile walks outward in rings; a ring is free when `free_share` of the cells that look at the
+layer there see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen.
+
+The camera's range is an optical depth Z, while rings are forward distances X in the level frame. A ring is free only where
+the whole of its layer lies within the range, so that a tilted camera calls nothing free that it cannot measure.
 """
 
 from __future__ import annotations
@@ -14,8 +17,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .free_cells import count_codes, look_at, looked_at
 from .kernels import inner, inner_inline, kernel
-from .level import Q_FAR, Q_UNKNOWN
+from .level import Q_FAR
 from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
 from .types import FreeEnd, FreeProfile, Ground
@@ -23,107 +27,74 @@ from .view_geometry import ViewGeometry
 
 _MAX_RINGS = 250
 """Rings are counted in one byte; beyond so many nothing is called free."""
-_COUNTED = 32768
-"""Cells that are counted in one go."""
 _NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
     int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
 )  # fmt: skip
-# indices of `walk_settings`: the view, the ground, and what counts as free
-W_CV, W_F, W_ROWS, W_BLOCK, W_HEIGHT, W_SLOPE_X, W_SLOPE_Y, W_TOLERANCE, W_SPREAD, W_SHARE, W_LEAST, W_BLIND = range(12)
+# indices of `walk_settings`: the view, the ground, what counts as free, and the optical depth of a place
+(
+    W_CV, W_F, W_ROWS, W_BLOCK, W_HEIGHT, W_SLOPE_X, W_SLOPE_Y, W_TOLERANCE, W_SPREAD, W_SHARE, W_LEAST, W_BLIND,
+    W_AHEAD, W_RIGHT, W_DOWN, W_CLEAR,
+) = range(16)  # fmt: skip
 
 
-def walk_settings(g: ViewGeometry, ground: Ground, ke: float, p: Params) -> NDArray[np.float64]:
-    """(12,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other."""
+def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke: float, p: Params) -> NDArray[np.float64]:
+    """(16,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other.
+
+    The optical depth of a point of level_cam is W_AHEAD x + W_RIGHT y + W_DOWN z, the third row of R_optical_level: that of
+    g.H for cells of the view."""
     height = ground.height_m if ground.seen else math.inf
     spread = p.ground_sigmas * ke * ground.height_m if ground.seen else 0.0
     block = p.profile_block_px + p.profile_block_px % 2  # whole pairs of rows, see `look_at`
+    right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
+    ahead = float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2])
     return np.array(
         [
             g.cv, g.f_px, g.rows, block, height, ground.slope_x, ground.slope_y, p.ground_tolerance_m, spread,
-            p.free_share, p.profile_least_m, ground.blind_beyond_m,
+            p.free_share, p.profile_least_m, ground.blind_beyond_m, ahead, right, down, clear_m,
         ]
     )  # fmt: skip
 
 
 @inner
-def rings_seen(gain, spread, cap, ring_m, behind):
-    """behind[r]: the least code that does not see through ring r: it measures no more than the ring's distance when it is
-    brought nearer by its noise, min(spread X, cap) X.
+def optical_depth(x, t0, t1, top, bottom, w):
+    """Greatest optical depth Z at forward distance x between the directions t0, t1 (y/x) and the heights z = top, bottom.
 
-    gain: f_px * quantum. ring_m: (R,) float32 rising. behind: (R,) int32 out, 2..65536, falling: distance less noise
-    rises with distance (cap <= 0.5), so each ring ends at one code. Far sees through all, unknown through none."""
-    end = 65536
-    for r in range(len(ring_m)):
-        first, last, ring = Q_FAR + 1, end, np.float64(ring_m[r])  # else a comparison without the JIT is in float32
-        for _ in range(17):
-            if first >= last:
-                break
-            q = (first + last) // 2
-            x = gain / q
-            if x - min(spread * x * x, cap * x) >= ring:
-                first = q + 1
-            else:
-                last = q
-        behind[r] = end = first
+    Z is linear in the place: the greatest is that of a corner. w: `walk_settings`."""
+    return x * (w[W_AHEAD] + max(w[W_RIGHT] * t0, w[W_RIGHT] * t1)) + max(w[W_DOWN] * top, w[W_DOWN] * bottom)
 
 
 @inner
-def looked_at(rows, looked):
-    """looked: (2, rows) uint16 out: how often a row is looked at in columns of even and of odd number.
+def code_behind(gain, spread, cap, x):
+    """The least code that does not see through distance x: it measures no more than x when it is brought nearer by its
+    noise, min(spread X, cap) X. 2..65536.
 
-    Every second pair of rows, the other ones in the next column: half of the cells, and no line, column or chequers of
-    single cells that would be seen only or never. An odd last row counts twice."""
-    for v in range(rows):
-        turn = (v >> 1) & 1
-        looked[turn, v] = 2 if v == rows - 1 and v % 2 == 0 else 1
-        looked[1 - turn, v] = 0
-
-
-@inner
-def look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark):
-    """Lays the cells of columns u0..u1 - 1 that are looked at side by side, block by block of rows.
-
-    codes: (cols, rows) uint16; block: rows of a block, even; looked: see `looked_at`. unknown: (rows,) uint16 scratch.
-    cells: uint16 out, room for one for each row of each column and two more. begin: (B + 1,) int64 out, the cells of
-    block b are cells[begin[b]:begin[b + 1]]. dark: (B + 1,) int64 out, the unknown ones of all blocks before b."""
-    rows = codes.shape[1]
-    one, four, wide = np.uint64(1), np.uint64(4), np.uint64(2 * (u1 - u0))
-    even = ((u1 + 1) >> 1) - ((u0 + 1) >> 1)
-    unknown[:] = 0
-    for u in range(u0, u1):
-        odd = u & 1
-        column, counted = codes[u], looked[odd]
-        for v in range(rows):
-            count = counted[v]  # read in any case, see `kernels`
-            unknown[v] += count if column[v] == Q_UNKNOWN else np.uint16(0)
-        to, at = np.uint64(2 * ((u - u0) >> 1) + 2 * even * odd), np.uint64(2 * odd)
-        for _ in range((rows + 2 - 2 * odd) >> 2):
-            cells[to], cells[to + one] = column[at], column[at + one]
-            at += four
-            to += wide
-        if counted[rows - 1] == 2:
-            cells[to], cells[to + one] = column[rows - 1], column[rows - 1]
-    total = np.int64(0)
-    for b in range(begin.shape[0]):
-        first, last = b * block, min((b + 1) * block, rows)
-        pairs = min(first, rows + 1) >> 1
-        begin[b], dark[b] = 2 * (((pairs + 1) >> 1) * even + (pairs >> 1) * (u1 - u0 - even)), total
-        for v in range(first, last):
-            total += np.int64(unknown[v])
+    gain: f_px * quantum. Distance less noise rises with distance (cap <= 0.5), so there is one such code. Unknown sees
+    through nothing; what is far sees through all within the range, which `walk_rings` keeps to."""
+    first, last = Q_FAR + 1, 65536
+    for _ in range(17):
+        if first >= last:
+            break
+        q = (first + last) // 2
+        measured = gain / q
+        if measured - min(spread * measured * measured, cap * measured) >= x:
+            first = q + 1
+        else:
+            last = q
+    return first
 
 
 @inner
-def count_codes(cells, first, end, least, most):
-    """How many of cells[first..end - 1] have a code of least..most.
+def codes_behind(gain, spread, cap, ring_m, edges_t, layers, w, behind):
+    """behind: (L, R) int32 out, `code_behind` of each layer at each ring.
 
-    Counted in numbers as narrow as the codes, so that many are done at a time; in parts that these can hold."""
-    least, most, count, last = np.uint16(least), np.uint16(most), np.int64(0), np.uint64(end)
-    for begin in range(first, end, _COUNTED):
-        part, at = np.uint16(0), np.uint64(begin)
-        for i in range(at, min(at + np.uint64(_COUNTED), last)):
-            part = np.uint16(part + np.uint16((cells[i] >= least) & (cells[i] <= most)))
-        count += np.int64(part)
-    return count
+    spread: noise of distance over its square where a ray's optical depth is its forward distance; elsewhere it is Z/X times
+    as much, since sigma_X = ke Z X. The greatest of the layer is taken. ring_m: (R,) float32. w: `walk_settings`."""
+    last = len(edges_t) - 1
+    for layer in range(len(layers) - 1):
+        for r in range(len(ring_m)):
+            x = np.float64(ring_m[r])  # else a comparison without the JIT is in float32
+            per_forward = optical_depth(x, edges_t[0], edges_t[last], layers[layer], layers[layer + 1], w) / x
+            behind[layer, r] = code_behind(gain, spread * max(per_forward, 0.0), cap, x)
 
 
 @inner
@@ -156,12 +127,13 @@ def blocks_of_rings(ring_m, layers, w, blocks):
 
 
 @inner
-def walk_rings(cells, begin, unknown, t, ring_m, behind, blocks, top, bottom, w):
+def walk_rings(cells, begin, unknown, t0, t1, ring_m, behind, blocks, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
-    cells, begin, unknown: see `look_at`, for direction t; behind: see `rings_seen`; blocks: (R, 2) of
-    `blocks_of_rings`. The layer reaches from z = top down to bottom, or to what can be told from ground; where that may
-    hide an obstacle of the least height, none of it is free. w: `walk_settings`."""
+    cells, begin, unknown: see `look_at`, for the direction between t0 and t1; behind: (R,) of `codes_behind`; blocks: (R, 2)
+    of `blocks_of_rings`. The layer reaches from z = top down to bottom, or to what can be told from ground; where that may
+    hide an obstacle of the least height, none of it is free. Nothing is free beyond the range. w: `walk_settings`."""
+    t = 0.5 * (t0 + t1)
     first, last, why = -1, -1, _NOT_SEEN
     for r in range(len(ring_m)):
         x, b0, b1 = ring_m[r], blocks[r, 0], blocks[r, 1]
@@ -174,6 +146,10 @@ def walk_rings(cells, begin, unknown, t, ring_m, behind, blocks, top, bottom, w)
             if first >= 0:
                 break
             continue
+        if optical_depth(x, t0, t1, top, lower, w) > w[W_CLEAR]:
+            if first >= 0:
+                why = _RANGE
+            break
         if lower < bottom:
             b0, b1 = blocks_between(x, top, lower, w)
         if b0 < 0:
@@ -206,7 +182,7 @@ def walk_rings(cells, begin, unknown, t, ring_m, behind, blocks, top, bottom, w)
 def walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, free_to, end):
     """Every direction and layer of a levelled view: free_from, free_to (D, L) float32 forward distances, end (D, L).
 
-    Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64."""
+    Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64. behind: (L, R) of `codes_behind`."""
     cols, rows = codes.shape
     block = int(w[W_BLOCK])
     cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
@@ -220,11 +196,11 @@ def walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, fre
         while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
             u1 += 1
         look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
-        t = 0.5 * (edges_t[d] + edges_t[d + 1])
         for layer in range(len(layers) - 1):
             first, last, why = walk_rings(
-                cells, begin, dark, t, ring_m, behind, blocks[layer], layers[layer], layers[layer + 1], w
-            )
+                cells, begin, dark, edges_t[d], edges_t[d + 1], ring_m, behind[layer], blocks[layer], layers[layer],
+                layers[layer + 1], w,
+            )  # fmt: skip
             end[d, layer] = why
             free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
             free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
@@ -298,9 +274,9 @@ class SeenFree:
 def seen_free(
     codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, clear_m: float, ke: float, params: Params
 ) -> SeenFree:
-    """What the pixels of a levelled view were seen to be free of. clear_m: how far a FAR cell is free
+    """What the pixels of a levelled view were seen to be free of. clear_m: optical depth to which a FAR cell is free
     (classify.clear_range_m)."""
-    p, layers, settings = params, layer_edges(params), walk_settings(g, ground, ke, params)
+    p, layers, settings = params, layer_edges(params), walk_settings(g, ground, clear_m, ke, params)
     edges, edges_t, free_from, free_to, end = see_free(
         codes, g.cu, g.f_px / float(g.lateral[0]), g.f_px * g.quantum, math.radians(p.profile_step_deg), p.profile_ring_m,
         clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
@@ -312,7 +288,7 @@ def seen_free(
 
 @kernel
 def see_free(codes, cu, f_u, gain, step_rad, ring, clear_m, spread, cap, layers, w):
-    """(edges_rad, edges_t, free_from_m, free_to_m, end) of SeenFree by `rings_seen` and `walk_view`.
+    """(edges_rad, edges_t, free_from_m, free_to_m, end) of SeenFree by `codes_behind` and `walk_view`.
 
     Column u looks in direction (u - cu) / f_u; directions are step_rad wide but for the last one. Rings of so many metres up to
     clear_m. spread, cap: noise of a ring. layers, w: `layer_edges`, `walk_settings`."""
@@ -323,10 +299,10 @@ def see_free(codes, cu, f_u, gain, step_rad, ring, clear_m, spread, cap, layers,
         edges[d] = first + step_rad * d if d < n else last
         edges_t[d] = math.tan(edges[d])
     rings = min(max(0, int(math.ceil((clear_m - ring) / ring))), _MAX_RINGS)
-    ring_m, behind = np.empty(rings, np.float32), np.empty(rings, np.int32)
+    ring_m, behind = np.empty(rings, np.float32), np.empty((layers.shape[0] - 1, rings), np.int32)
     for r in range(rings):
         ring_m[r] = ring + ring * r
-    rings_seen(gain, spread, cap, ring_m, behind)
+    codes_behind(gain, spread, cap, ring_m, edges_t, layers, w, behind)
     shape = (n, layers.shape[0] - 1)
     free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
     walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, free_to, end)

@@ -410,11 +410,11 @@ def pair_cost(pieces, p, sigma_s, gap_m):
 
 
 def free_walk(
-    codes, ring_of_code, weight, direction, d, z0, z1, ring_m, cv, f, block, share, clear_z, least, blind
+    codes, weight, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind
 ):  # fmt: skip
     """(first, last, end): first and last index of the rings of one direction and layer that are seen free, -1, -1: none,
-    and the name of its end. weight: what a cell counts, like codes. clear_z: z down to which ground hides nothing at a distance;
-    least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle."""
+    and the name of its end. weight: what a cell counts, like codes. sees_through: whether codes see through a distance;
+    clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle."""
     columns, weights = codes[direction == d], weight[direction == d]
     rows = codes.shape[1]
     first, last, end = -1, -1, "NOT_SEEN"
@@ -427,6 +427,8 @@ def free_walk(
                 return first, last, "FIELD_OF_VIEW"
             end = "NOT_SEEN"
             continue
+        if not in_range(x, z0, lower):
+            return first, last, "MAX_RANGE" if first >= 0 else end
         a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
         if a < 0 or b >= rows:
             if first >= 0:
@@ -434,8 +436,8 @@ def free_walk(
             continue
         part = slice(a // block * block, (b // block + 1) * block)
         cells, w = columns[:, part], weights[:, part]
-        through = np.sum(w[(cells > 0) & (ring_of_code[cells] >= r + 1)])
-        near = np.sum(w[(cells > 0) & (ring_of_code[cells] < r + 1)])
+        through = np.sum(w[(cells > 0) & sees_through(cells, x)])
+        near = np.sum(w[(cells > 0) & ~sees_through(cells, x)])
         dark = w.sum() - through - near
         if w.sum() and through >= share * w.sum():
             first, last, end = (r if first < 0 else first), r, "MAX_RANGE"

@@ -26,16 +26,14 @@ SEED = st.integers(0, 2**32 - 1)
 KE = 0.0015
 
 
-def rings_of(codes: np.ndarray, ring_m: np.ndarray) -> np.ndarray:
-    """How many rings each code sees through: those it measures behind with two sigma to spare."""
-    out = np.zeros(65536, np.uint8)
-    for q in np.unique(codes):
-        if q == 1:
-            out[q] = len(ring_m)
-        elif q > 1:
-            x = F * QUANTUM / q
-            out[q] = np.sum(ring_m <= x - min(2 * KE * x * x, 0.3 * x))
-    return out
+def sees_through(codes: np.ndarray, x: float, per_forward: float) -> np.ndarray:
+    """Whether each code sees through distance x: far does, the others measure behind it with two sigma to spare.
+
+    per_forward: greatest optical depth over forward distance there."""
+    measured = F * QUANTUM / np.maximum(codes, 1)
+    return (codes == 1) | (
+        (codes > 1) & (measured - np.minimum(2 * KE * per_forward * measured**2, 0.3 * measured) >= x)
+    )
 
 
 def random_codes(rng: np.random.Generator, cols: int, rows: int) -> np.ndarray:
@@ -53,7 +51,8 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     rows = int(rng.choice([89, 90, 91, 92]))
     codes = random_codes(rng, 24, rows)
     ring_m = np.arange(0.5, 12.0, 0.5).astype(np.float32)
-    ring_of_code = rings_of(codes, ring_m)
+    pitch, roll, clear_m = rng.uniform(-0.5, 0.5), rng.uniform(-0.3, 0.3), rng.uniform(6.0, 15.0)
+    ahead, down, right = math.cos(pitch), -math.sin(pitch), 0.02 * math.sin(roll)  # third row of R_optical_level
     edges_t = np.array([-0.12, -0.12 + 0.09 * rng.random(), 0.03, 0.12])
     direction = np.clip(np.searchsorted(edges_t, (np.arange(24) - 11.5) / F, side="right") - 1, 0, 2)
     asked = int(rng.integers(2, 9))
@@ -66,8 +65,6 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     fs.looked_at(rows, looked)
     np.testing.assert_array_equal(looked, weight[:2])
     cells, begin, dark = np.full(24 * (rows + 1) + 2, 7, np.uint16), np.full(blocks + 1, -1), np.full(blocks + 1, -1)
-    behind = np.full(len(ring_m), -1, np.int32)
-    fs.rings_seen(F * QUANTUM, 2 * KE, 0.3, ring_m, behind)
     for d in range(3):
         own = np.flatnonzero(direction == d)
         if len(own) == 0:
@@ -82,15 +79,25 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
     shape = (3, 3)
     start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
-    g = replace(view(cols=24, rows=rows), cv=44.5, cu=11.5)
+    H = np.eye(3)
+    H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
+    g = replace(view(cols=24, rows=rows), cv=44.5, cu=11.5, H=H)
     ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
-    w = fs.walk_settings(g, ground, KE, Params(profile_block_px=asked))
+    w = fs.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))
+    behind = np.full((3, len(ring_m)), -1, np.int32)
+    fs.codes_behind(F * QUANTUM, 2 * KE, 0.3, ring_m, edges_t, layers, w, behind)
+
+    def depth(x: float, ts: np.ndarray, zs: list[float]) -> float:
+        return max(ahead * x + right * t * x + down * z for t in ts for z in zs)
+
     fs.walk_view(codes, 11.5, F, edges_t, behind, ring_m, layers, w, start, to, end)
     for d in range(3):
         for layer in range(3):
             first, last, why = naive.free_walk(
-                codes, ring_of_code, weight, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
-                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): fs.lowest_clear(t, x, w), w[fs.W_LEAST], w[fs.W_BLIND],
+                codes, weight, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
+                lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
+                lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): fs.lowest_clear(t, x, w),
+                lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w[fs.W_LEAST], w[fs.W_BLIND],
             )  # fmt: skip
             want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
             assert (start[d, layer], to[d, layer]) == want
@@ -99,15 +106,12 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
 
 @given(st.floats(0.0001, 0.05), st.floats(0.0, 0.5), st.floats(50.0, 5000.0))
 def test_what_a_code_sees_through_is_what_it_measures_behind(spread: float, cap: float, gain: float) -> None:
-    ring_m = np.arange(0.4, 15.0, 0.7).astype(np.float32)
-    behind = np.full(len(ring_m), -1, np.int32)
-    fs.rings_seen(gain, spread, cap, ring_m, behind)
     x = gain / np.arange(2, 65536)
-    through = np.searchsorted(ring_m, x - np.minimum(spread * x * x, cap * x), side="right")
-    for r in range(len(ring_m)):
-        np.testing.assert_array_equal(through > r, np.arange(2, 65536) < behind[r])
-    assert behind.min() >= 2
-    assert behind.max() <= 65536
+    reach = x - np.minimum(spread * x * x, cap * x)
+    for ring_m in np.arange(0.4, 15.0, 0.7):
+        behind = fs.code_behind(gain, spread, cap, ring_m)
+        np.testing.assert_array_equal(reach >= ring_m, np.arange(2, 65536) < behind)
+        assert 2 <= behind <= 65536
 
 
 @given(SEED)
@@ -192,12 +196,12 @@ def test_the_profile_spans_the_view_in_even_directions() -> None:
 def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
-    w = fs.walk_settings(view(), ground, 0.005, p)
+    w = fs.walk_settings(view(), ground, 19.0, 0.005, p)
     for t in (0.0, 0.4):
         for x in (1.0, 10.0, 18.0):
             surface = 2.0 + 0.02 * x - 0.01 * t * x
             assert fs.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
-    assert fs.lowest_clear(0.0, 10.0, fs.walk_settings(view(), NO_GROUND, 0.005, p)) > 1e5
+    assert fs.lowest_clear(0.0, 10.0, fs.walk_settings(view(), NO_GROUND, 19.0, 0.005, p)) > 1e5
 
 
 def test_nothing_below_the_ground_is_free() -> None:
