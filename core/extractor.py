@@ -88,7 +88,7 @@ class Extractor:
         codes, view, exact = self._level(marks, info, R, ke, exact_view)
         ground = self._ground(marks, info, R, ke, state)
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
-        seen = seen_free(*exact, ground, clear_m, ke, self.params)  # while the codes are at hand
+        seen = seen_free(*exact, (k.width, k.height), ground, clear_m, ke, self.params)  # while the codes are at hand
         n, found, ground_px, overflow = self._strips(codes, view, info, R, ground, clear_m, ke, settings)
         if self._is_shreds(found, view):
             stats = pixel_stats(counts, depth_mm.size, dropped_strips=found)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .free_cells import count_codes, look_at, looked_at
 from .kernels import inner, inner_inline, kernel
-from .level import Q_FAR
+from .level import Q_FAR, seen_rows
 from .params import Params
 from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
 from .types import FreeEnd, FreeProfile, Ground
@@ -107,36 +107,48 @@ def lowest_clear(t, x, w):
 
 
 @inner_inline
-def blocks_between(x, top, lower, w):
-    """(first, behind the last) block of the rows from z = top down to lower at distance x; -1, -1 where the view does not
-    hold all of them. w: `walk_settings`."""
+def rows_between(x, top, lower, w):
+    """(first, last) of the rows from z = top down to lower at distance x; -1, -1 where the view does not hold all of them.
+
+    w: `walk_settings`."""
     v0, v1 = math.floor(w[W_CV] + w[W_F] * top / x + 0.5), math.ceil(w[W_CV] + w[W_F] * lower / x - 0.5)
     if v0 < 0 or v1 >= w[W_ROWS]:
         return -1, -1
-    block = int(w[W_BLOCK])
-    return int(v0) // block, int(v1) // block + 1
+    return int(v0), int(v1)
 
 
 @inner
-def blocks_of_rings(ring_m, layers, w, blocks):
-    """blocks: (L, R, 2) int64 out, `blocks_between` of each whole layer at each ring: the same in all directions."""
+def rows_of_rings(ring_m, layers, w, rows):
+    """rows: (L, R, 2) int64 out, `rows_between` of each whole layer at each ring: the same in all directions."""
     for layer in range(len(layers) - 1):
         for r in range(len(ring_m)):
-            first, end = blocks_between(ring_m[r], layers[layer], layers[layer + 1], w)
-            blocks[layer, r, 0], blocks[layer, r, 1] = first, end
+            first, last = rows_between(ring_m[r], layers[layer], layers[layer + 1], w)
+            rows[layer, r, 0], rows[layer, r, 1] = first, last
 
 
 @inner
-def walk_rings(cells, begin, unknown, t0, t1, ring_m, behind, blocks, top, bottom, w):
+def rows_in_source(H, u0, u1, src_cols, src_rows, rows):
+    """(first, last) of the rows that lie in the source image in each of the columns u0..u1 - 1; first > last: none.
+
+    What lies outside is unknown in one piece and would hide a thing there, unlike pixels that drop out here and there."""
+    first, last = 0, rows - 1
+    for u in range(u0, u1):
+        begin, end = seen_rows(H, u, src_cols, src_rows, rows)
+        first, last = max(first, begin), min(last, end - 1)
+    return first, last
+
+
+@inner
+def walk_rings(cells, begin, unknown, t0, t1, in_source, ring_m, behind, rows, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
-    cells, begin, unknown: see `look_at`, for the direction between t0 and t1; behind: (R,) of `codes_behind`; blocks: (R, 2)
-    of `blocks_of_rings`. The layer reaches from z = top down to bottom, or to what can be told from ground; where that may
+    cells, begin, unknown: see `look_at`, for the direction between t0 and t1; in_source: of `rows_in_source`; behind: (R,) of
+    `codes_behind`; rows: (R, 2) of `rows_of_rings`. The layer reaches from z = top down to bottom, or to what can be told from ground; where that may
     hide an obstacle of the least height, none of it is free. Nothing is free beyond the range. w: `walk_settings`."""
-    t = 0.5 * (t0 + t1)
+    t, block = 0.5 * (t0 + t1), int(w[W_BLOCK])
     first, last, why = -1, -1, _NOT_SEEN
     for r in range(len(ring_m)):
-        x, b0, b1 = ring_m[r], blocks[r, 0], blocks[r, 1]
+        x, v0, v1 = ring_m[r], rows[r, 0], rows[r, 1]
         lower = min(bottom, lowest_clear(t, x, w))
         if lower < bottom and x > w[W_BLIND]:
             why = _UNKNOWN
@@ -151,12 +163,13 @@ def walk_rings(cells, begin, unknown, t0, t1, ring_m, behind, blocks, top, botto
                 why = _RANGE
             break
         if lower < bottom:
-            b0, b1 = blocks_between(x, top, lower, w)
-        if b0 < 0:
+            v0, v1 = rows_between(x, top, lower, w)
+        if v0 < in_source[0] or v1 > in_source[1]:
             if first >= 0:
                 why = _VIEW
                 break
             continue
+        b0, b1 = v0 // block, v1 // block + 1
         from_cell, to_cell = begin[b0], begin[b1]
         total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
         known, enough, near_enough = total - dark, w[W_SHARE] * total, (1.0 - w[W_SHARE]) * total
@@ -179,27 +192,29 @@ def walk_rings(cells, begin, unknown, t0, t1, ring_m, behind, blocks, top, botto
 
 
 @kernel
-def walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, free_to, end):
+def walk_view(codes, cu, f_u, H, source, edges_t, behind, ring_m, layers, w, free_from, free_to, end):
     """Every direction and layer of a levelled view: free_from, free_to (D, L) float32 forward distances, end (D, L).
 
-    Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64. behind: (L, R) of `codes_behind`."""
+    Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64. H: of ViewGeometry; source: width and height of
+    its image. behind: (L, R) of `codes_behind`."""
     cols, rows = codes.shape
     block = int(w[W_BLOCK])
     cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
     dark, unknown = np.empty(begin.shape[0], np.int64), np.empty(rows, np.uint16)
-    looked, blocks = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
+    looked, layer_rows = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
     looked_at(rows, looked)
-    blocks_of_rings(ring_m, layers, w, blocks)
+    rows_of_rings(ring_m, layers, w, layer_rows)
     u1 = 0
     for d in range(len(edges_t) - 1):
         u0 = u1
         while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
             u1 += 1
         look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
+        in_source = rows_in_source(H, u0, u1, source[0], source[1], rows)
         for layer in range(len(layers) - 1):
             first, last, why = walk_rings(
-                cells, begin, dark, edges_t[d], edges_t[d + 1], ring_m, behind[layer], blocks[layer], layers[layer],
-                layers[layer + 1], w,
+                cells, begin, dark, edges_t[d], edges_t[d + 1], in_source, ring_m, behind[layer], layer_rows[layer],
+                layers[layer], layers[layer + 1], w,
             )  # fmt: skip
             end[d, layer] = why
             free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
@@ -272,13 +287,14 @@ class SeenFree:
 
 
 def seen_free(
-    codes: NDArray[np.uint16], g: ViewGeometry, ground: Ground, clear_m: float, ke: float, params: Params
-) -> SeenFree:
-    """What the pixels of a levelled view were seen to be free of. clear_m: optical depth to which a FAR cell is free
+    codes: NDArray[np.uint16], g: ViewGeometry, source: tuple[int, int], ground: Ground, clear_m: float, ke: float,
+    params: Params,
+) -> SeenFree:  # fmt: skip
+    """What the pixels of a levelled view were seen to be free of. source: width and height of the image; clear_m: optical depth to which a FAR cell is free
     (classify.clear_range_m)."""
     p, layers, settings = params, layer_edges(params), walk_settings(g, ground, clear_m, ke, params)
     edges, edges_t, free_from, free_to, end = see_free(
-        codes, g.cu, g.f_px / float(g.lateral[0]), g.f_px * g.quantum, math.radians(p.profile_step_deg), p.profile_ring_m,
+        codes, g.cu, g.f_px / float(g.lateral[0]), g.H, source, g.f_px * g.quantum, math.radians(p.profile_step_deg), p.profile_ring_m,
         clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
     )  # fmt: skip
     return SeenFree(
@@ -287,7 +303,7 @@ def seen_free(
 
 
 @kernel
-def see_free(codes, cu, f_u, gain, step_rad, ring, clear_m, spread, cap, layers, w):
+def see_free(codes, cu, f_u, H, source, gain, step_rad, ring, clear_m, spread, cap, layers, w):
     """(edges_rad, edges_t, free_from_m, free_to_m, end) of SeenFree by `codes_behind` and `walk_view`.
 
     Column u looks in direction (u - cu) / f_u; directions are step_rad wide but for the last one. Rings of so many metres up to
@@ -305,7 +321,7 @@ def see_free(codes, cu, f_u, gain, step_rad, ring, clear_m, spread, cap, layers,
     codes_behind(gain, spread, cap, ring_m, edges_t, layers, w, behind)
     shape = (n, layers.shape[0] - 1)
     free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
-    walk_view(codes, cu, f_u, edges_t, behind, ring_m, layers, w, free_from, free_to, end)
+    walk_view(codes, cu, f_u, H, source, edges_t, behind, ring_m, layers, w, free_from, free_to, end)
     return edges, edges_t, free_from, free_to, end
 
 

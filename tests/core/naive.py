@@ -410,10 +410,10 @@ def pair_cost(pieces, p, sigma_s, gap_m):
 
 
 def free_walk(
-    codes, weight, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind
+    codes, weight, inside, direction, d, z0, z1, ring_m, cv, f, block, share, sees_through, clear_z, in_range, least, blind
 ):  # fmt: skip
     """(first, last, end): first and last index of the rings of one direction and layer that are seen free, -1, -1: none,
-    and the name of its end. weight: what a cell counts, like codes. sees_through: whether codes see through a distance;
+    and the name of its end. weight, inside: what a cell counts and whether it is in the source, like codes. sees_through: whether codes see through a distance;
     clear_z: z down to which ground hides nothing at a distance; in_range: whether heights z0..z1 at a distance are; least: height of a layer that is judged; blind: distance beyond which ground may hide an obstacle."""
     columns, weights = codes[direction == d], weight[direction == d]
     rows = codes.shape[1]
@@ -430,7 +430,7 @@ def free_walk(
         if not in_range(x, z0, lower):
             return first, last, "MAX_RANGE" if first >= 0 else end
         a, b = math.floor(cv + f * z0 / x + 0.5), math.ceil(cv + f * lower / x - 0.5)
-        if a < 0 or b >= rows:
+        if a < 0 or b >= rows or not inside[direction == d, a : b + 1].all():
             if first >= 0:
                 return first, last, "FIELD_OF_VIEW"
             continue

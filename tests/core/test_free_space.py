@@ -87,14 +87,19 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     behind = np.full((3, len(ring_m)), -1, np.int32)
     fs.codes_behind(F * QUANTUM, 2 * KE, 0.3, ring_m, edges_t, layers, w, behind)
 
+    to_source = np.eye(3)  # an image of 40 x 100 pixels that is shifted and turned against the view
+    to_source[0, 2], to_source[1] = rng.uniform(0.0, 15.0), [0.3 * rng.standard_normal(), 1.0, rng.uniform(-10.0, 20.0)]
+    inside = np.abs(np.tensordot(to_source[1], np.stack([u, v, np.ones(u.shape)]), 1) - 49.5) <= 49.9999
+    codes[~inside] = 0
+
     def depth(x: float, ts: np.ndarray, zs: list[float]) -> float:
         return max(ahead * x + right * t * x + down * z for t in ts for z in zs)
 
-    fs.walk_view(codes, 11.5, F, edges_t, behind, ring_m, layers, w, start, to, end)
+    fs.walk_view(codes, 11.5, F, to_source, (40, 100), edges_t, behind, ring_m, layers, w, start, to, end)
     for d in range(3):
         for layer in range(3):
             first, last, why = naive.free_walk(
-                codes, weight, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
+                codes, weight, inside, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): fs.lowest_clear(t, x, w),
                 lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w[fs.W_LEAST], w[fs.W_BLIND],
@@ -133,7 +138,7 @@ def profile(
     codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
 ) -> FreeProfile:
     planes, ints, _ = plane_table(room=1)
-    seen = fs.seen_free(codes, g, ground, clear_m, KE, Params(**params))
+    seen = fs.seen_free(codes, g, codes.shape, ground, clear_m, KE, Params(**params))
     return fs.free_profile(seen, 0, planes, ints, np.zeros(0, np.float32))
 
 

@@ -70,6 +70,19 @@ def test_a_tilted_camera_that_sees_far_calls_free_what_it_sees(pitch_deg: float)
     assert depth.max() >= clear_range_m(info, KE, Params()) - 1.0
 
 
+@pytest.mark.parametrize(("pitch_deg", "roll_deg"), TILTS_DEG)
+def test_all_that_is_called_free_lies_in_the_image(pitch_deg: float, roll_deg: float) -> None:
+    """Rolled, the border of the image cuts layers; the part that it hides must not pass for a few unknown pixels."""
+    info, R = short_camera(20.0), level(math.radians(pitch_deg), math.radians(roll_deg))
+    model, _ = Extractor(Params()).extract(np.full((120, 160), FAR_MM, np.uint16), info, R)
+    k = info.intrinsics
+    right, down, ahead = (claimed_points(model) @ R).T
+    u, v = k.fx * right / ahead + k.cx, k.fy * down / ahead + k.cy
+    outside = np.max([-0.5 - u, u - k.width + 0.5, -0.5 - v, v - k.height + 0.5], axis=0)
+    # half a cell of the view at its edge, and half a pixel: cells are up to 1.4 pixels apart there, in both directions
+    assert (outside <= 2.5).all(), f"{outside.max():.1f} px outside"
+
+
 def test_where_the_range_ends_a_free_range_it_says_so() -> None:
     """Pitched down, low layers end at the clip before the forward distance does."""
     R = level(math.radians(-30.0))
