@@ -1,0 +1,191 @@
+"""The truth check of claimed free space: planted wrong cells are found, and what may be claimed is not reported."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import free_campaign
+from benchmarks.free_volume import above_ground, first_solids, wrong_cells
+from benchmarks.random_frames import ROOM_M, has_room, random_frame
+from core.free_space import lowest_clear, walk_settings
+from core.ground import NO_GROUND
+from core.model import blind_model
+from core.params import Params
+from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
+from core.view_geometry import view_geometry
+from drivers.scenes import SceneBuilder
+from drivers.simulated import Rendered, camera_info, render
+
+INFO = camera_info(160, 120, max_range_m=12.0)
+KE = 0.0015
+EDGES = np.linspace(-0.6, 0.6, 25).astype(np.float32)
+LAYERS = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
+
+
+def claiming(free_to_m: float, layers: tuple[int, ...] = (1,), ground: Ground = NO_GROUND) -> FrameModel:
+    """A model that calls some layers free to a range in all directions, from 1 m on."""
+    start, to = np.zeros((24, 3), np.float32), np.zeros((24, 3), np.float32)
+    start[:, layers], to[:, layers] = 1.0, free_to_m
+    free = FreeProfile(
+        azimuth_edges_rad=EDGES, layer_edges_m=LAYERS, free_from_m=start, free_to_m=to,
+        end=np.full((24, 3), int(FreeEnd.MAX_RANGE), np.uint8),
+    )  # fmt: skip
+    return replace(blind_model(INFO, InvalidCause.NONE, Params()), valid=True, free=free, ground=ground, ke_per_m=KE)
+
+
+def view(s: SceneBuilder, *, height_m: float = 2.0, yaw_rad: float = 0.4, pitch_rad: float = 0.0) -> Rendered:
+    return render(s.build(), INFO, yaw_rad=yaw_rad, pitch_rad=pitch_rad, position_ned_m=(3.0, -2.0, -height_m))
+
+
+def ahead(distance_m: float, right_m: float = 0.0, yaw_rad: float = 0.4) -> tuple[float, float]:
+    """x, y in ned of a place before the camera of `view`."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return 3.0 + distance_m * c - right_m * s, -2.0 + distance_m * s + right_m * c
+
+
+def box(low_m: float, high_m: float, *, ground: bool = False) -> SceneBuilder:
+    """A box of 2 x 2 m whose face is 5 m ahead, between two heights."""
+    s = SceneBuilder("box")
+    if ground:
+        s.ground()
+    s.box("box", *ahead(6.0), 2.0, 2.0, high_m - low_m, 0.4, low_m)
+    return s
+
+
+def test_a_claim_that_ends_before_a_solid_is_right_and_one_that_enters_it_is_wrong() -> None:
+    frame = view(box(0.0, 4.0))
+    assert wrong_cells(frame, claiming(4.9), KE, Params()) == ([], 24)
+    assert wrong_cells(frame, claiming(5.28), KE, Params())[0] == []  # within the slack
+    wrong, claimed = wrong_cells(frame, claiming(5.45), KE, Params())
+    assert claimed == 24
+    # the face spans 1 m to either side: 11.3 degrees, hence the directions from -0.2 to 0.2 rad
+    assert {w.direction for w in wrong} == {8, 9, 10, 11, 12, 13, 14, 15}
+    for w in wrong:
+        assert w.layer == 1
+        assert w.solid == 0
+        assert w.range_m * math.cos(w.azimuth_rad) == pytest.approx(5.0, abs=1e-6)
+        assert w.deep_m == pytest.approx(5.45 - w.range_m, abs=1e-5)
+
+
+def test_noise_allows_three_sigma() -> None:
+    frame = view(box(0.0, 4.0))
+    assert wrong_cells(frame, claiming(5.45), KE, Params())[0]
+    assert wrong_cells(frame, claiming(5.45), 0.008, Params())[0] == []  # 3 * 0.008 * 25 = 0.6 m
+    assert wrong_cells(frame, claiming(5.65), 0.008, Params())[0]
+
+
+def test_what_no_pixel_sees_is_judged_too() -> None:
+    """A claim that begins in a solid, and one that goes on behind what is seen."""
+    s = box(0.0, 4.0)
+    s.wall("wall", ahead(0.8, -9.0), ahead(0.8, 9.0), 5.0)
+    assert wrong_cells(view(s), claiming(5.8), KE, Params())[0]
+    inside = SceneBuilder("inside")
+    inside.box("hall", *ahead(5.0), 30.0, 30.0, 9.0)
+    wrong, claimed = wrong_cells(view(inside), claiming(4.0), KE, Params())
+    assert len(wrong) == claimed == 24
+
+
+def test_only_layers_that_a_solid_reaches_into_are_wrong() -> None:
+    frame = view(box(3.2, 4.2))  # z = -2.2..-1.2: the layer above the camera's own
+    assert wrong_cells(frame, claiming(6.0, (1, 2)), KE, Params())[0] == []
+    assert {w.layer for w in wrong_cells(frame, claiming(6.0, (0, 1, 2)), KE, Params())[0]} == {0}
+
+
+@pytest.mark.parametrize("pitch_rad", [0.0, -0.5, 0.4])
+def test_the_tilt_of_the_camera_does_not_turn_the_cells(pitch_rad: float) -> None:
+    frame = view(box(0.0, 4.0), pitch_rad=pitch_rad)
+    assert {w.direction for w in wrong_cells(frame, claiming(6.0), KE, Params())[0]} == set(range(8, 16))
+
+
+def test_below_the_ground_of_the_model_nothing_is_claimed() -> None:
+    low, tall = view(box(0.0, 0.9)), view(box(0.0, 1.6))  # z = 1.1..2 and 0.4..2
+    layer = (2,)  # z = 1..3
+    assert wrong_cells(low, claiming(6.0, layer), KE, Params())[0]
+    assert wrong_cells(low, claiming(6.0, layer, Ground(seen=True, height_m=1.3)), KE, Params())[0] == []
+    assert wrong_cells(low, claiming(6.0, layer, Ground(seen=True, height_m=2.0)), KE, Params())[0]
+    # a roof that was taken for ground hides what is below it, not what stands on it
+    assert wrong_cells(tall, claiming(6.0, (1, 2), Ground(seen=True, height_m=1.3)), KE, Params())[0]
+
+
+def test_what_is_lower_than_an_obstacle_above_the_true_ground_is_not_judged() -> None:
+    layer = (2,)
+    assert wrong_cells(view(box(0.0, 0.5, ground=True), height_m=2.5), claiming(6.0, layer), KE, Params())[0] == []
+    assert wrong_cells(view(box(0.0, 0.9, ground=True), height_m=2.5), claiming(6.0, layer), KE, Params())[0]
+
+
+def test_ground_that_is_called_free_deeper_than_an_obstacle_is_wrong() -> None:
+    s = SceneBuilder("ground")
+    s.ground()
+    assert {w.solid for w in wrong_cells(view(s), claiming(6.0, (2,)), KE, Params())[0]} == {-1}  # z = 1..3, ground 2
+    assert wrong_cells(view(s, height_m=2.5), claiming(6.0, (2,)), KE, Params())[0] == []
+    assert wrong_cells(view(s), claiming(6.0, (2,), Ground(seen=True, height_m=2.0)), KE, Params())[0] == []
+
+
+def test_the_model_s_ground_bounds_a_ray_as_the_profile_does() -> None:
+    rng, p = np.random.default_rng(3), Params()
+    g = view_geometry(INFO, view(SceneBuilder("none")).R_level_optical, p)
+    for _ in range(200):
+        slopes = rng.uniform(-0.2, 0.2, 2)
+        ground = Ground(seen=True, height_m=rng.uniform(0.5, 4.0), slope_x=slopes[0], slope_y=slopes[1])
+        azimuth, z = rng.uniform(-0.8, 0.8), rng.uniform(-3.0, 5.0)
+        (lo,), (hi,) = above_ground(
+            ground, np.array([azimuth]), np.array([z]), np.array([1.0]), np.array([12.0]), KE, p
+        )  # fmt: skip
+        w = walk_settings(g, ground, 12.0, KE, p)
+        for r in rng.uniform(1.0, 12.0, 20):
+            above = z < lowest_clear(math.tan(azimuth), r * math.cos(azimuth), w)
+            assert above == (lo <= r <= hi)
+
+
+def test_rays_enter_each_kind_of_solid_where_it_begins() -> None:
+    s = SceneBuilder("all")
+    s.box("box", 5.0, 0.0, 2.0, 2.0, 2.0)
+    s.sphere("sphere", 5.0, 10.0, 1.0, 1.5)
+    s.pole("pole", 5.0, 20.0, 0.4, 3.0)
+    s.disc("disc", (5.0, 30.0, -1.0), (1.0, 0.0, 0.0), 0.5)
+    y = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
+    origins = np.stack([np.zeros(5), y, np.full(5, -1.0)], axis=1)
+    directions = np.tile([1.0, 0.0, 0.0], (5, 1))
+    at, which = first_solids(s.build(), False, origins, directions, np.zeros(5), np.full(5, 9.0), 0.6)
+    np.testing.assert_allclose(at, [4.0, 3.5, 4.8, 5.0, np.inf])
+    np.testing.assert_array_equal(which, [0, 1, 2, 3, -2])
+    at, _ = first_solids(s.build(), False, origins, directions, np.full(5, 4.9), np.full(5, 9.0), 0.6)
+    np.testing.assert_allclose(at, [4.9, 4.9, 4.9, 5.0, np.inf])  # it starts inside
+    at, _ = first_solids(s.build(), False, origins, directions, np.full(5, 6.6), np.full(5, 9.0), 0.6)
+    assert not np.isfinite(at).any()
+
+
+def test_a_random_frame_is_the_same_again_and_has_room_for_its_camera() -> None:
+    for number in range(8):
+        a, b = random_frame(5, number), random_frame(5, number)
+        np.testing.assert_array_equal(a.frame.depth_mm, b.frame.depth_mm)
+        assert a.frame.info == b.frame.info
+        assert has_room(a.frame.scene, -float(a.frame.position_ned_m[2]))
+    near = SceneBuilder("near")
+    near.box("box", ROOM_M + 0.4, 0.0, 1.0, 1.0, 4.0)
+    assert not has_room(near.build(), 2.0)
+
+
+def test_a_short_campaign_finds_nothing_and_a_planted_claim_fails_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert free_campaign.main(["--frames", "60", "--seed", "7"]) == 0
+    counts = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert counts["frames"] == 60
+    assert counts["cells"] > 1000
+    whole = free_campaign.Extractor.extract
+
+    def reaching_too_far(self, *arguments, **more):  # type: ignore[no-untyped-def]
+        model, state = whole(self, *arguments, **more)
+        return replace(model, free=replace(model.free, free_to_m=model.free.free_to_m * np.float32(1.5))), state
+
+    monkeypatch.setattr(free_campaign.Extractor, "extract", reaching_too_far)
+    assert free_campaign.main(["--frames", "20", "--seed", "7"]) == 1
+    out = capsys.readouterr().out.splitlines()
+    assert json.loads(out[-1])["wrong"] > 0
+    assert out[0].startswith("frame ")
