@@ -222,8 +222,20 @@ def walk_view(codes, cu, f_u, H, source, edges_t, behind, ring_m, layers, w, fre
 
 
 @inner
+def hidden_from(x, top, bottom, above, below):
+    """Forward distance from which a plane at x hides a part of the layer z = above..below that it does not stand in; inf:
+    nowhere. top, bottom: of the plane.
+
+    The plane hides what lies behind it between the lines of sight over its top and under its bottom."""
+    if below <= top:
+        return x * below / top if top < 0.0 else math.inf
+    return x * above / bottom if bottom > 0.0 else math.inf
+
+
+@inner
 def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end):
-    """No free range passes a plane: shortens free_to to the nearest plane of the direction and layer less its margin."""
+    """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
+    layer less its margin, and to where a layer comes behind a plane that stands above or below it."""
     for k in range(count):
         p = planes[k]
         if plane_ints[k, P_SUPPORT] < 0:
@@ -232,11 +244,15 @@ def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, 
             lo, hi = max(edges_t[d], p[T0]), min(edges_t[d + 1], p[T1])
             if lo > hi:
                 continue
-            x = min(distance_at(p, lo), distance_at(p, hi)) - margin[k]
+            x = min(distance_at(p, lo), distance_at(p, hi))
             for layer in range(layers.shape[0] - 1):
-                if p[Z0] < layers[layer + 1] and p[Z1] > layers[layer] and x < free_to[d, layer]:
-                    free_to[d, layer] = max(0.0, x)
-                    end[d, layer] = _OBSTACLE
+                if p[Z0] < layers[layer + 1] and p[Z1] > layers[layer]:
+                    reach, why = max(0.0, x - margin[k]), _OBSTACLE
+                else:
+                    reach, why = hidden_from(x, p[Z0], p[Z1], layers[layer], layers[layer + 1]), _UNKNOWN
+                if reach < free_to[d, layer]:
+                    free_to[d, layer] = reach
+                    end[d, layer] = why
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:

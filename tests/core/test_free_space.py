@@ -15,11 +15,12 @@ from core.ground import NO_GROUND
 from core.params import Params
 from core.types import FreeEnd, FreeProfile, Ground
 from core.view_geometry import ViewGeometry
+from drivers.scenes import SceneBuilder
 
 from . import naive
 from .columns import QUANTUM, F, code, view
 from .tables import plane_table
-from .views import VIEW, extract, flat_wall, free_to, level
+from .views import VIEW, extract, flat_wall, free_to, level, seen
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -239,6 +240,33 @@ def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
             assert end[d, 1] == FreeEnd.OBSTACLE
         low = ts[(ts >= 0.5) & (ts <= 2 / 3)]
         assert to[d, 2] == pytest.approx(2.9) if len(low) > 1 else to[d, 2] in (pytest.approx(2.9), 9.0)
+
+
+def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
+    planes, ints, _ = plane_table((2.0, -3.0, 2.0, 3.0, -0.5, 0.9))
+    edges_t = np.linspace(-0.6, 0.6, 25)
+    layers = np.array([-5.0, -3.0, -1.0, 1.0, 3.0], np.float32)
+    to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
+    fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), edges_t, layers, to, end)
+    np.testing.assert_allclose(to, np.tile([9.0, 4.0, 1.7, 2.0 / 0.9], (24, 1)), rtol=1e-6)
+    np.testing.assert_array_equal(end, np.tile([4, FreeEnd.UNKNOWN, FreeEnd.OBSTACLE, FreeEnd.UNKNOWN], (24, 1)))
+    # what lies wholly above or below the camera hides nothing of the layers nearer to its height
+    for z in ([-2.5, -1.2], [1.2, 2.5]):
+        planes, ints, _ = plane_table((2.0, -3.0, 2.0, 3.0, *z))
+        to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
+        fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), edges_t, layers, to, end)
+        assert (to[:, 2] == 9.0).all()
+        assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
+
+
+def test_a_wall_that_a_near_box_hides_is_not_free() -> None:
+    """The box, all below the layer, hides the wall's top in it: less than a fifth of the rows that look at the layer there."""
+    s = SceneBuilder("box before a wall")
+    s.box("box", 3.1, 0.0, 1.0, 12.0, 8.57, base=-8.0)
+    s.wall("wall", (5.1, -9.0), (5.1, 9.0), 9.1, base=-8.0)
+    r = seen(s, position_ned_m=(0.0, 0.0, 0.0), pitch_rad=0.25)
+    model = extract(r.depth_mm, VIEW, r.R_level_optical)
+    assert 3.5 < free_to(model, 0.0, -2.0) < 5.1
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.4)])
