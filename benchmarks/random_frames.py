@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.free_volume import first_solids
+from core.types import CameraInfo
 from drivers.scenes import Scene, SceneBuilder
 from drivers.sensor_model import SensorModel
 from drivers.simulated import Rendered, camera_info, render
@@ -30,14 +31,39 @@ _THIN_PX = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RandomCamera:
+    """info: what the extractor is told; measures: the same with the range to which the sensor delivers depth."""
+
+    info: CameraInfo
+    measures: CameraInfo
+    sensor: SensorModel
+    seed: int
+
+    def image(
+        self, scene: Scene, place_m: tuple[float, float, float], yaw_rad: float, pitch_deg: float, roll_deg: float, number: int
+    ) -> Rendered:  # fmt: skip
+        """What it delivers of a scene at a place in ned; number: of the noise."""
+        frame = render(
+            scene, self.measures, roll_rad=math.radians(roll_deg), pitch_rad=math.radians(pitch_deg), yaw_rad=yaw_rad,
+            position_ned_m=place_m, sensor=self.sensor, seed=self.seed, frame=number,
+        )  # fmt: skip
+        return replace(frame, info=self.info)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RandomFrame:
-    """One image of a random scene: frame.info is what the extractor is told. ke_per_m: the true noise."""
+    """One image of a random scene."""
 
     number: int
     frame: Rendered
-    ke_per_m: float
+    camera: RandomCamera
     pitch_deg: float
     roll_deg: float
+
+    @property
+    def ke_per_m(self) -> float:
+        """The true noise."""
+        return self.camera.sensor.ke_per_m
 
 
 def random_scene(rng: np.random.Generator, name: str, reach_m: float, thin_m: float) -> Scene:
@@ -92,11 +118,11 @@ def random_scene(rng: np.random.Generator, name: str, reach_m: float, thin_m: fl
     return s.build()
 
 
-def has_room(scene: Scene, height_m: float) -> bool:
-    """Whether nothing is nearer than about ROOM_M to a camera at this height over (0, 0)."""
+def has_room(scene: Scene, height_m: float, place_m: tuple[float, float] = (0.0, 0.0)) -> bool:
+    """Whether nothing is nearer than about ROOM_M to a camera at this height over a place in ned."""
     azimuth, z = np.meshgrid(np.linspace(-math.pi, math.pi, 24), height_m * -1.0 + np.linspace(-ROOM_M, ROOM_M, 7))
     n = azimuth.size
-    origins = np.stack([np.zeros(n), np.zeros(n), z.ravel()], axis=1)
+    origins = np.stack([np.full(n, place_m[0]), np.full(n, place_m[1]), z.ravel()], axis=1)
     directions = np.stack([np.cos(azimuth).ravel(), np.sin(azimuth).ravel(), np.zeros(n)], axis=1)
     _, which = first_solids(scene, False, origins, directions, np.zeros(n), np.full(n, ROOM_M), 0.0)
     return bool((which == -2).all())
@@ -129,11 +155,10 @@ def random_frame(seed: int, number: int) -> RandomFrame:
     reach_m = 1.6 * range_m + 3.0
     height_m = float(rng.uniform(0.8, 2.5 if rng.random() < 0.5 else 12.0))
     for _ in range(_TRIES):
-        scene = random_scene(rng, f"random {seed}:{number}", reach_m, _THIN_PX * range_m / info.intrinsics.fx)
+        scene = random_scene(rng, "random", reach_m, _THIN_PX * range_m / info.intrinsics.fx)
         if has_room(scene, height_m):
             break
-    frame = render(
-        scene, measures, roll_rad=math.radians(roll_deg), pitch_rad=math.radians(pitch_deg), yaw_rad=float(rng.uniform(-0.3, 0.3)),
-        position_ned_m=(0.0, 0.0, -height_m), sensor=sensor, seed=seed, frame=number,
-    )  # fmt: skip
-    return RandomFrame(number, replace(frame, info=info), sensor.ke_per_m, pitch_deg, roll_deg)
+    camera = RandomCamera(info, measures, sensor, seed)
+    place = (0.0, 0.0, -height_m)
+    frame = camera.image(scene, place, float(rng.uniform(-0.3, 0.3)), pitch_deg, roll_deg, number)
+    return RandomFrame(number, frame, camera, pitch_deg, roll_deg)

@@ -188,4 +188,4 @@ def test_a_short_campaign_finds_nothing_and_a_planted_claim_fails_it(
     assert free_campaign.main(["--frames", "20", "--seed", "7"]) == 1
     out = capsys.readouterr().out.splitlines()
     assert json.loads(out[-1])["wrong"] > 0
-    assert out[0].startswith("frame ")
+    assert out[0].startswith("random ")
