@@ -9,16 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import free_campaign
+from benchmarks import free_campaign, free_worlds
 from benchmarks.free_volume import above_ground, first_solids, wrong_cells
 from benchmarks.random_frames import ROOM_M, has_room, random_frame
+from core.extractor import Extractor
 from core.free_space import lowest_clear, walk_settings
 from core.ground import NO_GROUND
 from core.model import blind_model
 from core.params import Params
-from core.types import FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
+from core.types import FAR_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
 from core.view_geometry import view_geometry
-from drivers.scenes import SceneBuilder
+from drivers.scenes import Scene, SceneBuilder
 from drivers.simulated import Rendered, camera_info, render
 
 INFO = camera_info(160, 120, max_range_m=12.0)
@@ -169,6 +170,59 @@ def test_a_random_frame_is_the_same_again_and_has_room_for_its_camera() -> None:
     near = SceneBuilder("near")
     near.box("box", ROOM_M + 0.4, 0.0, 1.0, 1.0, 4.0)
     assert not has_room(near.build(), 2.0)
+
+
+def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points = np.array([[6.0, 0.0, -1.0], [4.8, 0.0, -1.0], [5.1, 0.0, -1.0], [6.0, 0.0, -3.5]])
+    s = SceneBuilder("box")
+    s.box("box", 6.0, 0.0, 2.0, 2.0, 3.0)
+    first = random_frame(3, 0)
+    frame = render(s.build(), INFO, position_ned_m=(0.0, 0.0, -2.0))
+    flown = [free_worlds.Flown(frame, claiming(4.0))]
+    monkeypatch.setattr(free_worlds, "flight", lambda *_: (flown, first.ke_per_m))
+    monkeypatch.setattr(free_worlds, "_free_cells", lambda *_: points)
+    wrong, cells, valid = free_worlds.judge_world(3, 0, Extractor(Params()))
+    np.testing.assert_array_equal(wrong, points[:1])  # the third lies within the slack of its side
+    assert (cells, valid) == (4, 1)
+    # below what a frame took for ground nothing is claimed
+    flown[0] = free_worlds.Flown(frame, claiming(4.0, ground=Ground(seen=True, height_m=0.8)))
+    assert len(free_worlds.judge_world(3, 0, Extractor(Params()))[0]) == 0
+
+
+def test_a_solid_in_a_clear_sector_is_wrong() -> None:
+    s = SceneBuilder("post")
+    s.box("post", 5.0, 0.0, 0.4, 0.4, 6.0, base=-3.0)
+    r = random_frame(3, 0)
+    camera = replace(r.camera, info=INFO, measures=INFO)
+    frame = camera.image(SceneBuilder("empty").build(), (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0)
+    far = replace(frame, depth_mm=np.full((120, 160), FAR_MM, np.uint16))
+
+    class Staged:
+        """A camera that delivers an empty sky, whatever stands before it."""
+
+        info, sensor = INFO, r.camera.sensor
+
+        def __init__(self, scene: Scene) -> None:
+            self.scene = scene
+
+        def image(self, *_: object) -> Rendered:
+            return replace(far, scene=self.scene)
+
+    for scene, wrong in ((SceneBuilder("empty").build(), []), (s.build(), [0])):
+        staged = replace(r, frame=replace(far, scene=scene), camera=Staged(scene))  # type: ignore[arg-type]
+        found, clear = free_worlds.judge_sectors(staged, Extractor(Params()))
+        assert found == wrong
+        assert clear >= 5
+
+
+@pytest.mark.soak
+def test_twenty_thousand_random_frames_and_the_matrix_call_nothing_solid_free() -> None:
+    assert (
+        free_campaign.main(["--frames", "20000", "--matrix", "--worlds", "500", "--sectors", "5000", "--seed", "23"])
+        == 0
+    )
 
 
 def test_a_short_campaign_finds_nothing_and_a_planted_claim_fails_it(
