@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any
 
-from core.types import CameraInfo, CameraMount, Intrinsics
+from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
 from drivers.base import DepthSource, DeviceLost, DriverError
 from drivers.frame_channel import FrameWriter
 
@@ -35,6 +35,14 @@ def info_from_json(told: dict[str, Any]) -> CameraInfo:
     return CameraInfo(intrinsics=intrinsics, mount=mount, **values)
 
 
+def with_offset(frame: DepthFrame, offset_ms: float) -> DepthFrame:
+    """The frame with its exposure stamp corrected by `exposure_offset_ms`; no exposure is later than the arrival."""
+    if offset_ms == 0.0:
+        return frame
+    t_exposure_ns = min(frame.t_exposure_ns - round(offset_ms * 1e6), frame.t_arrival_ns)
+    return dataclasses.replace(frame, t_exposure_ns=t_exposure_ns)
+
+
 def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) -> None:
     """Opens the source and passes its frames on until the device or the service is lost. Raises DriverError."""
     writer.say("opening")
@@ -45,7 +53,7 @@ def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) 
         while True:
             frame = source.read(READ_S)
             if frame is not None:
-                writer.write(frame)
+                writer.write(with_offset(frame, section.exposure_offset_ms))
             else:
                 writer.say("alive", t_ns=time.monotonic_ns())
     finally:

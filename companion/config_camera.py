@@ -83,6 +83,14 @@ class CameraConfig:
     exposure_latency_s: float = _number(
         0.0, 0.2, "s", "from the middle of the exposure: zed, v4l2 to the kernel's stamp, simulated to the arrival", 0.0
     )
+    exposure_offset_ms: float = _number(
+        -100.0,
+        200.0,
+        "ms",
+        "subtracted from each exposure stamp of a live camera: positive where its stamps are later than the exposure. "
+        "The service measures it while the vehicle turns and gives the value (docs/service.md)",
+        0.0,
+    )
     calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})
     disparities: int = _number(16, 512, "px", "zed only: disparities searched; more see nearer and cost more", 96)
     confidence: int = _number(0, 255, "", "oak only: lower keeps fewer and surer pixels", 200, safety=True)

@@ -15,6 +15,7 @@ from drivers.mavlink_link import LineState
 from drivers.proto import osape_v1_pb2 as pb
 
 from .camera_supervisor import CameraStatus
+from .exposure_offset import ExposureOffset
 from .messages import SCHEMA_VERSION
 from .recorder import RecordStatus
 
@@ -46,6 +47,7 @@ class CameraView:
     blind: str
     age_ns: int | None
     hz: float
+    exposure_offset: ExposureOffset | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +83,16 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
     )  # fmt: skip
     if view.age_ns is not None:
         message.age_ns = view.age_ns
+    if view.exposure_offset is not None:
+        message.exposure_offset.CopyFrom(exposure_offset_message(view.exposure_offset))
+    return message
+
+
+def exposure_offset_message(offset: ExposureOffset) -> pb.ExposureOffset:
+    """The measured offset of a camera's stamps; without a value unless it is measured."""
+    message = pb.ExposureOffset(state=str(offset.state), text=offset.text, pairs=offset.pairs, warns=offset.warns)
+    if offset.offset_s is not None and offset.sigma_s is not None:
+        message.offset_ms, message.sigma_ms = 1000.0 * offset.offset_s, 1000.0 * offset.sigma_s
     return message
 
 

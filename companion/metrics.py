@@ -177,6 +177,9 @@ def _cameras(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
     yield "camera_rate_hertz", "gauge", "Frames a second", [(n, c.hz) for n, c in each]
     ages = [(n, c.age_ns / NS) for n, c in each if c.HasField("age_ns")]
     yield "camera_age_seconds", "gauge", "Of the newest valid exposure", ages
+    offsets = [(n, c.exposure_offset) for n, c in each if c.exposure_offset.HasField("offset_ms")]
+    measured: list[Sample] = [(n, o.offset_ms / 1e3) for n, o in offsets]
+    yield "camera_exposure_offset_seconds", "gauge", "Exposure stamp minus exposure on the attitude's time", measured
 
 
 def _autopilot(a: pb.AutopilotHealth) -> Iterator[tuple[str, str, str, list[Sample]]]:

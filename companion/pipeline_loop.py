@@ -21,6 +21,7 @@ from drivers.watched_thread import WatchedThread
 
 from .blindness import Blindness
 from .events import Item, Note, Overtaken, RawFrame, Sample
+from .exposure_offset import ExposureOffset, ExposureOffsetMonitor
 from .health import clock_message
 from .inbox import Inbox
 from .latency import Latencies
@@ -59,7 +60,10 @@ class PipelineLoop:
         clockwork: Clockwork,
         warm_up: Callable[[], None],
         show: Callable[[DepthFrame], None] = lambda frame: None,
+        offset_monitor: ExposureOffsetMonitor | None = None,
     ) -> None:
+        """offset_monitor: measures the cameras' exposure offsets from what the pipeline handles; it changes no result."""
+        self._offset_monitor = offset_monitor
         self._pipeline, self._inbox, self._blindness, self._publish = pipeline, inbox, blindness, publish
         self._show = show
         self._recorder, self._record, self._clockwork, self._warm_up = recorder, record, clockwork, warm_up
@@ -74,6 +78,7 @@ class PipelineLoop:
         self.used: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self.newest_attitude_ns: int | None = None
+        self.exposure_offsets: tuple[ExposureOffset, ...] = ()
         self.alive_ns = time.monotonic_ns()
         self.begun = threading.Event()
         self._resting = threading.Event()
@@ -133,6 +138,8 @@ class PipelineLoop:
         for item in taken:
             if isinstance(item, CameraInfo):
                 self._pipeline.announce(item)
+                if self._offset_monitor is not None:
+                    self._offset_monitor.announce(item)
         for kind, alike in groupby(taken, _kind):
             if kind is RawFrame:
                 self._log_line(cast(list[RawFrame], list(alike)))
@@ -155,6 +162,8 @@ class PipelineLoop:
         self._later(lambda log: log.events(samples))
         for sample in samples:
             self._pipeline.handle(sample)
+            if self._offset_monitor is not None:
+                self._offset_monitor.event(sample)
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
 
@@ -182,6 +191,14 @@ class PipelineLoop:
         if isinstance(item, DepthFrame):
             self._measure(item, begun_ns, done_ns, cpu_ns)
             self._show(item)
+            self._measure_offset(item)
+
+    def _measure_offset(self, frame: DepthFrame) -> None:
+        """After the frame's results are sent: nobody waits for it."""
+        if self._offset_monitor is not None:
+            self._offset_monitor.event(frame)
+            with self.lock:
+                self.exposure_offsets = self._offset_monitor.offsets()
 
     def _tell(self, output: Output) -> None:
         prisms: bytes | None = None

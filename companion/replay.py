@@ -19,6 +19,7 @@ from drivers.topics import TOPICS
 from .compare import Comparison, Key, key_of
 from .config import Config, ConfigError, config_from_text, load_config
 from .console import fail, progress, say_json
+from .exposure_offset import ExposureOffsetMonitor
 from .log_writer import LogWriter, refuse_output
 from .masks import masked
 from .messages import prisms_message, state_from_message
@@ -79,9 +80,13 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, effective_cameras(config, source.cameras))
         events = _without(_events(source, comparison), skipped)
+        monitor = ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info))
+        for info in pipeline.cameras:
+            monitor.announce(info)
         try:
             sink.begin(pipeline.state())
             for event, outputs in process(events, pipeline, result.tally):
+                monitor.event(event)
                 sink.take(event, outputs)
                 if comparison is not None:
                     for output in outputs:
@@ -92,6 +97,8 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
             result.damage = str(error)
         sink.end()
         result.odd_samples = pipeline.odd_samples()
+        result.exposure_offsets = monitor.offsets()
+        result.configured_offsets_ms = _configured_offsets_ms(source)
         return result
 
 
@@ -137,6 +144,14 @@ def _config(options: Options, source: McapRecording) -> Config:
     if source.run is not None and source.run.config_json:
         return config_from_text(source.run.config_json, f"the configuration in {source.path}")
     return Config()
+
+
+def _configured_offsets_ms(source: McapRecording) -> dict[str, float]:
+    """`exposure_offset_ms` of each camera when its stamps were made: that of the log's own configuration."""
+    recorded = Config()
+    if source.run is not None and source.run.config_json:
+        recorded = config_from_text(source.run.config_json, f"the configuration in {source.path}")
+    return {info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras}
 
 
 def _refuse_strangers(config: Config, path: Path, source: McapRecording) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .compare import Comparison, Key
 from .console import say
+from .exposure_offset import ExposureOffset, warning_text
 from .pipeline import UNSEEN, FrameDecision
 from .sync import DropCause
 from .tally import Tally
@@ -24,6 +25,8 @@ class Replay:
     cameras: tuple[str, ...]
     comparison: Comparison | None = None
     damage: str | None = None
+    exposure_offsets: tuple[ExposureOffset, ...] = ()
+    configured_offsets_ms: dict[str, float] = field(default_factory=dict)
 
 
 def problems_of(result: Replay) -> list[str]:
@@ -91,9 +94,27 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
         "cameras": list(result.cameras),
         **result.tally.as_json(),
         "odd_samples": result.odd_samples,
+        "exposure_offsets": [_offset_json(offset, result) for offset in result.exposure_offsets],
         "check": check,
         "problems": problems,
     }
+
+
+def _offset_json(offset: ExposureOffset, result: Replay) -> dict[str, Any]:
+    """offset_ms and sigma_ms are null unless measured."""
+    measured = offset.offset_s is not None and offset.sigma_s is not None
+    return {
+        "camera": offset.camera,
+        "state": str(offset.state),
+        "offset_ms": 1000.0 * offset.offset_s if measured and offset.offset_s is not None else None,
+        "sigma_ms": 1000.0 * offset.sigma_s if measured and offset.sigma_s is not None else None,
+        "pairs": offset.pairs,
+        "warning": _offset_warning(offset, result),
+    }
+
+
+def _offset_warning(offset: ExposureOffset, result: Replay) -> str:
+    return warning_text(offset, result.configured_offsets_ms.get(offset.camera, 0.0))
 
 
 def _named(key: Key) -> dict[str, Any]:
@@ -113,6 +134,9 @@ def say_report(result: Replay, output: Path | None) -> None:
         say(f"{n} frames say nothing: {cause}")
     for cause, n in sorted(t.dropped.items()):
         say(f"{n} frames dropped: {cause}")
+    for offset in result.exposure_offsets:
+        warning = _offset_warning(offset, result)
+        say(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
     for odd, n in result.odd_samples.items():
         say(f"{n} {odd.replace('_', ' ', 1).replace('_', ' ')}")
     if result.comparison is not None:

@@ -34,6 +34,8 @@ from .curve import AllowList, load_keys
 from .depth_preview import DepthPreviews
 from .diagnostics import AttitudeRateCheck, Diagnostic, GroundCheck, template_intrinsics
 from .events import Note, RawFrame
+from .exposure_offset import CODE as EXPOSURE_TIME_OFFSET
+from .exposure_offset import ExposureOffset, ExposureOffsetMonitor, warning_text
 from .health import (
     AutopilotView,
     CameraView,
@@ -113,7 +115,7 @@ class Service:
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
         self.loop = PipelineLoop(
             self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
-            warm_up, self._previews.show,
+            warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info)),
         )  # fmt: skip
         self._rates, self._losses = FrameRates(), Losses()
         self._next_health_ns = self._next_computer_ns = 0
@@ -318,7 +320,7 @@ class Service:
             )
         if self.world is not None:
             self.troubles += self.world.troubles(now_ns, self.config.service.hang_s)
-        self.diagnostics = self._diagnosed(autopilot, now_ns)
+        self.diagnostics = self._diagnosed(views, autopilot, now_ns)
         self.troubles += [d.words() for d in self.diagnostics]
         if not self.started:
             self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
@@ -329,14 +331,23 @@ class Service:
                 self.link.set_system_status(HEARTBEAT_STATES[state])
             self._publish_health(views, autopilot)
 
-    def _diagnosed(self, autopilot: AutopilotView | None, now_ns: int) -> list[Diagnostic]:
+    def _diagnosed(self, views: list[CameraView], autopilot: AutopilotView | None, now_ns: int) -> list[Diagnostic]:
         rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
         with self.loop.lock:
             ground = self._ground.check()
-        return [*self._template, *self._attitude_rate.check(rate_hz, now_ns), *ground]
+        rate = self._attitude_rate.check(rate_hz, now_ns)
+        return [*self._template, *rate, *ground, *self._offset_warnings(views)]
+
+    def _offset_warnings(self, views: list[CameraView]) -> list[Diagnostic]:
+        """Of cameras whose exposure stamps do not fit the attitude."""
+        offsets = [view.exposure_offset for view in views if view.exposure_offset is not None]
+        texts = {o.camera: warning_text(o, self.config.camera(o.camera).exposure_offset_ms) for o in offsets}
+        return [Diagnostic(EXPOSURE_TIME_OFFSET, camera, text) for camera, text in texts.items() if text]
 
     def _views(self, now_ns: int) -> list[CameraView]:
         views = []
+        with self.loop.lock:
+            offsets: dict[str, ExposureOffset] = {offset.camera: offset for offset in self.loop.exposure_offsets}
         for name, camera in self.cameras.items():
             status = camera.status
             with self.loop.lock:
@@ -345,7 +356,7 @@ class Service:
             views.append(
                 CameraView(
                     status=status, required=camera.section.required, blind=blind, age_ns=age_ns,
-                    hz=self._rates.hz(name, status.frames, now_ns),
+                    hz=self._rates.hz(name, status.frames, now_ns), exposure_offset=offsets.get(name),
                 )
             )  # fmt: skip
         return views

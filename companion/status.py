@@ -73,6 +73,8 @@ def status_lines(h: pb.Health) -> list[str]:
         kind = "" if c.required else ", not required"
         again = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
         lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} overtaken{again}")
+        if c.HasField("exposure_offset"):
+            lines.append(f"  exposure time offset: {c.exposure_offset.text}")
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
     r = h.recording

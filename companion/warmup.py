@@ -266,6 +266,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
 def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
     """Runs what only some frames or parameters need: the look at where noise is, and the pooling of columns."""
     from core.classify import depth_to_mm, measured_mm
+    from core.depth_registration import inverse_depth_grid, rotation_between
     from core.level import pool_columns
     from core.noisy import noisy_share
     from core.params import Params
@@ -274,6 +275,8 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
+    grid = inverse_depth_grid(depth_mm, info)
+    rotation_between(grid, grid, np.eye(3))
 
 
 def _run_telling_kernels(model: FrameModel) -> None:
