@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.exposure_offset import ExposureOffset, ExposureOffsetMonitor
+from companion.exposure_monitor import ExposureOffsetMonitor
+from companion.exposure_offset import ExposureOffset
 from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
 from drivers.flight_path import FlightPath

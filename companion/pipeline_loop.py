@@ -21,7 +21,8 @@ from drivers.watched_thread import WatchedThread
 
 from .blindness import Blindness
 from .events import Item, Note, Overtaken, RawFrame, Sample
-from .exposure_offset import ExposureOffset, ExposureOffsetMonitor
+from .exposure_monitor import ExposureOffsetMonitor
+from .exposure_offset import ExposureOffset
 from .health import clock_message
 from .inbox import Inbox
 from .latency import Latencies

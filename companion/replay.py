@@ -19,7 +19,7 @@ from drivers.topics import TOPICS
 from .compare import Comparison, Key, key_of
 from .config import Config, ConfigError, config_from_text, load_config
 from .console import fail, progress, say_json
-from .exposure_offset import ExposureOffsetMonitor
+from .exposure_monitor import ExposureOffsetMonitor
 from .log_writer import LogWriter, refuse_output
 from .masks import masked
 from .messages import prisms_message, state_from_message

@@ -207,20 +207,28 @@ class FreeProfile(_message.Message):
     def __init__(self, azimuth_edges_rad: _Optional[_Iterable[float]] = ..., layer_edges_m: _Optional[_Iterable[float]] = ..., free_from_m: _Optional[_Iterable[float]] = ..., free_to_m: _Optional[_Iterable[float]] = ..., end: _Optional[bytes] = ...) -> None: ...
 
 class Ground(_message.Message):
-    __slots__ = ("seen", "height_m", "slope_x", "slope_y", "share", "blind_beyond_m")
+    __slots__ = ("seen", "height_m", "slope_x", "slope_y", "share", "blind_beyond_m", "tolerance_m", "noise_per_m", "seen_from_m", "seen_to_m")
     SEEN_FIELD_NUMBER: _ClassVar[int]
     HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     SLOPE_X_FIELD_NUMBER: _ClassVar[int]
     SLOPE_Y_FIELD_NUMBER: _ClassVar[int]
     SHARE_FIELD_NUMBER: _ClassVar[int]
     BLIND_BEYOND_M_FIELD_NUMBER: _ClassVar[int]
+    TOLERANCE_M_FIELD_NUMBER: _ClassVar[int]
+    NOISE_PER_M_FIELD_NUMBER: _ClassVar[int]
+    SEEN_FROM_M_FIELD_NUMBER: _ClassVar[int]
+    SEEN_TO_M_FIELD_NUMBER: _ClassVar[int]
     seen: bool
     height_m: float
     slope_x: float
     slope_y: float
     share: float
     blind_beyond_m: float
-    def __init__(self, seen: bool = ..., height_m: _Optional[float] = ..., slope_x: _Optional[float] = ..., slope_y: _Optional[float] = ..., share: _Optional[float] = ..., blind_beyond_m: _Optional[float] = ...) -> None: ...
+    tolerance_m: float
+    noise_per_m: float
+    seen_from_m: _containers.RepeatedScalarFieldContainer[float]
+    seen_to_m: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, seen: bool = ..., height_m: _Optional[float] = ..., slope_x: _Optional[float] = ..., slope_y: _Optional[float] = ..., share: _Optional[float] = ..., blind_beyond_m: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., noise_per_m: _Optional[float] = ..., seen_from_m: _Optional[_Iterable[float]] = ..., seen_to_m: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class FrameStats(_message.Message):
     __slots__ = ("measured_share", "unknown_share", "far_share", "flying_px", "ground_px", "strips", "dropped_strips", "clusters", "planes", "prisms", "overflow")
@@ -413,7 +421,7 @@ class ClockEstimate(_message.Message):
     def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
 
 class CameraHealth(_message.Message):
-    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info")
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "exposure_offset")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     CONDITION_FIELD_NUMBER: _ClassVar[int]
     CAUSE_FIELD_NUMBER: _ClassVar[int]
@@ -426,6 +434,7 @@ class CameraHealth(_message.Message):
     AGE_NS_FIELD_NUMBER: _ClassVar[int]
     HZ_FIELD_NUMBER: _ClassVar[int]
     INFO_FIELD_NUMBER: _ClassVar[int]
+    EXPOSURE_OFFSET_FIELD_NUMBER: _ClassVar[int]
     camera: str
     condition: str
     cause: str
@@ -438,7 +447,24 @@ class CameraHealth(_message.Message):
     age_ns: int
     hz: float
     info: CameraInfo
-    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ...) -> None: ...
+    exposure_offset: ExposureOffset
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ...) -> None: ...
+
+class ExposureOffset(_message.Message):
+    __slots__ = ("state", "text", "offset_ms", "sigma_ms", "pairs", "warns")
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_MS_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_MS_FIELD_NUMBER: _ClassVar[int]
+    PAIRS_FIELD_NUMBER: _ClassVar[int]
+    WARNS_FIELD_NUMBER: _ClassVar[int]
+    state: str
+    text: str
+    offset_ms: float
+    sigma_ms: float
+    pairs: int
+    warns: bool
+    def __init__(self, state: _Optional[str] = ..., text: _Optional[str] = ..., offset_ms: _Optional[float] = ..., sigma_ms: _Optional[float] = ..., pairs: _Optional[int] = ..., warns: bool = ...) -> None: ...
 
 class AutopilotHealth(_message.Message):
     __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns")
@@ -585,7 +611,7 @@ class Diagnostic(_message.Message):
     def __init__(self, code: _Optional[str] = ..., camera: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
 
 class WorldUpdate(_message.Message):
-    __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "counts", "publication")
+    __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "ground", "counts", "publication")
     class CountsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -604,6 +630,7 @@ class WorldUpdate(_message.Message):
     REMOVED_FIELD_NUMBER: _ClassVar[int]
     BLOCKS_FIELD_NUMBER: _ClassVar[int]
     MASKS_FIELD_NUMBER: _ClassVar[int]
+    GROUND_FIELD_NUMBER: _ClassVar[int]
     COUNTS_FIELD_NUMBER: _ClassVar[int]
     PUBLICATION_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
@@ -617,9 +644,10 @@ class WorldUpdate(_message.Message):
     removed: _containers.RepeatedScalarFieldContainer[int]
     blocks: _containers.RepeatedScalarFieldContainer[int]
     masks: bytes
+    ground: bytes
     counts: _containers.ScalarMap[str, int]
     publication: Publication
-    def __init__(self, schema_version: _Optional[int] = ..., snapshot: bool = ..., sequence: _Optional[int] = ..., section: _Optional[int] = ..., valid: bool = ..., cause_text: _Optional[str] = ..., t_ns: _Optional[int] = ..., planes: _Optional[bytes] = ..., removed: _Optional[_Iterable[int]] = ..., blocks: _Optional[_Iterable[int]] = ..., masks: _Optional[bytes] = ..., counts: _Optional[_Mapping[str, int]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+    def __init__(self, schema_version: _Optional[int] = ..., snapshot: bool = ..., sequence: _Optional[int] = ..., section: _Optional[int] = ..., valid: bool = ..., cause_text: _Optional[str] = ..., t_ns: _Optional[int] = ..., planes: _Optional[bytes] = ..., removed: _Optional[_Iterable[int]] = ..., blocks: _Optional[_Iterable[int]] = ..., masks: _Optional[bytes] = ..., ground: _Optional[bytes] = ..., counts: _Optional[_Mapping[str, int]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
 
 class DepthPreview(_message.Message):
     __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "width_px", "height_px", "depth_mm", "publication")
