@@ -34,9 +34,9 @@ from .curve import AllowList, load_keys
 from .depth_preview import DepthPreviews
 from .diagnostics import AttitudeRateCheck, Diagnostic, GroundCheck, template_intrinsics
 from .events import Note, RawFrame
+from .exposure_monitor import ExposureOffsetMonitor
 from .exposure_offset import CODE as EXPOSURE_TIME_OFFSET
 from .exposure_offset import ExposureOffset, warning_text
-from .exposure_monitor import ExposureOffsetMonitor
 from .health import (
     AutopilotView,
     CameraView,
