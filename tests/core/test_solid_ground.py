@@ -9,13 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from core.extractor import Extractor
+from core.free_space import lowest_clear, walk_settings
+from core.params import Params
 from core.queries import Answer, SeenFrom, Space
+from core.solid_ground import solid_ground
 from core.turned import turned
 from core.types import FrameModel
+from core.view_geometry import view_geometry
 from drivers.scenes import Scene, SceneBuilder
 from drivers.sensor_model import TYPICAL, SensorModel
 
-from .views import CLEAN, seen
+from .views import CLEAN, VIEW, level, seen
 
 HERE = (0.0, 0.0, 0.0)
 PITCH_20 = math.radians(-20.0)
@@ -66,6 +70,17 @@ def test_below_the_street_nothing_is_free(z_m: float) -> None:
     assert Answer.FREE not in answers
     where = (np.hypot(p[:, 0], p[:, 1]) < 8.0) & (p[:, 0] > 3.0) & (np.abs(p[:, 1]) < 0.5 * p[:, 0])
     assert (answers[where] == Answer.OCCUPIED).all()
+
+
+def test_queries_cut_a_layer_where_the_profile_stops_judging_it() -> None:
+    model, params = model_of(street(slope_x=0.03)), Params()
+    view = view_geometry(VIEW, level(PITCH_20), params)
+    w = walk_settings(view, model.ground, model.ke_per_m, params)
+    ground = solid_ground(model.ground, model.free, HERE)
+    for x in (2.0, 8.0, 15.0, 60.0):
+        z = lowest_clear(0.0, x, w)
+        p = np.array([[x, 0.0, z - 1e-6], [x, 0.0, z + 1e-6]])
+        assert ground.clear(p, 0.0).tolist() == [True, False]
 
 
 def test_above_the_street_free_stays_free() -> None:
