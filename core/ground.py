@@ -374,7 +374,7 @@ def with_ranges(ground: Ground, points: NDArray[np.float32], edges_t: NDArray[np
         return ground
     seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)
     ground_ranges(
-        points, ground.height_m, ground.slope_x, ground.slope_y, ground.tolerance_m, ground.noise_per_m,
+        points, ground.height_m, ground.slope_x, ground.slope_y, float(ground.tolerance_m), ground.noise_per_m,
         ground.blind_beyond_m, edges_t, seen_from, seen_to,
     )  # fmt: skip
     return replace(ground, seen_from_m=tuple(seen_from.tolist()), seen_to_m=tuple(seen_to.tolist()))

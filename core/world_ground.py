@@ -36,7 +36,7 @@ def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
     g = model.ground
     if not g.seen:
         return math.inf, 0.0, 0.0, 0.0, 0.0
-    return place_z_m + g.height_m, g.slope_x, g.slope_y, g.tolerance_m, g.noise_per_m
+    return float(place_z_m + g.height_m), float(g.slope_x), float(g.slope_y), float(g.tolerance_m), float(g.noise_per_m)
 
 
 @inner
