@@ -48,10 +48,10 @@ class Counts:
         return self.wrong + self.wrong_world_cells + self.wrong_sectors > 0
 
 
-def judge(r: RandomFrame, extractor: Extractor) -> tuple[list[WrongCell], int, bool, str]:
+def judge(r: RandomFrame, extractor: Extractor, below_ground: bool) -> tuple[list[WrongCell], int, bool, str]:
     """(wrong cells, cells claimed, whether the model is valid, what ground it found) of one frame."""
     model, _ = extractor.extract(r.frame.depth_mm, r.frame.info, r.frame.R_level_optical)
-    wrong, cells = wrong_cells(r.frame, model, r.ke_per_m, extractor.params)
+    wrong, cells = wrong_cells(r.frame, model, r.ke_per_m, extractor.params, below_ground=below_ground)
     ground = f"ground {model.ground.height_m:.2f} m" if model.ground.seen else "no ground"
     return wrong, cells, model.valid, ground
 
@@ -68,11 +68,11 @@ def describe(r: RandomFrame, wrong: list[WrongCell], ground: str) -> str:
     )
 
 
-def run_frames(frames: Iterable[RandomFrame], counts: Counts) -> None:
+def run_frames(frames: Iterable[RandomFrame], below_ground: bool, counts: Counts) -> None:
     """Judges frames; wrong ones go to stdout."""
     extractor = Extractor(Params())
     for r in frames:
-        wrong, cells, valid, ground = judge(r, extractor)
+        wrong, cells, valid, ground = judge(r, extractor, below_ground)
         counts.frames += 1
         counts.invalid += not valid
         counts.cells += cells
@@ -117,15 +117,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--matrix", action="store_true", help="the fidelity run's scenes seen by short, pitched cameras too"
     )
+    parser.add_argument(
+        "--below-ground",
+        action="store_true",
+        help="judge frames as a caller who does not treat the model's ground as solid",
+    )
     parser.add_argument("--worlds", type=int, default=0)
     parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
     parser.add_argument("--first", type=int, default=0, help="number of the first frame")
     parser.add_argument("--seed", type=int, default=1)
     a = parser.parse_args(arguments)
     counts = Counts()
-    run_frames((random_frame(a.seed, number) for number in range(a.first, a.first + a.frames)), counts)
+    numbers = range(a.first, a.first + a.frames)
+    run_frames((random_frame(a.seed, number) for number in numbers), a.below_ground, counts)
     if a.matrix:
-        run_frames(matrix_frames(a.seed), counts)
+        run_frames(matrix_frames(a.seed), a.below_ground, counts)
     run_worlds(a.first, a.worlds, a.seed, counts)
     run_sectors(a.first, a.sectors, a.seed, counts)
     print(json.dumps(asdict(counts)))

@@ -188,8 +188,13 @@ def heading_of(frame: Rendered) -> float:
     return math.atan2(float(R[1, 0]), float(R[0, 0]))
 
 
-def wrong_cells(frame: Rendered, model: FrameModel, ke_per_m: float, params: Params) -> tuple[list[WrongCell], int]:
-    """(the worst ray of each wrong cell, how many cells are claimed). ke_per_m: the true noise of the frame."""
+def wrong_cells(
+    frame: Rendered, model: FrameModel, ke_per_m: float, params: Params, *, below_ground: bool = False
+) -> tuple[list[WrongCell], int]:
+    """(the worst ray of each wrong cell, how many cells are claimed). ke_per_m: the true noise of the frame.
+
+    below_ground: cells are judged over their whole height, as a caller takes them who does not treat the model's ground as
+    solid. The true ground itself does not count then."""
     f = model.free
     cells = np.argwhere(f.free_to_m > f.free_from_m)
     if not model.valid or not len(cells):
@@ -206,9 +211,9 @@ def wrong_cells(frame: Rendered, model: FrameModel, ke_per_m: float, params: Par
     azimuth = edges[d] + pixel + across * (edges[d + 1] - edges[d] - 2.0 * pixel)
     z = layers[layer] + down * (layers[layer + 1] - layers[layer])
     free_to = f.free_to_m[d, layer].astype(np.float64)
-    begins, ends = above_ground(
-        model.ground, azimuth, z, f.free_from_m[d, layer].astype(np.float64), free_to, model.ke_per_m, params
-    )
+    begins, ends = f.free_from_m[d, layer].astype(np.float64), free_to
+    if not below_ground:
+        begins, ends = above_ground(model.ground, azimuth, z, begins, ends, model.ke_per_m, params)
     heading = heading_of(frame) + azimuth
     directions = np.stack([np.cos(heading), np.sin(heading), np.zeros(len(z))], axis=1)
     origins = np.tile(frame.position_ned_m, (len(z), 1))
@@ -221,7 +226,8 @@ def wrong_cells(frame: Rendered, model: FrameModel, ke_per_m: float, params: Par
     with np.errstate(invalid="ignore"):
         depth = per_range * range_m + axis[2] * z
         slack = np.fmax(SLACK_M, SLACK_SIGMAS * ke_per_m * np.maximum(depth, 0.0) * range_m)
-        deep = np.where(np.isfinite(range_m), free_to - slack - range_m, -np.inf).reshape(len(cells), each)
+        counts = np.isfinite(range_m) & ~(below_ground & (which == -1))
+        deep = np.where(counts, free_to - slack - range_m, -np.inf).reshape(len(cells), each)
     found = []
     for cell in np.flatnonzero(deep.max(axis=1) > 0.0):
         i = int(cell) * each + int(deep[cell].argmax())

@@ -108,6 +108,7 @@ def test_below_the_ground_of_the_model_nothing_is_claimed() -> None:
     layer = (2,)  # z = 1..3
     assert wrong_cells(low, claiming(6.0, layer), KE, Params())[0]
     assert wrong_cells(low, claiming(6.0, layer, Ground(seen=True, height_m=1.3)), KE, Params())[0] == []
+    assert wrong_cells(low, claiming(6.0, layer, Ground(seen=True, height_m=1.3)), KE, Params(), below_ground=True)[0]
     assert wrong_cells(low, claiming(6.0, layer, Ground(seen=True, height_m=2.0)), KE, Params())[0]
     # a roof that was taken for ground hides what is below it, not what stands on it
     assert wrong_cells(tall, claiming(6.0, (1, 2), Ground(seen=True, height_m=1.3)), KE, Params())[0]
