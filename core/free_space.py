@@ -233,17 +233,21 @@ def hidden_from(x, top, bottom, above, below):
 
 
 @inner
-def stop_at_planes(count, planes, plane_ints, margin, edges_t, layers, free_to, end):
+def stop_at_planes(count, planes, plane_ints, margin, pixel_t, edges_t, layers, free_to, end):
     """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
-    layer less its margin, and to where a layer comes behind a plane that stands above or below it."""
+    layer less its margin, and to where a layer comes behind a plane that stands above or below it.
+
+    pixel_t: tangent of a column. The ends of a plane are known to a pixel, whose measurement may be missing: each plane
+    stops a pixel more on either side."""
     for k in range(count):
         p = planes[k]
         if plane_ints[k, P_SUPPORT] < 0:
             continue
         for d in range(edges_t.shape[0] - 1):
-            lo, hi = max(edges_t[d], p[T0]), min(edges_t[d + 1], p[T1])
-            if lo > hi:
+            if edges_t[d] > p[T1] + pixel_t or edges_t[d + 1] < p[T0] - pixel_t:
                 continue
+            lo = min(max(edges_t[d], p[T0]), p[T1])
+            hi = max(min(edges_t[d + 1], p[T1]), p[T0])
             x = min(distance_at(p, lo), distance_at(p, hi))
             for layer in range(layers.shape[0] - 1):
                 if p[Z0] < layers[layer + 1] and p[Z1] > layers[layer]:
@@ -292,10 +296,11 @@ def as_ranges(edges_t, free_from, free_to):
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SeenFree:
     """Free ranges by pixels alone, before any plane: forward distances. edges_rad, edges_t: (D + 1,) float64 azimuths and
-    their tangents; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
+    their tangents; pixel_t: tangent of a column of the view; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
 
     edges_rad: NDArray[np.float64]
     edges_t: NDArray[np.float64]
+    pixel_t: float
     layers_m: NDArray[np.float32]
     free_from_m: NDArray[np.float32]
     free_to_m: NDArray[np.float32]
@@ -314,7 +319,7 @@ def seen_free(
         clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
     )  # fmt: skip
     return SeenFree(
-        edges_rad=edges, edges_t=edges_t, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
+        edges_rad=edges, edges_t=edges_t, pixel_t=float(g.lateral[0]) / g.f_px, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
     )  # fmt: skip
 
 
@@ -345,7 +350,9 @@ def free_profile(
     seen: SeenFree, count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32]
 ) -> FreeProfile:
     """The free-range profile of a frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m. Uses up `seen`."""
-    stop_at_planes(count, planes, plane_ints, margin, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end)
+    stop_at_planes(
+        count, planes, plane_ints, margin, seen.pixel_t, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end
+    )
     as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
     return FreeProfile.written(
         azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
