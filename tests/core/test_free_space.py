@@ -15,12 +15,11 @@ from core.ground import NO_GROUND
 from core.params import Params
 from core.types import FreeEnd, FreeProfile, Ground
 from core.view_geometry import ViewGeometry
-from drivers.scenes import SceneBuilder
 
 from . import naive
 from .columns import QUANTUM, F, code, view
 from .tables import plane_table
-from .views import VIEW, extract, flat_wall, free_to, level, seen
+from .views import VIEW, extract, flat_wall, free_to, level
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -267,16 +266,6 @@ def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
         fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), 0.0, edges_t, layers, to, end)
         assert (to[:, 2] == 9.0).all()
         assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
-
-
-def test_a_wall_that_a_near_box_hides_is_not_free() -> None:
-    """The box, all below the layer, hides the wall's top in it: less than a fifth of the rows that look at the layer there."""
-    s = SceneBuilder("box before a wall")
-    s.box("box", 3.1, 0.0, 1.0, 12.0, 8.57, base=-8.0)
-    s.wall("wall", (5.1, -9.0), (5.1, 9.0), 9.1, base=-8.0)
-    r = seen(s, position_ned_m=(0.0, 0.0, 0.0), pitch_rad=0.25)
-    model = extract(r.depth_mm, VIEW, r.R_level_optical)
-    assert 3.5 < free_to(model, 0.0, -2.0) < 5.1
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, 0.0), (-0.3, 0.4)])

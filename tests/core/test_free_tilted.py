@@ -18,7 +18,7 @@ from core.world_space import WorldSpace
 from drivers.scenes import SceneBuilder
 from drivers.simulated import Rendered, camera_info, render
 
-from .views import CLEAN, level
+from .views import CLEAN, VIEW, extract, free_to, level, seen
 
 NS = 1_000_000_000
 KE = 0.003
@@ -156,3 +156,13 @@ def test_frames_that_measured_an_object_beyond_their_clip_do_not_clear_it(name: 
     after = WorldSpace(world.picture(9 * NS)).points(points, 0.1)
     assert (after == Answer.FREE).sum() == 0
     assert (after == Answer.OCCUPIED).sum() == (before == Answer.OCCUPIED).sum()
+
+
+def test_a_wall_that_a_near_box_hides_is_not_free() -> None:
+    """The box, all below the layer, hides the wall's top in it: less than a fifth of the rows that look at the layer there."""
+    s = SceneBuilder("box before a wall")
+    s.box("box", 3.1, 0.0, 1.0, 12.0, 8.57, base=-8.0)
+    s.wall("wall", (5.1, -9.0), (5.1, 9.0), 9.1, base=-8.0)
+    r = seen(s, position_ned_m=(0.0, 0.0, 0.0), pitch_rad=0.25)
+    model = extract(r.depth_mm, VIEW, r.R_level_optical)
+    assert 3.5 < free_to(model, 0.0, -2.0) < 5.1
