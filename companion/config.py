@@ -22,6 +22,7 @@ from typing import Any, Union
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from pydantic import Field as Bounds
 
+from core.mount_params import MountCheckParams
 from core.params import Params
 from core.world_params import WorldParams
 
@@ -36,6 +37,7 @@ log = logging.getLogger(__name__)
 SECTIONS: dict[str, type] = {
     "extractor": Params,
     "sync": SyncParams,
+    "mount_check": MountCheckParams,
     "camera": CameraConfig,
     "output": OutputConfig,
     "autopilot": AutopilotConfig,
@@ -61,6 +63,7 @@ class Config:
 
     extractor: Params = field(default_factory=Params)
     sync: SyncParams = field(default_factory=SyncParams)
+    mount_check: MountCheckParams = field(default_factory=MountCheckParams)
     cameras: tuple[CameraConfig, ...] = ()
     output: OutputConfig = field(default_factory=OutputConfig)
     autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)

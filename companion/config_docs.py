@@ -15,6 +15,7 @@ BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tab
 TITLES = {
     "extractor": "`[extractor]`: the algorithm",
     "sync": "`[sync]`: which attitude belongs to a frame",
+    "mount_check": "`[mount_check]`: whether each camera is mounted as configured",
     "camera": "`[[camera]]`: one for each camera",
     "output": "`[output]`: what a replay writes",
     "autopilot": "`[autopilot]`: the line to it",

@@ -15,6 +15,7 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from core.mount_check import MountState
 from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.wire import (
@@ -26,6 +27,7 @@ from drivers.wire import (
     set_vector,
 )
 
+from .mount_messages import mount_state_from_message, mount_state_message
 from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
 from .reframe import LevelTransform
 from .sync import AttitudeAt, DropCause, PoseAt, Source
@@ -40,6 +42,8 @@ CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
     InvalidCause.TOO_STEEP: pb.CAUSE_TOO_STEEP,
     InvalidCause.BAD_ROTATION: pb.CAUSE_BAD_ROTATION,
     InvalidCause.NO_NUMBERS: pb.CAUSE_NO_NUMBERS,
+    InvalidCause.MOUNT_ERROR: pb.CAUSE_MOUNT_ERROR,
+    InvalidCause.MOUNT_UNVERIFIED: pb.CAUSE_MOUNT_UNVERIFIED,
     DropCause.NO_ATTITUDE: pb.CAUSE_NO_ATTITUDE,
     DropCause.ATTITUDE_TOO_OLD: pb.CAUSE_ATTITUDE_TOO_OLD,
     DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,
@@ -318,6 +322,7 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
                 ground_height_m=camera.extractor.ground_height_m,
                 ke_per_m=camera.extractor.ke_per_m,
                 last_t_exposure_ns=camera.last_t_exposure_ns,
+                mount=mount_state_message(camera.mount),
             )
             for name, camera in state.cameras
         ],
@@ -334,6 +339,7 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
             CameraState(
                 ExtractorState(camera.ground_height_m, camera.ke_per_m),
                 camera.last_t_exposure_ns if camera.HasField("last_t_exposure_ns") else None,
+                mount_state_from_message(camera.mount) if camera.HasField("mount") else MountState(),
             ),
         )
         for camera in message.cameras

@@ -16,8 +16,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.frames import Vector, level_cam_at
-from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, PoseSample
+from core.frames import Vector, level_cam_at, rotation_from_quaternion
+from core.invalid_model import invalid_model
+from core.mount_check import MountState, MountVerdict, checked, due
+from core.mount_params import MountCheckParams
+from core.types import (
+    AttitudeSample,
+    CameraInfo,
+    DepthFrame,
+    ExtractorState,
+    FrameModel,
+    InvalidCause,
+    PoseSample,
+)
 from drivers.base import Event
 
 from .config_sync import SyncParams
@@ -77,6 +88,8 @@ class PrismsResult:
     attitude: AttitudeAt | None = None
     pose: PoseAt | None = None
     transform: LevelTransform | None = None
+    mount: MountState | None = None
+    """What is known of the camera's mount after this frame; None: the frame was dropped."""
 
     @property
     def valid(self) -> bool:
@@ -98,6 +111,7 @@ class CameraState:
 
     extractor: ExtractorState = field(default_factory=ExtractorState)
     last_t_exposure_ns: int | None = None
+    mount: MountState = field(default_factory=MountState)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +133,10 @@ class Pipeline:
         sync: SyncParams | None = None,
         state: PipelineState | None = None,
         mask: Callable[[CameraInfo], Mask | None] = lambda info: None,
+        mount_check: MountCheckParams | None = None,
     ) -> None:
         """mask: which pixels of a camera's images are unknown whatever they hold."""
+        self._mount_check = mount_check or MountCheckParams()
         self._infos = {info.camera: info for info in cameras}
         if len(self._infos) != len(cameras):
             raise ValueError("pipeline: two cameras have the same name; give each its own")
@@ -227,8 +243,9 @@ class Pipeline:
             last = None
         if last is not None and frame.t_exposure_ns <= last:
             return DropCause.DUPLICATE_FRAME if frame.t_exposure_ns == last else DropCause.LATE_FRAME
-        state = self._states[frame.camera].extractor
-        self._states[frame.camera] = CameraState(state, frame.t_exposure_ns)
+        self._states[frame.camera] = dataclasses.replace(
+            self._states[frame.camera], last_t_exposure_ns=frame.t_exposure_ns
+        )
         if frame.depth_mm.shape != (info.intrinsics.height, info.intrinsics.width):
             return DropCause.WRONG_SIZE
         return DropCause.NONE
@@ -240,8 +257,9 @@ class Pipeline:
         transform = transform_from_level_cam(camera_rad, vehicle_rad, lever_ned_m, pose)
         state = self._states[frame.camera]
         extractor = self._extractors[frame.camera]
+        depth_mm = without(frame.depth_mm, self._masks[frame.camera])
         model, after = extractor.extract(
-            without(frame.depth_mm, self._masks[frame.camera]),
+            depth_mm,
             info,
             R_level_optical,
             state=with_height(state.extractor, pose, transform),
@@ -249,7 +267,11 @@ class Pipeline:
         )
         if not model.ground.seen:  # a height told by the pose is not carried on as one that was seen
             after = dataclasses.replace(after, ground_height_m=state.extractor.ground_height_m)
-        self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns)
+        mount = state.mount
+        if model.valid and due(mount, frame.t_exposure_ns, self._mount_check):
+            mount = self._mount_measured(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
+        model = unless_mount_wrong(model, mount)
+        self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns, mount)
         return PrismsResult(
             camera=frame.camera,
             sequence=frame.sequence,
@@ -261,7 +283,22 @@ class Pipeline:
             attitude=attitude,
             pose=pose,
             transform=transform,
+            mount=mount,
         )
+
+    def _mount_measured(
+        self, frame: DepthFrame, depth_mm: NDArray[np.uint16], info: CameraInfo, attitude: AttitudeAt,
+        R_level_optical: NDArray[np.float64], camera_rad: float, ke_per_m: float,
+    ) -> MountState:  # fmt: skip
+        """The state of the mount's check after this frame. camera_rad: the camera's heading."""
+        from core.mount_cues import cues_of
+        from core.surfaces import find_surfaces  # compiled: planners, who only read, need no numba
+
+        cues = cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
+        return checked(
+            self._states[frame.camera].mount, frame.t_exposure_ns, cues,
+            rotation_from_quaternion(attitude.q_ned_frd_wxyz), camera_rad, self._mount_check,
+        )  # fmt: skip
 
     def _dropped(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
         decision = FrameDecision(
@@ -284,6 +321,14 @@ class Pipeline:
             model=None,
         )
         return decision, blind
+
+
+def unless_mount_wrong(model: FrameModel, mount: MountState) -> FrameModel:
+    """The model; an invalid one that reports nothing where the verdict on the mount makes frames invalid."""
+    if not model.valid or not mount.verdict.invalid:
+        return model
+    wrong = mount.verdict is MountVerdict.ERROR
+    return invalid_model(model, InvalidCause.MOUNT_ERROR if wrong else InvalidCause.MOUNT_UNVERIFIED)
 
 
 def with_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTransform) -> ExtractorState:

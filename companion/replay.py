@@ -34,7 +34,7 @@ def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: Pipeline
     infos = effective_cameras(config, cameras)
     return Pipeline(
         infos, lambda info: Extractor(config.extractor), config.sync, state,
-        mask=lambda info: masked(config.camera(info.camera), info),
+        mask=lambda info: masked(config.camera(info.camera), info), mount_check=config.mount_check,
     )  # fmt: skip
 
 

@@ -111,7 +111,7 @@ class Service:
         self.metrics = self._metrics()
         self._pipeline = Pipeline(
             (), lambda info: Extractor(config.extractor), config.sync,
-            mask=lambda info: masked(config.camera(info.camera), info),
+            mask=lambda info: masked(config.camera(info.camera), info), mount_check=config.mount_check,
         )  # fmt: skip
         clockwork = Clockwork(clock=self._clock, armed=self._armed)
         self.loop = PipelineLoop(

@@ -270,7 +270,9 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.level import pool_columns
     from core.noisy import noisy_share
     from core.params import Params
+    from core.surfaces import find_surfaces
 
+    find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
     p, ke = Params(), info.ke_per_m
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)

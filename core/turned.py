@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from .invalid_model import invalid_model
 from .kernels import inner
 from .prism_table import NO_PRISMS, prism_table
-from .types import FrameModel, FreeEnd, FreeProfile, InvalidCause
+from .types import FrameModel, FreeProfile, InvalidCause
 
 _INFINITY = np.float32(np.inf)
-_SIDE_RAD = 0.1
-"""Not tuning: where the directions of a model end of which nothing is seen."""
 
 
 def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float]) -> FrameModel:
@@ -34,7 +33,7 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
         edges, layers,
     )  # fmt: skip
     if lacking:
-        return _no_numbers(model)
+        return invalid_model(model, InvalidCause.NO_NUMBERS)
     return FrameModel.written(
         valid=model.valid, cause=model.cause, planes=planes, support_px=model.support_px, margin_m=model.margin_m,
         flags=model.flags, cluster=model.cluster, prisms=table.moved(heights, vertices),
@@ -45,21 +44,6 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
             ground, slope_x=cos * ground.slope_x - sin * ground.slope_y, slope_y=sin * ground.slope_x + cos * ground.slope_y
         ),
         stats=model.stats, ke_per_m=model.ke_per_m,
-    )  # fmt: skip
-
-
-def _no_numbers(model: FrameModel) -> FrameModel:
-    directions, layers = model.free.end.shape
-    nothing = np.zeros((directions, layers), np.float32)
-    return FrameModel(
-        valid=False, cause=InvalidCause.NO_NUMBERS, planes=model.planes[:0], support_px=model.support_px[:0],
-        margin_m=model.margin_m[:0], flags=model.flags[:0], cluster=model.cluster[:0], prisms=(),
-        free=FreeProfile(
-            azimuth_edges_rad=np.linspace(-_SIDE_RAD, _SIDE_RAD, directions + 1, dtype=np.float32),
-            layer_edges_m=np.arange(layers + 1, dtype=np.float32), free_from_m=nothing, free_to_m=nothing,
-            end=np.full((directions, layers), FreeEnd.NOT_SEEN, np.uint8),
-        ),
-        ground=model.ground, stats=model.stats, ke_per_m=model.ke_per_m, strips=None,
     )  # fmt: skip
 
 

@@ -1,0 +1,104 @@
+"""What one frame says about the camera's mount: the apparent slope of the ground, and whether walls lean with it.
+
+A wrong mount inclines everything that is measured by the same angle. Terrain inclines the ground and leaves walls vertical.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from .surface_types import Surface, Surfaces
+
+MAX_INCLINATION_RAD = math.radians(35.0)
+"""A surface inclined by less is considered for the ground, a normal inclined by less for a wall."""
+MIN_GROUND_SHARE = 0.03
+"""Least share of the image's patches on the ground."""
+MAX_BELOW_SHARE = 0.05
+"""Greatest share of the measured patches below a surface that is the ground."""
+BELOW_M, BELOW_SIGMAS = 0.15, 4.0
+MIN_WALLS_SHARE = 0.02
+"""Least share of the image's patches on walls that can lean in the direction of the slope."""
+LEAN_TOLERANCE = 0.35
+"""Share of the expected lean by which a wall may deviate from vertical, or from the lean expected of a wrong mount."""
+MIN_LEAN_RAD = math.radians(1.2)
+"""Walls of which less is expected do not count."""
+MAX_WALL_WEIGHT = 0.1
+"""One wall counts as this share of the image at most, so that a single inclined surface does not outweigh several."""
+
+
+class Walls(StrEnum):
+    """What the walls say about an inclined ground."""
+
+    UNDECIDED = "undecided"
+    VERTICAL = "vertical"
+    LEANING = "leaning"
+
+
+@dataclass(frozen=True, slots=True)
+class MountCues:
+    """Of one frame, in level_cam. ground: there is one; slope_x, slope_y: its inclination along x and y in rad (positive: it
+    falls away), as angles, not tangents; distance_m: to its plane; walls: what they say about that slope."""
+
+    ground: bool
+    slope_x_rad: float = 0.0
+    slope_y_rad: float = 0.0
+    distance_m: float = math.nan
+    walls: Walls = Walls.UNDECIDED
+
+    @property
+    def slope_rad(self) -> float:
+        """Magnitude of the inclination."""
+        return math.hypot(self.slope_x_rad, self.slope_y_rad)
+
+
+NO_CUES = MountCues(False)
+
+
+def cues_of(surfaces: Surfaces) -> MountCues:
+    """The cues in the surfaces of a frame."""
+    ground = next((plane for plane in surfaces.planes if _is_ground(plane, surfaces)), None)
+    if ground is None:
+        return _cues_without_ground(surfaces)
+    x, y, z = ground.normal
+    across = math.hypot(x, y)
+    scale = -math.atan2(across, z) / across if across > 1e-12 else 0.0
+    slope = (scale * x, scale * y)
+    return MountCues(True, *slope, ground.distance_m, walls_of(surfaces.planes, *slope))
+
+
+def _is_ground(plane: Surface, surfaces: Surfaces) -> bool:
+    if plane.share < MIN_GROUND_SHARE or plane.normal[2] < math.cos(MAX_INCLINATION_RAD):
+        return False
+    beyond_m = surfaces.centres_m @ np.array(plane.normal) - plane.distance_m
+    noise_m = BELOW_SIGMAS * surfaces.noise_per_m * np.linalg.norm(surfaces.centres_m, axis=1) * plane.distance_m
+    return float(np.mean(beyond_m > BELOW_M + noise_m)) <= MAX_BELOW_SHARE
+
+
+def _cues_without_ground(surfaces: Surfaces) -> MountCues:
+    return NO_CUES
+
+
+def walls_of(planes: tuple[Surface, ...], slope_x_rad: float, slope_y_rad: float) -> Walls:
+    """Whether the walls among the planes are vertical, or lean as a mount that is wrong by this slope makes them lean.
+
+    A vertical wall with the horizontal normal (x, y) then has a normal of inclination slope_x x + slope_y y."""
+    vertical, leaning = 0.0, 0.0
+    for plane in planes:
+        x, y, z = plane.normal
+        if abs(z) > math.sin(MAX_INCLINATION_RAD):
+            continue
+        across = math.hypot(x, y)
+        expected, lean = (slope_x_rad * x + slope_y_rad * y) / across, math.atan2(z, across)
+        tolerance = LEAN_TOLERANCE * abs(expected)
+        if abs(expected) < MIN_LEAN_RAD or plane.lean_sd_rad > tolerance:
+            continue
+        weight = min(plane.share, MAX_WALL_WEIGHT)
+        vertical += weight * (abs(lean) <= tolerance)
+        leaning += weight * (abs(lean - expected) <= tolerance)
+    if max(vertical, leaning) < MIN_WALLS_SHARE or max(vertical, leaning) < 2.0 * min(vertical, leaning):
+        return Walls.UNDECIDED
+    return Walls.VERTICAL if vertical > leaning else Walls.LEANING

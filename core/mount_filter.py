@@ -1,0 +1,111 @@
+"""The error of the mount and the slope of the terrain, told apart by a Kalman filter as the vehicle turns.
+
+State: delta (3), the small rotation in frd from the configured to the true mount, and terrain (2), the inclination of the
+ground north and east. The apparent slope in a heading's level axes is, to first order,
+
+    s = terrain turned into these axes + (omega_y, -omega_x),   omega = R_level_frd delta
+
+so delta turns with the vehicle and the terrain does not. At one heading only their sum is known, which the covariance says.
+The terrain changes as a random walk; a measurement that fits badly makes the terrain less certain, not the mount.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+N = 5
+DELTA_SD_RAD = math.radians(10.0)
+YAW_SD_RAD = math.radians(3.0)
+"""A yaw of the mount shows in a slope only while the vehicle is tilted."""
+TERRAIN_SD_RAD = math.radians(10.0)
+DELTA_WALK_RAD = math.radians(0.02)
+"""Per square root of a second: a mount is fixed; it may work loose."""
+SLOPE_SD_RAD = math.radians(0.7)
+"""Of one measured slope: the ground is not quite plane, an attitude not quite true."""
+WALLS_SD_RAD = math.radians(1.0)
+"""Of the terrain's slope by the walls."""
+GATE = 9.0
+"""Squared innovation over its variance above which the terrain is taken to have changed."""
+MOUNT_JUMP_RAD = math.radians(0.2)
+"""What each such change makes the mount less certain: it may have been the mount that moved."""
+MAX_DT_S = 60.0
+_UPPER = np.triu_indices(N)
+
+
+@dataclass(frozen=True, slots=True)
+class FilterState:
+    """mean: (delta x, y, z, terrain north, east), rad; covariance: its upper triangle row by row, 15 numbers."""
+
+    mean: tuple[float, ...] = (0.0,) * N
+    covariance: tuple[float, ...] = tuple(
+        float(v)
+        for v in np.diag([DELTA_SD_RAD**2, DELTA_SD_RAD**2, YAW_SD_RAD**2, TERRAIN_SD_RAD**2, TERRAIN_SD_RAD**2])[
+            _UPPER
+        ]
+    )
+
+
+class MountFilter:
+    """The filter unpacked: `predict`, `slope`, `walls`, then `state`."""
+
+    def __init__(self, state: FilterState) -> None:
+        self.mean: Floats = np.array(state.mean)
+        self.P: Floats = np.zeros((N, N))
+        self.P[_UPPER] = state.covariance
+        self.P = self.P + np.triu(self.P, 1).T
+
+    def state(self) -> FilterState:
+        """What the next frame goes on from."""
+        return FilterState(tuple(self.mean.tolist()), tuple(self.P[_UPPER].tolist()))
+
+    def predict(self, dt_s: float, terrain_walk_rad: float) -> None:
+        """Time passes."""
+        dt = min(max(dt_s, 0.0), MAX_DT_S)
+        walk = [DELTA_WALK_RAD, DELTA_WALK_RAD, DELTA_WALK_RAD, terrain_walk_rad, terrain_walk_rad]
+        for i, rate in enumerate(walk):
+            limit = (DELTA_SD_RAD, DELTA_SD_RAD, YAW_SD_RAD, TERRAIN_SD_RAD, TERRAIN_SD_RAD)[i]
+            self.P[i, i] += min(rate * rate * dt, max(0.0, limit * limit - self.P[i, i]))
+
+    def slope(self, rows: Floats, slope: tuple[float, float]) -> bool:
+        """The apparent slope of the ground (rad) by rows (2, 5) of `slope_rows`. True: the terrain or the mount changed."""
+        changed = False
+        for h, value in zip(rows, slope, strict=True):
+            innovation = value - float(h @ self.mean)
+            variance = float(h @ self.P @ h) + SLOPE_SD_RAD**2
+            if innovation * innovation > GATE * variance:
+                changed = True
+                excess = innovation * innovation - variance
+                self.P[3, 3] += excess
+                self.P[4, 4] += excess
+                for i in range(3):
+                    self.P[i, i] += MOUNT_JUMP_RAD**2
+            self._update(h, value, SLOPE_SD_RAD**2)
+        return changed
+
+    def walls(self, h: Floats, terrain_rad: float) -> None:
+        """The slope of the terrain in one direction as the walls give it; h: (5,), its row, 0 for delta."""
+        innovation = terrain_rad - float(h @ self.mean)
+        variance = float(h @ self.P @ h) + WALLS_SD_RAD**2
+        if innovation * innovation > GATE * variance:
+            for i in range(N):  # the mount has moved, or was mistaken
+                self.P[i, i] += innovation * innovation
+        self._update(h, terrain_rad, WALLS_SD_RAD**2)
+
+    def _update(self, h: Floats, value: float, variance: float) -> None:
+        Ph = self.P @ h
+        gain = Ph / (float(h @ Ph) + variance)
+        self.mean = self.mean + gain * (value - float(h @ self.mean))
+        P = self.P - np.outer(gain, Ph)
+        self.P = 0.5 * (P + P.T)
+
+
+def slope_rows(R_level_frd: Floats, heading_rad: float) -> Floats:
+    """(2, 5): apparent slope along x and y of the level axes by the state. heading_rad: of these axes."""
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([[*R_level_frd[1], c, s], [*(-R_level_frd[0]), -s, c]])
