@@ -15,6 +15,7 @@ from pathlib import Path
 from benchmarks.mount_flights import Errors, Frame, MountFlight, hover, turning
 from benchmarks.scenes import SCENES, camera_pose, make_scene
 from core.mount_check import MountVerdict
+from core.mount_params import MountCheckParams
 from drivers.scenes import Scene, SceneBuilder
 
 SETTLED = 10
@@ -44,12 +45,12 @@ def slope_scene(along_deg: float, across_deg: float, houses: bool) -> Scene:
     return s.build()
 
 
-def wrong(scenes: tuple[str, ...], seed: int, ke_per_m: float) -> Iterator[Row]:
+def wrong(scenes: tuple[str, ...], seed: int, ke_per_m: float, check: MountCheckParams | None = None) -> Iterator[Row]:
     """Large errors at one pose."""
     for name in scenes:
         position, yaw = camera_pose(name, seed, HEIGHT_M)
         for errors in WRONG:
-            flight = MountFlight(make_scene(name, seed), errors, seed=seed, ke_per_m=ke_per_m)
+            flight = MountFlight(make_scene(name, seed), errors, seed=seed, ke_per_m=ke_per_m, check=check)
             late = flight.fly(hover(position, yaw, FRAMES))[SETTLED:]
             yield {
                 "part": "wrong", "scene": name, "errors": str(errors), "valid": sum(f.valid for f in late),
@@ -126,12 +127,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=100)
     parser.add_argument("--ke", type=float, default=0.0015)
     parser.add_argument("--rows", type=Path, help="write all rows as JSON lines")
+    parser.add_argument("--off", action="store_true", help="part wrong without the check, to see what it prevents")
     args = parser.parse_args()
     scenes = tuple(args.scenes)
     rows: list[Row] = []
     for part in args.parts:
         made = {
-            "wrong": lambda: wrong(scenes, args.seed, args.ke), "right": lambda: right(scenes, args.seed, args.ke),
+            "wrong": lambda: wrong(scenes, args.seed, args.ke, MountCheckParams(enabled=not args.off)), "right": lambda: right(scenes, args.seed, args.ke),
             "slope": lambda: slope(args.seed, args.ke), "small": lambda: small(args.seed, args.ke),
         }[part]()  # fmt: skip
         count = missed = 0

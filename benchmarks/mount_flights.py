@@ -15,6 +15,7 @@ from companion.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler, rotation_frd_optical, rotation_from_euler
 from core.mount_check import MountVerdict
+from core.mount_params import MountCheckParams
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame
 from drivers.scenes import Scene
 from drivers.sensor_model import TYPICAL, SensorModel, measure
@@ -61,7 +62,7 @@ class MountFlight:
 
     def __init__(
         self, scene: Scene, errors: Errors, *, width: int = 320, true: CameraMount | None = None, ke_per_m: float = 0.0015,
-        seed: int = 0, frame_hz: float = 10.0,
+        seed: int = 0, frame_hz: float = 10.0, check: MountCheckParams | None = None,
     ) -> None:  # fmt: skip
         self._scene, self._seed, self._frame_hz = scene, seed, frame_hz
         info = camera_info(width, width * 3 // 4, ke_per_m=ke_per_m)
@@ -72,7 +73,7 @@ class MountFlight:
         )  # fmt: skip
         self.info: CameraInfo = replace(info, mount=told)
         self._sensor: SensorModel = replace(TYPICAL.scaled_to(width), ke_per_m=ke_per_m)
-        self.pipeline = Pipeline((self.info,), lambda info: Extractor())
+        self.pipeline = Pipeline((self.info,), lambda info: Extractor(), mount_check=check)
         self._looked: tuple[Pose, Truth] | None = None
 
     def fly(self, poses: Sequence[Pose], judge: bool = True) -> list[Frame]:

@@ -48,6 +48,7 @@ class CameraView:
     age_ns: int | None
     hz: float
     exposure_offset: ExposureOffset | None = None
+    mount: pb.MountHealth | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +80,7 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
     message = pb.CameraHealth(
         camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
         blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, last_loss=s.last_loss, hz=view.hz,
-        info=None if s.info is None else wire.camera_message(s.info),
+        info=None if s.info is None else wire.camera_message(s.info), mount=view.mount,
     )  # fmt: skip
     if view.age_ns is not None:
         message.age_ns = view.age_ns

@@ -28,6 +28,7 @@ def mount_state_message(state: MountState) -> pb.MountState:
         pending=VERDICTS[state.pending],
         streak=state.streak,
         slope_rad=state.slope_rad,
+        ground=state.ground,
         mean=state.filter.mean,
         covariance=state.filter.covariance,
     )
@@ -46,6 +47,7 @@ def mount_state_from_message(message: pb.MountState) -> MountState:
         pending=MountVerdict(message.pending),
         streak=message.streak,
         slope_rad=message.slope_rad,
+        ground=message.ground,
         filter=FilterState(tuple(message.mean), tuple(message.covariance)),
     )
 
@@ -86,3 +88,18 @@ def mount_trouble(camera: str, health: pb.MountHealth) -> str:
             "a wrong mount; its frames are invalid until the vehicle has turned by 45 degrees or walls are in view"
         )
     return ""
+
+
+def mount_words(health: pb.MountHealth) -> str:
+    """One line for `companion status`."""
+    words = {
+        pb.MountState.VERDICT_UNKNOWN: "not verified yet",
+        pb.MountState.VERDICT_VERIFIED: "verified",
+        pb.MountState.VERDICT_DEGRADED: "wrong",
+        pb.MountState.VERDICT_UNVERIFIED_SLOPE: "not verified, large slope, frames invalid",
+        pb.MountState.VERDICT_ERROR: "wrong, frames invalid",
+    }[health.verdict]
+    return (
+        f"{words}; error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
+        f"{health.pitch_sd_deg:.1f} deg; apparent slope of the ground {health.slope_deg:.1f} deg"
+    )

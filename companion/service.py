@@ -51,6 +51,7 @@ from .health import (
 from .inbox import Inbox
 from .masks import hidden, masked
 from .messages import blind_message, wire_bytes
+from .mount_watch import MountWatch
 from .pipeline import Pipeline, PrismsResult
 from .pipeline_loop import Clockwork, PipelineLoop
 from .publisher import Publisher, Stream, boot_id
@@ -118,6 +119,7 @@ class Service:
             self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
             warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info)),
         )  # fmt: skip
+        self._mounts = MountWatch(config.extractor.ground_max_slope)
         self._rates, self._losses = FrameRates(), Losses()
         self._next_health_ns = self._next_computer_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
@@ -311,6 +313,8 @@ class Service:
         recording = self.recorder.status if self.recorder is not None else None
         self.troubles = troubles_of(views, autopilot, recording, self.hung())
         self.troubles += self._degraded()
+        with self.loop.lock:
+            self.troubles += self._mounts.troubles((view.status.camera, view.status.info) for view in views)
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
             self.troubles += self.avoidance.troubles(now_ns)
@@ -354,10 +358,11 @@ class Service:
             with self.loop.lock:
                 blind = self._blindness.cause(name, now_ns, status)
                 age_ns = self._blindness.age_ns(name, now_ns)
+                mount = self._mounts.health(name, status.info)
             views.append(
                 CameraView(
                     status=status, required=camera.section.required, blind=blind, age_ns=age_ns,
-                    hz=self._rates.hz(name, status.frames, now_ns), exposure_offset=offsets.get(name),
+                    hz=self._rates.hz(name, status.frames, now_ns), exposure_offset=offsets.get(name), mount=mount,
                 )
             )  # fmt: skip
         return views
@@ -378,6 +383,7 @@ class Service:
         if self.world is not None:
             self.world.put(result)
         with self.loop.lock:
+            self._mounts.result(result)
             self._surround.result(result)
             self._ground.result(result)
         self._publish_surround(time.monotonic_ns())

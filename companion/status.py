@@ -16,6 +16,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from .config import load_config
 from .console import say, say_json
 from .health import STATES
+from .mount_messages import mount_words
 from .service_folders import run_folder
 
 MS, S = 1e6, 1e9
@@ -75,6 +76,8 @@ def status_lines(h: pb.Health) -> list[str]:
         lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} overtaken{again}")
         if c.HasField("exposure_offset"):
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
+        if c.HasField("mount"):
+            lines.append(f"  mount: {mount_words(c.mount)}")
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
     r = h.recording

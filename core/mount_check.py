@@ -8,7 +8,7 @@ apparent slope makes frames invalid: whatever is reported as free would hold und
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -57,7 +57,8 @@ class MountVerdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MountState:
-    """What one frame hands to the next. t_ns: of the newest measurement; None: there was none."""
+    """What one frame hands to the next. t_ns: of the newest measurement; None: there was none. ground: it found a surface that
+    may be the ground; slope_rad: the apparent slope of the newest such surface."""
 
     t_ns: int | None = None
     measurements: int = 0
@@ -65,6 +66,7 @@ class MountState:
     pending: MountVerdict = MountVerdict.UNKNOWN
     streak: int = 0
     slope_rad: float = 0.0
+    ground: bool = False
     filter: FilterState = field(default_factory=FilterState)
 
     @property
@@ -101,9 +103,7 @@ def checked(
     dt_s = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     mount.predict(dt_s, math.radians(params.terrain_deg_per_sqrt_s))
     if not cues.ground:  # nothing new; the verdict stays
-        return MountState(
-            t_ns, state.measurements + 1, state.verdict, state.pending, state.streak, state.slope_rad, mount.state()
-        )
+        return replace(state, t_ns=t_ns, measurements=state.measurements + 1, ground=False, filter=mount.state())
     R_level_frd = rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd
     rows = slope_rows(R_level_frd, heading_rad)
     mount.slope(rows, (cues.slope_x_rad, cues.slope_y_rad))
@@ -114,7 +114,7 @@ def checked(
         mount.walls(along, size if cues.walls is Walls.VERTICAL else 0.0)
     wanted = _verdict(state.verdict, mount, cues, rows, params)
     verdict, pending, streak = _settled(state, wanted)
-    return MountState(t_ns, state.measurements + 1, verdict, pending, streak, size, mount.state())
+    return MountState(t_ns, state.measurements + 1, verdict, pending, streak, size, True, mount.state())
 
 
 def _settled(state: MountState, wanted: MountVerdict) -> tuple[MountVerdict, MountVerdict, int]:

@@ -20,12 +20,17 @@ MIN_GROUND_SHARE = 0.03
 MAX_BELOW_SHARE = 0.05
 """Greatest share of the measured patches below a surface that is the ground."""
 BELOW_M, BELOW_SIGMAS = 0.15, 4.0
-MIN_WALLS_SHARE = 0.02
-"""Least share of the image's patches on walls that can lean in the direction of the slope."""
+MIN_VERTICAL_SHARE, MIN_LEANING_SHARE = 0.08, 0.03
+"""Least share of the image's patches on walls that show no lean, or the lean of a wrong mount. To be wrong about the former
+makes frames valid that should not be, so it needs more."""
+MIN_WALL_SHARE, MAX_MISFIT = 0.015, 1.5
+"""Of a wall that counts: what is smaller or rougher is often several things taken for one plane."""
 LEAN_TOLERANCE = 0.35
 """Share of the expected lean by which a wall may deviate from vertical, or from the lean expected of a wrong mount."""
-MIN_LEAN_RAD = math.radians(1.2)
-"""Walls of which less is expected do not count."""
+MIN_LEAN_RAD, MIN_LEAN_SHARE = math.radians(1.2), 0.4
+"""Walls of which less is expected do not count: in angle, and as a share of the slope."""
+MIN_SLOPE_RAD = math.radians(2.0)
+"""Of less slope walls say nothing: their own inclination is of that order."""
 MAX_WALL_WEIGHT = 0.1
 """One wall counts as this share of the image at most, so that a single inclined surface does not outweigh several."""
 
@@ -87,18 +92,21 @@ def walls_of(planes: tuple[Surface, ...], slope_x_rad: float, slope_y_rad: float
 
     A vertical wall with the horizontal normal (x, y) then has a normal of inclination slope_x x + slope_y y."""
     vertical, leaning = 0.0, 0.0
+    if math.hypot(slope_x_rad, slope_y_rad) < MIN_SLOPE_RAD:
+        return Walls.UNDECIDED
+    least = max(MIN_LEAN_RAD, MIN_LEAN_SHARE * math.hypot(slope_x_rad, slope_y_rad))
     for plane in planes:
         x, y, z = plane.normal
-        if abs(z) > math.sin(MAX_INCLINATION_RAD):
+        if abs(z) > math.sin(MAX_INCLINATION_RAD) or plane.share < MIN_WALL_SHARE or plane.misfit > MAX_MISFIT:
             continue
         across = math.hypot(x, y)
         expected, lean = (slope_x_rad * x + slope_y_rad * y) / across, math.atan2(z, across)
         tolerance = LEAN_TOLERANCE * abs(expected)
-        if abs(expected) < MIN_LEAN_RAD or plane.lean_sd_rad > tolerance:
+        if abs(expected) < least or plane.lean_sd_rad > tolerance:
             continue
         weight = min(plane.share, MAX_WALL_WEIGHT)
         vertical += weight * (abs(lean) <= tolerance)
         leaning += weight * (abs(lean - expected) <= tolerance)
-    if max(vertical, leaning) < MIN_WALLS_SHARE or max(vertical, leaning) < 2.0 * min(vertical, leaning):
-        return Walls.UNDECIDED
-    return Walls.VERTICAL if vertical > leaning else Walls.LEANING
+    if vertical >= MIN_VERTICAL_SHARE and vertical >= 2.0 * leaning:
+        return Walls.VERTICAL
+    return Walls.LEANING if leaning >= MIN_LEANING_SHARE and leaning >= 2.0 * vertical else Walls.UNDECIDED

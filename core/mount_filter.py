@@ -26,9 +26,9 @@ YAW_SD_RAD = math.radians(3.0)
 TERRAIN_SD_RAD = math.radians(10.0)
 DELTA_WALK_RAD = math.radians(0.02)
 """Per square root of a second: a mount is fixed; it may work loose."""
-SLOPE_SD_RAD = math.radians(0.7)
+SLOPE_SD_RAD = math.radians(0.5)
 """Of one measured slope: the ground is not quite plane, an attitude not quite true."""
-WALLS_SD_RAD = math.radians(1.0)
+WALLS_SD_RAD = math.radians(2.0)
 """Of the terrain's slope by the walls."""
 GATE = 9.0
 """Squared innovation over its variance above which the terrain is taken to have changed."""

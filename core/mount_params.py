@@ -21,7 +21,7 @@ class MountCheckParams:
     )
     interval_s: float = number(0.1, 0.0, 1.0, "s", "least time between two measurements, after the first ten")
     terrain_deg_per_sqrt_s: float = number(
-        0.15, 0.01, 5.0, "deg/sqrt(s)", "how fast the slope of the terrain is expected to change"
+        0.1, 0.01, 5.0, "deg/sqrt(s)", "how fast the slope of the terrain is expected to change"
     )
 
     def __post_init__(self) -> None:

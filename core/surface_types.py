@@ -15,12 +15,14 @@ class Surface:
     """One plane surface in level_cam: n . P = distance_m.
 
     normal: unit vector away from the camera, so that that of the ground points down (z about 1) and that of a vertical
-    wall is horizontal. share: of the image's patches. lean_sd_rad: standard deviation of the normal's inclination."""
+    wall is horizontal. share: of the image's patches. lean_sd_rad: standard deviation of the normal's inclination.
+    misfit: residual of the fit over the noise; far above 1 it is no single plane."""
 
     normal: tuple[float, float, float]
     distance_m: float
     share: float
     lean_sd_rad: float
+    misfit: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,8 +38,8 @@ RELATIVE_ROUGHNESS = 0.01
 
 # columns of the table of patches: moments of the fit (count, x, y, xx, xy, yy, q, xq, yq, qq), then its solution and residual
 M_N, M_X, M_Y, M_XX, M_XY, M_YY, M_Q, M_XQ, M_YQ, M_QQ, W_X, W_Y, W_Z, RMS = range(14)
-# columns of the table of surfaces: w, its patches, then the upper triangle of the inverse normal matrix
-S_WX, S_WY, S_WZ, S_PATCHES, S_C0 = range(5)
+# columns of the table of surfaces: w, its patches, its residual over the noise, then the upper triangle of the inverse normal matrix
+S_WX, S_WY, S_WZ, S_PATCHES, S_MISFIT, S_C0 = range(6)
 SURFACE_COLUMNS = S_C0 + 6
 
 
@@ -179,6 +179,7 @@ def grow_surface(patches, taken, across, noise, total, w, best, surface, mark):
             taken[i] = mark
             n += 1
     surface[S_WX], surface[S_WY], surface[S_WZ], surface[S_PATCHES] = best[0], best[1], best[2], n
+    surface[S_MISFIT] = math.sqrt(mean_square(total, best[0], best[1], best[2])) / noise
     return n if _inverse(total, surface) and n >= MIN_PATCHES else 0
 
 
@@ -251,4 +252,4 @@ def _surface(row: Floats, R: Rotation, noise: float, patches: int) -> Surface:
     a, b, c, d, e, f = row[S_C0:].tolist()
     # the worst direction's variance bounds that of any inclination
     sd = noise * math.sqrt(max(0.0, a + d + f + 2.0 * max(abs(b), abs(c), abs(e)))) / length
-    return Surface((x, y, z), 1.0 / length, float(row[S_PATCHES]) / max(1, patches), sd)
+    return Surface((x, y, z), 1.0 / length, float(row[S_PATCHES]) / max(1, patches), sd, float(row[S_MISFIT]))

@@ -146,7 +146,7 @@ def test_the_causes_are_those_of_the_schema():
 def test_the_schema_holds_every_field_of_statistics_and_state():
     assert {f.name for f in dataclasses.fields(FrameStats)} == set(pb.FrameStats.DESCRIPTOR.fields_by_name)
     state = {f.name for f in dataclasses.fields(ExtractorState)}
-    assert state | {"camera", "last_t_exposure_ns"} == set(pb.CameraState.DESCRIPTOR.fields_by_name)
+    assert state | {"camera", "last_t_exposure_ns", "mount"} == set(pb.CameraState.DESCRIPTOR.fields_by_name)
 
 
 @pytest.mark.parametrize("cutoff", [None, 0, START_NS])

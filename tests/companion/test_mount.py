@@ -1,0 +1,197 @@
+"""The mount's check in the pipeline, the messages, the health report, and in replay."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from companion.camera_supervisor import CameraCondition, CameraStatus
+from companion.health import CameraView, camera_message
+from companion.messages import prisms_from_message, prisms_message, state_from_message, state_message
+from companion.mount_messages import mount_health, mount_trouble, mount_words
+from companion.mount_watch import MountWatch
+from companion.pipeline import Output, Pipeline, PipelineState, PrismsResult
+from companion.status import status_lines
+from core.extractor import Extractor
+from core.frames import rotation_from_euler
+from core.mount_check import MountState, MountVerdict, checked
+from core.mount_cues import MountCues
+from core.mount_filter import FilterState
+from core.mount_params import MountCheckParams
+from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Ground, InvalidCause
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.sensor_model import TYPICAL
+from drivers.simulated import camera_info as simulated_info
+from drivers.simulated import render
+
+NS = 1_000_000_000
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+TOLD = dataclasses.replace(simulated_info(160, 120), mount=CameraMount(pitch_rad=math.radians(-6.0)))
+"""The images are of a camera that looks ahead."""
+
+
+def images(count: int) -> list[np.ndarray]:
+    return [
+        render("trees", simulated_info(160, 120), sensor=TYPICAL.scaled_to(160), seed=i).depth_mm for i in range(count)
+    ]
+
+
+def feed(pipeline: Pipeline, depths: list[np.ndarray], first: int = 0) -> list[Output]:
+    outputs: list[Output] = []
+    for i, depth in enumerate(depths, start=first):
+        t_ns = (10 + i) * NS
+        for dt_ns in (-NS // 100, NS // 100):
+            pipeline.handle(AttitudeSample(t_ns + dt_ns, t_ns + dt_ns, LEVEL, (0.0, 0.0, 0.0)))
+        outputs += pipeline.handle(
+            DepthFrame(camera="front", sequence=i, t_exposure_ns=t_ns, t_arrival_ns=t_ns + NS // 50, depth_mm=depth)
+        )
+    return outputs
+
+
+def results(outputs: list[Output]) -> list[PrismsResult]:
+    return [o for o in outputs if isinstance(o, PrismsResult)]
+
+
+def pipeline_of(
+    info: CameraInfo, state: PipelineState | None = None, check: MountCheckParams | None = None
+) -> Pipeline:
+    return Pipeline((info,), lambda info: Extractor(), state=state, mount_check=check)
+
+
+@pytest.fixture(scope="module")
+def depths() -> list[np.ndarray]:
+    return images(8)
+
+
+def test_frames_with_a_wrong_mount_report_nothing(depths: list[np.ndarray]) -> None:
+    last = results(feed(pipeline_of(TOLD), depths))[-1]
+    assert last.model is not None
+    assert last.model.cause in (InvalidCause.MOUNT_ERROR, InvalidCause.MOUNT_UNVERIFIED)
+    assert not last.valid
+    assert not len(last.model.planes)
+    assert not len(last.model.prisms)
+    assert not (last.model.free.free_to_m > last.model.free.free_from_m).any()
+    message = prisms_message(last)
+    assert message.cause in (pb.CAUSE_MOUNT_ERROR, pb.CAUSE_MOUNT_UNVERIFIED)
+    again = prisms_from_message(message)
+    assert again.model is not None
+    assert again.model.cause is last.model.cause
+
+
+def test_the_check_can_be_switched_off(depths: list[np.ndarray]) -> None:
+    off = MountCheckParams(enabled=False)
+    assert all(r.valid for r in results(feed(pipeline_of(TOLD, check=off), depths)))
+
+
+def test_a_pipeline_goes_on_from_a_snapshot_bit_for_bit(depths: list[np.ndarray]) -> None:
+    """Halfway, while the verdict is pending, the state travels through its message."""
+    whole = pipeline_of(TOLD)
+    first = pipeline_of(TOLD)
+    feed(first, depths[:2])
+    state = first.state()
+    assert state.cameras[0][1].mount.streak > 0
+    second = pipeline_of(
+        TOLD, state_from_message(pb.StateSnapshot.FromString(state_message(state).SerializeToString()))
+    )
+    expected, got = results(feed(whole, depths))[2:], results(feed(second, depths[2:], first=2))
+    assert [prisms_message(r).SerializeToString() for r in got] == [
+        prisms_message(r).SerializeToString() for r in expected
+    ]
+    assert second.state().cameras[0][1].mount == whole.state().cameras[0][1].mount
+    assert not got[-1].valid
+
+
+def test_a_snapshot_of_before_the_check_starts_it_anew() -> None:
+    old = pb.StateSnapshot(cameras=[pb.CameraState(camera="front", ground_height_m=2.0, ke_per_m=0.003)])
+    assert state_from_message(old).cameras[0][1].mount == MountState()
+    old.cameras[0].mount.mean.append(1.0)
+    with pytest.raises(ValueError, match="mount state"):
+        state_from_message(old)
+
+
+def test_a_camera_described_otherwise_begins_anew(depths: list[np.ndarray]) -> None:
+    pipeline = pipeline_of(TOLD)
+    feed(pipeline, depths)
+    pipeline.announce(simulated_info(160, 120))
+    assert pipeline.state().cameras[0][1].mount == MountState()
+
+
+# ---- in words --------------------------------------------------------------------------------------------------------
+
+
+def known(roll_deg: float, pitch_deg: float, verdict: MountVerdict) -> MountState:
+    mean = (math.radians(roll_deg), math.radians(pitch_deg), 0.0, 0.0, 0.0)
+    return MountState(
+        t_ns=NS, measurements=50, verdict=verdict, filter=FilterState(mean=mean), slope_rad=0.1, ground=True
+    )
+
+
+def test_the_health_names_the_error_and_the_value_to_set() -> None:
+    mount = CameraMount(roll_rad=math.radians(2.0), pitch_rad=math.radians(-10.0))
+    health = mount_health(known(0.0, 5.0, MountVerdict.ERROR), mount)
+    words = mount_trouble("front", health)
+    assert "mount_error" in words
+    assert "pitch +5.0 deg" in words
+    assert "roll_deg = 2.0, pitch_deg = -5.0" in words
+    # what is to be set is the configured mount turned by the error about the vehicle's axes
+    R = rotation_from_euler(0.0, math.radians(5.0), 0.0) @ rotation_from_euler(mount.roll_rad, mount.pitch_rad, 0.0)
+    roll, pitch, yaw = (math.radians(v) for v in (health.roll_deg, health.pitch_deg, health.yaw_deg))
+    assert rotation_from_euler(roll, pitch, yaw) == pytest.approx(R, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code"),
+    [
+        (MountVerdict.UNKNOWN, ""), (MountVerdict.VERIFIED, ""), (MountVerdict.DEGRADED, "mount_degraded"),
+        (MountVerdict.UNVERIFIED_SLOPE, "mount_unverified"), (MountVerdict.ERROR, "mount_error"),
+    ],
+)  # fmt: skip
+def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
+    health = mount_health(known(0.0, 2.0, verdict), CameraMount())
+    words = mount_trouble("front", health)
+    assert (code in words) if code else not words
+    assert mount_words(health)
+
+
+def watched(state: MountState, ground: Ground, measured: float) -> tuple[MountWatch, CameraInfo]:
+    result = results(feed(pipeline_of(simulated_info(160, 120)), images(1)))[0]
+    assert result.model is not None
+    model = dataclasses.replace(
+        result.model, ground=ground, stats=dataclasses.replace(result.model.stats, measured_share=measured)
+    )
+    watch = MountWatch(0.06)
+    watch.result(dataclasses.replace(result, model=model, mount=state))
+    return watch, simulated_info(160, 120)
+
+
+def test_a_ground_at_its_limit_or_lost_is_reported() -> None:
+    state = known(0.0, 0.0, MountVerdict.UNKNOWN)
+    cases = (
+        (Ground(seen=True, height_m=2.0, slope_x=0.06), 0.9, "ground_slope_limit"),
+        (Ground(seen=False), 0.9, "ground_lost"),
+        (Ground(seen=True, height_m=2.0, slope_x=0.03), 0.9, ""),
+        (Ground(seen=False), 0.2, ""),
+    )
+    for ground, measured, code in cases:
+        watch, info = watched(state, ground, measured)
+        said = watch.troubles([("front", info), ("rear", None)])
+        assert ([code in words for words in said] == [True]) if code else not said, ground
+    watch, info = watched(dataclasses.replace(state, ground=False), Ground(seen=False), 0.9)
+    assert not watch.troubles([("front", info)])  # a wall fills the view
+
+
+def test_status_shows_the_mount() -> None:
+    health = mount_health(known(0.0, 2.0, MountVerdict.DEGRADED), CameraMount())
+    view = CameraView(status=CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0), required=True, blind="", age_ns=None, hz=30.0, mount=health)
+    lines = status_lines(pb.Health(cameras=[camera_message(view)]))
+    assert any(line.startswith("  mount: wrong; error roll +0.0") for line in lines)
+
+
+def test_no_cues_change_no_verdict() -> None:
+    state = known(0.0, 5.0, MountVerdict.ERROR)
+    after = checked(state, 2 * NS, MountCues(False), np.eye(3), 0.0, MountCheckParams())
+    assert after.verdict is MountVerdict.ERROR
+    assert not after.ground

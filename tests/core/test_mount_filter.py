@@ -1,0 +1,135 @@
+"""The filter tells a mount from terrain by turning, and says when it cannot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.frames import rotation_from_euler
+from core.mount_check import MountState, MountVerdict, checked, due, rotation_vector
+from core.mount_cues import MountCues, Walls
+from core.mount_filter import FilterState, MountFilter, slope_rows
+from core.mount_params import MountCheckParams
+from core.types import CameraMount
+
+NS = 1_000_000_000
+P = MountCheckParams()
+
+
+def run(
+    mount_deg: tuple[float, float],
+    terrain_deg: tuple[float, float],
+    headings_deg: np.ndarray,
+    walls: Walls = Walls.UNDECIDED,
+    noise_deg: float = 0.1,
+) -> list[MountState]:
+    """States of a level vehicle that measures the slope ten times a second at these headings; mount: roll, pitch error, true
+    minus configured; terrain: slope north, east."""
+    rng = np.random.default_rng(1)
+    state, states = MountState(), []
+    delta = np.radians([*mount_deg, 0.0])
+    for i, heading in enumerate(np.radians(headings_deg)):
+        R = rotation_from_euler(0.0, 0.0, heading)
+        level = rotation_from_euler(0.0, 0.0, -heading) @ R
+        s = slope_rows(level, heading) @ np.array([*delta, *np.radians(terrain_deg)])
+        s += np.radians(rng.normal(0.0, noise_deg, 2))
+        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0, walls), R, heading, P)
+        states.append(state)
+    return states
+
+
+def test_a_mount_error_is_measured_by_turning() -> None:
+    state = run((0.0, 1.5), (0.0, 0.0), np.linspace(0.0, 90.0, 100))[-1]
+    assert state.verdict is MountVerdict.DEGRADED
+    assert np.degrees(state.error_rad) == pytest.approx((0.0, 1.5), abs=0.4)
+    assert max(np.degrees(state.error_sd_rad)) < 0.4
+
+
+def test_a_large_error_makes_frames_invalid_within_ten_measurements() -> None:
+    for walls in Walls:
+        states = run((0.0, 5.0), (0.0, 0.0), np.zeros(15), walls)
+        if walls is not Walls.VERTICAL:
+            assert all(s.verdict.invalid for s in states[9:]), walls
+
+
+def test_walls_that_lean_give_the_error_without_turning() -> None:
+    state = run((-6.0, 0.0), (0.0, 0.0), np.zeros(20), Walls.LEANING)[-1]
+    assert state.verdict is MountVerdict.ERROR
+    assert np.degrees(state.error_rad) == pytest.approx((-6.0, 0.0), abs=0.5)
+    assert np.degrees(state.corrected(CameraMount(roll_rad=math.radians(6.0)))[0]) == pytest.approx(0.0, abs=0.5)
+
+
+@pytest.mark.parametrize("slope", [(10.0, 0.0), (0.0, -7.0), (5.0, 5.0)])
+def test_terrain_is_no_mount_error(slope: tuple[float, float]) -> None:
+    still = run((0.0, 0.0), slope, np.zeros(30), Walls.VERTICAL)
+    assert not any(s.verdict.invalid or s.verdict is MountVerdict.DEGRADED for s in still)
+    turning = run((0.0, 0.0), slope, np.linspace(0.0, 120.0, 120))
+    assert not any(s.verdict in (MountVerdict.DEGRADED, MountVerdict.ERROR) for s in turning)
+    assert not turning[-1].verdict.invalid
+
+
+def test_a_change_of_terrain_is_no_mount_error() -> None:
+    """Level ground, then a slope of 8 degrees, while the vehicle weaves."""
+    headings = 45.0 * np.sin(np.arange(300) / 15.0)
+    state = MountState()
+    for i, heading in enumerate(np.radians(headings)):
+        R = rotation_from_euler(0.0, 0.0, heading)
+        terrain = np.radians([0.0, 8.0]) if i > 150 else np.zeros(2)
+        s = slope_rows(np.eye(3), heading)[:, 3:] @ terrain
+        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0), R, heading, P)
+        assert state.verdict not in (MountVerdict.DEGRADED, MountVerdict.ERROR), i
+    assert not state.verdict.invalid
+
+
+def test_a_mount_that_moves_in_flight_is_found_again() -> None:
+    headings = 60.0 * np.sin(np.arange(600) / 15.0)
+    state = MountState()
+    for i, heading in enumerate(np.radians(headings)):
+        R = rotation_from_euler(0.0, 0.0, heading)
+        delta = np.radians([0.0, 6.0 if i > 200 else 0.0, 0.0])
+        s = slope_rows(np.eye(3), heading)[:, :3] @ delta
+        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0), R, heading, P)
+    assert state.verdict is MountVerdict.ERROR
+
+
+def test_at_one_heading_small_slopes_say_nothing() -> None:
+    state = run((0.0, 2.0), (0.0, 0.0), np.zeros(100))[-1]
+    assert state.verdict is MountVerdict.UNKNOWN
+    assert min(np.degrees(state.error_sd_rad)) > 3.0
+
+
+def test_a_verdict_needs_several_measurements() -> None:
+    states = run((0.0, 8.0), (0.0, 0.0), np.zeros(5))
+    assert [s.verdict for s in states[:2]] == [MountVerdict.UNKNOWN] * 2
+    assert states[2].verdict is MountVerdict.UNVERIFIED_SLOPE
+
+
+def test_the_state_packs_and_unpacks() -> None:
+    f = MountFilter(FilterState())
+    f.predict(0.1, 0.01)
+    f.slope(slope_rows(np.eye(3), 0.3), (0.1, -0.05))
+    again = MountFilter(f.state())
+    assert (again.P == f.P).all()
+    assert (again.mean == f.mean).all()
+    assert (np.linalg.eigvalsh(f.P) > 0.0).all()
+
+
+def test_measurements_are_due_by_exposure_times() -> None:
+    state = MountState()
+    assert due(state, 0, P)
+    state = MountState(t_ns=NS, measurements=10)
+    assert not due(state, NS + NS // 20, P)
+    assert due(state, NS + NS // 10, P)
+    assert not due(MountState(), 0, MountCheckParams(enabled=False))
+
+
+def test_parameters_check_themselves() -> None:
+    with pytest.raises(ValueError, match="invalid_deg"):
+        MountCheckParams(degraded_deg=4.0, invalid_deg=3.0)
+
+
+def test_rotation_vector() -> None:
+    assert rotation_vector(0.0, 0.3, 0.0) == pytest.approx(rotation_from_euler(0.0, 0.3, 0.0))
+    assert rotation_vector(0.0, 0.0, 0.0) == pytest.approx(np.eye(3))
