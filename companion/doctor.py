@@ -36,6 +36,7 @@ from .config_differences import PAPER_NOTE, safety_lines
 from .console import say, say_json
 from .diagnostics import LEAST_ATTITUDE_HZ, attitude_rate_low, template_intrinsics
 from .log_folder import free_bytes
+from .measure_mount import measured_mounts
 from .service_folders import folders
 from .status import newest_health, somebody_publishes
 from .warmup import COMPILED_S, discard_damaged, run_kernels
@@ -295,6 +296,23 @@ def _typed_yes(wanted: list[Change]) -> bool:
     return sys.stdin.readline().strip() == "yes"
 
 
+def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
+    """0: every camera is mounted as configured; 1: one is not, or could not be measured."""
+    if running_service(config, args.patience) is not None:
+        raise DriverError("the service has the cameras and the line; stop it first (systemctl stop osape-companion)")
+    found = []
+    for finding in measured_mounts(config, args.seconds, (lambda words: None) if args.json else say):
+        found.append(finding)
+        if not args.json:
+            say(f"{'ok ' if finding.good else ' ! '} camera {finding.camera}: {finding.words}")
+            for line in finding.lines:
+                say(f"    {line}")
+    good = bool(found) and all(f.good for f in found)
+    if args.json:
+        say_json({"ok": good, "mounts": [asdict(f) for f in found]})
+    return 0 if good else 1
+
+
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion doctor`."""
     parser = subparsers.add_parser("doctor", help="what works and what does not, before the flight")
@@ -304,6 +322,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--apply", action="store_true", help="write the autopilot's parameters: a list, then a typed yes"
+    )
+    parser.add_argument(
+        "--mount", action="store_true", help="measure the cameras' mounts instead, while the vehicle is turned by hand"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, metavar="S", help="with --mount: longest measurement (60)"
     )
     parser.add_argument("--yes", action="store_true", help="with --apply: the yes, given beforehand")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -316,6 +340,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json and args.apply and not args.yes:
         raise ValueError("--apply asks for a typed yes; with --json give --yes")
     config = load_config(args.config)
+    if args.mount:
+        if args.apply:
+            raise ValueError("--mount and --apply do not go together; use one after the other")
+        return _measure_mounts(config, args)
     findings = []
     writing = applied(config, args.patience, yes=args.yes) if args.apply else iter(())
     for finding in chain(writing, examine(config, args.patience)):

@@ -15,8 +15,8 @@ from core.mount_check import MountState, checked
 from core.mount_cues import cues_of
 from core.mount_params import MountCheckParams
 from core.surfaces import find_surfaces
-from core.types import AttitudeSample, CameraInfo, DepthFrame
-from drivers.base import DriverError, Event
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import Event
 from drivers.mavlink import MavlinkSession
 from drivers.mavlink_link import MavlinkLink
 from drivers.transport import parse_address
@@ -25,17 +25,17 @@ from .autopilot_line import params_of, signing_of
 from .camera_supervisor import CameraSupervisor
 from .config import Config
 from .config_camera import CameraConfig
-from .masks import masked, without
+from .masks import Mask, masked, without
 from .service_folders import folders
 from .sync import AttitudeAt, Synchroniser, SyncParams
 
 LEAST_TURN_RAD = math.radians(60.0)
 LEAST_FRAMES = 30
 GOOD_SD_RAD = math.radians(0.3)
-YAW_SD_RAD = math.radians(1.0)
 SURE_SD_RAD = math.radians(0.2)
 """When roll and pitch are known this well, measuring ends before its time."""
-PARAMS = MountCheckParams(interval_s=0.05)
+PARAMS = MountCheckParams(interval_s=0.05, terrain_deg_per_sqrt_s=0.05)
+Incoming = queue.SimpleQueue[Event | CameraInfo]
 
 
 @dataclass(slots=True)
@@ -51,6 +51,7 @@ class MountMeasurement:
     heights_m: list[float] = field(default_factory=list)
     headings_rad: list[float] = field(default_factory=list)
     _synchroniser: Synchroniser = field(init=False)
+    _mask: Mask | None = field(init=False)
 
     def __post_init__(self) -> None:
         self._synchroniser = Synchroniser(self.sync)
@@ -159,7 +160,7 @@ def measured_mounts(config: Config, seconds: float, say: Callable[[str], None]) 
     if not config.autopilot.address:
         yield MountFinding("all", False, "the attitude is needed: set [autopilot] address")
         return
-    events: queue.SimpleQueue[Event | CameraInfo] = queue.SimpleQueue()
+    events: Incoming = queue.SimpleQueue()
     signing = signing_of(config.autopilot, folders().state)
     session = MavlinkSession(params_of(config), signing=signing)
     link = MavlinkLink(parse_address(config.autopilot.address), session, lambda samples: _put(events, samples))
@@ -192,17 +193,14 @@ def measured_mounts(config: Config, seconds: float, say: Callable[[str], None]) 
             yield finding_of(measurement)
 
 
-def _put(events: queue.SimpleQueue[Event | CameraInfo], samples: list[Event]) -> None:
+def _put(events: Incoming, samples: list[AttitudeSample | PoseSample]) -> None:
     for sample in samples:
         events.put(sample)
 
 
-def _collect(
-    events: queue.SimpleQueue[Event | CameraInfo], measurements: dict[str, MountMeasurement], config: Config, seconds: float
-) -> None:
+def _collect(events: Incoming, measurements: dict[str, MountMeasurement], config: Config, seconds: float) -> None:
     """Until every camera is measured, or the time is over."""
     end_s = time.monotonic() + seconds
-    attitudes: list[AttitudeSample] = []
     while (left_s := end_s - time.monotonic()) > 0.0:
         try:
             event = events.get(timeout=left_s)
@@ -219,7 +217,3 @@ def _collect(
                 measurement.add(event)
         if len(measurements) == len(config.cameras) and all(m.done for m in measurements.values()):
             return
-    del attitudes
-
-
-__all__ = ["DriverError", "MountFinding", "MountMeasurement", "finding_of", "measured_mounts"]

@@ -1,0 +1,92 @@
+"""`companion doctor --mount` on simulated turns: the configuration's lines, and clear refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from companion.config_camera import CameraConfig
+from companion.measure_mount import MountMeasurement, finding_of
+from companion.sync import SyncParams
+from core.types import CameraInfo, CameraMount
+from drivers.flight_path import FlightPath
+from drivers.flights import FlightPlan
+from drivers.scene_library import make_scene
+from drivers.sensor_model import TYPICAL
+from drivers.simulated import camera_info
+from drivers.simulated_flight import SimulatedFlight
+
+TRUE = CameraMount(roll_rad=math.radians(1.0), pitch_rad=math.radians(-12.0))
+
+
+def by_hand(turn_deg: float, scene: str = "stones", pitch_deg: float = -8.0, seconds: float = 8.0) -> FlightPlan:
+    """The vehicle is held 1.2 m above the ground, turned to both sides and tilted."""
+    a, p = math.radians(turn_deg) / 2.0, math.radians(pitch_deg)
+    rows = [[t * seconds, 0.0, 0.0, -1.2, 0.1 * s, p * c, a * s] for t, s, c in
+            ((0.0, 0.0, 0.0), (0.25, 1.0, 1.0), (0.5, 0.0, 0.0), (0.75, -1.0, 1.0), (1.0, 0.0, 0.0))]  # fmt: skip
+    return FlightPlan(name="by hand", scene=make_scene(scene, 2), path=FlightPath(rows), sensor=TYPICAL)
+
+
+def measured(plan: FlightPlan, told: CameraMount, count: int | None = None) -> MountMeasurement:
+    info = dataclasses.replace(camera_info(160, 120), mount=TRUE)
+    flight = SimulatedFlight(plan, cameras=(info,), seed=3)
+    told_info: CameraInfo = dataclasses.replace(info, mount=told)
+    measurement = MountMeasurement(told_info, SyncParams(), CameraConfig(name="front", kind="simulated"))
+    for i, event in enumerate(flight.events()):
+        if count is not None and i >= count:
+            break
+        measurement.add(event)
+    return measurement
+
+
+@pytest.mark.parametrize(
+    "told",
+    [TRUE, CameraMount(), CameraMount(roll_rad=TRUE.roll_rad, pitch_rad=-TRUE.pitch_rad / 2.0)],
+    ids=["right", "none", "sign"],
+)
+def test_the_lines_to_paste_hold_the_true_mount(told: CameraMount) -> None:
+    finding = finding_of(measured(by_hand(120.0), told))
+    assert finding.good is (told == TRUE)
+    assert finding.lines[:2] == ("[[camera]]", 'name = "front"')
+    said = {key: float(value) for key, value in (line.split(" = ") for line in finding.lines[2:])}
+    assert said["roll_deg"] == pytest.approx(1.0, abs=0.5)
+    assert said["pitch_deg"] == pytest.approx(-12.0, abs=0.7)
+    assert finding.words.startswith("1.2")
+
+
+def test_too_little_turning_is_refused() -> None:
+    finding = finding_of(measured(by_hand(20.0), TRUE))
+    assert not finding.good
+    assert not finding.lines
+    assert "turn the vehicle" in finding.words
+
+
+def test_no_ground_is_refused() -> None:
+    finding = finding_of(measured(by_hand(120.0, scene="no_ground"), TRUE))
+    assert "ground in 0 of" in finding.words
+    assert not finding.lines
+
+
+def test_no_frame_is_refused() -> None:
+    assert "no frame came" in finding_of(measured(by_hand(120.0), TRUE, count=0)).words
+
+
+def test_frames_without_an_attitude_are_refused() -> None:
+    info = camera_info(160, 120)
+    measurement = MountMeasurement(info, SyncParams(), CameraConfig(name="front", kind="simulated"))
+    flight = SimulatedFlight(by_hand(120.0, seconds=1.0), cameras=(info,))
+    frame = flight.frame(0)
+    assert frame is not None
+    measurement.add(frame)
+    assert "attitude" in finding_of(measurement).words
+
+
+def test_it_is_done_when_roll_and_pitch_are_known_well() -> None:
+    measurement = measured(by_hand(160.0, seconds=12.0), TRUE)
+    assert measurement.done
+    assert not measured(by_hand(30.0), TRUE).done
+    assert measurement.turned_rad > math.radians(100.0)
+    assert np.isfinite(measurement.heights_m).all()
