@@ -32,7 +32,7 @@ from .sync import AttitudeAt, Synchroniser, SyncParams
 LEAST_TURN_RAD = math.radians(60.0)
 LEAST_FRAMES = 30
 GOOD_SD_RAD = math.radians(0.3)
-SURE_SD_RAD = math.radians(0.2)
+SURE_SD_RAD = math.radians(0.25)
 """When roll and pitch are known this well, measuring ends before its time."""
 PARAMS = MountCheckParams(interval_s=0.05, terrain_deg_per_sqrt_s=0.05)
 Incoming = queue.SimpleQueue[Event | CameraInfo]

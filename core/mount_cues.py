@@ -67,7 +67,7 @@ def cues_of(surfaces: Surfaces) -> MountCues:
     """The cues in the surfaces of a frame."""
     ground = next((plane for plane in surfaces.planes if _is_ground(plane, surfaces)), None)
     if ground is None:
-        return _cues_without_ground(surfaces)
+        return NO_CUES
     x, y, z = ground.normal
     across = math.hypot(x, y)
     scale = -math.atan2(across, z) / across if across > 1e-12 else 0.0
@@ -81,10 +81,6 @@ def _is_ground(plane: Surface, surfaces: Surfaces) -> bool:
     beyond_m = surfaces.centres_m @ np.array(plane.normal) - plane.distance_m
     noise_m = BELOW_SIGMAS * surfaces.noise_per_m * np.linalg.norm(surfaces.centres_m, axis=1) * plane.distance_m
     return float(np.mean(beyond_m > BELOW_M + noise_m)) <= MAX_BELOW_SHARE
-
-
-def _cues_without_ground(surfaces: Surfaces) -> MountCues:
-    return NO_CUES
 
 
 def walls_of(planes: tuple[Surface, ...], slope_x_rad: float, slope_y_rad: float) -> Walls:

@@ -233,11 +233,10 @@ def find_surfaces(depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optica
     size = max(4, k.width // PATCHES_ACROSS)
     low_mm = max(1, round(1000.0 * info.min_range_m))
     high_mm = min(FAR_MM - 1, round(1000.0 * info.max_range_m))
-    table = np.zeros((MAX_SURFACES, SURFACE_COLUMNS), np.float64)
-    count, patches, noise = search_surfaces(
-        np.ascontiguousarray(depth_mm), np.array([k.fx, k.fy, k.cx, k.cy]), low_mm, high_mm, size, ke, table
-    )
-    R = np.asarray(R_level_optical, np.float64)
+    image = np.ascontiguousarray(depth_mm).view()
+    image.flags.writeable = False  # one compiled kernel for frames that may be written and for those that may not
+    R, table = np.asarray(R_level_optical, np.float64), np.zeros((MAX_SURFACES, SURFACE_COLUMNS), np.float64)
+    count, patches, noise = search_surfaces(image, np.array([k.fx, k.fy, k.cx, k.cy]), low_mm, high_mm, size, ke, table)
     planes = tuple(_surface(row, R, noise, len(patches)) for row in table[:count])
     m = patches[patches[:, M_N] != 0.0]
     n = np.abs(m[:, M_N])
