@@ -23,8 +23,8 @@ from .types import CameraMount
 NS = 1_000_000_000
 FIRST_MEASUREMENTS = 10
 """So many frames are measured one after the other; then one per interval_s."""
-STREAK = 3
-"""Measurements in a row that must agree before the verdict changes."""
+STREAK, DEGRADED_STREAK = 3, 10
+"""Measurements in a row that must agree before the verdict changes; before it becomes degraded, which is not urgent."""
 ERROR_SDS, ERROR_SD_RAD = 4.0, math.radians(1.2)
 """An error that makes frames invalid is this many standard deviations, each of this much at most."""
 DEGRADED_SDS, DEGRADED_SD_RAD = 3.0, math.radians(0.35)
@@ -106,7 +106,7 @@ def checked(
         return replace(state, t_ns=t_ns, measurements=state.measurements + 1, ground=False, filter=mount.state())
     R_level_frd = rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd
     rows = slope_rows(R_level_frd, heading_rad)
-    mount.slope(rows, (cues.slope_x_rad, cues.slope_y_rad))
+    mount.slope(rows, (cues.slope_x_rad, cues.slope_y_rad), cues.slope_sd_rad)
     size = cues.slope_rad
     if cues.walls is not Walls.UNDECIDED:
         along = (cues.slope_x_rad * rows[0] + cues.slope_y_rad * rows[1]) / size
@@ -118,13 +118,14 @@ def checked(
 
 
 def _settled(state: MountState, wanted: MountVerdict) -> tuple[MountVerdict, MountVerdict, int]:
-    """(verdict, pending, streak): a verdict changes after STREAK measurements that want another one."""
+    """(verdict, pending, streak): a verdict changes after enough measurements in a row that want another one."""
     if wanted is state.verdict:
         return state.verdict, wanted, 0
     # all that want invalid frames agree in that, whichever of them it is
     alike = wanted is state.pending or (wanted.invalid and state.pending.invalid)
     streak = state.streak + 1 if alike and state.streak else 1
-    return (wanted, wanted, 0) if streak >= STREAK else (state.verdict, wanted, streak)
+    needed = DEGRADED_STREAK if wanted is MountVerdict.DEGRADED else STREAK
+    return (wanted, wanted, 0) if streak >= needed else (state.verdict, wanted, streak)
 
 
 def _verdict(

@@ -19,6 +19,9 @@ MIN_GROUND_SHARE = 0.03
 """Least share of the image's patches on the ground."""
 MAX_BELOW_SHARE = 0.05
 """Greatest share of the measured patches below a surface that is the ground."""
+FIT_SDS = 3.0
+"""The ground's slope is taken to be known to this many standard deviations of its fit: noise is correlated, ground not quite
+plane."""
 BELOW_M, BELOW_SIGMAS = 0.15, 4.0
 MIN_VERTICAL_SHARE, MIN_LEANING_SHARE = 0.08, 0.03
 """Least share of the image's patches on walls that show no lean, or the lean of a wrong mount. To be wrong about the former
@@ -46,12 +49,13 @@ class Walls(StrEnum):
 @dataclass(frozen=True, slots=True)
 class MountCues:
     """Of one frame, in level_cam. ground: there is one; slope_x, slope_y: its inclination along x and y in rad (positive: it
-    falls away), as angles, not tangents; distance_m: to its plane; walls: what they say about that slope."""
+    falls away), as angles, not tangents; distance_m: to its plane; slope_sd_rad: how well the slope is known from this frame; walls: what they say about that slope."""
 
     ground: bool
     slope_x_rad: float = 0.0
     slope_y_rad: float = 0.0
     distance_m: float = math.nan
+    slope_sd_rad: float = 0.0
     walls: Walls = Walls.UNDECIDED
 
     @property
@@ -72,7 +76,8 @@ def cues_of(surfaces: Surfaces) -> MountCues:
     across = math.hypot(x, y)
     scale = -math.atan2(across, z) / across if across > 1e-12 else 0.0
     slope = (scale * x, scale * y)
-    return MountCues(True, *slope, ground.distance_m, walls_of(surfaces.planes, *slope))
+    sd_rad = FIT_SDS * ground.lean_sd_rad * max(1.0, ground.misfit) ** 2
+    return MountCues(True, *slope, ground.distance_m, sd_rad, walls_of(surfaces.planes, *slope))
 
 
 def _is_ground(plane: Surface, surfaces: Surfaces) -> bool:

@@ -72,12 +72,12 @@ class MountFilter:
             limit = (DELTA_SD_RAD, DELTA_SD_RAD, YAW_SD_RAD, TERRAIN_SD_RAD, TERRAIN_SD_RAD)[i]
             self.P[i, i] += min(rate * rate * dt, max(0.0, limit * limit - self.P[i, i]))
 
-    def slope(self, rows: Floats, slope: tuple[float, float]) -> bool:
-        """The apparent slope of the ground (rad) by rows (2, 5) of `slope_rows`. True: the terrain or the mount changed."""
-        changed = False
+    def slope(self, rows: Floats, slope: tuple[float, float], sd_rad: float = 0.0) -> bool:
+        """The apparent slope of the ground (rad) by rows (2, 5) of `slope_rows`; sd_rad: of its fit. True: the terrain or the mount changed."""
+        changed, noise = False, SLOPE_SD_RAD**2 + sd_rad**2
         for h, value in zip(rows, slope, strict=True):
             innovation = value - float(h @ self.mean)
-            variance = float(h @ self.P @ h) + SLOPE_SD_RAD**2
+            variance = float(h @ self.P @ h) + noise
             if innovation * innovation > GATE * variance:
                 changed = True
                 excess = innovation * innovation - variance
@@ -85,7 +85,7 @@ class MountFilter:
                 self.P[4, 4] += excess
                 for i in range(3):
                     self.P[i, i] += MOUNT_JUMP_RAD**2
-            self._update(h, value, SLOPE_SD_RAD**2)
+            self._update(h, value, noise)
         return changed
 
     def walls(self, h: Floats, terrain_rad: float) -> None:

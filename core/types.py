@@ -192,10 +192,8 @@ class InvalidCause(StrEnum):
     TOO_STEEP = "the camera is tilted too far for vertical columns to have a meaning"
     BAD_ROTATION = "the attitude is not a rotation"
     NO_NUMBERS = "what was found is no numbers"
-    MOUNT_ERROR = "the camera's mount differs from its configuration"
-    MOUNT_UNVERIFIED = (
-        "the ground appears inclined, by the terrain or by a wrong camera mount; turn the vehicle to verify"
-    )
+    MOUNT_ERROR = "mount wrong: the camera's roll or pitch differs from its configuration"
+    MOUNT_UNVERIFIED = "mount unverified, turn the vehicle: the ground appears inclined by terrain or a wrong mount"
 
 
 class PlaneFlags(IntFlag):

@@ -35,7 +35,7 @@ def run(
         level = rotation_from_euler(0.0, 0.0, -heading) @ R
         s = slope_rows(level, heading) @ np.array([*delta, *np.radians(terrain_deg)])
         s += np.radians(rng.normal(0.0, noise_deg, 2))
-        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0, walls), R, heading, P)
+        state = checked(state, i * NS // 10, MountCues(True, *s.tolist(), 2.0, walls=walls), R, heading, P)
         states.append(state)
     return states
 
