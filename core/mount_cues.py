@@ -22,6 +22,8 @@ MAX_BELOW_SHARE = 0.05
 FIT_SDS = 3.0
 """The ground's slope is taken to be known to this many standard deviations of its fit: noise is correlated, ground not quite
 plane."""
+EDGE_NOISE = 0.2
+"""And what other things at the edge of a ground of this share of the image incline it, in noise at its distance."""
 BELOW_M, BELOW_SIGMAS = 0.15, 4.0
 MIN_VERTICAL_SHARE, MIN_LEANING_SHARE = 0.08, 0.03
 """Least share of the image's patches on walls that show no lean, or the lean of a wrong mount. To be wrong about the former
@@ -77,6 +79,7 @@ def cues_of(surfaces: Surfaces) -> MountCues:
     scale = -math.atan2(across, z) / across if across > 1e-12 else 0.0
     slope = (scale * x, scale * y)
     sd_rad = FIT_SDS * ground.lean_sd_rad * max(1.0, ground.misfit) ** 2
+    sd_rad += EDGE_NOISE * surfaces.noise_per_m * ground.distance_m / math.sqrt(ground.share)
     return MountCues(True, *slope, ground.distance_m, sd_rad, walls_of(surfaces.planes, *slope))
 
 

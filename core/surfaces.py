@@ -33,6 +33,8 @@ MAX_SEEDS = 16
 FIT_ROUNDS = 4
 MAX_ROUGHNESS = 3.0
 """A patch is plane when its residual is at most this many times the expected noise."""
+FINAL_ROUGHNESS = 1.5
+"""And in the last round of a fit: patches that hold the foot of a wall beside the ground would incline it."""
 RELATIVE_ROUGHNESS = 0.01
 """And this much of the inverse depth, whatever the noise is told to be."""
 
@@ -163,11 +165,12 @@ def grow_surface(patches, taken, across, noise, total, w, best, surface, mark):
                 most, best[0], best[1], best[2] = n, w[0], w[1], w[2]
     if most < MIN_PATCHES:
         return 0
-    for _ in range(FIT_ROUNDS):
+    for k in range(FIT_ROUNDS):
+        times = MAX_ROUGHNESS + (FINAL_ROUGHNESS - MAX_ROUGHNESS) * k / (FIT_ROUNDS - 1)
         total[:] = 0.0
         for i in range(patches.shape[0]):
             m = patches[i]
-            if m[M_N] > 0.0 and taken[i] == 0 and is_on(m, best[0], best[1], best[2], noise, MAX_ROUGHNESS):
+            if m[M_N] > 0.0 and taken[i] == 0 and is_on(m, best[0], best[1], best[2], noise, times):
                 for c in range(M_QQ + 1):
                     total[c] += m[c]
         if not solve(total, best):
@@ -175,7 +178,7 @@ def grow_surface(patches, taken, across, noise, total, w, best, surface, mark):
     n = 0
     for i in range(patches.shape[0]):
         m = patches[i]
-        if m[M_N] > 0.0 and taken[i] == 0 and is_on(m, best[0], best[1], best[2], noise, MAX_ROUGHNESS):
+        if m[M_N] > 0.0 and taken[i] == 0 and is_on(m, best[0], best[1], best[2], noise, FINAL_ROUGHNESS):
             taken[i] = mark
             n += 1
     surface[S_WX], surface[S_WY], surface[S_WZ], surface[S_PATCHES] = best[0], best[1], best[2], n
