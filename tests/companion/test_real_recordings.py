@@ -95,6 +95,12 @@ def replayed(
     return name, Replayed(info, used, frames)
 
 
+def test_the_right_mount_is_left_alone(replayed: tuple[str, Replayed]) -> None:
+    """The check of the mount makes no frame invalid."""
+    name, recording = replayed
+    assert [frame.said.cause_text for frame in recording.frames] == [""] * COUNTS[name]
+
+
 def test_every_frame_is_used_and_says_something(replayed: tuple[str, Replayed]) -> None:
     name, got = replayed
     assert len(got.frames) == got.used == COUNTS[name]
