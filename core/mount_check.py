@@ -30,8 +30,9 @@ ERROR_SDS, ERROR_SD_RAD = 4.0, math.radians(1.2)
 DEGRADED_SDS, DEGRADED_SD_RAD = 3.0, math.radians(0.35)
 KEEP = 0.8
 """An error of this share of the threshold is reported: the estimate has noise, and a verdict is kept down to it."""
-VERIFIED_SD_RAD = math.radians(1.2)
-"""The mount is verified in a direction where its error is known this well."""
+VERIFIED_SDS = 2.0
+"""A slope is the terrain's when the error of the mount in its direction and this many standard deviations are less than
+unverified_deg."""
 
 Floats = NDArray[np.float64]
 
@@ -142,8 +143,9 @@ def _verdict(
     slope = np.array([cues.slope_x_rad, cues.slope_y_rad])
     steep = cues.slope_rad
     if steep > 0.0:
-        B = rows[:, :3]
-        known = _sd_along(B @ mount.P[:3, :3] @ B.T, slope / steep) <= VERIFIED_SD_RAD
+        B, along = rows[:, :3], slope / steep
+        most = abs(float(along @ B @ mount.mean[:3])) + VERIFIED_SDS * _sd_along(B @ mount.P[:3, :3] @ B.T, along)
+        known = most <= math.radians(params.unverified_deg)
         if steep >= math.radians(params.unverified_deg) and not known and cues.walls is not Walls.VERTICAL:
             return MountVerdict.UNVERIFIED_SLOPE
     if size >= KEEP * degraded and sd <= min(DEGRADED_SD_RAD, size / DEGRADED_SDS):

@@ -185,7 +185,14 @@ def test_a_ground_at_its_limit_or_lost_is_reported() -> None:
 
 def test_status_shows_the_mount() -> None:
     health = mount_health(known(0.0, 2.0, MountVerdict.DEGRADED), CameraMount())
-    view = CameraView(status=CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0), required=True, blind="", age_ns=None, hz=30.0, mount=health)
+    view = CameraView(
+        status=CameraStatus(camera="front", condition=CameraCondition.RUNNING, cause="", since_ns=0),
+        required=True,
+        blind="",
+        age_ns=None,
+        hz=30.0,
+        mount=health,
+    )
     lines = status_lines(pb.Health(cameras=[camera_message(view)]))
     assert any(line.startswith("  mount: wrong; error roll +0.0") for line in lines)
 

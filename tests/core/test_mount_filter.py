@@ -133,3 +133,11 @@ def test_parameters_check_themselves() -> None:
 def test_rotation_vector() -> None:
     assert rotation_vector(0.0, 0.3, 0.0) == pytest.approx(rotation_from_euler(0.0, 0.3, 0.0))
     assert rotation_vector(0.0, 0.0, 0.0) == pytest.approx(np.eye(3))
+
+
+@pytest.mark.parametrize("mount", [(0.0, 5.0), (-5.0, 0.0), (4.0, -4.0)])
+def test_no_frame_becomes_valid_while_a_large_error_is_being_measured(mount: tuple[float, float]) -> None:
+    """A slow turn makes the error known step by step."""
+    states = run(mount, (0.0, 0.0), np.linspace(0.0, 60.0, 200))
+    assert all(s.verdict.invalid for s in states[9:])
+    assert states[-1].verdict is MountVerdict.ERROR
