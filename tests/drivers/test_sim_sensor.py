@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM
-from drivers.sensor_model import PERFECT, TYPICAL, SensorModel, measure
+from drivers.sensor_model import PERFECT, TYPICAL, SensorModel, measure, unit_noise
 from drivers.simulated import camera_info, render
 
 INFO = camera_info(320, 240)
@@ -23,7 +25,7 @@ def test_perfect_sensor_rounds_to_millimetres() -> None:
 @pytest.mark.parametrize("z_m", [2.0, 6.0, 11.0])
 def test_noise_is_constant_in_disparity(z_m: float) -> None:
     ke = 0.005
-    d = measure(flat(z_m), INFO, SensorModel(ke_per_m=ke), 1)
+    d = measure(flat(z_m), INFO, SensorModel(ke_per_m=ke, noise_length_px=0.0), 1)
     assert (d != UNKNOWN_MM).all()
     inverse = 1000.0 / d.astype(np.float64)
     assert inverse.std() == pytest.approx(ke, rel=0.02)
@@ -109,3 +111,23 @@ def test_rendered_frame_is_truth_plus_noise() -> None:
     error = 1000.0 / r.depth_mm[both] - 1.0 / r.truth.depth_m[both]
     assert both.mean() > 0.5
     assert error.std() == pytest.approx(0.0015, rel=0.03)
+
+
+@pytest.mark.parametrize("length_px", [0.0, 9.0, 20.0])
+def test_noise_is_correlated_over_the_length_that_is_asked_for(length_px: float) -> None:
+    noise = unit_noise((480, 640), length_px, np.random.default_rng(1))
+    assert noise.std() == pytest.approx(1.0, rel=0.03)
+    for lag in (1, 8, round(length_px), 60):
+        expected = math.exp(-((lag / length_px) ** 2)) * 0.95 if length_px else 0.0
+        along = (noise[:, lag:] * noise[:, :-lag]).mean() if lag else 1.0
+        down = (noise[lag:] * noise[:-lag]).mean() if lag else 1.0
+        if lag:
+            assert (along, down) == (pytest.approx(expected, abs=0.08), pytest.approx(expected, abs=0.08))
+
+
+def test_the_default_noise_is_that_of_a_real_camera_and_white_noise_can_be_had() -> None:
+    assert SensorModel().noise_length_px == 9.0
+    flat_white = measure(flat(5.0), INFO, SensorModel(ke_per_m=0.005, noise_length_px=0.0), 1).astype(float)
+    blobs = measure(flat(5.0), INFO, SensorModel(ke_per_m=0.005), 1).astype(float)
+    assert np.std(flat_white) == pytest.approx(np.std(blobs), rel=0.1)
+    assert np.std(np.diff(blobs)) < 0.5 * np.std(np.diff(flat_white))
