@@ -6,9 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from core.types import CameraInfo, Intrinsics
+
 from .config import ConfigError, load_config
+from .config_camera import CameraConfig
 from .config_differences import PAPER_NOTE, Difference, differences
 from .console import fail, say, say_json
+from .obstacle_range import obstacle_range_m
 
 
 def add_parser(subparsers: Any) -> None:
@@ -34,6 +38,9 @@ def run(args: argparse.Namespace) -> int:
     say(f"{args.file}: usable")
     cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
     say(f"  cameras: {cameras}")
+    for camera in config.cameras:
+        if camera.max_range_m is not None:
+            say(f"  {_range_line(camera)}")
     if config.extractor.paper:
         say(f"  warning: {PAPER_NOTE}")
     for difference in found:
@@ -41,6 +48,16 @@ def run(args: argparse.Namespace) -> int:
     if not found:
         say("  all parameters have their defaults")
     return 0
+
+
+def _range_line(camera: CameraConfig) -> str:
+    """The range up to which obstacles are found, of a camera whose greatest range is configured."""
+    info = camera.applied_to(CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5)))
+    how = "" if camera.ke_per_m is not None else " (default; some drivers set their own)"
+    return (
+        f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
+        f"with ke_per_m = {info.ke_per_m:g}{how}"
+    )
 
 
 def _as_json(found: list[Difference]) -> dict[str, dict[str, dict[str, Any]]]:

@@ -19,6 +19,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.wire import camera_from_message
 
 from .console import fail, say, say_json
+from .obstacle_range import obstacle_range_m
 
 _GAP_MEDIANS: Final = 3.0
 """An interval longer than this many times the usual one is a gap."""
@@ -187,6 +188,7 @@ def _camera_json(info: CameraInfo) -> dict[str, Any]:
         "lever_arm_m": [m.x_m, m.y_m, m.z_m],
         "range_m": [info.min_range_m, info.max_range_m],
         "ke_per_m": info.ke_per_m,
+        "obstacle_range_m": obstacle_range_m(info),
     }
 
 
@@ -223,7 +225,8 @@ def _camera_line(info: CameraInfo) -> str:
     angles = ", ".join(f"{math.degrees(a):g}" for a in (m.roll_rad, m.pitch_rad, m.yaw_rad))
     return (
         f"camera {info.camera}: {k.width}x{k.height}, fx {k.fx:g} fy {k.fy:g} px, {info.min_range_m:g}.."
-        f"{info.max_range_m:g} m, ke {info.ke_per_m:g}/m, mount roll, pitch, yaw {angles} deg"
+        f"{info.max_range_m:g} m, ke {info.ke_per_m:g}/m, obstacles are found up to {obstacle_range_m(info):.1f} m, "
+        f"mount roll, pitch, yaw {angles} deg"
     )
 
 

@@ -23,6 +23,7 @@ from .exposure_monitor import ExposureOffsetMonitor
 from .log_writer import LogWriter, refuse_output
 from .masks import masked
 from .messages import prisms_message, state_from_message
+from .obstacle_range import obstacle_range_m
 from .pipeline import Output, Pipeline, PipelineState, PrismsResult
 from .replay_report import Replay, problems_of, report, say_report
 from .run_info import run_info
@@ -75,10 +76,11 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         state = _state(source)
         pipeline = make_pipeline(config, source.cameras, state)
         comparison = Comparison(options.tolerance) if options.check else None
-        result = Replay(Tally(), {}, tuple(info.camera for info in source.cameras), comparison)
+        cameras = effective_cameras(config, source.cameras)
+        result = Replay(Tally(), {}, tuple(info.camera for info in cameras), comparison)
         skipped = _skipped_live(path) if options.check else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
-        sink = _Sink(log, config, options.depth and config.output.copy_input, effective_cameras(config, source.cameras))
+        sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
         events = _without(_events(source, comparison), skipped)
         monitor = ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info))
         for info in pipeline.cameras:
@@ -99,6 +101,10 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         result.odd_samples = pipeline.odd_samples()
         result.exposure_offsets = monitor.offsets()
         result.configured_offsets_ms = _configured_offsets_ms(source)
+        result.obstacle_range_m = {
+            info.camera: obstacle_range_m(info, result.tally.ke_per_m.get(info.camera), config.extractor)
+            for info in cameras
+        }
         return result
 
 

@@ -18,7 +18,8 @@ _LISTED = 5
 
 @dataclass(slots=True)
 class Replay:
-    """What a replay found. damage: what was wrong with the input, None when it was whole."""
+    """What a replay found. damage: what was wrong with the input, None when it was whole. obstacle_range_m: by camera, the
+    range up to which obstacles are found with the noise of its last frame."""
 
     tally: Tally
     odd_samples: dict[str, int]
@@ -27,6 +28,7 @@ class Replay:
     damage: str | None = None
     exposure_offsets: tuple[ExposureOffset, ...] = ()
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
+    obstacle_range_m: dict[str, float] = field(default_factory=dict)
 
 
 def problems_of(result: Replay) -> list[str]:
@@ -93,6 +95,7 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
         "output": str(output) if output else None,
         "cameras": list(result.cameras),
         **result.tally.as_json(),
+        "obstacle_range_m": result.obstacle_range_m,
         "odd_samples": result.odd_samples,
         "exposure_offsets": [_offset_json(offset, result) for offset in result.exposure_offsets],
         "check": check,
@@ -130,6 +133,10 @@ def say_report(result: Replay, output: Path | None) -> None:
     if t.valid:
         mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms a frame on average"
         say(f"{t.valid} frames say something: {mean}; ground seen in {t.ground_seen}")
+    for camera, ke in sorted(t.ke_per_m.items()):
+        say(
+            f"{camera}: obstacles are found up to {result.obstacle_range_m[camera]:.1f} m, with the last noise ke {ke:.4f}/m"
+        )
     for cause, n in sorted(t.blind.items()):
         say(f"{n} frames say nothing: {cause}")
     for cause, n in sorted(t.dropped.items()):

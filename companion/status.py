@@ -12,11 +12,13 @@ from google.protobuf.json_format import MessageToDict
 
 from drivers.base import DeviceNotFound
 from drivers.proto import osape_v1_pb2 as pb
+from drivers.wire import camera_from_message
 
 from .config import load_config
 from .console import say, say_json
 from .health import STATES
 from .mount_messages import mount_words
+from .obstacle_range import obstacle_range_m
 from .service_folders import run_folder
 
 MS, S = 1e6, 1e9
@@ -78,6 +80,11 @@ def status_lines(h: pb.Health) -> list[str]:
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
         if c.HasField("mount"):
             lines.append(f"  mount: {mount_words(c.mount)}")
+        if c.HasField("info"):
+            info = camera_from_message(c.info)
+            lines.append(
+                f"  obstacles are found up to {obstacle_range_m(info):.1f} m with ke_per_m = {info.ke_per_m:g}"
+            )
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
     r = h.recording

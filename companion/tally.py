@@ -27,6 +27,8 @@ class Tally:
     attitude: Counter[str] = field(default_factory=Counter)
     frames_in: Counter[str] = field(default_factory=Counter)
     first_dropped: FrameDecision | None = None
+    ke_per_m: dict[str, float] = field(default_factory=dict)
+    """Noise used in the last valid frame of each camera."""
 
     def event(self, event: Event) -> None:
         """Counts what went in."""
@@ -51,6 +53,7 @@ class Tally:
             self.blind[output.cause_text] += 1
             return
         self.valid += 1
+        self.ke_per_m[output.camera] = output.model.ke_per_m
         self.planes += len(output.model.planes)
         self.prisms += len(output.model.prisms)
         self.ground_seen += output.model.ground.seen

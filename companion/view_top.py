@@ -9,6 +9,7 @@ import numpy as np
 
 from core.types import FrameModel
 
+from .obstacle_range import obstacle_range_m
 from .view_frame import Standing, ViewFrame
 from .view_geometry import field_of_view_rad, free_normals, layer_at, level_range_m
 from .view_panel import (
@@ -102,6 +103,14 @@ def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
                 radius * math.sin(at), radius * math.cos(at), f"{radius:g} m",
                 fontsize=8, color="#424242", ha="center", va="center", bbox=box, zorder=7, clip_on=True,
             )  # fmt: skip
+    ke = None if frame.model is None or not frame.model.valid else frame.model.ke_per_m
+    found = 2 * obstacle_range_m(frame.info, ke)
+    ax.add_patch(
+        Arc(
+            (0, 0), found, found, theta1=90.0 - math.degrees(right), theta2=90.0 - math.degrees(left), color="#1565c0",
+            linewidth=1.1, zorder=3,
+        )
+    )  # fmt: skip
     if right - left < 2 * math.pi:
         reach = frame.info.max_range_m
         for azimuth in (left, right):
@@ -153,6 +162,7 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         (Patch(facecolor=FREE_COLOR), f"seen free at camera height ({layer})" if layer else "no free profile"),
         (Patch(facecolor=tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR)), "unknown"),
         (Line2D([], [], color="#1565c0", linewidth=1.1, linestyle="-."), "field of view"),
+        (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacles are found up to here"),
     ]
     if inferred(model.flags).any():
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))
