@@ -26,10 +26,15 @@ FAULTS: dict[str, SensorModel] = {
     "mismatches": replace(PERFECT, mismatch_share=TYPICAL.mismatch_share),
     "flying": replace(PERFECT, flying_share=TYPICAL.flying_share),
     "all": TYPICAL,
+    "white": replace(TYPICAL, noise_length_px=0.0),
 }
 """What is wrong with an image beside its noise, each alone and all together: 5 % dropout, blob holes, 0.2 % of
 2x2 mismatches, flying pixels at depth edges; "all" also lacks the columns at the left that a second imager does
-not see, in which nothing is scored."""
+not see, in which nothing is scored. "white": as "all", with noise that is independent from pixel to pixel."""
+
+
+FRAMES = 4
+"""Of a case, the last of which is scored: what the noise over time takes to be measured once."""
 
 
 @functools.lru_cache(maxsize=2)
@@ -71,7 +76,7 @@ def true_rays(case: Case, frame: Rendered, min_height_m: float) -> Rays:
     return rays_of(frame, case.ke_per_m, min_height_m, blind_px)
 
 
-def run_case(case: Case, extractor: Extractor, frames: int = 2, grids: bool = True) -> Row:
+def run_case(case: Case, extractor: Extractor, frames: int = FRAMES, grids: bool = True) -> Row:
     """Models a case and scores its last frame."""
     rendered = frames_of(case, frames)
     model, last = model_of(rendered, extractor), rendered[-1]

@@ -15,7 +15,7 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.cases import FAULTS
+from benchmarks.cases import FAULTS, FRAMES
 from benchmarks.matrix import (
     FEW_TILTS_DEG,
     GOAL_KE,
@@ -97,7 +97,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=1, help="how many (1)")
     parser.add_argument("--seed", type=_ints, help="just these seeds, e.g. 3,103")
     parser.add_argument("--held-out", action="store_true", help="the seeds that are for reporting only")
-    parser.add_argument("--frames", type=int, default=2, help="frames in a row, the last of which is scored")
+    parser.add_argument("--frames", type=int, default=FRAMES, help="frames in a row, the last of which is scored")
     parser.add_argument("--width", type=int, default=640, help="image width; the height is 3/4 of it")
     parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the extractor")

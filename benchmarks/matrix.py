@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from benchmarks.cases import FAULTS, run_case
+from benchmarks.cases import FAULTS, FRAMES, run_case
 from benchmarks.rows import Case, Row
 from benchmarks.scenes import FAMILIES, SCENES, another_seed
 from companion.bench_timing import ONE_THREAD
@@ -141,7 +141,7 @@ class Settings:
     """How cases are run. frames: in a row, the last of which is scored."""
 
     params: Params = field(default_factory=Params)
-    frames: int = 2
+    frames: int = FRAMES
     grids: bool = True
     jobs: int = 1
 

@@ -22,6 +22,7 @@ HOSTS: Final = ("core.extractor", "core.strip_stages", "core.plane_stages")
 STAGE_OF_MODULE: Final[dict[str, str]] = {
     "classify": "classify, flying pixels",
     "level": "level",
+    "temporal_noise": "noise estimate",
     "view_geometry": "level",
     "ground": "ground",
     "density": "density, windows, strips, rest",

@@ -7,6 +7,7 @@ arrays are float32 on both sides.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from operator import attrgetter
 from typing import Any, Final
@@ -313,6 +314,11 @@ def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
     )
 
 
+def _known(value: float) -> float | None:
+    """The value; None, so that the field is absent, for nan."""
+    return None if math.isnan(value) else value
+
+
 def state_message(state: PipelineState) -> pb.StateSnapshot:
     """What later frames depend on."""
     return pb.StateSnapshot(
@@ -321,6 +327,9 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
                 camera=name,
                 ground_height_m=camera.extractor.ground_height_m,
                 ke_per_m=camera.extractor.ke_per_m,
+                still_ke_per_m=_known(camera.extractor.still_ke_per_m),
+                samples_mm=camera.extractor.samples_mm,
+                samples_age=camera.extractor.samples_age,
                 last_t_exposure_ns=camera.last_t_exposure_ns,
                 mount=mount_state_message(camera.mount),
             )
@@ -337,7 +346,13 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
         (
             camera.camera,
             CameraState(
-                ExtractorState(camera.ground_height_m, camera.ke_per_m),
+                ExtractorState(
+                    camera.ground_height_m,
+                    camera.ke_per_m,
+                    camera.still_ke_per_m if camera.HasField("still_ke_per_m") else math.nan,
+                    camera.samples_mm,
+                    camera.samples_age,
+                ),
                 camera.last_t_exposure_ns if camera.HasField("last_t_exposure_ns") else None,
                 mount_state_from_message(camera.mount) if camera.HasField("mount") else MountState(),
             ),

@@ -20,7 +20,7 @@ class StripFinder:
     """Finds strips with the parameters of the log; keeps its buffers from frame to frame."""
 
     def __init__(self, params: Params) -> None:
-        self._extractor = Extractor(params)
+        self._extractor = Extractor(replace(params, estimate_noise=False))
 
     def with_strips(self, frame: ViewFrame, state: ExtractorState) -> ViewFrame:
         """The frame with the strips behind its planes; unchanged where they cannot be found again: without depth, blind,
@@ -28,7 +28,9 @@ class StripFinder:
         R = frame.R_level_cam_optical
         if frame.standing is not Standing.VALID or frame.depth_mm is None or frame.model is None or R is None:
             return frame
-        found, _ = self._extractor.extract(frame.depth_mm, frame.info, R, state, keep_strips=True)
+        # the noise used is in the log, what it was measured from is not
+        info = replace(frame.info, ke_per_m=frame.model.ke_per_m)
+        found, _ = self._extractor.extract(frame.depth_mm, info, R, state, keep_strips=True)
         if found.strips is None or not _same(frame.model, found):
             return frame
         return replace(frame, model=replace(frame.model, strips=found.strips))

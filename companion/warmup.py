@@ -264,16 +264,19 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
 
 
 def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
-    """Runs what only some frames or parameters need: the look at where noise is, and the pooling of columns."""
+    """Runs what only some frames or parameters need: the noise over time, the look at where noise is, and the pooling of columns."""
     from core.classify import depth_to_mm, measured_mm
     from core.depth_registration import inverse_depth_grid, rotation_between
     from core.level import pool_columns
     from core.noisy import noisy_share
     from core.params import Params
     from core.surfaces import find_surfaces
+    from core.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 
     find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
     p, ke = Params(), info.ke_per_m
+    samples = np.full((SAMPLE_ROWS, SAMPLE_COLS), 3000, np.uint16)
+    still_sigma(samples, samples, (1, 60000), p)
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))

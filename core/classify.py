@@ -151,7 +151,7 @@ def tile_roughness(marks, focal_px, least_mm, step, row_step, min_samples, out):
     marks: (H, W) uint16 of `classify`. step: px of the difference, its middle farther than least_mm; every row_step-th
     row is looked at. out: (tiles down, tiles across) float32. On a flat surface disparity is linear in the image, so
     its second difference along a row is noise alone: sigma * sqrt(6). What a matcher smears over neighbouring pixels
-    hides from a short step (a real D435 shows 0.4 px at 2 px, 1.1 px at 8 px)."""
+    hides from a short step (a real D435 shows 0.4 px at 2 px, 1.1 px at 8 px): it is to be longer than noise is correlated."""
     rows, cols = marks.shape
     down, across = out.shape
     out[:] = -1.0
@@ -218,36 +218,59 @@ def noise_of_tiles(
     return sigma_px, agreeing_tiles(tiles, sigma_px, within)
 
 
-def noise_tiles(marks: NDArray[np.uint16], focal_px: float, params: Params) -> tuple[NDArray[np.float32], float, int]:
+def noise_tiles(
+    marks: NDArray[np.uint16], focal_px: float, params: Params, step_px: int | None = None
+) -> tuple[NDArray[np.float32], float, int]:
     """((noise_tiles_down, noise_tiles_across) float32 disparity noise of each tile, px, negative: not known; the noise of the
-    picture, px, -1 where too few tiles are known; how many of them agree with it)."""
+    picture, px, -1 where too few tiles are known; how many of them agree with it). step_px: at 640 columns, default
+    noise_step_px."""
     p = params
     tiles = np.empty((p.noise_tiles_down, p.noise_tiles_across), np.float32)
+    step = max(round((step_px or p.noise_step_px) * marks.shape[1] / 640), 1)
     sigma_px, agree = noise_of_tiles(
-        marks, focal_px, 1000.0 * p.noise_min_depth_m, p.noise_step_px, p.noise_row_step, p.noise_min_samples,
+        marks, focal_px, 1000.0 * p.noise_min_depth_m, step, p.noise_row_step, p.noise_min_samples,
         p.noise_quantile, p.noise_min_tiles, p.noise_agree_ratio, tiles,
     )  # fmt: skip
     return tiles, sigma_px, agree
 
 
-def estimate_ke(marks: NDArray[np.uint16], focal_px: float, prior: float, last: float, params: Params) -> float:
-    """Noise constant ke (1/m, sigma_Z = ke Z^2) measured from one frame, blended with the last estimate.
+def measured_ke(
+    marks: NDArray[np.uint16], focal_px: float, prior: float, seed: float, still: float, params: Params
+) -> float:
+    """Noise constant (1/m) that one frame tells, within prior/span..prior*span. seed: in use before; still: measured over
+    time, nan: not yet.
 
-    marks: (H, W) uint16 of `classify`. The lower quartile of the tiles is taken: the smoothest parts of the picture,
-    since leaves and edges only add. So it is an upper bound, and goes down at once; up only where tiles agree, as those of
-    smooth surfaces do and those of leaves do not: else what is known stays. Stays within
-    prior/span..prior*span and moves in steps of `noise_grid`, so that tables need not be rebuilt each frame. Ours: the paper
-    takes ke as known; a wrong one is costly."""
+    With a measurement over time that is taken, or more where the image says more and its tiles agree. Without one the
+    image alone may lower the noise to noise_prior_share of the prior: what is correlated over more pixels than the
+    differences span does not show in it."""
+    p = params
+    tiles, sigma_px, agree = noise_tiles(marks, focal_px, p)
+    by_image = sigma_px / focal_px if sigma_px >= 0.0 else math.nan
+    agreed = agree >= p.noise_agree_share * tiles.size
+    if math.isfinite(still):
+        ke = max(still, by_image) if agreed and math.isfinite(by_image) else still
+        least = prior / p.noise_prior_span
+    else:
+        ke = by_image if by_image <= seed or (agreed and math.isfinite(by_image)) else seed
+        least = prior * max(p.noise_prior_share, 1.0 / p.noise_prior_span)
+    return min(max(ke, p.min_sigma_px / focal_px, least), prior * p.noise_prior_span)
+
+
+def estimate_ke(
+    marks: NDArray[np.uint16], focal_px: float, prior: float, last: float, still: float, params: Params
+) -> float:
+    """Noise constant ke (1/m, sigma_Z = ke Z^2) from one frame and what is known over time, blended with the last estimate.
+
+    marks: (H, W) uint16 of `classify`. last: nan before the first frame. still: `ExtractorState.still_ke_per_m`. Of the image the lower
+    quartile of the tiles is taken: the smoothest parts, since leaves and edges only add. It raises the noise only where tiles
+    agree, as those of smooth surfaces do and those of leaves do not. The result stays within prior/span..prior*span and moves in
+    steps of `noise_grid`, so that tables need not be rebuilt each frame. The paper takes ke as known; a wrong one is costly."""
     if not params.estimate_noise or params.paper:
         return prior
     seed = last if math.isfinite(last) else prior
-    tiles, sigma_px, agree = noise_tiles(marks, focal_px, params)
-    if sigma_px < 0.0:
+    measured = measured_ke(marks, focal_px, prior, seed, still, params)
+    if measured == seed:
         return seed
-    if sigma_px > seed * focal_px and agree < params.noise_agree_share * tiles.size:
-        return seed
-    measured = max(sigma_px, params.min_sigma_px) / focal_px
-    measured = min(max(measured, prior / params.noise_prior_span), prior * params.noise_prior_span)
     memory = params.noise_memory if math.isfinite(last) else 0.0
     blended = math.exp(memory * math.log(seed) + (1.0 - memory) * math.log(measured))
     step = math.log(1.0 + params.noise_grid)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from .prisms import layered_prisms
 from .scratch import Scratch
 from .settings import Settings, settings_of
 from .strip_stages import settle_strips, strip_tables
+from .temporal_noise import observe
 from .truncation import MEANS_LEFT
 from .types import (
     CameraInfo,
@@ -83,7 +85,11 @@ class Extractor:
             stats = pixel_stats(counts, depth_mm.size)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
         clear_m = clear_range_m(info, ke, self.params)
-        ke = estimate_ke(marks, k.fx, info.ke_per_m, state.ke_per_m, self.params)
+        after = observe(state, depth_mm, marks, k.fx, measured_mm(info, ke, self.params), self.params)
+        # the first measurement over time outranks all that was believed before it
+        first = math.isfinite(after.still_ke_per_m) and not math.isfinite(state.still_ke_per_m)
+        last = math.nan if first else state.ke_per_m
+        ke = estimate_ke(marks, k.fx, info.ke_per_m, last, after.still_ke_per_m, self.params)
 
         codes, view, exact = self._level(marks, info, R, ke, exact_view)
         ground = self._ground(marks, info, R, ke, state)
@@ -102,7 +108,9 @@ class Extractor:
         return self._model(
             told, seen, ground, ke, n, planes, plane_ints, keep_strips, counts, depth_mm.size, ground_px=ground_px, strips=n,
             dropped_strips=found - n, overflow=overflow,
-        ), ExtractorState(ground.height_m if ground.seen else state.ground_height_m, ke)  # fmt: skip
+        ), replace(
+            after, ground_height_m=ground.height_m if ground.seen else state.ground_height_m, ke_per_m=ke
+        )  # fmt: skip
 
     # ---- pixels -------------------------------------------------------------------------------------------------
 

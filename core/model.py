@@ -58,13 +58,14 @@ def told_planes(
 
     They move to the front of the tables of planes.py, and end at the ground seen at their feet, where they keep
     min_plane_height_m. a is the left end: from a to b the camera, and so free space, is on the right. The margin is what the
-    near edge still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise."""
+    near edge still stands out (up to safe_distance) and margin_sigmas of the plane's own distance noise, which neighbouring
+    columns share."""
     p, column_t = params, float(view.lateral[0]) / view.f_px
     rows, margin, flags = np.empty((count, 6), np.float32), np.empty(count, np.float32), np.empty(count, np.uint8)
     support, cluster = np.empty(count, np.int32), np.empty(count, np.int32)
     n = write_planes(
         count, planes, plane_ints, moments, ground.seen, ground.height_m, ground.slope_x, ground.slope_y, p.ground_tolerance_m,
-        p.min_plane_height_m, p.safe_distance_m, p.margin_sigmas, column_t, (p.cut_columns - view.cu) * column_t,
+        p.min_plane_height_m, p.safe_distance_m, p.margin_sigmas, p.noise_alike_px, column_t, (p.cut_columns - view.cu) * column_t,
         (view.cols - 1 - p.cut_columns - view.cu) * column_t, p.inferred_share, p.inferred_columns, rows, margin, flags, support,
         cluster,
     )  # fmt: skip
@@ -75,7 +76,7 @@ def told_planes(
 
 @inner
 def write_planes(
-    count, planes, plane_ints, moments, on_ground, height_m, slope_x, slope_y, tolerance_m, least_m, safe_m, sigmas, column_t,
+    count, planes, plane_ints, moments, on_ground, height_m, slope_x, slope_y, tolerance_m, least_m, safe_m, sigmas, alike_px, column_t,
     left_t, right_t, inferred_share, inferred_columns, rows, margin, flags, support, cluster,
 ):  # fmt: skip
     """See told_planes; returns how many live, -1 where a number of theirs is not finite, or their top not above their bottom."""
@@ -90,7 +91,7 @@ def write_planes(
             n += 1
     if on_ground:
         _cut_at_ground(n, planes, height_m, slope_x, slope_y, tolerance_m, least_m)
-    _write_rows(n, planes, moments, safe_m, sigmas, rows, margin)
+    _write_rows(n, planes, moments, safe_m, sigmas, alike_px, column_t, rows, margin)
     _write_flags(n, planes, plane_ints, column_t, left_t, right_t, inferred_share, inferred_columns, flags)
     return n if _all_numbers(n, planes, rows, margin) else -1
 
@@ -122,7 +123,7 @@ def _cut_at_ground(count, planes, height_m, slope_x, slope_y, tolerance_m, least
 
 
 @inner
-def _write_rows(count, planes, moments, safe_m, sigmas, rows, margin):
+def _write_rows(count, planes, moments, safe_m, sigmas, alike_px, column_t, rows, margin):
     for k in range(count):
         p, row = planes[k], rows[k]
         t0, t1 = p[pl.T0] - _OUTWARD, p[pl.T1] + _OUTWARD
@@ -131,7 +132,10 @@ def _write_rows(count, planes, moments, safe_m, sigmas, rows, margin):
         row[0], row[1], row[2], row[3] = x0, x0 * t0, x1, x1 * t1
         row[4], row[5] = p[pl.Z0] - _OUTWARD * x0, p[pl.Z1] + _OUTWARD * x0
         row[5] = max(row[5], row[4] + np.float32(_LEAST_HEIGHT_M))
-        noise = max(x0, x1) ** 2 / math.sqrt(max(moments[k, 0], 1e-9))
+        # moments take columns for independent; a run of alike_px of them has the noise of one
+        columns = max((p[pl.T1] - p[pl.T0]) / column_t, 1.0)
+        correlated = alike_px * columns / (columns + alike_px - 1.0)
+        noise = max(x0, x1) ** 2 * math.sqrt(correlated / max(moments[k, 0], 1e-9))
         margin[k] = min(max(p[pl.FRONT] + safe_m, 0.0), safe_m) + sigmas * noise
 
 

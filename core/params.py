@@ -5,6 +5,7 @@ Symbols in brackets are the paper's. `mode = "paper"` selects the paper's form o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from .checked import check, choice, critical, number, switch
@@ -34,7 +35,12 @@ class Params:
     min_sigma_px: float = critical(0.1, 0.01, 2.0, "px", "disparity noise is never taken for less")
     noise_tiles_down: int = number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
     noise_tiles_across: int = number(8, 1, 32, "", "and columns of them")
-    noise_step_px: int = number(8, 1, 64, "px", "step of the second difference whose median is a tile's noise")
+    noise_short_step_px: int = number(
+        8, 1, 64, "px", "step of the second difference that motion is told by, at 640 columns"
+    )
+    noise_step_px: int = number(
+        16, 1, 64, "px", "step of the second difference whose median is a tile's noise, at 640 columns"
+    )
     noise_row_step: int = number(6, 1, 32, "px", "rows from one to the next that is looked at")
     noise_min_samples: int = number(120, 10, 10000, "", "differences that a tile needs to count")
     noise_min_tiles: int = number(3, 1, 1024, "", "tiles that a picture needs to tell its noise")
@@ -50,8 +56,26 @@ class Params:
         "the noise goes up only where so many of all tiles agree with that: leaves do not, surfaces do",
     )
     noise_agree_ratio: float = number(1.25, 1.01, 3.0, "", "which is to be at most this much greater or less")
+    noise_prior_share: float = critical(
+        0.6, 0.05, 1.0, "", "least share of the camera's ke in use before the noise has been measured over time"
+    )
+    noise_time_frames: int = critical(3, 1, 100, "", "frames between two whose difference over time is measured")
+    noise_time_min_samples: int = critical(24, 2, 64, "", "sampled pixels that a tile needs for that, of 64")
+    noise_time_quantile: float = critical(0.5, 0.0, 1.0, "", "quantile of the tiles that is the noise over time")
+    noise_still_errors: float = critical(
+        4.0, 1.0, 20.0, "", "a tile is still where its median differs by at most this many standard errors"
+    )
+    noise_still_ratio: float = critical(
+        2.0, 1.0, 10.0, "", "noise over time above this times that of the short step in the image is motion"
+    )
+    noise_still_share: float = critical(
+        0.75, 0.0, 1.0, "", "the camera stands still where this share of the tiles is still"
+    )
     noise_grid: float = number(0.05, 0.001, 0.5, "", "the noise in use moves in steps of this share")
     noise_hold: float = number(0.75, 0.5, 2.0, "", "and stays while the estimate is within this much of a step")
+    noise_length_px: float = critical(
+        9.0, 0.0, 64.0, "px", "distance over which the correlation of the noise falls to 1/e (0: independent pixels)"
+    )
     clear_sigmas: float = critical(
         3.0, 0.0, 8.0, "sigma", "what measures closer to the range clip than this is far; far is free up to there only"
     )
@@ -379,6 +403,12 @@ class Params:
 
     def __post_init__(self) -> None:
         check("", self)
+
+    @property
+    def noise_alike_px(self) -> float:
+        """Length of a run of neighbouring pixels whose mean is no better than one of them, px: the integral of a
+        Gaussian correlation, at least 1; the paper takes pixels for independent."""
+        return 1.0 if self.paper else max(1.0, math.sqrt(math.pi) * self.noise_length_px)
 
     @property
     def paper(self) -> bool:

@@ -48,8 +48,8 @@ def settings_of(view: ViewGeometry, ke_per_m: float, p: Params, last: Settings |
 
 
 def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:
-    """(31,) float64."""
-    out = np.zeros(31)
+    """(32,) float64."""
+    out = np.zeros(32)
     for index, value in (
         (s.S_SIGMA_D, sigma_d_px), (s.S_F, view.f_px), (s.S_HS, p.passable_height_m), (s.S_HD, p.segment_height_m),
         (s.S_ALPHA, p.peak_alpha), (s.S_VALLEY, p.peak_valley), (s.S_MAJORITY, p.window_majority),
@@ -61,7 +61,7 @@ def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
         (s.S_REST_SIGMAS, p.irregular_sigmas), (s.S_SUPPORT_PER_PX, s.PX * p.min_support_m),
         (s.S_SUPPORT_SIGMAS, p.support_sigmas), (s.S_SUPPORT_RELATIVE, p.support_relative), (s.S_TAIL, p.support_tail_sigmas),
         (s.S_SMOOTH_RELATIVE, p.smooth_relative), (s.S_SMOOTH_SIGMAS, p.smooth_sigmas), (s.S_WS, p.passable_width_m),
-        (s.S_LINE_SIGMAS, p.line_sigmas),
+        (s.S_LINE_SIGMAS, p.line_sigmas), (s.S_ALIKE_PX, p.noise_alike_px),
     ):  # fmt: skip
         out[index] = value
     return out

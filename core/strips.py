@@ -30,8 +30,8 @@ SMOOTH, ROUGH, IRREGULAR, HORIZONTAL, MERGED = range(5)
     S_SIGMA_D, S_F, S_HS, S_HD, S_ALPHA, S_VALLEY, S_MAJORITY, S_ROUGH, S_QUANTILE, S_BAND_STEP, S_BAND_SIGMAS,
     S_DEPTH, S_SAFE, S_KE, S_CORRELATION, S_CENTRE, S_HORIZON, S_QUANTUM, S_JUMP, S_TAKE, S_NEAR_SIGMAS, S_NEAR_SHARE,
     S_REST_SIGMAS, S_SUPPORT_PER_PX, S_SUPPORT_SIGMAS, S_SUPPORT_RELATIVE, S_TAIL, S_SMOOTH_RELATIVE, S_SMOOTH_SIGMAS,
-    S_WS, S_LINE_SIGMAS,
-) = range(31)  # fmt: skip
+    S_WS, S_LINE_SIGMAS, S_ALIKE_PX,
+) = range(32)  # fmt: skip
 # indices of the integer settings
 (
     I_WINDOW_MIN, I_MEMBERS, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS, I_SUPPORT_ROWS, I_LARGE,
@@ -133,6 +133,12 @@ def kth_closest(codes, first, last, k, best):
     return kth_largest(best, last - first, k)
 
 
+@inner
+def mean_noise(sigma, count, alike_px):
+    """Noise of the mean of `count` neighbouring pixels of noise sigma, of which runs of alike_px share theirs (1: none)."""
+    return sigma * math.sqrt(alike_px / (count + alike_px - 1.0))
+
+
 @inner_inline
 def emit(
     codes, first, last, count, total, top, bottom, filled, rough, kind, u, H, area, fs, si, best, ints, floats, tally
@@ -151,7 +157,8 @@ def emit(
         closest = np.float32(kth_closest(codes, first, last, k, best) / fs[S_QUANTUM])
         near = max(closest - np.float32(fs[S_NEAR_SIGMAS] * sigma_d), mean)
         d = max(mean, np.float32(fs[S_F] * near / (fs[S_F] + fs[S_SAFE] * near)))
-    sigma = sigma_d / math.sqrt(count)
+    # leaves scatter by more than noise: what is rough is no more certain for it, and keeps its near side
+    sigma = mean_noise(sigma_d, count, fs[S_ALIKE_PX] if kind == SMOOTH else 1.0)
     # a lower confidence bound: a few stray pixels in front of a wall move no plane
     near = np.float32(max(fs[S_NEAR_SHARE] * d, near - fs[S_BAND_SIGMAS] * sigma))
     support = support_of(H, area, u, top, bottom, count)

@@ -388,7 +388,14 @@ class FrameModel:
 
 @dataclass(frozen=True, slots=True)
 class ExtractorState:
-    """What one frame hands to the next: the ground seed and the noise estimate (nan: none yet)."""
+    """What one frame hands to the next: the ground seed and the noise estimates (nan: none yet).
+
+    ke_per_m: noise in use. still_ke_per_m: noise measured over time, from frames between which the camera stood still.
+    samples_mm, samples_age: sampled pixels of an earlier frame, little-endian uint16 millimetres (b"": none), and how many
+    frames ago that was; see `temporal_noise`."""
 
     ground_height_m: float = math.nan
     ke_per_m: float = math.nan
+    still_ke_per_m: float = math.nan
+    samples_mm: bytes = b""
+    samples_age: int = 0

@@ -115,9 +115,11 @@ def test_the_cut_is_three_sigma_of_its_own_range_short_of_the_maximum() -> None:
 @pytest.mark.parametrize("ke", [0.0015, 0.005, 0.01])
 @pytest.mark.parametrize("size", [(640, 480), (320, 240)])
 def test_the_noise_of_a_plain_wall_is_recovered(ke: float, size: tuple[int, int]) -> None:
-    info = camera_info(*size, ke_per_m=0.004)
+    info = camera_info(*size, ke_per_m=0.0025)  # neither far below 0.6 of it nor above four times it
     depth = noisy(flat_wall(info, 6.0, 0.2, 0.1), ke, 3)
-    got = estimate_ke(marks(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, Params(min_sigma_px=0.01))
+    got = estimate_ke(
+        marks(depth, info), info.intrinsics.fx, info.ke_per_m, math.nan, math.nan, Params(min_sigma_px=0.01)
+    )
     assert got == pytest.approx(ke, rel=0.15)
 
 
@@ -131,26 +133,27 @@ def test_the_noise_stays_within_the_span_of_its_prior() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01, noise_prior_span=2.0)
     loud, silent = noisy(flat_wall(info, 6.0), 0.02, 3), flat_wall(info, 6.0)
-    assert estimate_ke(marks(loud, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.008, rel=0.025)
-    assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, p) == pytest.approx(0.002, rel=0.025)
+    assert estimate_ke(marks(loud, info), 225.0, 0.004, math.nan, math.nan, p) == pytest.approx(0.008, rel=0.025)
+    assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, math.nan, p) == pytest.approx(0.0024, rel=0.025)
+    assert estimate_ke(marks(silent, info), 225.0, 0.004, math.nan, 1e-5, p) == pytest.approx(0.002, rel=0.025)
 
 
 def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
     info = camera_info(320, 240)
     p = Params(min_sigma_px=0.01)
     image = marks(noisy(flat_wall(info, 6.0), 0.008, 3), info)
-    once = estimate_ke(image, 225.0, 0.004, 0.004, p)
+    once = estimate_ke(image, 225.0, 0.004, 0.004, math.nan, p)
     assert 0.004 < once < 0.006  # a memory of 0.7 takes a third of the way
     ke = 0.004
     for _ in range(30):
-        ke = estimate_ke(image, 225.0, 0.004, ke, p)
+        ke = estimate_ke(image, 225.0, 0.004, ke, math.nan, p)
     assert ke == pytest.approx(0.008, rel=0.2)
-    assert estimate_ke(image, 225.0, 0.004, ke, p) == ke  # at rest
+    assert estimate_ke(image, 225.0, 0.004, ke, math.nan, p) == ke  # at rest
     blank = np.zeros_like(image)
-    assert estimate_ke(blank, 225.0, 0.004, 0.0055, p) == 0.0055
-    assert estimate_ke(blank, 225.0, 0.004, math.nan, p) == 0.004
-    assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, estimate_noise=False)) == 0.004
-    assert estimate_ke(image, 225.0, 0.004, 0.0055, replace(p, mode="paper")) == 0.004
+    assert estimate_ke(blank, 225.0, 0.004, 0.0055, math.nan, p) == 0.0055
+    assert estimate_ke(blank, 225.0, 0.004, math.nan, math.nan, p) == 0.004
+    assert estimate_ke(image, 225.0, 0.004, 0.0055, math.nan, replace(p, estimate_noise=False)) == 0.004
+    assert estimate_ke(image, 225.0, 0.004, 0.0055, math.nan, replace(p, mode="paper")) == 0.004
 
 
 def leaves(info: CameraInfo, ke: float, seed: int) -> np.ndarray:
@@ -166,13 +169,15 @@ def test_leaves_alone_do_not_raise_the_noise(seed: int) -> None:
     info, p = camera_info(320, 240), Params(min_sigma_px=0.01)
     image = marks(leaves(info, 0.002, seed), info)
     assert noise_tiles(image, 225.0, p)[1] > 2.0 * 0.002 * 225.0
-    assert estimate_ke(image, 225.0, 0.002, math.nan, p) == 0.002
-    assert estimate_ke(image, 225.0, 0.002, 0.003, p) == 0.003
+    assert estimate_ke(image, 225.0, 0.002, math.nan, math.nan, p) == 0.002
+    assert estimate_ke(image, 225.0, 0.002, 0.003, math.nan, p) == 0.003
     # what is known to be less than was believed is taken all the same
-    assert estimate_ke(image, 225.0, 0.05, math.nan, p) < 0.03
+    assert estimate_ke(image, 225.0, 0.05, math.nan, math.nan, p) == pytest.approx(0.6 * 0.05, rel=0.025)
+    # and what was measured over time outranks both
+    assert estimate_ke(image, 225.0, 0.006, math.nan, 0.002, p) == pytest.approx(0.002, rel=0.025)
     # and a wall over a part of the picture tells
     image[:, 160:] = marks(noisy(flat_wall(info, 6.0), 0.004, seed), info)[:, 160:]
-    assert estimate_ke(image, 225.0, 0.002, math.nan, p) == pytest.approx(0.004, rel=0.15)
+    assert estimate_ke(image, 225.0, 0.002, math.nan, math.nan, p) == pytest.approx(0.004, rel=0.15)
 
 
 @pytest.mark.nojit
@@ -201,11 +206,11 @@ def test_which_tiles_and_pixels_tell_the_noise_is_a_setting() -> None:
     near, half = noisy(flat_wall(info, 1.4), 0.004, 3), noisy(flat_wall(info, 6.0), 0.002, 3)
     half[:, 160:] = noisy(flat_wall(info, 6.0), 0.006, 4)[:, 160:]
     p = Params(min_sigma_px=0.01)
-    assert estimate_ke(marks(near, info), 225.0, 0.003, math.nan, p) == 0.003
-    got = estimate_ke(marks(near, info), 225.0, 0.003, math.nan, replace(p, noise_min_depth_m=0.0))
+    assert estimate_ke(marks(near, info), 225.0, 0.003, math.nan, math.nan, p) == 0.003
+    got = estimate_ke(marks(near, info), 225.0, 0.003, math.nan, math.nan, replace(p, noise_min_depth_m=0.0))
     assert got == pytest.approx(0.004, rel=0.15)
     for quantile, want in ((0.25, 0.002), (0.75, 0.006)):
-        got = estimate_ke(marks(half, info), 225.0, 0.003, math.nan, replace(p, noise_quantile=quantile))
+        got = estimate_ke(marks(half, info), 225.0, 0.003, math.nan, math.nan, replace(p, noise_quantile=quantile))
         assert got == pytest.approx(want, rel=0.15)
 
 
