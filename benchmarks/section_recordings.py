@@ -119,7 +119,10 @@ def _round(folder: Path, config: Config, clock: Clock) -> tuple[tuple[CameraInfo
     source = FolderSource(folder, ImportOptions(camera=config.camera("front"), use_tlog=False), report)
     infos = effective_cameras(config, source.cameras)
     pipeline = Pipeline(
-        infos, lambda info: TimedExtractor(Extractor(config.extractor), clock), config.sync, mount_check=config.mount_check
+        infos,
+        lambda info: TimedExtractor(Extractor(config.extractor), clock),
+        config.sync,
+        mount_check=config.mount_check,
     )
     outputs = [output for event in source.events() for output in pipeline.handle(event)]
     for problem in report.problems:

@@ -25,9 +25,10 @@ from .autopilot_line import params_of, signing_of
 from .camera_supervisor import CameraSupervisor
 from .config import Config
 from .config_camera import CameraConfig
+from .config_sync import SyncParams
 from .masks import Mask, masked, without
 from .service_folders import folders
-from .sync import AttitudeAt, Synchroniser, SyncParams
+from .sync import AttitudeAt, Synchroniser
 
 LEAST_TURN_RAD = math.radians(60.0)
 LEAST_FRAMES = 30

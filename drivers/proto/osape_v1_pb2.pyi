@@ -14,6 +14,8 @@ class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CAUSE_TOO_STEEP: _ClassVar[Cause]
     CAUSE_BAD_ROTATION: _ClassVar[Cause]
     CAUSE_NO_NUMBERS: _ClassVar[Cause]
+    CAUSE_MOUNT_ERROR: _ClassVar[Cause]
+    CAUSE_MOUNT_UNVERIFIED: _ClassVar[Cause]
     CAUSE_NO_ATTITUDE: _ClassVar[Cause]
     CAUSE_ATTITUDE_TOO_OLD: _ClassVar[Cause]
     CAUSE_FRAME_TOO_OLD: _ClassVar[Cause]
@@ -29,6 +31,8 @@ CAUSE_NO_MEASUREMENT: Cause
 CAUSE_TOO_STEEP: Cause
 CAUSE_BAD_ROTATION: Cause
 CAUSE_NO_NUMBERS: Cause
+CAUSE_MOUNT_ERROR: Cause
+CAUSE_MOUNT_UNVERIFIED: Cause
 CAUSE_NO_ATTITUDE: Cause
 CAUSE_ATTITUDE_TOO_OLD: Cause
 CAUSE_FRAME_TOO_OLD: Cause
@@ -347,16 +351,80 @@ class FrameDecision(_message.Message):
     def __init__(self, camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., used: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., attitude: _Optional[_Union[AttitudeUsed.Source, str]] = ..., attitude_cutoff_ns: _Optional[int] = ..., pose: _Optional[_Union[AttitudeUsed.Source, str]] = ..., pose_text: _Optional[str] = ...) -> None: ...
 
 class CameraState(_message.Message):
-    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns")
+    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns", "mount", "still_ke_per_m", "samples_mm", "samples_age")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     GROUND_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     KE_PER_M_FIELD_NUMBER: _ClassVar[int]
     LAST_T_EXPOSURE_NS_FIELD_NUMBER: _ClassVar[int]
+    MOUNT_FIELD_NUMBER: _ClassVar[int]
+    STILL_KE_PER_M_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_MM_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_AGE_FIELD_NUMBER: _ClassVar[int]
     camera: str
     ground_height_m: float
     ke_per_m: float
     last_t_exposure_ns: int
-    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ...) -> None: ...
+    mount: MountState
+    still_ke_per_m: float
+    samples_mm: bytes
+    samples_age: int
+    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ...) -> None: ...
+
+class MountState(_message.Message):
+    __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground")
+    class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        VERDICT_UNKNOWN: _ClassVar[MountState.Verdict]
+        VERDICT_VERIFIED: _ClassVar[MountState.Verdict]
+        VERDICT_DEGRADED: _ClassVar[MountState.Verdict]
+        VERDICT_UNVERIFIED_SLOPE: _ClassVar[MountState.Verdict]
+        VERDICT_ERROR: _ClassVar[MountState.Verdict]
+    VERDICT_UNKNOWN: MountState.Verdict
+    VERDICT_VERIFIED: MountState.Verdict
+    VERDICT_DEGRADED: MountState.Verdict
+    VERDICT_UNVERIFIED_SLOPE: MountState.Verdict
+    VERDICT_ERROR: MountState.Verdict
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    MEASUREMENTS_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    PENDING_FIELD_NUMBER: _ClassVar[int]
+    STREAK_FIELD_NUMBER: _ClassVar[int]
+    SLOPE_RAD_FIELD_NUMBER: _ClassVar[int]
+    MEAN_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_FIELD_NUMBER: _ClassVar[int]
+    GROUND_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    measurements: int
+    verdict: MountState.Verdict
+    pending: MountState.Verdict
+    streak: int
+    slope_rad: float
+    mean: _containers.RepeatedScalarFieldContainer[float]
+    covariance: _containers.RepeatedScalarFieldContainer[float]
+    ground: bool
+    def __init__(self, t_ns: _Optional[int] = ..., measurements: _Optional[int] = ..., verdict: _Optional[_Union[MountState.Verdict, str]] = ..., pending: _Optional[_Union[MountState.Verdict, str]] = ..., streak: _Optional[int] = ..., slope_rad: _Optional[float] = ..., mean: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., ground: bool = ...) -> None: ...
+
+class MountHealth(_message.Message):
+    __slots__ = ("verdict", "roll_error_deg", "pitch_error_deg", "roll_sd_deg", "pitch_sd_deg", "roll_deg", "pitch_deg", "yaw_deg", "slope_deg")
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    ROLL_ERROR_DEG_FIELD_NUMBER: _ClassVar[int]
+    PITCH_ERROR_DEG_FIELD_NUMBER: _ClassVar[int]
+    ROLL_SD_DEG_FIELD_NUMBER: _ClassVar[int]
+    PITCH_SD_DEG_FIELD_NUMBER: _ClassVar[int]
+    ROLL_DEG_FIELD_NUMBER: _ClassVar[int]
+    PITCH_DEG_FIELD_NUMBER: _ClassVar[int]
+    YAW_DEG_FIELD_NUMBER: _ClassVar[int]
+    SLOPE_DEG_FIELD_NUMBER: _ClassVar[int]
+    verdict: MountState.Verdict
+    roll_error_deg: float
+    pitch_error_deg: float
+    roll_sd_deg: float
+    pitch_sd_deg: float
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+    slope_deg: float
+    def __init__(self, verdict: _Optional[_Union[MountState.Verdict, str]] = ..., roll_error_deg: _Optional[float] = ..., pitch_error_deg: _Optional[float] = ..., roll_sd_deg: _Optional[float] = ..., pitch_sd_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., slope_deg: _Optional[float] = ...) -> None: ...
 
 class StateSnapshot(_message.Message):
     __slots__ = ("cameras", "attitudes", "poses")
@@ -421,7 +489,7 @@ class ClockEstimate(_message.Message):
     def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
 
 class CameraHealth(_message.Message):
-    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "exposure_offset")
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     CONDITION_FIELD_NUMBER: _ClassVar[int]
     CAUSE_FIELD_NUMBER: _ClassVar[int]
@@ -434,6 +502,7 @@ class CameraHealth(_message.Message):
     AGE_NS_FIELD_NUMBER: _ClassVar[int]
     HZ_FIELD_NUMBER: _ClassVar[int]
     INFO_FIELD_NUMBER: _ClassVar[int]
+    MOUNT_FIELD_NUMBER: _ClassVar[int]
     EXPOSURE_OFFSET_FIELD_NUMBER: _ClassVar[int]
     camera: str
     condition: str
@@ -447,8 +516,9 @@ class CameraHealth(_message.Message):
     age_ns: int
     hz: float
     info: CameraInfo
+    mount: MountHealth
     exposure_offset: ExposureOffset
-    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ...) -> None: ...
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ...) -> None: ...
 
 class ExposureOffset(_message.Message):
     __slots__ = ("state", "text", "offset_ms", "sigma_ms", "pairs", "warns")
