@@ -53,7 +53,7 @@ test: lint ## all checks, some 15 minutes on two cores
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt
-	@if $(BIN)/python -m benchmarks.install_peers; then touch $@; fi
+	@if $(BIN)/python -m benchmarks.peers.install; then touch $@; fi
 
 NEEDS_PEERS := $(if $(findstring --only,$(ARGS)),$(findstring peers,$(ARGS)),yes)
 bench: $(STAMP) $(if $(NEEDS_PEERS),$(PEERS)) ## all figures of docs/benchmarks (hours); ARGS=--quick: minutes, ARGS='--only speed'
@@ -84,7 +84,7 @@ lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (nee
 	@bash .ci/make-lock
 
 config-docs: $(STAMP) ## rewrite the tables of docs/configuration.md from the parameters
-	@$(BIN)/python -m companion.config_docs docs/configuration.md
+	@$(BIN)/python -m companion.config.docs docs/configuration.md
 
 clean: ## forget the environment, the compiled kernels and what demo and tests left
 	rm -rf $(VENV) .numba-cache demo-out bench-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage

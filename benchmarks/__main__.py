@@ -15,9 +15,9 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-from benchmarks.machine import CHECKOUT, stamp
+from benchmarks.hardware_info import CHECKOUT, stamp
 from benchmarks.pages import INDEX, SECTIONS, Section, index, page
-from companion.bench_timing import ONE_THREAD
+from companion.bench.timing import ONE_THREAD
 
 OUT = Path("docs/benchmarks")
 QUICK_OUT = Path("bench-out")

@@ -15,16 +15,16 @@ from typing import Any
 
 from benchmarks import draw_pixels as px
 from benchmarks import draw_planes as pl
-from benchmarks.taps import Calls, tapped
-from companion.view_frame import ViewFrame
-from companion.view_png import save_frame
+from benchmarks.trace import Calls, tapped
+from companion.viewer.frame import ViewFrame
+from companion.viewer.png import save_frame
 from core.extractor import Extractor
 from core.frames import rotation_from_euler
 from core.types import ExtractorState, FrameModel
-from drivers.scene_library import make_scene
-from drivers.scenes import Scene, SceneBuilder
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.scene_library import make_scene
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import Rendered, camera_info, render
 
 FOLDER = Path("docs/pictures")
 DPI = 100

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.taps import Calls
-from companion.view_colors import depth_rgb
-from core.classify import noise_tiles
-from core.density import MAX_PEAKS, find_peaks
+from benchmarks.trace import Calls
+from companion.viewer.colors import depth_rgb
 from core.extractor import Extractor
-from core.strips import BOTTOM, HORIZONTAL, IRREGULAR, KIND, MERGED, ROUGH, SMOOTH, TOP, D, U
+from core.stages.classify import noise_tiles
+from core.stages.density import MAX_PEAKS, find_peaks
+from core.stages.strips import BOTTOM, HORIZONTAL, IRREGULAR, KIND, MERGED, ROUGH, SMOOTH, TOP, D, U
 from core.types import FAR_MM, UNKNOWN_MM
-from drivers.simulated import Rendered
+from drivers.simulation.source import Rendered
 
 KIND_RGB = {
     SMOOTH: (38, 110, 190),

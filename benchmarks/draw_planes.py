@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.draw_pixels import PALE, bare, painted, view_mm
-from benchmarks.taps import Calls
-from companion.view_colors import depth_rgb
-from core.lines import fit_line
-from core.openings import F_DOWN, layer_of
-from core.planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, Z0, Z1, A, B
-from core.strips import CLUSTER, FILL, NEAR, SUPPORT, TRACK, D, U
+from benchmarks.trace import Calls
+from companion.viewer.colors import depth_rgb
+from core.stages.line_fit import fit_line
+from core.stages.openings import F_DOWN, layer_of
+from core.stages.planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, Z0, Z1, A, B
+from core.stages.strips import CLUSTER, FILL, NEAR, SUPPORT, TRACK, D, U
 from core.types import FrameModel, FreeEnd
-from drivers.simulated import Rendered
+from drivers.simulation.source import Rendered
 
 COLORS = np.array(
     [(31, 119, 180), (230, 126, 34), (44, 150, 60), (200, 50, 60), (130, 90, 180), (140, 86, 75), (220, 110, 190),

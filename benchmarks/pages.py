@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from benchmarks.machine import Stamp
+from benchmarks.hardware_info import Stamp
 
 INDEX: Final = "README.md"
 _MEASURED: Final = "Measured on "

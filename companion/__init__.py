@@ -1,5 +1,5 @@
 """The service around the core: configuration, time matching, pipeline, logs, commands."""
 
-from .jit_cache import use_own_cache
+from .kernels.jit_cache import use_own_cache
 
 use_own_cache()  # before any module can import numba

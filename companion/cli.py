@@ -10,22 +10,28 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
-    "run": ("run", "the live service: cameras and autopilot in, prisms out"),
-    "status": ("status", "how the running service is, in words"),
-    "simulate-autopilot": ("simulate_autopilot", "an autopilot that is not there, for `run` without hardware"),
-    "doctor": ("doctor", "before the flight: what works, what does not, and what to do"),
-    "keys": ("keys", "make keys for streams that leave this machine, and of signatures"),
-    "demo": ("demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
-    "import": ("import_recording", "make a log of a folder of depth images, or of a ROS 2 recording"),
-    "replay": ("replay", "run a recorded flight through the pipeline; compare with what was recorded"),
-    "view": ("view", "draw a log: pictures and a page with the prisms in 3-D; --live: a page that follows the service"),
-    "info": ("info", "what is in a log: topics, rates, gaps, damage"),
-    "recover": ("recover", "make a whole file of a damaged or unfinished one"),
-    "check-config": ("check_config", "check a configuration file"),
-    "install": ("install", "the service on this machine, started with it (needs root)"),
-    "uninstall": ("uninstall", "take the service off this machine (needs root)"),
-    "warmup": ("warmup", "compile what is compiled at first use"),
-    "bench": ("bench", "how fast this machine turns depth images into obstacles"),
+    "run": ("live.run", "the live service: cameras and autopilot in, prisms out"),
+    "status": ("live.status", "how the running service is, in words"),
+    "simulate-autopilot": (
+        "autopilot.simulate_autopilot",
+        "an autopilot that is not there, for `run` without hardware",
+    ),
+    "doctor": ("doctor.doctor", "before the flight: what works, what does not, and what to do"),
+    "keys": ("streams.keys", "make keys for streams that leave this machine, and of signatures"),
+    "demo": ("demo.demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
+    "import": ("importers.command", "make a log of a folder of depth images, or of a ROS 2 recording"),
+    "replay": ("replay.replay", "run a recorded flight through the pipeline; compare with what was recorded"),
+    "view": (
+        "viewer.view",
+        "draw a log: pictures and a page with the prisms in 3-D; --live: a page that follows the service",
+    ),
+    "info": ("log.info", "what is in a log: topics, rates, gaps, damage"),
+    "recover": ("log.recover", "make a whole file of a damaged or unfinished one"),
+    "check-config": ("config.check_config", "check a configuration file"),
+    "install": ("install.install", "the service on this machine, started with it (needs root)"),
+    "uninstall": ("install.uninstall", "take the service off this machine (needs root)"),
+    "warmup": ("kernels.warmup", "compile what is compiled at first use"),
+    "bench": ("bench.bench", "how fast this machine turns depth images into obstacles"),
 }
 """Command -> its module in this package (add_parser, run) and what it does."""
 
@@ -95,13 +101,13 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     """Those whose message says what is wrong and what to do; anything else is a defect and shows its trace."""
     from drivers.base import DriverError
 
-    from .config import ConfigError
+    from .config.loader import ConfigError
 
     return DriverError, ConfigError, ValueError, OSError
 
 
 def _print_version() -> int:
-    from .run_info import software
+    from .log.provenance import software
 
     print(software())
     return 0

@@ -22,14 +22,14 @@ from types import TracebackType
 import zmq
 from google.protobuf.message import DecodeError
 
-from core.queries import SeenFrom, Space
-from core.world_level import LevelMemory
+from core.query.queries import SeenFrom, Space
+from core.world.local_memory import LevelMemory
 from drivers.proto import osape_v1_pb2 as pb
 
-from .arrival import Ear, age_ns
-from .curve import use_client_keys
-from .messages import model_from_message
-from .service_folders import folders
+from .paths import folders
+from .pipeline.encode import model_from_message
+from .streams.curve_auth import use_client_keys
+from .streams.receive_time import Ear, age_ns
 
 NS = 1_000_000_000
 STALE_S = 0.4
@@ -79,7 +79,7 @@ class News:
 
     @cached_property
     def space(self) -> Space:
-        """What may be asked: free, occupied, unknown (core/queries.py). Blind cameras know nothing and block nothing; of
+        """What may be asked: free, occupied, unknown (core/query/queries.py). Blind cameras know nothing and block nothing; of
         a message whose numbers do not fit together nothing is known either."""
         frames = self.message.cameras if isinstance(self.message, pb.SurroundFrame) else [self.message]
         parts = []

@@ -22,15 +22,15 @@ import zmq
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
-from core.world_picture import WorldPicture
-from core.world_saved import ON_WIRE
-from core.world_space import WorldSpace
+from core.world.serialize import ON_WIRE
+from core.world.snapshot import WorldPicture
+from core.world.space import WorldSpace
 from drivers.proto import osape_v1_pb2 as pb
 
-from .arrival import Ear, age_ns
-from .curve import use_client_keys
-from .service_folders import folders
-from .world_messages import SCHEMA_VERSION, blocks_of, ground_of, picture_of, records_of
+from .paths import folders
+from .streams.curve_auth import use_client_keys
+from .streams.receive_time import Ear, age_ns
+from .streams.world_messages import SCHEMA_VERSION, blocks_of, ground_of, picture_of, records_of
 
 NS = 1_000_000_000
 STALE_S = 1.0

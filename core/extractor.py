@@ -8,32 +8,34 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from . import clusters, fill, planes_paper, support
-from .classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
-from .columns import extract_strips
+from .buffers import Scratch
 from .frames import Rotation
-from .free_space import SeenFree, free_profile, seen_free
-from .ground import NO_GROUND, doubt_settings, find_ground, ground_gate, with_ranges
-from .level import level_paper, level_safe, pool_columns
-from .model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
-from .noisy import noisy_share
-from .openings import opening_masks
 from .params import Params
-from .plane_stages import plane_tables, shape_planes
-from .prisms import layered_prisms
-from .scratch import Scratch
-from .settings import Settings, settings_of
-from .strip_stages import settle_strips, strip_tables
-from .temporal_noise import observe
-from .truncation import MEANS_LEFT
-from .types import (
-    CameraInfo,
-    ExtractorState,
-    FrameModel,
-    Ground,
-    InvalidCause,
+from .stages import clusters, planes_paper, support
+from .stages import gap_filling as fill
+from .stages.classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
+from .stages.columns import extract_strips
+from .stages.free_space import SeenFree, free_profile, seen_free
+from .stages.ground import NO_GROUND, doubt_settings, find_ground, ground_gate, with_ranges
+from .stages.level import level_paper, level_safe, pool_columns
+from .stages.model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
+from .stages.noise_check import noisy_share
+from .stages.openings import opening_masks
+from .stages.plane_stages import plane_tables, shape_planes
+from .stages.prisms import layered_prisms
+from .stages.settings import Settings, settings_of
+from .stages.strip_stages import settle_strips, strip_tables
+from .stages.temporal_noise import observe
+from .stages.truncation import MEANS_LEFT
+from .stages.view_geometry import (
+    ViewGeometry,
+    is_rotation,
+    pooled_geometry,
+    tilt_rad,
+    view_geometry,
+    view_geometry_paper,
 )
-from .view_geometry import ViewGeometry, is_rotation, pooled_geometry, tilt_rad, view_geometry, view_geometry_paper
+from .types import CameraInfo, ExtractorState, FrameModel, Ground, InvalidCause
 
 _MORE_COLS, _MORE_STRIPS = 32, 512
 """Tables are made for a multiple of these: seldom anew, and hardly larger than the largest frame needs."""

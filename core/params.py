@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .checked import check, choice, critical, number, switch
+from .param_field import check, choice, critical, number, switch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

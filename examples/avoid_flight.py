@@ -23,18 +23,18 @@ from matplotlib.patches import Patch, Polygon, Wedge
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.obstacle_sender import AutopilotNow, ObstacleTeller
-from companion.pipeline import Pipeline, PrismsResult
+from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
+from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample
-from drivers.ardupilot_reader import ArduPilotReader
-from drivers.px4_reader import Px4Reader
-from drivers.scenes import Scene, SceneBuilder
-from drivers.sensor_model import SensorModel
-from drivers.simulated import camera_info, render
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
+from drivers.simulation.firmware_models.px4 import Px4Reader
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import camera_info, render
 
 MS, NS = 1_000_000, 1_000_000_000
 MARGIN_M, FASTEST_M_S, BRAKE_M_S2, HEIGHT_M = 2.5, 3.0, 2.0, 1.6

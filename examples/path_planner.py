@@ -1,5 +1,5 @@
 """Paths through what the companion sees: RRT, RRT-Connect and PRM of OMPL, asking what may be flown through of one frame
-(core.queries) or of the merged world (core.world_space), which answer alike.
+(core.query.queries) or of the merged world (core.world.space), which answer alike.
 
 Occupied is never entered. Unknown is a policy: avoided, or allowed at a price. Needs the extra `planner` (ompl).
 """
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base, geometric, util
 
-from core.queries import Answer, Space
-from core.world_space import WorldSpace
+from core.query.queries import Answer, Space
+from core.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 PLANNERS = {"rrt": geometric.RRT, "rrt-connect": geometric.RRTConnect, "prm": geometric.PRM}

@@ -14,23 +14,23 @@ from typing import Any
 import numpy as np
 from path_planner import PLANNERS, NoPath, Room, Unknown, plan
 
-from companion.bench_frames import filmed
-from companion.view_frame import ViewFrame
-from companion.view_log import read_frames
-from companion.view_png import new_figure
-from companion.view_side import draw_side
-from companion.view_top import draw_top
+from companion.bench.frames import filmed
+from companion.viewer.frame import ViewFrame
+from companion.viewer.log import read_frames
+from companion.viewer.png import new_figure
+from companion.viewer.side import draw_side
+from companion.viewer.top import draw_top
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
-from core.queries import SeenFrom, Space
-from drivers.mcap_file import McapRecording
+from core.query.queries import SeenFrom, Space
+from drivers.logs.reader import McapRecording
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("log", nargs="?", type=Path, help="a log with prisms; without one a scene is rendered")
     parser.add_argument("--frame", type=int, default=0, help="which frame of the log")
-    parser.add_argument("--scene", default="window", help="of drivers/scene_library.py")
+    parser.add_argument("--scene", default="window", help="of drivers/simulation/scene_library.py")
     parser.add_argument(
         "--goal", type=float, nargs=3, default=(9.0, 0.0, 0.0), help="ahead, right, down of the camera, m"
     )

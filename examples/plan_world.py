@@ -16,17 +16,17 @@ import numpy as np
 from path_planner import PLANNERS, NoPath, Room, Unknown, plan
 from plan_path import line
 
-from companion.config import Config
-from companion.pipeline import PrismsResult
-from companion.replay import make_pipeline, process
-from companion.tally import Tally
-from companion.view_png import new_figure
+from companion.config.loader import Config
+from companion.live.world_thread import sight_of
+from companion.pipeline.pipeline import PrismsResult
+from companion.replay.replay import make_pipeline, process
+from companion.replay.summary import Tally
+from companion.viewer.png import new_figure
 from companion.world_mirror import WorldMirror
-from companion.world_service import sight_of
-from core.world import World
-from core.world_space import WorldSpace
-from drivers.mcap_file import McapRecording
-from drivers.simulated_flight import SimulatedFlight
+from core.world.space import WorldSpace
+from core.world.world import World
+from drivers.logs.reader import McapRecording
+from drivers.simulation.flight import SimulatedFlight
 
 SLACK_M = 6.0
 """The path may leave the box around what is known, start and goal by so much."""

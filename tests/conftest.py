@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 from hypothesis.internal.conjecture import providers
 
-from companion.jit_cache import use_own_cache
+from companion.kernels.jit_cache import use_own_cache
 
 use_own_cache()  # before any test imports numba: kernels of these very sources, the same that the commands have
 

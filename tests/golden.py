@@ -22,15 +22,15 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 
-from companion.config import Config
-from companion.log_writer import write_recording
-from companion.pipeline import FrameDecision, PrismsResult
-from companion.replay import make_pipeline, process
-from companion.run_info import run_info
-from companion.tally import Tally
+from companion.config.loader import Config
+from companion.log.log_writer import write_recording
+from companion.log.provenance import run_info
+from companion.pipeline.pipeline import FrameDecision, PrismsResult
+from companion.replay.replay import make_pipeline, process
+from companion.replay.summary import Tally
 from core.types import FrameModel, FreeProfile, Ground
-from drivers.mcap_file import McapRecording
-from drivers.simulated_flight import Rates, SimulatedFlight
+from drivers.logs.reader import McapRecording
+from drivers.simulation.flight import Rates, SimulatedFlight
 
 DATA = Path(__file__).resolve().parent / "data"
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.config import Config
-from companion.pipeline import PrismsResult
-from companion.replay import make_pipeline, process
-from companion.tally import Tally
-from companion.world_service import sight_of
-from core.world import Sight, World
-from core.world_saved import bytes_of
-from drivers.mcap_file import McapRecording
+from companion.config.loader import Config
+from companion.live.world_thread import sight_of
+from companion.pipeline.pipeline import PrismsResult
+from companion.replay.replay import make_pipeline, process
+from companion.replay.summary import Tally
+from core.world.serialize import bytes_of
+from core.world.world import Sight, World
+from drivers.logs.reader import McapRecording
 
 from .golden import DATA, STREAMS, Result, made_with, recording_path
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from benchmarks.metrics import RANGE_BINS, RangeCounts, Score
-from benchmarks.rows import Case, GridScore, Row
+from benchmarks.fidelity.metrics import RANGE_BINS, RangeCounts, Score
+from benchmarks.fidelity.result import Case, GridScore, Row
 
 
 def made(seed: int, rays: int = 1000, valid: bool = True, **figures: float) -> Row:

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.cases import run_case
-from benchmarks.rows import Case, Row
+from benchmarks.fidelity.case import run_case
+from benchmarks.fidelity.result import Case, Row
 from core.extractor import Extractor
 
 GOLDEN = Path(__file__).with_name("regression.json")

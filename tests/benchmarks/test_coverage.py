@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.coverage import BINS_M, Coverage, of_cases, within_margin
-from benchmarks.matrix import cases
+from benchmarks.fidelity.coverage import BINS_M, Coverage, of_cases, within_margin
+from benchmarks.fidelity.matrix import cases
 from core.extractor import Extractor
 from core.params import Params
 

@@ -12,12 +12,12 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from benchmarks import matrix
-from benchmarks.cases import FAULTS, frames_of
-from benchmarks.fidelity import asked, main, parse
-from benchmarks.matrix import PARTS
-from benchmarks.rows import Case
-from benchmarks.scenes import FAMILIES, HELD_OUT_SEEDS, SCENES
+from benchmarks.fidelity import matrix
+from benchmarks.fidelity.case import FAULTS, frames_of
+from benchmarks.fidelity.matrix import PARTS
+from benchmarks.fidelity.result import Case
+from benchmarks.fidelity.run import asked, main, parse
+from benchmarks.scenes.catalogue import FAMILIES, HELD_OUT_SEEDS, SCENES
 
 
 def case(scene: str, ke: float = 0.005, faults: str = "all") -> Case:

@@ -9,18 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import free_campaign, free_worlds
-from benchmarks.free_volume import above_ground, first_solids, wrong_cells
-from benchmarks.random_frames import ROOM_M, has_room, random_frame
+from benchmarks.free_space import campaign as free_campaign
+from benchmarks.free_space import worlds as free_worlds
+from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
+from benchmarks.free_space.volume import above_ground, first_solids, wrong_cells
 from core.extractor import Extractor
-from core.free_space import lowest_clear, walk_settings
-from core.ground import NO_GROUND
-from core.model import blind_model
 from core.params import Params
+from core.stages.free_space import lowest_clear, walk_settings
+from core.stages.ground import NO_GROUND
+from core.stages.model import blind_model
+from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, FrameModel, FreeEnd, FreeProfile, Ground, InvalidCause
-from core.view_geometry import view_geometry
-from drivers.scenes import Scene, SceneBuilder
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.source import Rendered, camera_info, render
 
 INFO = camera_info(160, 120, max_range_m=12.0)
 KE = 0.0015

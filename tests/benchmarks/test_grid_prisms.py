@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.grid_bodies import body_distances, prism_stops
-from benchmarks.grid_outlines import outlines, signed_area
-from benchmarks.grid_prisms import GridPrisms, facing_camera, grid_of, grid_prisms, obstacle_points, simplified
-from benchmarks.metrics import distances
-from benchmarks.peer_cloud import cloud_of
-from drivers.simulated import camera_info, render
+from benchmarks.fidelity.metrics import distances
+from benchmarks.peers.cloud import cloud_of
+from benchmarks.peers.grid_bodies import body_distances, prism_stops
+from benchmarks.peers.grid_outlines import outlines, signed_area
+from benchmarks.peers.grid_prisms import GridPrisms, facing_camera, grid_of, grid_prisms, obstacle_points, simplified
+from drivers.simulation.source import camera_info, render
 
 LOOK_NORTH = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 

@@ -10,9 +10,9 @@ import pytest
 
 import benchmarks.__main__ as harness
 from benchmarks.__main__ import SectionError, main, parse, run_apart
-from benchmarks.install_peers import install, peers
-from benchmarks.machine import CHECKOUT, Stamp, commit
+from benchmarks.hardware_info import CHECKOUT, Stamp, commit
 from benchmarks.pages import SECTIONS, Section, index, measured, page, summary_of
+from benchmarks.peers.install import install, peers
 
 MADE = "No figure here is real.\n\nWhat words mean.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
 TOLD = Stamp(

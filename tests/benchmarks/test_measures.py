@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.free_truth import false_free, in_free
-from benchmarks.measures import MEASURES, error_ratio, measure, plane_ratio, safe_range_m, summary
-from benchmarks.metrics import RANGE_BINS, RangeCounts, rays_of
-from benchmarks.rows import Row
+from benchmarks.fidelity.free_truth import false_free, in_free
+from benchmarks.fidelity.goals import MEASURES, error_ratio, measure, plane_ratio, safe_range_m, summary
+from benchmarks.fidelity.metrics import RANGE_BINS, RangeCounts, rays_of
+from benchmarks.fidelity.result import Row
 from core.types import FreeProfile
-from drivers.scenes import SceneBuilder
-from drivers.simulated import camera_info, render
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.source import camera_info, render
 
 from .hand_rows import made
 

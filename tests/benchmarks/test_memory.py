@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import benchmarks.memory as memory
-import benchmarks.section_memory as page
-from benchmarks.memory import (
+import benchmarks.speed.memory as memory
+import benchmarks.speed.section_memory as page
+from benchmarks.speed.cases import KINDS
+from benchmarks.speed.memory import (
     LARGE,
     SIZES,
     Sample,
@@ -25,7 +26,6 @@ from benchmarks.memory import (
     shots_of,
     watch,
 )
-from benchmarks.speed_cases import KINDS
 from core.extractor import Extractor
 from core.types import ExtractorState
 

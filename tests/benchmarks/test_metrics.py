@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.metrics import (
+from benchmarks.fidelity.metrics import (
     Rays,
     distances,
     judge,
@@ -19,9 +19,9 @@ from benchmarks.metrics import (
     score,
     stops,
 )
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import PERFECT, SensorModel
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import PERFECT, SensorModel
+from drivers.simulation.source import Rendered, camera_info, render
 
 INFO = camera_info(160, 120, ke_per_m=0.0015)
 SKY_WALL = (8.0, -3.0, 8.0, 3.0, -8.0, 0.0)

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from benchmarks.mount_check import HEIGHT_M, SETTLED, slope_scene
-from benchmarks.mount_flights import Errors, MountFlight, hover, turning
-from benchmarks.scenes import camera_pose, make_scene
-from core.mount_check import MountVerdict
+from benchmarks.scenes.catalogue import camera_pose, make_scene
+from benchmarks.self_check.mount_check import HEIGHT_M, SETTLED, slope_scene
+from benchmarks.self_check.mount_flights import Errors, MountFlight, hover, turning
+from core.self_check.mount_check import MountVerdict
 from core.types import CameraMount
 
 WIDTH = 160

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.openings import in_view, opening_size
-from drivers.scenes import SceneBuilder
-from drivers.simulated import Rendered, camera_info, render
+from benchmarks.fidelity.openings import in_view, opening_size
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.source import Rendered, camera_info, render
 
 
 def facade(yaw: float = 0.0) -> tuple[Rendered, np.ndarray]:

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.grid_prisms import CELLS_M
-from benchmarks.paper_cases import Figures, grid_name
-from benchmarks.paper_claims import (
+from benchmarks.paper.cases import Figures, grid_name
+from benchmarks.paper.claims import (
     COLUMNS,
     Claim,
     below,
@@ -22,12 +21,13 @@ from benchmarks.paper_claims import (
     time_claims,
     verdict,
 )
-from benchmarks.paper_interval import IntervalRow
-from benchmarks.paper_openings import OpeningRow
-from benchmarks.paper_shapes import ShapeRow
-from benchmarks.paper_storage import of, ratios
-from benchmarks.paper_tilt import TiltRow
-from benchmarks.paper_time import TimeRow
+from benchmarks.paper.interval import IntervalRow
+from benchmarks.paper.openings import OpeningRow
+from benchmarks.paper.shapes import ShapeRow
+from benchmarks.paper.storage import of, ratios
+from benchmarks.paper.tilt import TiltRow
+from benchmarks.paper.time import TimeRow
+from benchmarks.peers.grid_prisms import CELLS_M
 
 FRAME = Figures(
     scene="a", family="structured", condition="camera", seed=1, method="safe", planes=10, bytes=80, mean_m=0.1,

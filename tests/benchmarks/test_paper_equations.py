@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.paper_equations import (
+from benchmarks.paper.equations import (
     F_PX,
     HM_M,
     Finding,

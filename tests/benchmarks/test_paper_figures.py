@@ -11,8 +11,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import paper_interval, paper_openings, paper_shapes, paper_storage, paper_tilt, paper_time
-from benchmarks.paper_cases import (
+from benchmarks.paper import (
+    interval as paper_interval,
+)
+from benchmarks.paper import (
+    openings as paper_openings,
+)
+from benchmarks.paper import (
+    shapes as paper_shapes,
+)
+from benchmarks.paper import (
+    storage as paper_storage,
+)
+from benchmarks.paper import (
+    tilt as paper_tilt,
+)
+from benchmarks.paper import (
+    time as paper_time,
+)
+from benchmarks.paper.cases import (
     CAMERA,
     EXACT,
     Figures,
@@ -25,13 +42,13 @@ from benchmarks.paper_cases import (
     worst,
     zed_info,
 )
-from benchmarks.paper_interval import IntervalRow, skip_columns, thin_kept
-from benchmarks.paper_openings import OpeningRow, opening_scene, sizes
-from benchmarks.paper_shapes import in_ned, points_in_ned, shape_scene, views
-from benchmarks.paper_tilt import TiltRow
-from benchmarks.paper_time import TimeRow, interleaved
+from benchmarks.paper.interval import IntervalRow, skip_columns, thin_kept
+from benchmarks.paper.openings import OpeningRow, opening_scene, sizes
+from benchmarks.paper.shapes import in_ned, points_in_ned, shape_scene, views
+from benchmarks.paper.tilt import TiltRow
+from benchmarks.paper.time import TimeRow, interleaved
 from core.params import Params
-from drivers.simulated import Rendered
+from drivers.simulation.source import Rendered
 
 FRAME = Figures(
     scene="a", family="structured", condition="camera", seed=1, method="safe", planes=10, bytes=80, mean_m=0.1,

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.paper_cases import EXACT, frames_of
-from benchmarks.paper_geometry import algorithm_1, corners_of, deleted, drift, lemma_distance, line_errors, torn_share
+from benchmarks.paper.cases import EXACT, frames_of
+from benchmarks.paper.geometry import algorithm_1, corners_of, deleted, drift, lemma_distance, line_errors, torn_share
 from core.types import StripTable
-from drivers.scenes import SceneBuilder
-from drivers.simulated import Rendered
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.source import Rendered
 
 
 def wall(pitch_deg: float) -> Rendered:

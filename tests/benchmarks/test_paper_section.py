@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from benchmarks import section_paper
-from benchmarks.paper_equations import Finding
-from benchmarks.section_paper import BEGIN, DOC, END, PARTS, filled, main, measured, rows_file
+from benchmarks.paper import section as section_paper
+from benchmarks.paper.equations import Finding
+from benchmarks.paper.section import BEGIN, DOC, END, PARTS, filled, main, measured, rows_file
 
 FINDING = Finding(name="units", title="U", head=["a"], digits=[1], rows=[[1.0]])
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.peer_cloud import cloud_of, ground_in_level_cam
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import PERFECT, SensorModel
-from drivers.simulated import Rendered, camera_info, render
+from benchmarks.peers.cloud import cloud_of, ground_in_level_cam
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import PERFECT, SensorModel
+from drivers.simulation.source import Rendered, camera_info, render
 
 KE = 0.0015
 INFO = camera_info(160, 120, ke_per_m=KE)

@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import peer_octomap, peer_open3d
-from benchmarks.metrics import rays_of
-from benchmarks.peer_cloud import Cloud, cloud_of
-from benchmarks.peer_list import SAFE, contestants
-from benchmarks.peer_open3d import rectangle
-from benchmarks.peer_run import CLOUD, Figures, figures, run_case, time_peers
-from benchmarks.peers import Grid, Ours, Peer
-from benchmarks.rows import Case
-from drivers.scenes import SceneBuilder
-from drivers.simulated import Rendered, camera_info, render
+from benchmarks.fidelity.metrics import rays_of
+from benchmarks.fidelity.result import Case
+from benchmarks.peers import octomap as peer_octomap
+from benchmarks.peers import open3d_patches as peer_open3d
+from benchmarks.peers.cloud import Cloud, cloud_of
+from benchmarks.peers.methods import Grid, Ours, Peer
+from benchmarks.peers.open3d_patches import rectangle
+from benchmarks.peers.participants import SAFE, contestants
+from benchmarks.peers.run import CLOUD, Figures, figures, run_case, time_peers
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.source import Rendered, camera_info, render
 
 KE = 0.0015
 INFO = camera_info(160, 120, ke_per_m=KE)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import benchmarks.section_recordings as page
-from benchmarks.section_recordings import comparable, fly, section
-from benchmarks.stability import Seen, covered, found_again, in_image
-from companion.pipeline import PrismsResult
-from companion.reframe import LevelTransform
-from companion.sync import AttitudeAt, DropCause, Source
+import benchmarks.fidelity.recordings as page
+from benchmarks.fidelity.recordings import comparable, fly, section
+from benchmarks.fidelity.stability import Seen, covered, found_again, in_image
+from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.sync import AttitudeAt, DropCause, Source
+from companion.pipeline.transform import LevelTransform
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, quaternion_from_euler, rotation_from_euler
 from core.types import CameraInfo, Intrinsics

@@ -22,7 +22,7 @@ def test_no_frame_is_modelled_worse(update_golden: bool, capsys: pytest.CaptureF
     if found:
         listed = "\n".join(found)
         pytest.fail(
-            f"the model became blinder or louder:\n{listed}\nA picture of each: python -m benchmarks.draw_case. "
+            f"the model became blinder or louder:\n{listed}\nA picture of each: python -m benchmarks.fidelity.draw_case. "
             "If this is meant, for what it gains: pytest --update-golden tests/benchmarks/test_regression.py, and say "
             "in the commit what became worse and why.",
             pytrace=False,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.scenes import (
+from benchmarks.scenes.catalogue import (
     FAMILIES,
     HELD_OUT_SEEDS,
     SCENES,
@@ -17,11 +17,11 @@ from benchmarks.scenes import (
     family_of,
     make_scene,
 )
-from benchmarks.scenes_parts import Line, across
-from benchmarks.scenes_structured import CORRIDOR_M, SLIT_M, STRUCTURED, WINDOW_M
-from benchmarks.scenes_thin import GROUND, THIN
-from benchmarks.scenes_unstructured import UNSTRUCTURED
-from drivers.simulated import camera_info, render
+from benchmarks.scenes.parts import Line, across
+from benchmarks.scenes.structured import CORRIDOR_M, SLIT_M, STRUCTURED, WINDOW_M
+from benchmarks.scenes.thin import GROUND, THIN
+from benchmarks.scenes.unstructured import UNSTRUCTURED
+from drivers.simulation.source import camera_info, render
 
 FIXED = ("open", "no_ground", "tunnel")
 """Scenes of which only the camera moves with the seed."""

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import section_fidelity
-from benchmarks.fidelity_tables import cell, number, openings_table, range_table, table, thin_table, worst_table
-from benchmarks.matrix import PARTS, Part, Settings, cases
-from benchmarks.measures import measure
-from benchmarks.metrics import RANGE_BINS, Recall
-from benchmarks.openings import OpeningSize
-from benchmarks.rows import Case, Row
-from benchmarks.scenes import HELD_OUT_SEEDS, TUNING_SEEDS
-from benchmarks.thin import curve
+from benchmarks.fidelity import section as section_fidelity
+from benchmarks.fidelity.goals import measure
+from benchmarks.fidelity.matrix import PARTS, Part, Settings, cases
+from benchmarks.fidelity.metrics import RANGE_BINS, Recall
+from benchmarks.fidelity.openings import OpeningSize
+from benchmarks.fidelity.result import Case, Row
+from benchmarks.fidelity.tables import cell, number, openings_table, range_table, table, thin_table, worst_table
+from benchmarks.fidelity.thin import curve
+from benchmarks.scenes.catalogue import HELD_OUT_SEEDS, TUNING_SEEDS
 
 from .hand_rows import made
 

@@ -10,12 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import section_peers
-from benchmarks.matrix import cases
-from benchmarks.peer_list import PAPER, SAFE
-from benchmarks.peer_plots import draw_scatter, draw_times, kind_of
-from benchmarks.peer_run import CLOUD, Figures, Timing, run_case
-from benchmarks.peer_tables import (
+from benchmarks.fidelity.matrix import cases
+from benchmarks.fidelity.result import Case
+from benchmarks.peers import section as section_peers
+from benchmarks.peers.methods import UNSORTED, Grid, Ours, Peer
+from benchmarks.peers.participants import PAPER, SAFE
+from benchmarks.peers.plots import draw_scatter, draw_times, kind_of
+from benchmarks.peers.run import CLOUD, Figures, Timing, run_case
+from benchmarks.peers.tables import (
     FINE_GRID,
     ROUGH_GRID,
     figures_table,
@@ -26,10 +28,8 @@ from benchmarks.peer_tables import (
     storage_table,
     times_table,
 )
-from benchmarks.peers import UNSORTED, Grid, Ours, Peer
-from benchmarks.rows import Case
-from benchmarks.scenes import HELD_OUT_SEEDS
-from companion.bench_timing import Times
+from benchmarks.scenes.catalogue import HELD_OUT_SEEDS
+from companion.bench.timing import Times
 
 CASE = Case(scene="wall", ke_per_m=0.0015, told_per_m=0.0015, seed=100)
 OURS = Figures(

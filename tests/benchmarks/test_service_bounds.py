@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from benchmarks.live import shipped, stolen_s
-from benchmarks.service import live_lines, start_lines
-from companion.config import config_of
-from companion.demo import EMBEDDED
+from benchmarks.speed.live import shipped, stolen_s
+from benchmarks.speed.service import live_lines, start_lines
+from companion.config.loader import config_of
+from companion.demo.demo import EMBEDDED
 
 FOUND: dict[str, Any] = {
     "flight": "street", "hz": 30.0, "minutes": 10.0, "frames": 18000, "dropped_by_the_service": {}, "log_dropped": 0,

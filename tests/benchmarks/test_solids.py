@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.metrics import distances, stops
-from benchmarks.solids import box_distances, box_stops, cube_faces, patch_distances, patch_stops
+from benchmarks.fidelity.metrics import distances, stops
+from benchmarks.peers.solids import box_distances, box_stops, cube_faces, patch_distances, patch_stops
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
-from drivers.simulated import camera_info
+from drivers.simulation.source import camera_info
 
 K = camera_info(160, 120).intrinsics
 NORTH = R_CAMFRD_OPTICAL

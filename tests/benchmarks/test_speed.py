@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import benchmarks.section_speed as page
-from benchmarks.reference import Reference
-from benchmarks.section_speed import Effort, section
-from benchmarks.speed_cases import (
+import benchmarks.speed.section as page
+from benchmarks.speed.cases import (
     KINDS,
     Kind,
     block_noise,
@@ -21,10 +19,12 @@ from benchmarks.speed_cases import (
     noise_on_every_tenth,
     nothing,
 )
-from benchmarks.speed_tables import GOALS, Timed, floor_words, goals_table, kinds_table, scenes_table, stage_table
-from benchmarks.stages import main as stages_main
-from companion.bench_frames import Measured
-from companion.bench_timing import Times
+from benchmarks.speed.reference import Reference
+from benchmarks.speed.section import Effort, section
+from benchmarks.speed.stages import main as stages_main
+from benchmarks.speed.tables import GOALS, Timed, floor_words, goals_table, kinds_table, scenes_table, stage_table
+from companion.bench.frames import Measured
+from companion.bench.timing import Times
 
 LEVEL = Kind(name="street, level", family="structured")
 TILTED = Kind(name="street, rolled", family="structured", roll_deg=20.0)

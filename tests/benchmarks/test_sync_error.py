@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.sync_error import Case, _angle_deg, _measured_ns, fly, turning
-from companion.sync import AttitudeAt, Source
+from benchmarks.fidelity.sync_error import Case, _angle_deg, _measured_ns, fly, turning
+from companion.pipeline.sync import AttitudeAt, Source
 from core.types import AttitudeSample
-from drivers.simulated_autopilot import ARDUPILOT, PX4
+from drivers.simulation.autopilot import ARDUPILOT, PX4
 
 MS = 1_000_000
 

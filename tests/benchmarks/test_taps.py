@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.taps import Calls, tapped
-from companion.bench_frames import Flight, filmed
+from benchmarks.trace import Calls, tapped
+from companion.bench.frames import Flight, filmed
 from core.extractor import Extractor
 
 

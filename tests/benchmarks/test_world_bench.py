@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.paper_cases import EXACT
-from benchmarks.section_world import bytes_table, cost_table, truth_table
-from benchmarks.world_bytes import Bytes, grid_bytes
-from benchmarks.world_cost import AREA_M2, SIZES, Cost, saved
-from benchmarks.world_flights import (
+from benchmarks.paper.cases import EXACT
+from benchmarks.world.cost import AREA_M2, SIZES, Cost, saved
+from benchmarks.world.flights import (
     CONDITION,
     DRIFTING,
     ESTIMATES,
@@ -24,8 +22,10 @@ from benchmarks.world_flights import (
     judged,
     renderings,
 )
-from benchmarks.world_truth import Verdict, in_level, merged, seen_by, to_ned, verdict
-from drivers.scenes import SceneBuilder
+from benchmarks.world.message_bytes import Bytes, grid_bytes
+from benchmarks.world.section import bytes_table, cost_table, truth_table
+from benchmarks.world.truth import Verdict, in_level, merged, seen_by, to_ned, verdict
+from drivers.simulation.scenes import SceneBuilder
 
 WALL = SceneBuilder("wall")
 WALL.ground()

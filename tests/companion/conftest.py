@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.warmup import warm_up
+from companion.kernels.warmup import warm_up
 
 
 @pytest.fixture(scope="session")

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 import zmq
 
-from companion.config import load_config
-from companion.simulate_autopilot import flight_of, simulated
+from companion.autopilot.simulate_autopilot import flight_of, simulated
+from companion.config.loader import load_config
 from core.frames import rotation_from_quaternion
-from drivers.endless_flight import EndlessFlight
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_autopilot import PX4
-from drivers.simulated_autopilot_line import AutopilotLine, Faults, UdpEnd
+from drivers.simulation.autopilot import PX4
+from drivers.simulation.autopilot_link import AutopilotLine, Faults, UdpEnd
+from drivers.simulation.looping_flight import EndlessFlight
 
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000
@@ -180,7 +180,7 @@ class Live:
                 words = (entry / "cmdline").read_bytes().split(b"\0") if parent else []
             except (OSError, IndexError):
                 continue  # it has just ended
-            if self.process is not None and parent == self.process.pid and b"companion.camera_process" in words:
+            if self.process is not None and parent == self.process.pid and b"companion.cameras.worker" in words:
                 name = words[-2].split(b'"name": "')[1].split(b'"')[0]
                 found[name.decode()] = int(entry.name)
         return found

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.log_writer import write_recording
-from companion.run_info import run_info
+from companion.log.log_writer import write_recording
+from companion.log.provenance import run_info
 from core.frames import quaternion_from_euler
 from core.types import (
     AttitudeSample,

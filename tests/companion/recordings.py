@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from core.types import DepthFrame
 from drivers.base import Event
-from drivers.mavlink_dialect import dialect
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
+from drivers.mavlink.dialect import dialect
 
 WIDTH, HEIGHT = 64, 48
 EPOCH_US = 1_700_000_000_000_000

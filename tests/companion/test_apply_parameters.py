@@ -13,12 +13,12 @@ import pytest
 
 import companion
 import drivers
-from companion import doctor
-from companion.apply_parameters import Change, apply, changes
+from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
-from companion.config import Config, load_config
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+from companion.config.loader import Config, load_config
+from companion.doctor import doctor
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
 
 from .live import free_port, until
 from .test_service_avoids import PARAMETERS
@@ -112,7 +112,7 @@ def test_without_apply_nothing_is_written(
 def test_only_one_file_can_write_a_parameter() -> None:
     places = [Path(package.__file__ or "").parent for package in (companion, drivers)]
     writers = {f.name for place in places for f in place.rglob("*.py") if "param_set" in f.read_text()}
-    assert writers == {"apply_parameters.py"}
+    assert writers == {"parameter_writer.py"}
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])

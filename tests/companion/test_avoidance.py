@@ -7,16 +7,16 @@ import itertools
 import numpy as np
 import pytest
 
-from companion.autopilot_parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice, delay_advice
-from companion.avoidance import PX4_POSITION_MODE, echoes
-from companion.config_avoid import AvoidParams
-from companion.echo_check import PATIENCE_NS, EchoCheck, likely_cause
-from companion.obstacle_distance import clear_cm, obstacle_distance_message
-from companion.status_text import MOST_CHARACTERS, StatusTexts, shortened
-from drivers.mavlink import Vehicle
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_frames import MessageSplitter
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from companion.autopilot.feedback_check import PATIENCE_NS, EchoCheck, likely_cause
+from companion.autopilot.manager import PX4_POSITION_MODE, echoes
+from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
+from companion.autopilot.parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice, delay_advice
+from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, shortened
+from companion.config.avoidance import AvoidParams
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.parser import MessageSplitter
+from drivers.mavlink.session import Vehicle
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
 
 AVOID = AvoidParams(max_distance_m=12.0)
 NS = 1_000_000_000

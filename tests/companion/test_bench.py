@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import companion.bench as command
-import companion.bench_timing as timing
-from companion.bench import Bench, busy_words, verdict
-from companion.bench_frames import Footage, Measured, filmed, measure
-from companion.bench_machine import Machine, machine, processor_model, versions
-from companion.bench_timing import Clock, Times, one_core
+import companion.bench.bench as command
+import companion.bench.timing as timing
+from companion.bench.bench import Bench, busy_words, verdict
+from companion.bench.frames import Footage, Measured, filmed, measure
+from companion.bench.machine import Machine, machine, processor_model, versions
+from companion.bench.timing import Clock, Times, one_core
 from companion.cli import main
-from companion.warmup import WarmupError
+from companion.kernels.warmup import WarmupError
 from core.extractor import Extractor
 
 BOARD = Machine(

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 import core.extractor as host
-from companion.bench_frames import Flight, filmed
-from companion.bench_taps import STAGE_OF_FUNCTION, STAGE_OF_MODULE, STAGES, Stopwatch, in_order, stage_of, tapped
+from companion.bench.frames import Flight, filmed
+from companion.bench.taps import STAGE_OF_FUNCTION, STAGE_OF_MODULE, STAGES, Stopwatch, in_order, stage_of, tapped
 from core.extractor import Extractor
 from core.params import Params
 
-TABLE = "the tables in companion/bench_taps.py"
+TABLE = "the tables in companion/bench/taps.py"
 
 
 class Names:
@@ -55,7 +55,7 @@ def test_every_stage_is_seen(calls: set[tuple[str, str, str]]) -> None:
 
 
 def test_the_tables_name_what_exists(calls: set[tuple[str, str, str]]) -> None:
-    gone = [f for f in STAGE_OF_MODULE if find_spec(f"core.{f}") is None]
+    gone = [f for f in STAGE_OF_MODULE if find_spec(f"core.stages.{f}") is None]
     assert not gone, f"core has no {gone} any more: take them out of {TABLE}"
     renamed = set(STAGE_OF_FUNCTION) - {name for _, name, _ in calls}
     assert not renamed, f"core/extractor.py does not call {sorted(renamed)} any more: their new names belong in {TABLE}"
@@ -65,7 +65,7 @@ def test_the_tables_name_what_exists(calls: set[tuple[str, str, str]]) -> None:
 def test_a_function_that_no_table_names_goes_to_its_files_stage() -> None:
     def renamed() -> None: ...
 
-    renamed.__module__ = "core.tracks"
+    renamed.__module__ = "core.stages.segments"
     assert stage_of(renamed) == "tracks"
     renamed.__module__ = "core.new_file"
     assert stage_of(renamed) == "new_file"

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.blind_policy import BlindPolicy, Recovery, Sight, policy_of
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from companion.sectors import SECTORS, SectorScan, SectorState, scan
-from companion.view_free import View
-from drivers.ardupilot_reader import ArduPilotReader
-from drivers.px4_reader import Px4Reader
+from companion.autopilot.failsafe import BlindPolicy, Recovery, Sight, policy_of
+from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
+from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
+from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan
+from companion.autopilot.view_free import View
+from companion.config.avoidance import AvoidParams
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
+from drivers.simulation.firmware_models.px4 import Px4Reader
 
 from .test_sectors import HERE, model, wall_at
 

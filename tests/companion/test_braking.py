@@ -8,19 +8,19 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import obstacle_distance_message
-from companion.obstacle_sender import AutopilotNow, ObstacleTeller
-from companion.pipeline import Pipeline, PrismsResult
+from companion.autopilot.obstacle_distance import obstacle_distance_message
+from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.params import Params
 from core.types import AttitudeSample, DepthFrame, PoseSample
-from drivers.ardupilot_reader import ArduPilotReader
-from drivers.px4_reader import Px4Reader
-from drivers.scenes import Scene, SceneBuilder
-from drivers.sensor_model import SensorModel
-from drivers.simulated import camera_info, render
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
+from drivers.simulation.firmware_models.px4 import Px4Reader
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import camera_info, render
 
 MS = 1_000_000
 NS = 1_000_000_000

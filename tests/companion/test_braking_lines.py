@@ -12,21 +12,21 @@ from dataclasses import replace
 
 import pytest
 
-from companion.avoidance import Avoidance
-from companion.blind_policy import FENCE_SHARE
-from companion.config_avoid import AvoidParams
-from companion.overhead import DOWNWARD
-from companion.pipeline import Pipeline, PrismsResult
+from companion.autopilot.distance_sensor import DOWNWARD
+from companion.autopilot.failsafe import FENCE_SHARE
+from companion.autopilot.manager import Avoidance
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame, PoseSample
-from drivers.flight_path import VehicleState
-from drivers.mavlink import MavlinkSession
-from drivers.mavlink_link import MavlinkLink
-from drivers.scenes import Scene
-from drivers.simulated import render
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd, UdpEnd
-from drivers.transport import parse_address
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.transport import parse_address
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd, UdpEnd
+from drivers.simulation.flight_path import VehicleState
+from drivers.simulation.scenes import Scene
+from drivers.simulation.source import render
 
 from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, Flight, ardupilot, facade, px4, speed_after
 
@@ -130,11 +130,11 @@ def flying(
     with AutopilotLine(vehicle.autopilot, end) as running:
         companion = Companion(address, avoid)
         companion.link.open()
-        companion.avoidance.open()
+        companion.autopilot.manager.open()
         try:
             yield vehicle, companion, running
         finally:
-            companion.avoidance.close()
+            companion.autopilot.manager.close()
             companion.link.close()
 
 
@@ -168,7 +168,7 @@ def fly_on(
     while time.monotonic_ns() < end_ns:
         t_ns = time.monotonic_ns()
         state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
-        companion.avoidance.tick(t_ns)
+        companion.autopilot.manager.tick(t_ns)
         if state.position_ned_m[0] < dies_at_m:
             companion.see(scene, state, t_ns)
         still = vehicle.x_m > stands_beyond_m and vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
@@ -212,7 +212,7 @@ def test_ardupilot_stops_before_the_wall_that_is_told_as_points_and_knows_the_gr
         kinds = {m.get_type() for m in told}
         assert "OBSTACLE_DISTANCE_3D" in kinds
         assert "OBSTACLE_DISTANCE" not in kinds
-        said = companion.avoidance.troubles(time.monotonic_ns())
+        said = companion.autopilot.manager.troubles(time.monotonic_ns())
         assert not any("does not take" in words for words in said)  # its echoes are those of OBSTACLE_DISTANCE
         down = [m.current_distance for m in told if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
         assert down

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.config import ConfigError
-from companion.install import config_step
-from companion.install_steps import places_of
+from companion.config.loader import ConfigError
+from companion.install.install import config_step
+from companion.install.steps import places_of
 
 ROOT = Path(__file__).resolve().parents[2]
 

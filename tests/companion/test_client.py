@@ -16,16 +16,16 @@ import pytest
 import zmq
 from google.protobuf.message import Message
 
-from companion.arrival import own_boot_id
 from companion.client import Client, remember
-from companion.curve import AllowList, load_keys, make_keys
-from companion.messages import blind_message, prisms_message
-from companion.pipeline import Pipeline, PrismsResult
-from companion.publisher import Publisher, Stream
-from companion.surround import SurroundKeeper, surround_message
+from companion.pipeline.encode import blind_message, prisms_message
+from companion.pipeline.multi_camera import SurroundKeeper, surround_message
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.streams.curve_auth import AllowList, load_keys, make_keys
+from companion.streams.publisher import Publisher, Stream
+from companion.streams.receive_time import own_boot_id
 from core.frames import quaternion_from_euler
-from core.queries import Answer
-from core.world_level import LevelMemory
+from core.query.queries import Answer
+from core.world.local_memory import LevelMemory
 from drivers.base import DriverError
 from drivers.proto import osape_v1_pb2 as pb
 

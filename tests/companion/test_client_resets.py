@@ -10,9 +10,9 @@ from typing import Any, cast
 
 import pytest
 
-import companion.view_live as view_live
-from companion.metrics import MetricsServer
-from companion.view_live import LiveServer
+import companion.viewer.live_server as view_live
+from companion.live.prometheus import MetricsServer
+from companion.viewer.live_server import LiveServer
 
 
 class Room:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from companion.computer_status import NONE_I8, NONE_U8, NONE_U32, ComputerStatus
-from companion.config_live import AutopilotConfig
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_frames import MessageSplitter
+from companion.config.service import AutopilotConfig
+from companion.live.onboard_computer_status import NONE_I8, NONE_U8, NONE_U32, ComputerStatus
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.parser import MessageSplitter
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_autopilot import SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot import SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
 
 from .live import Live, until
 

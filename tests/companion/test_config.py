@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.config import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, load_config
-from companion.config_camera import CameraConfig
-from companion.config_docs import tables, with_tables
-from companion.config_sync import SyncParams
+from companion.config.camera import CameraConfig
+from companion.config.docs import tables, with_tables
+from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, load_config
+from companion.config.sync import SyncParams
 from core.params import Params
 from core.types import CameraInfo, CameraMount, Intrinsics
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-import companion.service_folders as service_folders
-from companion.config import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, fields_of
-from companion.config_camera import CameraConfig
-from companion.config_differences import PAPER_NOTE, differences, safety_lines
-from companion.config_docs import tables
-from companion.run_info import run_info
-from companion.service import Service
-from companion.service_folders import folders
-from core.checked import is_safety_key
+import companion.paths as service_folders
+from companion.config.camera import CameraConfig
+from companion.config.differences import PAPER_NOTE, differences, safety_lines
+from companion.config.docs import tables
+from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, fields_of
+from companion.live.service import Service
+from companion.log.provenance import run_info
+from companion.paths import folders
+from core.param_field import is_safety_key
 from core.params import Params
 
 MARKED = {

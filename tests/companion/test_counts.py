@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.counts import NS, TOLD_NS, FrameRates, Losses
+from companion.live.counts import NS, TOLD_NS, FrameRates, Losses
 
 
 def test_the_rate_is_that_of_the_last_seconds_and_not_of_the_whole_flight() -> None:

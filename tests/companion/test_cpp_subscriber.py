@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import zmq
 
-from companion.messages import model_from_message
-from core.queries import Answer, SeenFrom, Space
+from companion.pipeline.encode import model_from_message
+from core.query.queries import Answer, SeenFrom, Space
 from drivers.proto import osape_v1_pb2 as pb
 
 SOURCE = Path(__file__).resolve().parents[2] / "examples" / "cpp"

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.config import Config, config_of, load_config
-from companion.config_camera import CameraConfig
-from companion.config_live import AutopilotConfig
-from companion.demo import CAMERA, EMBEDDED, MOST_FPS, DemoOptions, demo_config
-from companion.demo_live import DemoError, Processes, live_config, toml_of
-from companion.warmup import run_kernels
+from companion.config.camera import CameraConfig
+from companion.config.loader import Config, config_of, load_config
+from companion.config.service import AutopilotConfig
+from companion.demo.demo import CAMERA, EMBEDDED, MOST_FPS, DemoOptions, demo_config
+from companion.demo.live import DemoError, Processes, live_config, toml_of
+from companion.kernels.warmup import run_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,7 +24,7 @@ def test_the_demo_flies_the_service_and_makes_what_it_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # the kernels are compiled here, as those of all other tests, and not in a child process of another start
-    monkeypatch.setattr("companion.demo.warm_up", run_kernels)
+    monkeypatch.setattr("companion.demo.demo.warm_up", run_kernels)
     out = tmp_path / "out"
     assert main(["demo", "--fast", "--seconds", "2", "-o", str(out)]) == 0
     said = capsys.readouterr().out
@@ -67,7 +67,7 @@ def test_wrong_use(words: list[str]) -> None:
 def test_a_flight_that_does_not_exist(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("companion.demo.warm_up", lambda: None)
+    monkeypatch.setattr("companion.demo.demo.warm_up", lambda: None)
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "front"\nkind = "simulated"\nflight = "moon"\n')
     assert main(["demo", "-c", str(config), "-o", str(tmp_path / "out")]) == 1
@@ -100,7 +100,7 @@ def test_a_process_that_ends_by_itself_is_told_with_its_words(processes: Process
 def test_one_that_does_not_end_is_killed_and_told(
     processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("companion.demo_live.END_S", 0.3)
+    monkeypatch.setattr("companion.demo.live.END_S", 0.3)
     processes.start("service", "deaf")
     process = next(iter(processes._of.values()))
     while not (tmp_path / "service.out").read_text():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import zmq
 
-from companion.depth_preview import WIDTH_PX, DepthPreviews, picked
+from companion.live.depth_preview import WIDTH_PX, DepthPreviews, picked
 from core.types import DepthFrame
 from drivers.proto import osape_v1_pb2 as pb
 

@@ -10,8 +10,9 @@ from typing import Any, cast
 
 import pytest
 
-from companion.config import Config, config_of, load_config
-from companion.diagnostics import (
+from companion.config.loader import Config, config_of, load_config
+from companion.doctor.doctor import _link_findings, config_findings
+from companion.live.diagnostics import (
     GROUND_FRAMES,
     LEAST_ATTITUDE_HZ,
     TEMPLATE_V4L2_PX,
@@ -20,10 +21,9 @@ from companion.diagnostics import (
     GroundCheck,
     template_intrinsics,
 )
-from companion.doctor import _link_findings, config_findings
-from companion.service import Service
-from companion.service_folders import Folders
-from drivers.clock import ClockEstimate, ClockSource
+from companion.live.service import Service
+from companion.paths import Folders
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.proto import osape_v1_pb2 as pb
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

@@ -6,9 +6,9 @@ import re
 
 import pytest
 
-from companion.scene import FAR_M, LIFETIME_S, NEAR_M
+from companion.log.foxglove_scene import FAR_M, LIFETIME_S, NEAR_M
+from drivers.logs.topics import TOPICS
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.topics import TOPICS
 
 from ..conftest import CHECKOUT
 

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 import zmq
 
-from companion import doctor
 from companion.cli import main
-from companion.publisher import Publisher, Stream
-from companion.status import somebody_publishes
+from companion.doctor import doctor
+from companion.live.status import somebody_publishes
+from companion.streams.publisher import Publisher, Stream
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd
 
 from .live import PATIENCE_S, Live, flown, free_port
 from .test_service_avoids import PARAMETERS

@@ -16,10 +16,10 @@ from typing import Any
 import cv2
 import pytest
 
-from companion.import_folder import ATTITUDE, POSITION
+from companion.importers.folder import ATTITUDE, POSITION
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, DepthFrame
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
 
 from ..golden import recording_path
 from .recordings import events_of

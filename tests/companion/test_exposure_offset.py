@@ -11,21 +11,21 @@ from pathlib import Path
 
 import pytest
 
-from companion.camera_process import with_offset
+from companion.cameras.worker import with_offset
 from companion.cli import main
-from companion.exposure_monitor import ExposureOffsetMonitor
-from companion.exposure_offset import ExposureOffset, OffsetState, config_line, warning_text
-from companion.health import exposure_offset_message
-from companion.metrics import metrics_text
-from companion.status import status_lines
+from companion.live.health import exposure_offset_message
+from companion.live.prometheus import metrics_text
+from companion.live.status import status_lines
+from companion.self_check.exposure_monitor import ExposureOffsetMonitor
+from companion.self_check.exposure_offset import ExposureOffset, OffsetState, config_line, warning_text
 from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
-from drivers.flight_path import FlightPath
-from drivers.flights import FlightPlan
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.scene_library import make_scene
-from drivers.sensor_model import TYPICAL
-from drivers.simulated_flight import Rates, SimulatedFlight
+from drivers.simulation.flight import Rates, SimulatedFlight
+from drivers.simulation.flight_path import FlightPath
+from drivers.simulation.flights import FlightPlan
+from drivers.simulation.scene_library import make_scene
+from drivers.simulation.sensor_model import TYPICAL
 
 NS = 1_000_000_000
 SECONDS = 20.0

@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.avoidance import Avoidance
-from companion.camera_supervisor import FrozenJudge
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import UNKNOWN
-from companion.pipeline import Pipeline, PrismsResult
+from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.cameras.supervisor import FrozenJudge
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.types import AttitudeSample, DepthFrame, PoseSample
-from drivers.flight_path import VehicleState
-from drivers.mavlink import MavlinkSession
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_link import MavlinkLink
-from drivers.simulated_autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, Personality, SimulatedAutopilot, hovering
-from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd, UdpEnd
-from drivers.transport import parse_address
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.transport import parse_address
+from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, Personality, SimulatedAutopilot, hovering
+from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.simulation.flight_path import VehicleState
 
 from .live import free_port, until
 from .test_obstacle_sender import CAMERA, CLEAR, Sees

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.avoidance import Avoidance
-from companion.config_avoid import AvoidParams
-from companion.flight_modes import Effect, mode_of, mode_trouble
-from companion.obstacle_distance import UNKNOWN
-from companion.status_text import MOST_CHARACTERS
+from companion.autopilot.flight_modes import Effect, mode_of, mode_trouble
+from companion.autopilot.manager import Avoidance
+from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.status_text import MOST_CHARACTERS
+from companion.config.avoidance import AvoidParams
 from core.types import CameraInfo, CameraMount, Intrinsics
-from drivers.mavlink import Vehicle
-from drivers.mavlink_dialect import dialect
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session import Vehicle
 
 NS = 1_000_000_000
 AVOID = AvoidParams(max_distance_m=12.0, avoid_margin_m=2.0)

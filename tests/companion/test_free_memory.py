@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config_avoid import AvoidParams
-from companion.free_memory import FreeMemory
-from companion.obstacle_memory import Here
-from companion.reframe import LevelTransform
-from companion.sectors import SectorState, scan
-from companion.view_free import View
+from companion.autopilot.free_space_memory import FreeMemory
+from companion.autopilot.obstacle_memory import Here
+from companion.autopilot.polar_histogram import SectorState, scan
+from companion.autopilot.view_free import View
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.transform import LevelTransform
 from core.frames import rotation_frd_optical
 from core.types import CameraMount, Intrinsics
 

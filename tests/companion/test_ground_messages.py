@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.client import News
-from companion.messages import ground_from_message, prisms_message
-from companion.pipeline import PrismsResult
-from companion.reframe import LevelTransform, reframed
-from companion.sync import DropCause
-from core.queries import Answer, SeenFrom, Space
+from companion.pipeline.encode import ground_from_message, prisms_message
+from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.sync import DropCause
+from companion.pipeline.transform import LevelTransform, reframed
+from core.query.queries import Answer, SeenFrom, Space
 from core.types import FrameModel
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.scenes import SceneBuilder
+from drivers.simulation.scenes import SceneBuilder
 
 from ..core.test_solid_ground import ahead, model_of, street
 

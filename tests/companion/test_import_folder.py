@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from companion.cli import main
-from companion.import_png import millimetres, read_depth_png
+from companion.importers.png import millimetres, read_depth_png
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.base import BadData
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
 
 from .recordings import HEADING, HEIGHT, WIDTH, depth_image, events_of, frames_of, row, tilt, write_folder
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from companion.cli import main
-from companion.import_ros2_frames import to_ned
+from companion.importers.ros2_frames import to_ned
 from core.frames import rotation_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
 
 from .recordings import events_of, frames_of
 from .ros2_recording import NS, R_ENU_FLU, RATES_FLU, START_NS, RosFlight, expected_depth, vector

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-import companion.install as install
+import companion.install.install as install
 from companion.cli import main
-from companion.install_steps import InstallError, Places, folder_size_mb, run_command, shipped
+from companion.install.steps import InstallError, Places, folder_size_mb, run_command, shipped
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 OAK = str(CHECKOUT / "configs" / "oak.toml")
@@ -175,8 +175,8 @@ def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
 @pytest.fixture
 def unit(tmp_path: Path) -> Path:
     """The unit as it is installed, with a command that every machine has."""
-    text = shipped("systemd", "osape-companion.service").read_text()
-    file = tmp_path / "osape-companion.service"
+    text = shipped("systemd", "osape-companion.live.service").read_text()
+    file = tmp_path / "osape-companion.live.service"
     file.write_text(text.replace("@COMPANION@", "/bin/true").replace("@DOCS@", "/etc/hostname"))
     return file
 

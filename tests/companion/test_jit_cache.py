@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-import companion.jit_cache as jit_cache
-from companion.jit_cache import VARIABLE, base_of, import_closures, prune, source_key, use_own_cache
+import companion.kernels.jit_cache as jit_cache
+from companion.kernels.jit_cache import VARIABLE, base_of, import_closures, prune, source_key, use_own_cache
 
 CALLER = """
 from numba import njit
@@ -29,7 +29,7 @@ def inner(x):
     return x * {factor}
 """
 KEYED = """
-import companion.jit_cache as jit_cache
+import companion.kernels.jit_cache as jit_cache
 from pathlib import Path
 jit_cache.ROOT = Path({root!r})
 assert jit_cache.use_own_cache() is not None
@@ -87,7 +87,7 @@ def test_a_change_in_a_called_kernel_is_noticed(tmp_path: Path) -> None:
 
 
 def test_every_module_of_the_service_has_it(tmp_path: Path) -> None:
-    told = python("import companion.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
+    told = python("import companion.pipeline.pipeline, numba; print(numba.config.CACHE_DIR)", tmp_path)
     assert Path(told) == tmp_path / f"kernels-{source_key(jit_cache.ROOT)}"
     assert python("import companion.cli, sys; print('numba' in sys.modules)", tmp_path) == "False"
 
@@ -127,7 +127,7 @@ def test_modules_of_the_same_name_in_two_packages_are_told_apart(tmp_path: Path)
     (root / "core" / "outer.py").write_text(
         "from numba import njit\n\n@njit(cache=True)\ndef outer(x):\n    return x\n"
     )
-    run = KEYED.format(root=str(root)) + RUN.format(root=str(root)).replace("core.outer", "core.world.outer")
+    run = KEYED.format(root=str(root)) + RUN.format(root=str(root)).replace("core.outer", "core.world.world.outer")
     assert python(run + "import core.outer as o; o.outer(1)", cache) == "21"
     sources(root, factor=3)
     assert python(run, cache) == "31"
@@ -135,11 +135,13 @@ def test_modules_of_the_same_name_in_two_packages_are_told_apart(tmp_path: Path)
 
 def test_every_kernel_module_has_an_import_closure() -> None:
     closures = import_closures(jit_cache.ROOT)
-    assert {"core.free_space", "core.extractor", "drivers.raycast"} <= closures.keys()
+    assert {"core.stages.free_space", "core.extractor", "drivers.simulation.ray_caster"} <= closures.keys()
     assert len(set(closures.values())) == len(closures)
 
 
-@pytest.mark.parametrize("changed", ["core/outer.py", "core/inner.py", "drivers/raycast.py", "core/new.py"])
+@pytest.mark.parametrize(
+    "changed", ["core/outer.py", "core/inner.py", "drivers/simulation/ray_caster.py", "core/new.py"]
+)
 def test_the_key_changes_with_every_source(tmp_path: Path, changed: str) -> None:
     root = sources(tmp_path, factor=2)
     before = source_key(root)
@@ -213,7 +215,7 @@ def test_without_a_home_beside_the_sources(
     folder = use_own_cache()
     assert folder is not None
     assert folder.parent == root / "core" / "__pycache__"
-    assert sorted(p.name for p in root.iterdir()) == ["core", "drivers"]
+    assert sorted(p.name for p in root.iterdir()) == ["companion", "core", "drivers"]
 
 
 def test_a_place_that_cannot_be_written_is_left_to_warmup(

@@ -10,15 +10,9 @@ from pathlib import Path
 
 import pytest
 
-import companion.warmup as warmup
-from companion.jit_cache import seed
-from companion.kernel_manifest import (
-    MANIFEST,
-    copy_entries,
-    damaged_kernels,
-    delete_kernels,
-    write_manifest,
-)
+import companion.kernels.warmup as warmup
+from companion.kernels.jit_cache import seed
+from companion.kernels.manifest import MANIFEST, copy_entries, damaged_kernels, delete_kernels, write_manifest
 
 KERNELS = """
 from numba import njit

@@ -18,20 +18,20 @@ import zmq
 from google.protobuf.message import Message
 
 from companion.cli import main
-from companion.depth_preview import DepthPreviews
-from companion.live_feed import Feed, Streams
-from companion.live_news import Newsroom
-from companion.messages import blind_message, prisms_message
-from companion.pipeline import PrismsResult
-from companion.publisher import Publisher, Stream, boot_id
-from companion.reframe import LevelTransform, reframed
-from companion.sync import AttitudeAt, DropCause, Source
-from companion.view_live import LiveServer
+from companion.live.depth_preview import DepthPreviews
+from companion.pipeline.encode import blind_message, prisms_message
+from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.sync import AttitudeAt, DropCause, Source
+from companion.pipeline.transform import LevelTransform, reframed
+from companion.streams.publisher import Publisher, Stream, boot_id
+from companion.viewer.live_page import Newsroom
+from companion.viewer.live_server import LiveServer
+from companion.viewer.subscriber import Feed, Streams
 from core.frames import level_from_level_cam, quaternion_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, DepthFrame
 from drivers.base import DeviceNotFound
+from drivers.logs.codec import camera_message
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.wire import camera_message
 
 from .live import until
 from .view_scenes import INFO, model

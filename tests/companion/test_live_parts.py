@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.blindness import Blindness
-from companion.camera_supervisor import CameraCondition, CameraStatus
-from companion.events import Overtaken, RawFrame
-from companion.inbox import TOGETHER, Inbox
-from companion.latency import Latencies
-from companion.pipeline import PrismsResult
-from companion.sd_notify import Notifier
-from companion.sync import DropCause
-from core.model import blind_model
+from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.live.event_queue import TOGETHER, Inbox
+from companion.live.sd_notify import Notifier
+from companion.live.staleness import Blindness
+from companion.pipeline.events import Overtaken, RawFrame
+from companion.pipeline.latency import Latencies
+from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.sync import DropCause
 from core.params import Params
+from core.stages.model import blind_model
 from core.types import AttitudeSample, DepthFrame, InvalidCause
 
 from .made_up import INFO, EasyExtractor, frame

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.live_world import LiveWorld, nearest_cm
-from core.world import World
-from core.world_picture import WorldPicture
+from companion.viewer.live_world import LiveWorld, nearest_cm
+from core.world.snapshot import WorldPicture
+from core.world.world import World
 from tests.core.worlds import seen
 
 from .live import until

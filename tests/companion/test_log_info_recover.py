@@ -11,16 +11,16 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from companion.cli import main
-from companion.info import gather
-from companion.log_writer import LIBRARY, LogWriter, schema_bytes, write_recording
-from companion.pipeline import Pipeline
-from companion.recover import default_output, recover
-from companion.run_info import run_info
+from companion.log.info import gather
+from companion.log.log_writer import LIBRARY, LogWriter, schema_bytes, write_recording
+from companion.log.provenance import run_info
+from companion.log.recover import default_output, recover
+from companion.pipeline.pipeline import Pipeline
 from core.types import AttitudeSample
 from drivers.base import BadData, DriverError
-from drivers.mcap_file import McapRecording
-from drivers.mcap_scan import Damage, Logged, McapScan
-from drivers.topics import TOPICS
+from drivers.logs.reader import McapRecording
+from drivers.logs.record_scanner import Damage, Logged, McapScan
+from drivers.logs.topics import TOPICS
 
 from .made_up import INFO, MS, START_NS, EasyExtractor, Events, attitude, flight, frame, write_flight
 
@@ -113,7 +113,7 @@ def test_what_a_log_cannot_hold_is_refused(tmp_path, t_ns, sequence, camera, wor
 
 
 def frame_message():
-    from drivers.wire import depth_message
+    from drivers.logs.codec import depth_message
 
     return depth_message(frame(0, START_NS))
 

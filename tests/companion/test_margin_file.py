@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from companion.avoidance import Avoidance
-from companion.config_avoid import AvoidParams
-from companion.margin_file import NAME, MarginFile
-from drivers.mavlink import Vehicle
-from drivers.mavlink_dialect import dialect
+from companion.autopilot.manager import Avoidance
+from companion.autopilot.margin_file import NAME, MarginFile
+from companion.config.avoidance import AvoidParams
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session import Vehicle
 
 NS = 1_000_000_000
 

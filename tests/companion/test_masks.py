@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.config import ConfigError, config_of, config_text
-from companion.config_avoid import AvoidParams
-from companion.config_camera import CameraConfig
-from companion.masks import hidden, masked, polygons, without
-from companion.obstacle_distance import UNKNOWN
-from companion.obstacle_sender import AutopilotNow, ObstacleTeller
-from companion.pipeline import Pipeline, PrismsResult
-from companion.replay import make_pipeline
-from companion.sectors import Look, SectorState, looked_into, scan
+from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
+from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
+from companion.cameras.masks import hidden, masked, polygons, without
+from companion.config.avoidance import AvoidParams
+from companion.config.camera import CameraConfig
+from companion.config.loader import ConfigError, config_of, config_text
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.replay.replay import make_pipeline
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, DepthFrame
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import SensorModel
-from drivers.simulated import camera_info, render
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import camera_info, render
 
 MS = 1_000_000
 INFO = camera_info(160, 120)

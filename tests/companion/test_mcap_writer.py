@@ -12,9 +12,9 @@ from mcap.records import Chunk, ChunkIndex, Footer, McapRecord, MessageIndex, St
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from companion.mcap_writer import McapWriter
+from companion.log.mcap_writer import McapWriter
 from core.types import DepthFrame
-from drivers.wire import depth_message, depth_parts
+from drivers.logs.codec import depth_message, depth_parts
 
 CHUNK = 5000
 Written = list[tuple[int, int, bytes, int, int]]

@@ -8,16 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from companion.config_camera import CameraConfig
-from companion.measure_mount import MountMeasurement, finding_of
-from companion.sync import SyncParams
+from companion.config.camera import CameraConfig
+from companion.doctor.measure_mount import MountMeasurement, finding_of
+from companion.pipeline.sync import SyncParams
 from core.types import CameraInfo, CameraMount
-from drivers.flight_path import FlightPath
-from drivers.flights import FlightPlan
-from drivers.scene_library import make_scene
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import camera_info
-from drivers.simulated_flight import SimulatedFlight
+from drivers.simulation.flight import SimulatedFlight
+from drivers.simulation.flight_path import FlightPath
+from drivers.simulation.flights import FlightPlan
+from drivers.simulation.scene_library import make_scene
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info
 
 TRUE = CameraMount(roll_rad=math.radians(1.0), pitch_rad=math.radians(-12.0))
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 
-from companion import messages as m
-from companion.pipeline import CameraState, FrameDecision, Pipeline, PipelineState, PrismsResult
-from companion.rotation import product
-from companion.scene import distance_colour, scene_message, transform_messages
-from companion.sync import AttitudeAt, DropCause, PoseAt, Source
+from companion.log.foxglove_scene import distance_colour, scene_message, transform_messages
+from companion.pipeline import encode as m
+from companion.pipeline.pipeline import CameraState, FrameDecision, Pipeline, PipelineState, PrismsResult
+from companion.pipeline.quaternion import product
+from companion.pipeline.sync import AttitudeAt, DropCause, PoseAt, Source
 from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.types import ExtractorState, FrameStats, InvalidCause
-from drivers import wire
+from drivers.logs import codec as wire
+from drivers.logs.topics import TOPICS, camera_name_fits, find_topic
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.topics import TOPICS, camera_name_fits, find_topic
 
 from .made_up import INFO, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.config import config_of
-from companion.metrics import LOOPBACK, OLDEST_NS, MetricsServer, metrics_text
-from companion.service import Service
-from companion.service_folders import Folders
+from companion.config.loader import config_of
+from companion.live.prometheus import LOOPBACK, OLDEST_NS, MetricsServer, metrics_text
+from companion.live.service import Service
+from companion.paths import Folders
 from drivers.proto import osape_v1_pb2 as pb
 
 from .test_status import report

@@ -8,24 +8,24 @@ import math
 import numpy as np
 import pytest
 
-from companion.camera_supervisor import CameraCondition, CameraStatus
-from companion.health import CameraView, camera_message
-from companion.messages import prisms_from_message, prisms_message, state_from_message, state_message
-from companion.mount_messages import mount_health, mount_trouble, mount_words
-from companion.mount_watch import MountWatch
-from companion.pipeline import Output, Pipeline, PipelineState, PrismsResult
-from companion.status import status_lines
+from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.live.health import CameraView, camera_message
+from companion.live.status import status_lines
+from companion.pipeline.encode import prisms_from_message, prisms_message, state_from_message, state_message
+from companion.pipeline.mount_messages import mount_health, mount_trouble, mount_words
+from companion.pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
+from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
 from core.frames import rotation_from_euler
-from core.mount_check import MountState, MountVerdict, checked
-from core.mount_cues import MountCues
-from core.mount_filter import FilterState
-from core.mount_params import MountCheckParams
+from core.self_check.mount_check import MountState, MountVerdict, checked
+from core.self_check.mount_cues import MountCues
+from core.self_check.mount_filter import FilterState
+from core.self_check.mount_params import MountCheckParams
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Ground, InvalidCause
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import camera_info as simulated_info
-from drivers.simulated import render
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info as simulated_info
+from drivers.simulation.source import render
 
 NS = 1_000_000_000
 LEVEL = (1.0, 0.0, 0.0, 0.0)

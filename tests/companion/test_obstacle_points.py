@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.obstacle_points import NO_POINTS, level_points, obstacle_points_messages, other_points
-from companion.obstacle_sender import messages_of
-from companion.reframe import LevelTransform
-from companion.view_free import View
-from drivers.ardupilot_layers import LAYERS, MIDDLE, ArduPilotLayers, layer_of
-from drivers.ardupilot_reader import ArduPilotReader, face_of
-from drivers.mavlink_dialect import dialect
+from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
+from companion.autopilot.obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
+from companion.autopilot.publisher import messages_of
+from companion.autopilot.view_free import View
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.transform import LevelTransform
+from drivers.mavlink.dialect import dialect
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, face_of
+from drivers.simulation.firmware_models.ardupilot_layers import LAYERS, MIDDLE, ArduPilotLayers, layer_of
 
 from .test_obstacle_sender import ARDUPILOT, FAULTS, PX4, Chain, broken
 from .test_obstacle_sender import AVOID as SENDS

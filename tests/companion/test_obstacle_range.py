@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from companion.cli import main
-from companion.obstacle_range import obstacle_range_m
-from companion.replay_report import Replay, say_report
-from companion.status import status_lines
-from companion.tally import Tally
+from companion.config.obstacle_range import obstacle_range_m
+from companion.live.status import status_lines
+from companion.replay.replay_report import Replay, say_report
+from companion.replay.summary import Tally
 from core.types import CameraInfo, Intrinsics
+from drivers.logs.codec import camera_message
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.wire import camera_message
 
 INFO = CameraInfo("front", Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5), max_range_m=20.0, ke_per_m=0.005)
 

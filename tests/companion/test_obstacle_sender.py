@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.obstacle_sender import AutopilotNow, ObstacleSender, ObstacleTeller, Told
-from companion.pipeline import Pipeline, PrismsResult
+from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
+from companion.autopilot.publisher import AutopilotNow, ObstacleSender, ObstacleTeller, Told
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
-from drivers.ardupilot_reader import ArduPilotReader
-from drivers.px4_reader import Px4Reader
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
+from drivers.simulation.firmware_models.px4 import Px4Reader
 
 from .live import until
 from .made_up import MS, frame

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.config_avoid import AvoidParams
-from companion.obstacle_memory import Here
-from companion.obstacle_sender import messages_of
-from companion.overhead import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
-from companion.reframe import LevelTransform
-from companion.view_free import View
+from companion.autopilot.distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
+from companion.autopilot.obstacle_memory import Here
+from companion.autopilot.publisher import messages_of
+from companion.autopilot.view_free import View
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.transform import LevelTransform
 from core.types import Ground
-from drivers.ardupilot_layers import ArduPilotHeights
-from drivers.mavlink_dialect import dialect
+from drivers.mavlink.dialect import dialect
+from drivers.simulation.firmware_models.ardupilot_layers import ArduPilotHeights
 
 from ..core.test_solid_ground import model_of, room
 from .test_obstacle_sender import ARDUPILOT, AVOID, FAULTS, Chain, broken

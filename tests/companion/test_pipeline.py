@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.pipeline import FrameDecision, Pipeline, PrismsResult, transform_from_level_cam, with_height
-from companion.reframe import LevelTransform, reframed
-from companion.sync import DropCause, PoseAt, Source
+from companion.pipeline.pipeline import FrameDecision, Pipeline, PrismsResult, transform_from_level_cam, with_height
+from companion.pipeline.sync import DropCause, PoseAt, Source
+from companion.pipeline.transform import LevelTransform, reframed
 from core.frames import (
     level_cam_at,
     quaternion_from_euler,
@@ -230,7 +230,7 @@ def test_the_wrong_size_does_not_reach_the_extractor():
 
 
 def test_positions_can_be_left_aside():
-    from companion.config_sync import SyncParams
+    from companion.config.sync import SyncParams
 
     line = Pipeline((INFO,), EasyExtractor, SyncParams(use_pose=False))
     _, result = outputs([attitude(START_NS), pose(START_NS), frame(0, START_NS)], line)

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.blindness import Blindness
-from companion.inbox import Inbox
-from companion.pipeline import Pipeline, PrismsResult
-from companion.pipeline_loop import TIDY_AT, TIDY_OLDER_AT, Clockwork, PipelineLoop, tidy
-from companion.recorder import Recorder
-from companion.run_info import run_info
+from companion.live.event_queue import Inbox
+from companion.live.pipeline_thread import TIDY_AT, TIDY_OLDER_AT, Clockwork, PipelineLoop, tidy
+from companion.live.staleness import Blindness
+from companion.log.provenance import run_info
+from companion.log.recorder import Recorder
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame
-from drivers.clock import ClockEstimate, ClockSource
-from drivers.simulated import camera_info
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.simulation.source import camera_info
 
 from .live import until
 

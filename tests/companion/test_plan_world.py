@@ -12,9 +12,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from core.queries import Answer
-from core.world import World
-from core.world_space import WorldSpace
+from core.query.queries import Answer
+from core.world.space import WorldSpace
+from core.world.world import World
 from tests.core.worlds import NS, house, seen, wall
 from tests.golden import recording_path
 

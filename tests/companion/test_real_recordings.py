@@ -14,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.cli import main
-from companion.messages import prisms_from_message
-from companion.pipeline import PrismsResult
+from companion.pipeline.encode import prisms_from_message
+from companion.pipeline.pipeline import PrismsResult
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
 from core.types import CameraInfo, DepthFrame, FrameModel
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
 from drivers.proto import osape_v1_pb2 as pb
 
 CHECKOUT = Path(__file__).resolve().parent.parent.parent

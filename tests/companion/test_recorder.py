@@ -17,24 +17,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion import log_current
-from companion import recorder as recorder_module
-from companion.config import Config
-from companion.config_live import RecordParams
-from companion.events import RawFrame
-from companion.log_folder import files_of, make_room, new_flight, part_path, recovering_files
-from companion.log_repair import Repairs, repair
-from companion.log_writer import LogWriter
-from companion.pipeline import Pipeline
-from companion.recorder import Recorder
-from companion.replay import Options, make_pipeline, replay
-from companion.run_info import run_info
-from core.model import blind_model
+from companion.config.loader import Config
+from companion.config.service import RecordParams
+from companion.log import current_file as log_current
+from companion.log import recorder as recorder_module
+from companion.log.log_directory import files_of, make_room, new_flight, part_path, recovering_files
+from companion.log.log_writer import LogWriter
+from companion.log.provenance import run_info
+from companion.log.recorder import Recorder
+from companion.log.repair import Repairs, repair
+from companion.pipeline.events import RawFrame
+from companion.pipeline.pipeline import Pipeline
+from companion.replay.replay import Options, make_pipeline, replay
 from core.params import Params
+from core.stages.model import blind_model
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, InvalidCause
 from drivers.base import Event
-from drivers.mcap_file import McapRecording
-from drivers.simulated_flight import Rates, SimulatedFlight
+from drivers.logs.reader import McapRecording
+from drivers.simulation.flight import Rates, SimulatedFlight
 
 SMALL = RecordParams(file_mb=1.0, file_s=600.0, budget_mb=100.0, least_free_mb=1.0)
 
@@ -414,7 +414,7 @@ def test_a_kill_during_a_repair_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_a_repair_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
-    code = "import companion.log_repair as r, time; r.repair_file = lambda p: time.sleep(600); r.run_child()"
+    code = "import companion.log.repair as r, time; r.repair_file = lambda p: time.sleep(600); r.run_child()"
     process = subprocess.Popen([sys.executable, "-c", code, "x"], stdin=subprocess.PIPE)
     assert process.poll() is None
     assert process.stdin is not None

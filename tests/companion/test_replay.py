@@ -14,20 +14,20 @@ import pytest
 from mcap.writer import Writer
 
 from companion.cli import main
-from companion.compare import Comparison, first_difference
-from companion.config import config_from_text
-from companion.log_writer import LogWriter, schema_bytes, write_recording
-from companion.messages import prisms_message, state_from_message, wire_bytes
-from companion.pipeline import PipelineState
-from companion.replay import Options, make_pipeline, replay
-from companion.replay_report import problems_of
-from companion.run_info import run_info
+from companion.config.loader import config_from_text
+from companion.log.log_writer import LogWriter, schema_bytes, write_recording
+from companion.log.provenance import run_info
+from companion.pipeline.encode import prisms_message, state_from_message, wire_bytes
+from companion.pipeline.pipeline import PipelineState
+from companion.replay.compare import Comparison, first_difference
+from companion.replay.replay import Options, make_pipeline, replay
+from companion.replay.replay_report import problems_of
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
-from drivers.mcap_file import McapRecording
+from drivers.logs.codec import attitude_message, camera_message, depth_message
+from drivers.logs.reader import McapRecording
+from drivers.logs.topics import TOPICS
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_flight import SimulatedFlight
-from drivers.topics import TOPICS
-from drivers.wire import attitude_message, camera_message, depth_message
+from drivers.simulation.flight import SimulatedFlight
 
 from .made_up import Events, flight, write_flight
 

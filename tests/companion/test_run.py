@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from companion.config import Config
-from companion.config_avoid import AvoidParams
-from companion.config_live import AutopilotConfig, RecordParams
-from companion.obstacle_sender import AutopilotNow
-from companion.run import serve
-from companion.sd_notify import Notifier
-from companion.service import Service
-from companion.service_folders import Folders
+from companion.autopilot.publisher import AutopilotNow
+from companion.config.avoidance import AvoidParams
+from companion.config.loader import Config
+from companion.config.service import AutopilotConfig, RecordParams
+from companion.live.run import serve
+from companion.live.sd_notify import Notifier
+from companion.live.service import Service
+from companion.paths import Folders
 
 from .live import free_port
 

@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.blind_policy import BlindPolicy, Sight, policy_of
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import (
+from companion.autopilot.failsafe import BlindPolicy, Sight, policy_of
+from companion.autopilot.obstacle_distance import (
     UNKNOWN,
     clear_cm,
     encoded,
@@ -21,13 +20,22 @@ from companion.obstacle_distance import (
     for_reader,
     obstacle_distance_message,
 )
-from companion.obstacle_memory import nothing_remembered
-from companion.reframe import LevelTransform
-from companion.sectors import SECTORS, SectorScan, SectorState, covered, looked_into, scan, segment_distances
-from companion.view_free import View, points_free
+from companion.autopilot.obstacle_memory import nothing_remembered
+from companion.autopilot.polar_histogram import (
+    SECTORS,
+    SectorScan,
+    SectorState,
+    covered,
+    looked_into,
+    scan,
+    segment_distances,
+)
+from companion.autopilot.view_free import View, points_free
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.transform import LevelTransform
 from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Ground, Intrinsics
-from drivers.ardupilot_reader import ArduPilotReader, face_of
-from drivers.px4_reader import Px4Reader
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, face_of
+from drivers.simulation.firmware_models.px4 import Px4Reader
 
 from .made_up import easy_model
 

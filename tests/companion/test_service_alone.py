@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from companion.simulate_autopilot import simulated
-from drivers.mcap_file import McapRecording
+from companion.autopilot.simulate_autopilot import simulated
+from drivers.logs.reader import McapRecording
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_autopilot import ARDUPILOT
-from drivers.simulated_autopilot_line import AutopilotLine, PtyEnd
+from drivers.simulation.autopilot import ARDUPILOT
+from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
 

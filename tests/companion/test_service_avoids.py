@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_autopilot import ARDUPILOT, PX4
-from drivers.simulated_autopilot_line import AutopilotLine
+from drivers.simulation.autopilot import ARDUPILOT, PX4
+from drivers.simulation.autopilot_link import AutopilotLine
 
 from .live import NS, Live, flown, until
 

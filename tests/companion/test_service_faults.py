@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from companion.simulate_autopilot import simulated
-from drivers.flight_path import VehicleState
-from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd
+from companion.autopilot.simulate_autopilot import simulated
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd
+from drivers.simulation.flight_path import VehicleState
 
 from .live import NS, Live, until
 from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told

@@ -12,22 +12,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from companion.blindness import Blindness
-from companion.config import Config
-from companion.config_live import RecordParams
-from companion.inbox import Inbox
-from companion.pipeline import Pipeline, PrismsResult
-from companion.pipeline_loop import Clockwork, PipelineLoop
-from companion.recorder import Recorder
-from companion.replay import Options, replay
-from companion.run_info import run_info
+from companion.config.loader import Config
+from companion.config.service import RecordParams
+from companion.live.event_queue import Inbox
+from companion.live.pipeline_thread import Clockwork, PipelineLoop
+from companion.live.staleness import Blindness
+from companion.log.provenance import run_info
+from companion.log.recorder import Recorder
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.replay.replay import Options, replay
 from core.extractor import Extractor
 from core.types import DepthFrame
-from drivers.clock import ClockEstimate, ClockSource
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated import camera_info
-from drivers.simulated_flight import Rates, SimulatedFlight
+from drivers.simulation.flight import Rates, SimulatedFlight
+from drivers.simulation.source import camera_info
 
 from .live import Live, flown, until
 

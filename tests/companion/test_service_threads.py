@@ -11,16 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from companion.config import Config
-from companion.config_avoid import AvoidParams
-from companion.config_camera import CameraConfig
-from companion.config_live import AutopilotConfig, PublishConfig, RecordParams, ServiceParams
-from companion.depth_preview import DepthPreviews
-from companion.run import serve
-from companion.sd_notify import Notifier
-from companion.service import Service
-from companion.service_folders import Folders
-from drivers.mavlink_dialect import dialect
+from companion.config.avoidance import AvoidParams
+from companion.config.camera import CameraConfig
+from companion.config.loader import Config
+from companion.config.service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams
+from companion.live.depth_preview import DepthPreviews
+from companion.live.run import serve
+from companion.live.sd_notify import Notifier
+from companion.live.service import Service
+from companion.paths import Folders
+from drivers.mavlink.dialect import dialect
 
 from .live import free_port, until
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.cli import main
-from companion.status_text import MOST_CHARACTERS
-from drivers.mavlink_signing import Signing, Verdict
+from drivers.mavlink.signing import Signing, Verdict
+from drivers.mavlink.signing_clock import SigningClock
+from drivers.mavlink.signing_key import SigningKey, load_key
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.signing_clock import SigningClock
-from drivers.signing_key import SigningKey, load_key
-from drivers.simulated_autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
 
 from .live import Live, flown, free_port, until
 from .test_service_avoids import CONFIG, PARAMETERS, Told

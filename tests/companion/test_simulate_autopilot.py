@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.autopilot.simulate_autopilot import flight_of, other_end
 from companion.cli import main
-from companion.config import Config, load_config
-from companion.config_camera import CameraConfig
-from companion.simulate_autopilot import flight_of, other_end
+from companion.config.camera import CameraConfig
+from companion.config.loader import Config, load_config
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
-from drivers.clock import ClockSource
-from drivers.mavlink import MavlinkSession
-from drivers.mavlink_link import MavlinkLink
-from drivers.transport import parse_address
+from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.transport import parse_address
 
 ROOT = Path(__file__).parents[2]
 

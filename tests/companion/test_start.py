@@ -8,16 +8,16 @@ import sys
 import time
 from pathlib import Path
 
-from companion.config import config_of
-from companion.inbox import MOST
-from companion.service import Service
-from companion.service_folders import Folders
+from companion.config.loader import config_of
+from companion.live.event_queue import MOST
+from companion.live.service import Service
+from companion.paths import Folders
 from core.types import AttitudeSample
 
 NOT_NEEDED = (
     "asyncio",
-    "companion.avoidance",
-    "core.world",
+    "companion.autopilot.manager",
+    "core.world.world",
     "cv2",
     "depthai",
     "linuxpy",
@@ -28,7 +28,7 @@ NOT_NEEDED = (
 )
 LOADED = f"""
 import sys
-import companion.run, companion.service, companion.warmup
+import companion.live.run, companion.live.service, companion.kernels.warmup
 print([m for m in {NOT_NEEDED!r} if m in sys.modules])
 """
 

@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 import zmq
 
-import companion.health as health
-import companion.service_folders as service_folders
-from companion.camera_supervisor import CameraCondition, CameraStatus
+import companion.live.health as health
+import companion.paths as service_folders
+from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.cli import main
-from companion.health import CameraView, state_of, troubles_of
-from companion.publisher import Publisher, Stream
-from companion.recorder import RecordStatus
-from companion.service_folders import folders
-from companion.status import status_lines
+from companion.live.health import CameraView, state_of, troubles_of
+from companion.live.status import status_lines
+from companion.log.recorder import RecordStatus
+from companion.paths import folders
+from companion.streams.publisher import Publisher, Stream
 from drivers.proto import osape_v1_pb2 as pb
 
 

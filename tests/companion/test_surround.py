@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.pipeline import Pipeline, PrismsResult
-from companion.surround import Blind, Surround, SurroundKeeper, surround_message
+from companion.pipeline.multi_camera import Blind, Surround, SurroundKeeper, surround_message
+from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.frames import horizontal_heading_rad, rotation_frd_optical, rotation_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, CameraMount, PoseSample
 from drivers.proto import osape_v1_pb2 as pb

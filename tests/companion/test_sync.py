@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config_sync import SyncParams
-from companion.rotation import (
+from companion.config.sync import SyncParams
+from companion.pipeline.quaternion import (
     body_rates,
     conjugate,
     from_rotation_vector,
@@ -20,7 +20,7 @@ from companion.rotation import (
     slerp,
     to_rotation_vector,
 )
-from companion.sync import FARTHEST_M, NS, DropCause, PoseAt, Source, Synchroniser
+from companion.pipeline.sync import FARTHEST_M, NS, DropCause, PoseAt, Source, Synchroniser
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 

@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.blind_policy import BlindPolicy, Sight
-from companion.config_avoid import AvoidParams
-from companion.obstacle_distance import (
+from companion.autopilot.failsafe import BlindPolicy, Sight
+from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
     PX4,
     UNKNOWN,
@@ -24,19 +23,20 @@ from companion.obstacle_distance import (
     for_reader,
     obstacle_distance_message,
 )
-from companion.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from companion.obstacle_points import level_points
-from companion.reframe import LevelTransform, reframed
-from companion.sectors import SECTORS, STEP_RAD, SectorScan, SectorState, covered, looked_into, scan
-from companion.view_free import View, points_free
+from companion.autopilot.obstacle_distance_3d import level_points
+from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
+from companion.autopilot.polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState, covered, looked_into, scan
+from companion.autopilot.view_free import View, points_free
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.transform import LevelTransform, reframed
 from core.extractor import Extractor
 from core.params import Params
 from core.types import CameraInfo, CameraMount, FrameModel
-from drivers.ardupilot_reader import ArduPilotReader
-from drivers.px4_reader import Px4Reader
-from drivers.scenes import Scene, SceneBuilder
-from drivers.sensor_model import SensorModel
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
+from drivers.simulation.firmware_models.px4 import Px4Reader
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import Rendered, camera_info, render
 
 from .test_sectors import model, wall_at
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from companion.view_page import PageBuilder
+from companion.viewer.page import PageBuilder
 
 from .browser import Browser, opened
 from .view_scenes import blind, frame, tilted

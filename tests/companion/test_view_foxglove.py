@@ -18,8 +18,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from companion.live_feed import Feed
-from companion.view_foxglove import FoxgloveServer
+from companion.viewer.foxglove_server import FoxgloveServer
+from companion.viewer.subscriber import Feed
 from drivers.base import DeviceNotFound
 from drivers.proto import osape_v1_pb2 as pb
 

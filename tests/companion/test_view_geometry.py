@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from companion.view_colors import (
+from companion.viewer.colors import (
     FAR_INDEX,
     FIRST,
     LAST,
@@ -20,8 +20,8 @@ from companion.view_colors import (
     palette,
     range_index,
 )
-from companion.view_frame import Standing, choose
-from companion.view_geometry import (
+from companion.viewer.frame import Standing, choose
+from companion.viewer.geometry import (
     clip_near,
     elevation_ahead_rad,
     field_of_view_rad,

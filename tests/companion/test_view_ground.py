@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.view_geometry import level_range_m, lowest_free_m
+from companion.viewer.geometry import level_range_m, lowest_free_m
 from core.types import Ground
 
 

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 
 from companion.cli import main
-from companion.log_writer import LogWriter, write_recording
-from companion.messages import prisms_message
-from companion.pipeline import Pipeline, PrismsResult
-from companion.replay import Options, replay
-from companion.run_info import run_info
-from companion.view import PAGE_NAME, ViewOptions, make_views
-from companion.view_frame import Standing
-from companion.view_log import WAITING, LoggedFrame, read_frames
-from companion.view_strips import StripFinder
+from companion.log.log_writer import LogWriter, write_recording
+from companion.log.provenance import run_info
+from companion.pipeline.encode import prisms_message
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.replay.replay import Options, replay
+from companion.viewer.frame import Standing
+from companion.viewer.log import WAITING, LoggedFrame, read_frames
+from companion.viewer.strips import StripFinder
+from companion.viewer.view import PAGE_NAME, ViewOptions, make_views
 from core.extractor import Extractor
 from core.params import Params
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceNotFound
-from drivers.mcap_file import McapRecording
+from drivers.logs.reader import McapRecording
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated_flight import SimulatedFlight
+from drivers.simulation.flight import SimulatedFlight
 
 from .made_up import INFO, EasyExtractor, flight
 from .recordings import frames_of

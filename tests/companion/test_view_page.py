@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 import companion
-from companion.view_colors import depth_index, palette, range_index
-from companion.view_depth import plane_outlines_px
-from companion.view_frame import ViewFrame
-from companion.view_geometry import level_range_m, nearest_m
-from companion.view_page import DEPTH_BUDGET_BYTES, DEPTH_WIDTHS_PX, PageBuilder, depth_width_px, small_index
+from companion.viewer.colors import depth_index, palette, range_index
+from companion.viewer.depth import plane_outlines_px
+from companion.viewer.frame import ViewFrame
+from companion.viewer.geometry import level_range_m, nearest_m
+from companion.viewer.page import DEPTH_BUDGET_BYTES, DEPTH_WIDTHS_PX, PageBuilder, depth_width_px, small_index
 from core.types import Ground
 
 from .view_scenes import INFO, blind, frame, tilted

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.view_colors import FAR_RGB, UNKNOWN_RGB, UNKNOWN_STRIPE_RGB
-from companion.view_frame import ViewFrame
-from companion.view_png import BANNER_PX, HEIGHT_PX, WIDTH_PX, ViewError, image_place, save_frame
+from companion.viewer.colors import FAR_RGB, UNKNOWN_RGB, UNKNOWN_STRIPE_RGB
+from companion.viewer.frame import ViewFrame
+from companion.viewer.png import BANNER_PX, HEIGHT_PX, WIDTH_PX, ViewError, image_place, save_frame
 from core.types import PlaneFlags, StripTable
 
 from .view_scenes import INTRINSICS, blind, frame, model, tilted

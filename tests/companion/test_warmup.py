@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-import companion.warmup as warmup
+import companion.kernels.warmup as warmup
 from companion.cli import main
 
 KERNEL = """
@@ -96,11 +96,11 @@ def test_all_kernels_run() -> None:
 NEEDED_LATER = """
 import sys
 from pathlib import Path
-import companion.warmup as warmup
-from companion.config import Config
-from companion.replay import make_pipeline, process
-from companion.tally import Tally
-from drivers.mcap_file import McapRecording
+import companion.kernels.warmup as warmup
+from companion.config.loader import Config
+from companion.replay.replay import make_pipeline, process
+from companion.replay.summary import Tally
+from drivers.logs.reader import McapRecording
 from numba.core.dispatcher import Dispatcher
 
 def loaded():
@@ -131,7 +131,7 @@ def test_no_kernel_is_first_needed_in_flight() -> None:
 CALLED = """
 import importlib, inspect, pkgutil, types
 import core
-import companion.warmup as warmup
+import companion.kernels.warmup as warmup
 from numba.core.dispatcher import Dispatcher
 
 def functions(owner, module):
@@ -152,7 +152,7 @@ def calls(code, names):
             yield from calls(part, names)
     yield from (kernel for kernel in (*called, *within) if isinstance(kernel, Dispatcher))
 
-modules = [importlib.import_module(f"core.{m.name}") for m in pkgutil.iter_modules(core.__path__)]
+modules = [importlib.import_module(m.name) for m in pkgutil.walk_packages(core.__path__, "core.")]
 kernels = {k for m in modules for f in functions(m, m) for k in calls(f.__code__, vars(m))}
 warmup.run_kernels()
 print(len(kernels), sorted(k.py_func.__name__ for k in kernels if not k.overloads))
@@ -170,7 +170,7 @@ def test_whatever_parameters_choose_every_kernel_that_python_calls_is_run() -> N
 
 DIES_WHILE_LOADING = """
 import os
-import companion.warmup as warmup
+import companion.kernels.warmup as warmup
 warmup.CHILD = "raise SystemExit(1)"
 warmup.run_kernels = lambda modes, metres: os._exit(9)
 warmup.make_ready("safe")
@@ -247,7 +247,7 @@ def test_after_a_death_while_loading_a_damaged_cache_is_mended(
 ) -> None:
     """Otherwise each new start would end the same way."""
     warmup.warm_up()
-    environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[1])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(warmup.__file__).parents[2])}
     died = subprocess.run([sys.executable, "-c", DIES_WHILE_LOADING], env=environment, check=False)
     assert died.returncode == 9
     (mark,) = small.rglob(warmup.MARK)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.world_file import read_world, write_world
-from core.world_saved import SavedSection
+from companion.log.world_file import read_world, write_world
+from core.world.serialize import SavedSection
 
 
 def section(n: int) -> SavedSection:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.world_mirror import WorldMirror
-from core.queries import Answer
+from core.query.queries import Answer
 from drivers.proto import osape_v1_pb2 as pb
 
 from .live import PATIENCE_S, Live, flown, until
@@ -44,7 +44,7 @@ def test_the_live_world_is_mirrored_and_ends_with_the_service(tmp_path: Path, re
 
 
 def test_one_address_without_the_other_is_refused() -> None:
-    from companion.config_live import PublishConfig
+    from companion.config.service import PublishConfig
 
     with pytest.raises(ValueError, match="world and world_requests: give both addresses, or neither"):
         PublishConfig(world="ipc://x")

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 import zmq
 
-from companion.config import config_of
-from companion.pipeline import PrismsResult
-from companion.publisher import Publisher, Stream
-from companion.reframe import LevelTransform
-from companion.sync import DropCause, PoseAt, Source
-from companion.world_messages import blocks_of, records_of, world_message
+from companion.config.loader import config_of
+from companion.live.world_thread import WorldService, opened_world
+from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.sync import DropCause, PoseAt, Source
+from companion.pipeline.transform import LevelTransform
+from companion.streams.publisher import Publisher, Stream
+from companion.streams.world_messages import blocks_of, records_of, world_message
 from companion.world_mirror import WorldMirror
-from companion.world_service import WorldService, opened_world
-from core.queries import Answer
-from core.world import Sight, World
-from core.world_params import WorldParams
-from core.world_picture import WorldPicture
+from core.query.queries import Answer
+from core.world.params import WorldParams
+from core.world.snapshot import WorldPicture
+from core.world.world import Sight, World
 from drivers.base import DriverError
 from drivers.proto import osape_v1_pb2 as pb
 from tests.core.worlds import NS, house, seen, wall

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.view_frame import ViewFrame
+from companion.viewer.frame import ViewFrame
 from core.frames import rotation_from_euler
 from core.types import (
     CameraInfo,

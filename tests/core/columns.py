@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from core import strips as s
-from core.irregular import irregular_rest
 from core.params import Params
-from core.pixels import CLOSED, NO_PEAK, free_rows, gather_rows
-from core.settings import float_settings, int_settings
-from core.view_geometry import ViewGeometry
+from core.stages import strips as s
+from core.stages.irregular import irregular_rest
+from core.stages.row_mask import CLOSED, NO_PEAK, free_rows, gather_rows
+from core.stages.settings import float_settings, int_settings
+from core.stages.view_geometry import ViewGeometry
 
 F, QUANTUM = 100.0, 64.0
 ROWS = 100

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from core import clusters, support, tracks
-from core import planes as pl
-from core import strips as s
 from core.params import Params
-from core.plane_stages import plane_tables
-from core.strip_stages import strip_tables
+from core.stages import clusters, support
+from core.stages import planes as pl
+from core.stages import segments as tracks
+from core.stages import strips as s
+from core.stages.plane_stages import plane_tables
+from core.stages.strip_stages import strip_tables
 from core.types import Prism
 
 from .columns import F, view

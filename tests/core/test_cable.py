@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from core.extractor import Extractor
 from core.types import FrameModel
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import Rendered, camera_info, render
 
 CAMERA_M = 2.0
 MEAN_HEIGHT_M = 2.2

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.classify import (
+from core.params import Params
+from core.stages.classify import (
     agreeing_tiles,
     classify,
     clear_range_m,
@@ -21,9 +22,8 @@ from core.classify import (
     quantile_of_tiles,
     tile_roughness,
 )
-from core.params import Params
 from core.types import FAR_MM, SATURATED_MM, CameraInfo
-from drivers.simulated import camera_info
+from drivers.simulation.source import camera_info
 
 from . import naive
 from .views import INFO, flat_wall, noisy, to_mm

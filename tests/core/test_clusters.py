@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import clusters
+from core.stages import clusters
 
 from . import naive
 from .tables import Strips

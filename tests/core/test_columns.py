@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core import strips as s
-from core import support
-from core.columns import extract_strips
-from core.density import bin_table
 from core.params import Params
-from core.settings import float_settings, int_settings
+from core.stages import strips as s
+from core.stages import support
+from core.stages.columns import extract_strips
+from core.stages.density import bin_table
+from core.stages.settings import float_settings, int_settings
 
 from .columns import QUANTUM, F, code, view
 

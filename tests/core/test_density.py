@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.density import (
+from core.params import Params
+from core.stages.density import (
     LANES,
     MAX_PEAKS,
     ONE_PX,
@@ -21,8 +22,7 @@ from core.density import (
     peaks_of_column,
     soft_counts,
 )
-from core.params import Params
-from core.pixels import CODE
+from core.stages.row_mask import CODE
 
 from . import naive
 

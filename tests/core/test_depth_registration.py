@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from core.depth_registration import inverse_depth_grid, rotation_between, rotation_vector
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
+from core.self_check.depth_registration import inverse_depth_grid, rotation_between, rotation_vector
 from core.types import UNKNOWN_MM
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import camera_info, render
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info, render
 
 INFO = camera_info(320, 240)
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.types import FrameModel, PlaneFlags
-from drivers.scene_library import make_scene
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import SensorModel
-from drivers.simulated import Rendered, camera_info
+from drivers.simulation.scene_library import make_scene
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import Rendered, camera_info
 
 from .views import VIEW, extract, first_hit, flat_wall, level, noisy, seen
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core import fill
-from core import strips as s
 from core.params import Params
+from core.stages import gap_filling as fill
+from core.stages import strips as s
 
 from .tables import SCRATCH, Strips
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import free_space as fs
-from core.ground import NO_GROUND
 from core.params import Params
+from core.stages import free_space as fs
+from core.stages.ground import NO_GROUND
+from core.stages.view_geometry import ViewGeometry
 from core.types import FreeEnd, FreeProfile, Ground
-from core.view_geometry import ViewGeometry
 
 from . import naive
 from .columns import QUANTUM, F, code, view

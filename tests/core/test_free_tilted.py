@@ -8,15 +8,15 @@ import math
 import numpy as np
 import pytest
 
-from core.classify import clear_range_m
 from core.extractor import Extractor
 from core.params import Params
-from core.queries import Answer, SeenFrom, Space
+from core.query.queries import Answer, SeenFrom, Space
+from core.stages.classify import clear_range_m
 from core.types import FAR_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics
-from core.world import Sight, World
-from core.world_space import WorldSpace
-from drivers.scenes import SceneBuilder
-from drivers.simulated import Rendered, camera_info, render
+from core.world.space import WorldSpace
+from core.world.world import Sight, World
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.source import Rendered, camera_info, render
 
 from .views import CLEAN, VIEW, extract, free_to, level, seen
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import strips as strip_table
-from core.classify import classify, measured_mm
-from core.ground import (
+from core.params import Params
+from core.stages import strips as strip_table
+from core.stages.classify import classify, measured_mm
+from core.stages.ground import (
     NO_GROUND,
     doubt_settings,
     drop_ground_noise,
@@ -21,10 +22,9 @@ from core.ground import (
     height_bins,
     vote,
 )
-from core.params import Params
+from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
-from core.view_geometry import view_geometry
-from drivers.simulated import camera_info
+from drivers.simulation.source import camera_info
 
 from . import naive
 from .columns import view as level_view

@@ -11,9 +11,9 @@ import pytest
 from numba.core import errors
 
 import core
-from core.kernels import copy_row, inner
+from core.jit import copy_row, inner
 
-FILES = sorted(Path(core.__path__[0]).glob("*.py"))
+FILES = sorted(Path(core.__path__[0]).rglob("*.py"))
 
 
 def kernels_of(text: str) -> dict[str, tuple[str, set[str]]]:

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.level import level_as_it_is, level_nearest, level_paper, level_safe, pool_columns
 from core.params import Params
-from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
-from core.view_geometry import (
+from core.stages.level import level_as_it_is, level_nearest, level_paper, level_safe, pool_columns
+from core.stages.view_geometry import (
     ViewGeometry,
     outside_source,
     pooled_geometry,
@@ -20,7 +19,8 @@ from core.view_geometry import (
     view_geometry,
     view_geometry_paper,
 )
-from drivers.simulated import camera_info
+from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
+from drivers.simulation.source import camera_info
 
 from . import naive
 from .views import INFO, SMALL, flat_wall, level

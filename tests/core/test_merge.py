@@ -9,11 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import cheapest, evidence, lines, pairs
-from core import merge as mg
-from core import planes as pl
-from core import strips as s
 from core.params import Params
+from core.stages import evidence
+from core.stages import line_fit as lines
+from core.stages import merge as mg
+from core.stages import merge_cost as pairs
+from core.stages import planes as pl
+from core.stages import priority_queue as cheapest
+from core.stages import strips as s
 from core.types import Intrinsics
 
 from . import naive

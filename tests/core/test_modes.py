@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from core.types import FrameModel, PlaneFlags
-from drivers.scene_library import make_scene
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import TYPICAL, SensorModel
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.scene_library import make_scene
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import TYPICAL, SensorModel
+from drivers.simulation.source import Rendered, camera_info, render
 
 from .views import VIEW, extract, first_hit, free_to, seen
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from core.frames import rotation_from_euler
-from core.mount_check import MountState, MountVerdict, checked, due, rotation_vector
-from core.mount_cues import MountCues, Walls
-from core.mount_filter import FilterState, MountFilter, slope_rows
-from core.mount_params import MountCheckParams
+from core.self_check.mount_check import MountState, MountVerdict, checked, due, rotation_vector
+from core.self_check.mount_cues import MountCues, Walls
+from core.self_check.mount_filter import FilterState, MountFilter, slope_rows
+from core.self_check.mount_params import MountCheckParams
 from core.types import CameraMount
 
 NS = 1_000_000_000

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.classify import measured_mm
 from core.extractor import Extractor
-from core.noisy import count_alone, noisy_share
 from core.params import Params
+from core.stages.classify import measured_mm
+from core.stages.noise_check import count_alone, noisy_share
 from core.types import FAR_MM, SATURATED_MM, InvalidCause
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import camera_info, render
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info, render
 
 from . import naive
 from .views import INFO, anything_free, extract, flat_wall, level, noisy

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from companion.messages import MODEL_FIELDS
-from core.packed import packed_model
-from core.prism_table import prism_table
+from companion.pipeline.encode import MODEL_FIELDS
+from companion.pipeline.fast_encode import packed_model
+from core.stages.prism_table import prism_table
 from core.types import FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
 

@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from core.queries import Answer, SeenFrom, Space
+from core.query.queries import Answer, SeenFrom, Space
 from core.types import Ground
 
 from .test_queries import HERE, model, profile, sampled_distance

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import pixels as px
+from core.stages import row_mask as px
 
 from . import naive
 

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from core import openings, refine
-from core import planes as pl
-from core import strips as s
-from core.ground import NO_GROUND
-from core.model import told_planes
+from core.buffers import Scratch
 from core.params import Params
-from core.scratch import Scratch
+from core.stages import openings, refine
+from core.stages import planes as pl
+from core.stages import strips as s
+from core.stages.ground import NO_GROUND
+from core.stages.model import told_planes
 from core.types import Ground
 
 from .columns import F, code, view

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.prism_table import PrismTable, prism_table
+from core.stages.prism_table import PrismTable, prism_table
 from core.types import Prism
 
 

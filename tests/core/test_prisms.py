@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.prisms import layered_prisms
+from core.stages.prisms import layered_prisms
 
 pytestmark = pytest.mark.nojit
 

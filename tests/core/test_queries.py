@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.model import blind_model
 from core.params import Params
-from core.queries import Answer, SeenFrom, Space, balls_free
-from core.rectangles import between_segments, rectangles
+from core.query.queries import Answer, SeenFrom, Space, balls_free
+from core.query.rectangles import between_segments, rectangles
+from core.stages.model import blind_model
 from core.types import CameraInfo, FrameModel, FreeEnd, FreeProfile, Intrinsics, InvalidCause
 
 SEED = st.integers(0, 2**32 - 1)
@@ -206,5 +206,5 @@ def test_many_ways_are_looked_at_a_part_at_a_time(monkeypatch: pytest.MonkeyPatc
     a[:, 2], b[:, 2] = 0.0, 0.0
     together = space.segments(a, b, 0.1)
     assert set(together.tolist()) == {Answer.FREE, Answer.UNKNOWN}
-    monkeypatch.setattr("core.ways.MOST_BALLS", 7)
+    monkeypatch.setattr("core.query.ways.MOST_BALLS", 7)
     assert space.segments(a, b, 0.1).tolist() == together.tolist()

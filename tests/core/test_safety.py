@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core import extractor
-from core import planes as pl
-from core.classify import clear_range_m
 from core.extractor import Extractor
 from core.params import Params
-from core.plane_stages import shape_planes
+from core.stages import planes as pl
+from core.stages.classify import clear_range_m
+from core.stages.plane_stages import shape_planes
 from core.types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics, InvalidCause
-from drivers.scenes import SceneBuilder
-from drivers.sensor_model import TYPICAL
-from drivers.simulated import camera_info, render
+from drivers.simulation.scenes import SceneBuilder
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info, render
 
 from .views import INFO, SMALL, VIEW, anything_free, extract, flat_wall, free_to, level, noisy, seen
 

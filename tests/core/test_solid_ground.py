@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from core.extractor import Extractor
-from core.free_space import lowest_clear, walk_settings
 from core.params import Params
-from core.queries import Answer, SeenFrom, Space
-from core.solid_ground import solid_ground
-from core.turned import turned
+from core.query.queries import Answer, SeenFrom, Space
+from core.query.solid_ground import solid_ground
+from core.stages.free_space import lowest_clear, walk_settings
+from core.stages.view_geometry import view_geometry
+from core.transformed import turned
 from core.types import FrameModel
-from core.view_geometry import view_geometry
-from drivers.scenes import Scene, SceneBuilder
-from drivers.sensor_model import TYPICAL, SensorModel
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import TYPICAL, SensorModel
 
 from .views import CLEAN, VIEW, level, seen
 

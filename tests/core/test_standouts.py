@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import planes as pl
-from core import standouts
-from core import strips as s
 from core.params import Params
-from core.tracks import is_jump
+from core.stages import outlier_split as standouts
+from core.stages import planes as pl
+from core.stages import strips as s
+from core.stages.segments import is_jump
 
 from . import naive
 from .columns import F

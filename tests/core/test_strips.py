@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import irregular
-from core import strips as s
 from core.params import Params
-from core.pixels import CODE, NO_PEAK, ROW
+from core.stages import irregular
+from core.stages import strips as s
+from core.stages.row_mask import CODE, NO_PEAK, ROW
 
 from . import naive
 from .columns import QUANTUM, Column, F, code, view

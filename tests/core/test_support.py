@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import strips as s
-from core import support
 from core.params import Params
-from core.settings import float_settings, int_settings
-from core.view_geometry import view_geometry
+from core.stages import strips as s
+from core.stages import support
+from core.stages.settings import float_settings, int_settings
+from core.stages.view_geometry import view_geometry
 
 from . import naive
 from .columns import F

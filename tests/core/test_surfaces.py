@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
-from core.mount_cues import NO_CUES, Walls, cues_of
-from core.surface_types import Surface
-from core.surfaces import find_surfaces
+from core.self_check.mount_cues import NO_CUES, Walls, cues_of
+from core.self_check.surface_types import Surface
+from core.self_check.surfaces import find_surfaces
 from core.types import CameraInfo, Intrinsics
 
 INFO = CameraInfo("front", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5), max_range_m=20.0)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.classify import classify, estimate_ke, measured_mm
 from core.params import Params
-from core.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, depth_samples, observe
+from core.stages.classify import classify, estimate_ke, measured_mm
+from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, depth_samples, observe
 from core.types import CameraInfo, ExtractorState
-from drivers.sensor_model import SensorModel, measure
-from drivers.simulated import camera_info
+from drivers.simulation.sensor_model import SensorModel, measure
+from drivers.simulation.source import camera_info
 
 from .views import flat_wall
 

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core import lines, openings
-from core import strips as s
-from core import tracks as tr
 from core.params import Params
+from core.stages import line_fit as lines
+from core.stages import openings
+from core.stages import segments as tr
+from core.stages import strips as s
 
 from . import naive
 from .columns import F

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from core import strips as s
-from core.truncation import MEANS_LEFT, shift_back, whole_mean
+from core.stages import strips as s
+from core.stages.truncation import MEANS_LEFT, shift_back, whole_mean
 
 from .columns import F
 from .tables import Strips

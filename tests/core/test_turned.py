@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from core.prism_table import PrismTable, prism_table
-from core.turned import turned
+from core.stages.prism_table import PrismTable, prism_table
+from core.transformed import turned
 from core.types import FrameModel, FrameStats, FreeEnd, FreeProfile, Ground, InvalidCause
 
 from . import naive

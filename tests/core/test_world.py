@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.queries import Answer
+from core.query.queries import Answer
 from core.types import PlaneFlags
-from core.world import Sight, World
-from core.world_params import WorldParams
-from core.world_picture import WorldPicture
-from core.world_space import WorldSpace
+from core.world.params import WorldParams
+from core.world.snapshot import WorldPicture
+from core.world.space import WorldSpace
+from core.world.world import Sight, World
 
 from .worlds import NS, blind, house, seen, wall
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.world_corners import (
+from core.world.corners import (
     END_M,
     FLAT,
     MEET_M,
@@ -23,7 +23,7 @@ from core.world_corners import (
     followers,
     in_solids,
 )
-from core.world_prisms import world_prisms
+from core.world.prisms import world_prisms
 
 from .worlds import house
 

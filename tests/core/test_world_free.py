@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.kernels import kernel
-from core.queries import balls_free
+from core.jit import kernel
+from core.query.queries import balls_free
 from core.types import FreeProfile
-from core.world_free import (
+from core.world.free_grid import (
     BLOCKS,
     CELL_M,
     GONE,

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.world_messages import blocks_of, ground_of, picture_of, records_of, world_message
-from core.queries import Answer
-from core.turned import turned
+from companion.streams.world_messages import blocks_of, ground_of, picture_of, records_of, world_message
+from core.query.queries import Answer
+from core.transformed import turned
 from core.types import Ground
-from core.world import Sight, World
-from core.world_space import WorldSpace
+from core.world.space import WorldSpace
+from core.world.world import Sight, World
 
 from .test_solid_ground import model_of, random_scene, roof, street
 from .worlds import DIRECTIONS, NS, seen

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.kernels import kernel
-from core.world_index import (
+from core.jit import kernel
+from core.world.params import WorldParams
+from core.world.plane_index import (
     DROPPED,
     HITS,
     LIVE,
@@ -21,7 +22,6 @@ from core.world_index import (
     plane_bytes,
     take_out,
 )
-from core.world_params import WorldParams
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)

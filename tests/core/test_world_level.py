@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.queries import Answer
+from core.query.queries import Answer
 from core.types import FrameModel
-from core.world_level import LevelMemory
-from core.world_params import WorldParams
-from core.world_space import WorldSpace
+from core.world.local_memory import LevelMemory
+from core.world.params import WorldParams
+from core.world.space import WorldSpace
 
 from .worlds import NS, blind, seen, wall
 

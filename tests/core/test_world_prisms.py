@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.queries import Answer
+from core.query.queries import Answer
 from core.types import Prism
-from core.world import World
-from core.world_corners import is_simple
-from core.world_prisms import inside, way_inside, world_prisms
-from core.world_space import WorldSpace
+from core.world.corners import is_simple
+from core.world.prisms import inside, way_inside, world_prisms
+from core.world.space import WorldSpace
+from core.world.world import World
 
 from .worlds import NS, house, seen
 

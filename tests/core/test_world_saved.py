@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.queries import Answer
-from core.world import World
-from core.world_params import WorldParams
-from core.world_saved import MAGIC, ON_DISK, ON_WIRE, box_of_records, bytes_of, moved, sections_of, wire_records
-from core.world_space import WorldSpace
+from core.query.queries import Answer
+from core.world.params import WorldParams
+from core.world.serialize import MAGIC, ON_DISK, ON_WIRE, box_of_records, bytes_of, moved, sections_of, wire_records
+from core.world.space import WorldSpace
+from core.world.world import World
 
 from .worlds import NS, house, seen, wall
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.queries import Answer
-from core.world_picture import WorldPicture
-from core.world_space import CELL_M, WorldSpace
+from core.query.queries import Answer
+from core.world.snapshot import WorldPicture
+from core.world.space import CELL_M, WorldSpace
 
 shapely = pytest.importorskip("shapely")
 SEED = st.integers(0, 2**32 - 1)

@@ -11,9 +11,9 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.params import Params
 from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
-from drivers.scenes import Scene, SceneBuilder
-from drivers.sensor_model import SensorModel
-from drivers.simulated import Rendered, camera_info, render
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import Rendered, camera_info, render
 
 SMALL = Intrinsics(40, 30, 30.0, 30.0, 19.5, 14.5)
 """A picture small enough for the interpreter: 67 by 53 degrees."""

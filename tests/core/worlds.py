@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.model import blind_model
 from core.params import Params
+from core.stages.model import blind_model
 from core.types import CameraInfo, FreeEnd, FreeProfile, Intrinsics, InvalidCause
-from core.world import Sight
+from core.world.world import Sight
 
 INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5))
 NS = 1_000_000_000

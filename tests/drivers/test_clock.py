@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.clock import NS, ClockFilter, ClockParams, ClockSource
+from drivers.mavlink.clock_sync import NS, ClockFilter, ClockParams, ClockSource
 
 MS = 1_000_000
 

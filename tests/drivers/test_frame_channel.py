@@ -13,7 +13,7 @@ import pytest
 
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceLost
-from drivers.frame_channel import _FRAME, SLOTS, FrameReader, FrameWriter, Word, _Told, slot_bytes
+from drivers.cameras.frame_channel import _FRAME, SLOTS, FrameReader, FrameWriter, Word, _Told, slot_bytes
 
 
 def frame(sequence: int, width: int = 64, height: int = 48) -> DepthFrame:
@@ -159,7 +159,7 @@ def test_a_slot_holds_its_marks_and_pixels_in_whole_pages() -> None:
 CHILD = textwrap.dedent("""
     import sys, time, numpy as np
     from core.types import DepthFrame
-    from drivers.frame_channel import FrameWriter
+    from drivers.cameras.frame_channel import FrameWriter
     writer = FrameWriter(int(sys.argv[1]), "front")
     writer.say("opened", pid=0)
     for k in range(100000):

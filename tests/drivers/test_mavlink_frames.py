@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_frames import MessageSplitter
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.parser import MessageSplitter
 
 ENCODER = dialect.MAVLink(None, 1, 1)
 

@@ -14,14 +14,14 @@ import pytest
 
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.clock import ClockSource
-from drivers.mavlink import MavlinkParams, MavlinkSession
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, Rhythm
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, Faults, PtyEnd, UdpEnd
-from drivers.transport import Address, UdpLine, open_transport, parse_address
-from drivers.udp_flood import PER_SOURCE
+from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, Rhythm
+from drivers.mavlink.session import MavlinkParams, MavlinkSession
+from drivers.mavlink.transport import Address, UdpLine, open_transport, parse_address
+from drivers.mavlink.udp_flood import PER_SOURCE
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd, UdpEnd
 
 NS, MS = 1_000_000_000, 1_000_000
 Samples = list[AttitudeSample | PoseSample]

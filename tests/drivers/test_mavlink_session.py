@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.types import AttitudeSample, PoseSample
-from drivers.clock import ClockSource
-from drivers.flight_path import VehicleState
-from drivers.mavlink import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_of
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_frames import MessageSplitter
-from drivers.mavlink_motion import motion_fields
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot, hovering
+from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.motion import motion_fields
+from drivers.mavlink.parser import MessageSplitter
+from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_of
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot, hovering
+from drivers.simulation.flight_path import VehicleState
 
 MS, NS = 1_000_000, 1_000_000_000
 

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from drivers.base import BadData, DeviceNotFound
-from drivers.clock import ClockSource
-from drivers.mavlink import MavlinkSession
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_frames import MessageSplitter
-from drivers.mavlink_signing import Signing, for_the_log
-from drivers.signing_clock import AHEAD, EPOCH_UNIX_S, LAST_TICK, TICKS_PER_S, SigningClock, wall_ticks
-from drivers.signing_key import SigningKey, load_key, make_key
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.parser import MessageSplitter
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.signing import Signing, for_the_log
+from drivers.mavlink.signing_clock import AHEAD, EPOCH_UNIX_S, LAST_TICK, TICKS_PER_S, SigningClock, wall_ticks
+from drivers.mavlink.signing_key import SigningKey, load_key, make_key
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
 
 from .test_mavlink_link import until
 from .test_mavlink_session import MS, NS, Conversation

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from drivers.mavlink import MavlinkParams, MavlinkSession
-from drivers.mavlink_dialect import dialect
-from drivers.mavlink_frames import MessageSplitter
-from drivers.mavlink_strangers import RECENT_NS, Strangers
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
-from drivers.transport import Address, UdpLine, parse_address
+from drivers.mavlink.conflicts import RECENT_NS, Strangers
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.parser import MessageSplitter
+from drivers.mavlink.session import MavlinkParams, MavlinkSession
+from drivers.mavlink.transport import Address, UdpLine, parse_address
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
 
 from .test_mavlink_link import free_port, linked, until
 from .test_mavlink_session import NS, Conversation, talk

@@ -10,14 +10,14 @@ import pytest
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, Writer
 
-from companion.log_writer import LogWriter, schema_bytes
-from companion.run_info import run_info
+from companion.log.log_writer import LogWriter, schema_bytes
+from companion.log.provenance import run_info
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceNotFound, DriverError, Event
-from drivers.mcap_file import McapRecording
-from drivers.mcap_scan import Damage, Logged, McapScan
-from drivers.topics import TOPICS
-from drivers.wire import attitude_message, camera_message, depth_message
+from drivers.logs.codec import attitude_message, camera_message, depth_message
+from drivers.logs.reader import McapRecording
+from drivers.logs.record_scanner import Damage, Logged, McapScan
+from drivers.logs.topics import TOPICS
 
 from ..companion.made_up import INFO, MS, START_NS, attitude, flight, frame, write_flight
 

@@ -14,8 +14,8 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 
-from drivers.mcap_chunk import MOST_CHUNK_BYTES
-from drivers.mcap_scan import Damage, Logged, McapScan
+from drivers.logs.chunk import MOST_CHUNK_BYTES
+from drivers.logs.record_scanner import Damage, Logged, McapScan
 
 MAGIC = b"\x89MCAP0\r\n"
 MIB = 1 << 20

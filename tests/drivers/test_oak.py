@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.oak import OakSettings, OakSource
+from drivers.cameras.oak import OakSettings, OakSource
 
 from .oak_host import HEIGHT, MATRIX, WIDTH, HostLink, depth_message
 
@@ -109,7 +109,7 @@ def test_reading_before_opening_is_told() -> None:
 
 
 ABORTS = textwrap.dedent("""
-    from drivers.oak import OakSettings, OakSource
+    from drivers.cameras.oak import OakSettings, OakSource
     from tests.drivers.oak_host import HostLink, depth_message
 
     def make(k):

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from drivers.scene_library import SCENES, SLIT_M, WINDOW_M, make_scene
-from drivers.scenes import Scene, SceneBuilder
-from drivers.simulated import camera_info, render
+from drivers.simulation.scene_library import SCENES, SLIT_M, WINDOW_M, make_scene
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.source import camera_info, render
 
 INFO = camera_info(160, 120)
 

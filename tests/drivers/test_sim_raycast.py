@@ -9,8 +9,8 @@ import pytest
 
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler
 from core.types import CameraInfo
-from drivers.scenes import Scene, SceneBuilder
-from drivers.simulated import camera_info, look, render
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.source import camera_info, look, render
 
 INFO = camera_info(161, 121)
 

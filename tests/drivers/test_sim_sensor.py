@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM
-from drivers.sensor_model import PERFECT, TYPICAL, SensorModel, measure, unit_noise
-from drivers.simulated import camera_info, render
+from drivers.simulation.sensor_model import PERFECT, TYPICAL, SensorModel, measure, unit_noise
+from drivers.simulation.source import camera_info, render
 
 INFO = camera_info(320, 240)
 

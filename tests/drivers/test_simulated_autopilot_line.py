@@ -10,10 +10,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers import simulated_autopilot_line as line_module
-from drivers.mavlink_frames import MessageSplitter
-from drivers.simulated_autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulated_autopilot_line import AutopilotLine, UdpEnd
+from drivers.mavlink.parser import MessageSplitter
+from drivers.simulation import autopilot_link as line_module
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
 
 NS, MS = 1_000_000_000, 1_000_000
 

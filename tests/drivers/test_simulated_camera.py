@@ -12,14 +12,15 @@ import pytest
 
 from core.frames import R_CAMFRD_OPTICAL
 from core.types import CameraInfo
-from drivers import frame_store, simulated_camera
 from drivers.base import DeviceLost, DeviceNotFound
-from drivers.endless_flight import NS, EndlessFlight
-from drivers.flights import FLIGHTS, flight_plan
-from drivers.frame_store import FrameStore
-from drivers.simulated import camera_info, look
-from drivers.simulated_camera import SimulatedDepthSource, Simulation
-from drivers.simulated_flight import SimulatedFlight
+from drivers.simulation import camera as simulated_camera
+from drivers.simulation import frame_store
+from drivers.simulation.camera import SimulatedDepthSource, Simulation
+from drivers.simulation.flight import SimulatedFlight
+from drivers.simulation.flights import FLIGHTS, flight_plan
+from drivers.simulation.frame_store import FrameStore
+from drivers.simulation.looping_flight import NS, EndlessFlight
+from drivers.simulation.source import camera_info, look
 
 INFO = camera_info(64, 48)
 

@@ -10,10 +10,10 @@ from scipy.interpolate import CubicSpline
 
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, PoseSample
-from drivers.flight_path import FlightPath, body_rates
-from drivers.flights import FLIGHTS, flight_plan
-from drivers.simulated import camera_info
-from drivers.simulated_flight import Rates, SimulatedFlight
+from drivers.simulation.flight import Rates, SimulatedFlight
+from drivers.simulation.flight_path import FlightPath, body_rates
+from drivers.simulation.flights import FLIGHTS, flight_plan
+from drivers.simulation.source import camera_info
 
 SMALL = {"width": 64, "height": 48}
 

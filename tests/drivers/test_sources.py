@@ -9,19 +9,19 @@ from pathlib import Path
 import cv2
 import pytest
 
-from companion.log_writer import write_recording
+from companion.log.log_writer import write_recording
 from core.types import DepthFrame
 from drivers.base import DepthSource, DeviceLost, DeviceNotFound, EventSource
-from drivers.endless_flight import EndlessFlight
-from drivers.flights import flight_plan
-from drivers.mcap_file import McapRecording
-from drivers.oak import OakSettings, OakSource
+from drivers.cameras.oak import OakSettings, OakSource
+from drivers.cameras.v4l2_depth import V4l2Source
+from drivers.cameras.zed_uvc import ZedSettings, ZedSource
+from drivers.logs.reader import McapRecording
 from drivers.proto import osape_v1_pb2 as pb
-from drivers.simulated import camera_info
-from drivers.simulated_camera import SimulatedDepthSource, Simulation
-from drivers.simulated_flight import SimulatedFlight
-from drivers.v4l2_depth import V4l2Source
-from drivers.zed_uvc import ZedSettings, ZedSource
+from drivers.simulation.camera import SimulatedDepthSource, Simulation
+from drivers.simulation.flight import SimulatedFlight
+from drivers.simulation.flights import flight_plan
+from drivers.simulation.looping_flight import EndlessFlight
+from drivers.simulation.source import camera_info
 
 from .oak_host import HostLink, depth_message
 from .test_v4l2_depth import SETTINGS, FakeStream, buffer

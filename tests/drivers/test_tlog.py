@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import BadData, DeviceNotFound
-from drivers.mavlink_dialect import dialect
-from drivers.tlog import map_boot_clock, read_tlog, vehicle_log
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.tlog import map_boot_clock, read_tlog, vehicle_log
 
 EPOCH_US = 1_700_000_000_000_000
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.udp_flood import ALL_SOURCES, NS, PER_SOURCE, TRUST_NS, WINDOW_NS, FloodFilter
+from drivers.mavlink.udp_flood import ALL_SOURCES, NS, PER_SOURCE, TRUST_NS, WINDOW_NS, FloodFilter
 
 AUTOPILOT = ("10.0.0.1", 14550)
 

@@ -13,7 +13,7 @@ import pytest
 
 from core.types import Intrinsics
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_of
+from drivers.cameras.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_of
 
 SIZE = Intrinsics(32, 16, 30.0, 30.0, 15.5, 7.5)
 SETTINGS = V4l2Settings(camera="front", device="/dev/video9", intrinsics=SIZE, exposure_latency_s=0.012)

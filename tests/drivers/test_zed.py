@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.stereo import MatchParams, StereoDepth, depth_mm, vertical_disparity_px
-from drivers.zed_calibration import (
+from drivers.cameras.stereo import MatchParams, StereoDepth, depth_mm, vertical_disparity_px
+from drivers.cameras.zed_calibration import (
     EyeCalibration,
     StereoCalibration,
     load_zed_calibration,
     parse_zed_calibration,
     rotation_of,
 )
-from drivers.zed_uvc import ZedSettings, ZedSource, halves
+from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
 
 OLD = "\r\n".join(
     [

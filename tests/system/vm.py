@@ -141,9 +141,9 @@ def compile_kernels(stage: Path, site: Path) -> None:
     shutil.rmtree(moved, ignore_errors=True)
     newest = max(made.glob("kernels-*"), key=lambda f: f.stat().st_mtime)
     there = Path("/") / site.relative_to(stage)
-    for package in ("core", "drivers"):
-        here_name = _CacheLocator.get_suitable_cache_subpath(str(site / package / "x.py"))
-        there_name = _CacheLocator.get_suitable_cache_subpath(str(there / package / "x.py"))
+    for package in {f.parent for top in ("core", "drivers", "companion") for f in (site / top).rglob("*.py")}:
+        here_name = _CacheLocator.get_suitable_cache_subpath(str(package / "x.py"))
+        there_name = _CacheLocator.get_suitable_cache_subpath(str(there / package.relative_to(site) / "x.py"))
         if (newest / here_name).is_dir():
             shutil.copytree(newest / here_name, moved / newest.name / there_name)
 

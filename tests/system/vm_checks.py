@@ -35,7 +35,7 @@ CAMERA = """
 import json, os, time
 from core.types import Intrinsics
 from drivers.base import DeviceLost, DeviceNotFound
-from drivers.v4l2_depth import V4l2Settings, V4l2Source
+from drivers.cameras.v4l2_depth import V4l2Settings, V4l2Source
 
 WIDTH, HEIGHT, FPS, WANTED = 320, 180, 10.0, 12
 from linuxpy.video.device import Device

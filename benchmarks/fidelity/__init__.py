@@ -1,0 +1,1 @@
+"""How well the model stands for what is there."""

@@ -1,0 +1,69 @@
+"""What one case of the fidelity run is, and what comes out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from benchmarks.fidelity.metrics import RangeCounts, Recall, Score
+from benchmarks.fidelity.openings import OpeningSize
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One frame to be modelled. told_per_m: the noise that the method is told; faults: a name of
+    benchmarks.fidelity.case.FAULTS, what else is wrong with the image."""
+
+    scene: str
+    roll_deg: float = 0.0
+    pitch_deg: float = 0.0
+    ke_per_m: float
+    told_per_m: float
+    height_m: float = 2.0
+    seed: int
+    faults: str = "all"
+    width: int = 640
+
+    @property
+    def name(self) -> str:
+        """The case in a few words, as given to `python -m benchmarks.fidelity.run`."""
+        told = "" if self.told_per_m == self.ke_per_m else f" told {self.told_per_m:g}"
+        faults = "" if self.faults == "all" else f" faults {self.faults}"
+        return (
+            f"{self.scene} {self.roll_deg:+.0f}/{self.pitch_deg:+.0f} h {self.height_m:g} "
+            f"ke {self.ke_per_m:g}{told}{faults} seed {self.seed}"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridScore:
+    """The grid baseline on the same frame: storage, and error of the model from noisy and from perfect
+    depth."""
+
+    cell_m: float
+    planes: int
+    bytes: int
+    mean_m: float
+    perfect_mean_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """All figures of one case. bytes: of the prisms, 8 a vertex and 8 a prism, as the grid's polygons are
+    counted; plane_bytes: of the planes alone; false_free: share of the obstacle rays whose truth lies where the
+    model's profile says free."""
+
+    case: Case
+    family: str
+    valid: bool
+    score: Score
+    by_range: RangeCounts
+    false_free: float
+    bytes: int
+    plane_bytes: int
+    prisms: int
+    ground_seen: bool
+    ground_height_m: float
+    ke_estimate_per_m: float
+    grids: list[GridScore]
+    openings: list[OpeningSize]
+    recall: list[Recall]

@@ -1,0 +1,142 @@
+"""Random scenes against the free-range profile: how many claimed cells are wrong, and where.
+
+    python -m benchmarks.free_space.campaign --frames 5000 --seed 1
+    python -m benchmarks.free_space.campaign --matrix --frames 0
+    python -m benchmarks.free_space.campaign --worlds 200 --sectors 2000 --frames 0
+
+Frames are judged by every claimed cell of their profile, worlds (flights of 12 frames) by every free cell, sectors by every
+clear one. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+from benchmarks.free_space.matrix import matrix_frames
+from benchmarks.free_space.random_frames import RandomFrame, random_frame
+from benchmarks.free_space.volume import WrongCell, wrong_cells
+from benchmarks.free_space.worlds import judge_sectors, judge_world
+from core.extractor import Extractor
+from core.params import Params
+
+
+@dataclass(slots=True)
+class Counts:
+    """Of a campaign: frames in all and those that say nothing, cells called free, wrong ones and the frames they are in."""
+
+    frames: int = 0
+    invalid: int = 0
+    cells: int = 0
+    wrong: int = 0
+    wrong_frames: int = 0
+    deepest_m: float = 0.0
+    worlds: int = 0
+    world_cells: int = 0
+    wrong_world_cells: int = 0
+    sector_frames: int = 0
+    clear_sectors: int = 0
+    wrong_sectors: int = 0
+
+    @property
+    def any_wrong(self) -> bool:
+        """Whether anything called free was not."""
+        return self.wrong + self.wrong_world_cells + self.wrong_sectors > 0
+
+
+def judge(r: RandomFrame, extractor: Extractor, below_ground: bool) -> tuple[list[WrongCell], int, bool, str]:
+    """(wrong cells, cells claimed, whether the model is valid, what ground it found) of one frame."""
+    model, _ = extractor.extract(r.frame.depth_mm, r.frame.info, r.frame.R_level_optical)
+    wrong, cells = wrong_cells(r.frame, model, r.ke_per_m, extractor.params, below_ground=below_ground)
+    ground = f"ground {model.ground.height_m:.2f} m" if model.ground.seen else "no ground"
+    return wrong, cells, model.valid, ground
+
+
+def describe(r: RandomFrame, wrong: list[WrongCell], ground: str) -> str:
+    """One line about a wrong frame: its camera and its worst cell."""
+    worst = max(wrong, key=lambda w: w.deep_m)
+    name = r.frame.scene.names[worst.solid] if worst.solid >= 0 else "ground"
+    return (
+        f"{r.frame.scene.name} {r.number}: {len(wrong)} cells, {r.frame.info.max_range_m:g} m camera of {r.frame.info.intrinsics.width} px, "
+        f"ke {r.ke_per_m:g}, pitch {r.pitch_deg:.1f}, roll {r.roll_deg:.1f}, {-r.frame.position_ned_m[2]:.2f} m up, {ground}; "
+        f"worst: {name} at {worst.range_m:.2f} m in a cell free to {worst.free_to_m:.2f} m, azimuth "
+        f"{math.degrees(worst.azimuth_rad):.1f}, z {worst.z_m:.2f} m, layer {worst.layer}, direction {worst.direction}"
+    )
+
+
+def run_frames(frames: Iterable[RandomFrame], below_ground: bool, counts: Counts) -> None:
+    """Judges frames; wrong ones go to stdout."""
+    extractor = Extractor(Params())
+    for r in frames:
+        wrong, cells, valid, ground = judge(r, extractor, below_ground)
+        counts.frames += 1
+        counts.invalid += not valid
+        counts.cells += cells
+        if wrong:
+            counts.wrong += len(wrong)
+            counts.wrong_frames += 1
+            counts.deepest_m = max(counts.deepest_m, max(w.deep_m for w in wrong))
+            print(describe(r, wrong, ground), flush=True)
+
+
+def run_worlds(first: int, worlds: int, seed: int, counts: Counts) -> None:
+    """Judges the worlds of so many flights; wrong ones go to stdout."""
+    extractor = Extractor(Params())
+    for number in range(first, first + worlds):
+        wrong, cells, _ = judge_world(seed, number, extractor)
+        counts.worlds += 1
+        counts.world_cells += cells
+        counts.wrong_world_cells += len(wrong)
+        if len(wrong):
+            print(
+                f"world {number}: {len(wrong)} of {cells} free cells in a solid, the first at {wrong[0].round(2)}",
+                flush=True,
+            )
+
+
+def run_sectors(first: int, frames: int, seed: int, counts: Counts) -> None:
+    """Judges the clear sectors of so many frames; wrong ones go to stdout."""
+    extractor = Extractor(Params())
+    for number in range(first, first + frames):
+        wrong, clear = judge_sectors(random_frame(seed, number), extractor)
+        counts.sector_frames += 1
+        counts.clear_sectors += clear
+        counts.wrong_sectors += len(wrong)
+        if wrong:
+            print(f"sectors of frame {number}: {wrong} of {clear} clear ones hold a solid", flush=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument(
+        "--matrix", action="store_true", help="the fidelity run's scenes seen by short, pitched cameras too"
+    )
+    parser.add_argument(
+        "--below-ground",
+        action="store_true",
+        help="judge frames as a caller who does not treat the model's ground as solid",
+    )
+    parser.add_argument("--worlds", type=int, default=0)
+    parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
+    parser.add_argument("--first", type=int, default=0, help="number of the first frame")
+    parser.add_argument("--seed", type=int, default=1)
+    a = parser.parse_args(arguments)
+    counts = Counts()
+    numbers = range(a.first, a.first + a.frames)
+    run_frames((random_frame(a.seed, number) for number in numbers), a.below_ground, counts)
+    if a.matrix:
+        run_frames(matrix_frames(a.seed), a.below_ground, counts)
+    run_worlds(a.first, a.worlds, a.seed, counts)
+    run_sectors(a.first, a.sectors, a.seed, counts)
+    print(json.dumps(asdict(counts)))
+    return 1 if counts.any_wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

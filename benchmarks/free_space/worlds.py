@@ -1,0 +1,149 @@
+"""What the merged world and the obstacle sectors call free, against the solids of random scenes.
+
+A world is made of a short flight past a random scene with changing pitch and roll. A free cell is wrong where its centre
+lies in a solid, deeper than max(0.3 m, 3 sigma of its distance) from the solid's sides. A clear sector is wrong where a
+solid stands in it between the nearest and the farthest distance that it speaks of, less as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.free_space.random_frames import RandomFrame, has_room, random_frame
+from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS, above_ground, first_solids, has_ground, heading_of
+from companion.autopilot.polar_histogram import STEP_RAD, SectorState, View, centres_rad, scan
+from companion.config.avoidance import AvoidParams
+from companion.pipeline.transform import LevelTransform, reframed
+from core.extractor import Extractor
+from core.query.queries import Answer
+from core.types import ExtractorState, FrameModel
+from core.world.free_grid import CELL_M, SIDE, TALL
+from core.world.space import WorldSpace
+from core.world.world import Sight, World
+from drivers.simulation.source import Rendered
+
+Floats = NDArray[np.float64]
+FRAMES = 12
+_STEP_NS = 100_000_000
+_AROUND = 8
+"""Directions in which a wrong cell's centre must be deep in a solid."""
+_RAYS, _SLICES = 5, 8
+_FLATTER = 0.3
+"""Share of the random tilt that is left where sectors are judged."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flown:
+    """One frame of a flight and its model in level_cam."""
+
+    frame: Rendered
+    model: FrameModel
+
+
+def flight(seed: int, number: int, extractor: Extractor) -> tuple[list[Flown], float]:
+    """(frames with their models, true noise) of a flight of FRAMES frames past the scene of random frame `number`."""
+    first = random_frame(seed, number)
+    rng = np.random.Generator(np.random.PCG64([seed, number, 1]))
+    ahead, x, y, z = rng.uniform(-0.6, 0.6), 0.0, 0.0, float(first.frame.position_ned_m[2])
+    state, flown = ExtractorState(), []
+    for k in range(FRAMES):
+        pitch, roll = first.pitch_deg + rng.uniform(-12.0, 12.0), first.roll_deg + rng.uniform(-8.0, 8.0)
+        frame = first.camera.image(
+            first.frame.scene, (x, y, z), float(rng.uniform(-0.5, 0.5)), max(-55.0, min(50.0, pitch)), roll, FRAMES * number + k
+        )  # fmt: skip
+        model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state)
+        flown.append(Flown(frame, model))
+        to = x + 0.4 * math.cos(ahead), y + 0.4 * math.sin(ahead)
+        if has_room(frame.scene, -z, to):
+            x, y = to
+    return flown, first.ke_per_m
+
+
+def _free_cells(world: World, now_ns: int) -> Floats:
+    """(N, 3) middles in ned of the cells that the world answers to be free."""
+    picture = world.picture(now_ns)
+    cells = []
+    for (bx, by, bz), masks in zip(picture.blocks, picture.masks, strict=True):
+        bits = np.unpackbits(masks.view(np.uint8).reshape(len(masks), 8), axis=1, bitorder="little")
+        column, iz = np.nonzero(bits)
+        cells.append(np.stack([bx * SIDE + (column >> 4), by * SIDE + (column & 15), bz * TALL + iz], axis=1))
+    if not cells:
+        return np.zeros((0, 3))
+    middles = (np.concatenate(cells) + 0.5) * CELL_M
+    return middles[WorldSpace(picture).points(middles) == Answer.FREE]
+
+
+def _below_a_ground(points: Floats, flown: list[Flown], extractor: Extractor) -> NDArray[np.bool_]:
+    """(N,) whether points lie below what any frame took for ground, of which its profile claims nothing."""
+    below = np.zeros(len(points), np.bool_)
+    for f in flown:
+        off = points - f.frame.position_ned_m
+        range_m, azimuth = np.hypot(off[:, 0], off[:, 1]), np.arctan2(off[:, 1], off[:, 0]) - heading_of(f.frame)
+        lo, hi = above_ground(f.model.ground, azimuth, off[:, 2], range_m, range_m, f.model.ke_per_m, extractor.params)
+        below |= lo > hi
+    return below
+
+
+def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, int, int]:
+    """((N, 3) middles in ned of wrong free cells, how many cells are free, scene's frames that say something)."""
+    flown, ke = flight(seed, number, extractor)
+    world = World()
+    for k, f in enumerate(flown):
+        x, y, z = (float(c) for c in f.frame.position_ned_m)
+        model = reframed(f.model, LevelTransform(heading_of(f.frame), (x, y, z)))
+        world.add(Sight(model=model, place_m=(x, y, z), t_ns=(1 + k) * _STEP_NS))
+    valid = sum(f.model.valid for f in flown)
+    points = _free_cells(world, (1 + len(flown)) * _STEP_NS)
+    if not len(points):
+        return points, 0, valid
+    scene = flown[0].frame.scene
+    range_m = np.max([np.hypot(*(points - f.frame.position_ned_m)[:, :2].T) for f in flown], axis=0)
+    slack = np.fmax(SLACK_M, SLACK_SIGMAS * ke * np.minimum(range_m, flown[0].frame.info.max_range_m) ** 2)
+    deep = np.ones(len(points), np.bool_)
+    least_m = extractor.params.min_obstacle_height_m
+    for a in np.arange(_AROUND) * math.tau / _AROUND:
+        to = np.tile([math.cos(a), math.sin(a), 0.0], (len(points), 1))
+        for at in (np.zeros(len(points)), slack):
+            _, which = first_solids(scene, has_ground(scene), points, to, at, at, least_m)
+            deep &= which != -2
+    deep[deep] &= ~_below_a_ground(points[deep], flown, extractor)
+    return points[deep], len(points), valid
+
+
+def judge_sectors(r: RandomFrame, extractor: Extractor) -> tuple[list[int], int]:
+    """(wrong clear sectors, how many are clear) of one scene, the camera being the vehicle's middle and nearly level: what is
+    tilted more never sees the band of heights whole."""
+    info, place = r.frame.info, r.frame.position_ned_m
+    at = (float(place[0]), float(place[1]), float(place[2]))
+    f = r.camera.image(r.frame.scene, at, heading_of(r.frame), _FLATTER * r.pitch_deg, _FLATTER * r.roll_deg, r.number)
+    model, _ = extractor.extract(f.depth_mm, info, f.R_level_optical)
+    far_m = max(2.0, 0.6 * info.max_range_m)
+    avoid = AvoidParams(max_distance_m=far_m, near_m=min(2.5, 0.7 * far_m), radius_m=0.0)
+    view = View(model, LevelTransform(0.0, (0.0, 0.0, 0.0)))
+    clear = np.flatnonzero(scan([view], avoid).state == SectorState.CLEAR)
+    if not len(clear):
+        return [], 0
+    pixel = 1.0 / info.intrinsics.fx
+    across = np.linspace(-0.4 * STEP_RAD + pixel, 0.4 * STEP_RAD - pixel, _RAYS)
+    z = -avoid.band_above_m + (np.arange(_SLICES) + 0.5) / _SLICES * (avoid.band_above_m + avoid.band_below_m)
+    sector, azimuth, height = (g.ravel() for g in np.meshgrid(clear, across, z, indexing="ij"))
+    height = height.astype(np.float64)
+    azimuth = centres_rad()[sector] + azimuth
+    n = len(azimuth)
+    lo, hi = above_ground(
+        model.ground, azimuth, height, np.full(n, avoid.near_m), np.full(n, far_m), model.ke_per_m, extractor.params
+    )
+    heading = heading_of(f) + azimuth
+    origins = np.tile(f.position_ned_m, (n, 1))
+    origins[:, 2] += height
+    to = np.stack([np.cos(heading), np.sin(heading), np.zeros(n)], axis=1)
+    range_m, which = first_solids(
+        f.scene, has_ground(f.scene), origins, to, lo, hi, extractor.params.min_obstacle_height_m
+    )
+    slack = np.fmax(SLACK_M, SLACK_SIGMAS * r.ke_per_m * np.where(which >= 0, range_m, 0.0) ** 2)
+    wrong = np.unique(sector[(which >= 0) & (range_m < far_m - slack)])
+    return [int(s) for s in wrong], len(clear)

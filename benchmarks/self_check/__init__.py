@@ -1,0 +1,1 @@
+"""How well the checks of the set-up do on rendered flights."""

@@ -1,0 +1,1 @@
+"""Time and memory: of a frame, of the live service, of a start."""

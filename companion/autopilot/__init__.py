@@ -1,0 +1,1 @@
+"""What is sent to and read from the autopilot: obstacle distances, failsafe, parameters, texts."""

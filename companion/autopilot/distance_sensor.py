@@ -1,0 +1,106 @@
+"""DISTANCE_SENSOR upward and downward, from the model: what stands over the vehicle, and how far down the ground is.
+
+Upward only what was seen there is told, and remembered, since a camera that looks ahead does not see what it flies
+under. Nothing is ever told to be clear: where nothing is known, nothing is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mavlink.dialect import dialect
+
+from ..config.avoidance import AvoidParams
+from .obstacle_distance import SENSOR_UNKNOWN, limits_cm
+from .obstacle_memory import Here
+from .view_free import View
+
+NS = 1_000_000_000
+UPWARD, DOWNWARD = 24, 25
+"""MAV_SENSOR_ROTATION_PITCH_90 and _PITCH_270."""
+SENSOR_ID, NO_COVARIANCE = 1, 255
+MOST = 4096
+"""Undersides kept, the newest."""
+
+
+class Overhead:
+    """The undersides of planes, in ned, for as long as the autopilot tells a position."""
+
+    def __init__(self, avoid: AvoidParams) -> None:
+        self._avoid = avoid
+        self._known = np.zeros((0, 7))  # a_x, a_y, b_x, b_y, underside z, margin, instant in s
+        self._section: tuple[bool, int | None] = (False, None)
+        self._place_m = np.zeros(3)
+
+    def see(self, view: View, here: Here, now_ns: int) -> None:
+        """A frame that was not seen before: planes whose undersides are above the vehicle's middle."""
+        self._follow(here)
+        planes = view.model.planes.astype(np.float64)
+        over = planes[:, 5] < 0.0
+        if not view.model.valid or not over.any():
+            return
+        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
+        x0, y0, z0 = self._place_m
+        ends = [(c * x - s * y + x0, s * x + c * y + y0) for x, y in (planes[over, 0:2].T, planes[over, 2:4].T)]
+        rest = (planes[over, 5] + z0, view.model.margin_m[over], np.full(over.sum(), now_ns / NS))
+        self._known = np.concatenate([self._known, np.column_stack([*ends[0], *ends[1], *rest])])[-MOST:]
+
+    def upward_m(self, here: Here, now_ns: int) -> float | None:
+        """How far above the vehicle's middle the lowest thing over its hull is, less its margin; None: nothing is known,
+        which is not clear."""
+        self._follow(here)
+        self._known = self._known[now_ns / NS - self._known[:, 6] <= self._avoid.remember_up_s]
+        known = self._known
+        above = known[known[:, 4] < self._place_m[2]]
+        distance = _distance_m(above[:, 0:2], above[:, 2:4], self._place_m[:2])
+        above = above[distance <= self._avoid.radius_m + above[:, 5]]
+        if not len(above):
+            return None
+        return float(np.maximum(0.0, self._place_m[2] - above[:, 4] - above[:, 5]).min())
+
+    def _follow(self, here: Here) -> None:
+        """Without a position nobody knows what the vehicle flies under later; where it jumps, it has hardly moved."""
+        section = (here.position_ned_m is not None, here.section)
+        place_m = np.array(here.position_ned_m or (0.0, 0.0, 0.0))
+        if section != self._section:
+            step = place_m - self._place_m
+            self._known[:, 0:4] += np.tile(step[:2], 2)
+            self._known[:, 4] += step[2]
+        self._section, self._place_m = section, place_m
+        if here.position_ned_m is None:
+            self._known = self._known[:0]
+
+
+def _distance_m(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) from a point to segments, horizontally."""
+    along = b - a
+    length2 = np.maximum((along**2).sum(axis=1), 1e-12)
+    share = np.clip(((p - a) * along).sum(axis=1) / length2, 0.0, 1.0)
+    out: NDArray[np.float64] = np.hypot(*(a + share[:, None] * along - p).T)
+    return out
+
+
+def downward_m(views: Sequence[View]) -> float | None:
+    """From the vehicle's middle down to the nearest ground that a camera sees now; None: none does."""
+    found = []
+    for view in views:
+        ground = view.model.ground
+        if view.model.valid and ground.seen:
+            x, y, z = view.place_m
+            found.append(z + ground.height_m - ground.slope_x * x - ground.slope_y * y)
+    known = [m for m in found if math.isfinite(m) and m > 0.0]
+    return min(known) if known else None
+
+
+def distance_sensor_message(distance_m: float, orientation: int, time_ms: int, avoid: AvoidParams) -> Any:
+    """The message, rounded towards the vehicle. orientation: UPWARD or DOWNWARD."""
+    low, high = limits_cm(avoid)
+    cm = min(high - 1, max(low + 1, math.floor(100.0 * distance_m)))
+    return dialect.MAVLink_distance_sensor_message(
+        time_ms % 2**32, low, high, cm, SENSOR_UNKNOWN, SENSOR_ID, orientation, NO_COVARIANCE
+    )

@@ -1,0 +1,107 @@
+"""Whether the autopilot takes our obstacles: PX4 sends its own map of them back, ArduPilot one DISTANCE_SENSOR a face."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mavlink.session import Vehicle
+from drivers.simulation.firmware_models.ardupilot import face_of
+
+from .obstacle_distance import UNKNOWN
+
+NS = 1_000_000_000
+PATIENCE_NS = 5 * NS
+"""So long nothing may come back before it is said."""
+SLACK_CM = 60
+"""An echo may be of a message or two ago, at some metres a second."""
+FACES = 8
+PX4, ARDUPILOT = "PX4", "ArduPilot"
+CAUSES = {
+    PX4: "is CP_DIST above 0, and is its MAVLink link of the onboard kind?",
+    ARDUPILOT: "is PRX1_TYPE = 2, and was it started again since?",
+}
+"""What to look at where nothing that we know of explains it."""
+
+
+class EchoCheck:
+    """`sent` with what we send, `take` with what comes, `trouble` for words. Safe to use from several threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._sent: list[tuple[int, list[int]]] = []  # (instant, nearest obstacle of each face), the last two seconds
+        self._waits_since_ns: int | None = None
+        self._differs_since_ns: int | None = None
+
+    def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
+        """What went out. Only a message with an obstacle brings an answer from both autopilots."""
+        with self._lock:
+            self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < 2 * NS]
+            self._sent.append((now_ns, faces_cm(values)))
+            if not (values < clear_cm).any():
+                self._waits_since_ns = None
+            elif self._waits_since_ns is None:
+                self._waits_since_ns = now_ns
+
+    def take(self, message: Any, now_ns: int) -> None:
+        """A message of the autopilot."""
+        told = nearest_told(message)
+        if told is None:
+            return
+        face, nearest = told
+        with self._lock:
+            self._waits_since_ns = now_ns if self._waits_since_ns is not None else None
+            sent = [min(faces) if face is None else faces[face] for _, faces in self._sent]
+            if not sent or any(abs(cm - nearest) <= SLACK_CM for cm in sent):
+                self._differs_since_ns = None
+            elif self._differs_since_ns is None:
+                self._differs_since_ns = now_ns
+
+    def trouble(self, kind: str, now_ns: int, cause: str = "") -> str:
+        """Why it seems that our obstacles are not taken; empty while they are, or while there is nothing to judge by.
+        cause: the likely one, in words; empty: none is known."""
+        with self._lock:
+            waited = self._waits_since_ns is not None and now_ns - self._waits_since_ns > PATIENCE_NS
+            if waited and kind in CAUSES:
+                return f"the autopilot does not take our obstacles: {cause or CAUSES[kind]}"
+            if self._differs_since_ns is not None and now_ns - self._differs_since_ns > PATIENCE_NS:
+                return "the autopilot tells other obstacles than ours: is there a second sensor or companion on it?"
+            return ""
+
+
+def likely_cause(vehicle: Vehicle, values: dict[str, float], signing_trouble: str) -> str:
+    """What of what we know explains that obstacles are not taken, or do not come back; empty: nothing. values: the
+    autopilot's parameters."""
+    if signing_trouble:
+        return signing_trouble
+    if vehicle.mavlink_1:
+        set_to = "MAV_PROTO_VER = 2" if vehicle.autopilot == PX4 else "SERIALn_PROTOCOL = 2"
+        return f"it speaks MAVLink 1 on this line, which has no such messages; set {set_to}"
+    if vehicle.autopilot == PX4 and values.get("CP_DIST", 1.0) <= 0.0:
+        return f"CP_DIST = {values['CP_DIST']:g} switches collision prevention off"
+    if vehicle.autopilot == ARDUPILOT and values.get("PRX1_TYPE", 2.0) != 2.0:
+        return f"PRX1_TYPE = {values['PRX1_TYPE']:g}; set it to 2 and start the autopilot again"
+    return ""
+
+
+def nearest_told(message: Any) -> tuple[int | None, int] | None:
+    """(face, nearest obstacle in cm) of an echo, face None: of all; None: the message is none, or tells of none."""
+    if message.get_type() == "OBSTACLE_DISTANCE":
+        known = [int(v) for v in message.distances if v != UNKNOWN and v < message.max_distance]
+        return (None, min(known)) if known else None
+    if message.get_type() == "DISTANCE_SENSOR" and 0 <= message.orientation < FACES:
+        below = message.current_distance < message.max_distance
+        return (int(message.orientation), int(message.current_distance)) if below else None
+    return None
+
+
+def faces_cm(values: NDArray[np.uint16]) -> list[int]:
+    """The least of (72,) in each of ArduPilot's eight faces."""
+    faces = [UNKNOWN] * FACES
+    for i, cm in enumerate(values.tolist()):
+        face = face_of(5.0 * i)
+        faces[face] = min(faces[face], cm)
+    return faces

@@ -1,0 +1,99 @@
+"""Free space that was seen before the vehicle leaned: who flies forward leans forward, and the camera then sees the upper
+part of the near space no more. It was seen a moment ago, from farther away or level.
+
+Cells of a grid in ned hold when they were last seen free. They are asked only for places that no camera looks at now,
+in directions of which cameras see enough at this instant (`seen_share`), and for `remember_free_s`: what is remembered
+completes a view, and is none. Without a position nothing is remembered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config.avoidance import AvoidParams
+from .obstacle_memory import Here
+from .view_free import View, in_image, points_free
+
+NS = 1_000_000_000
+LEAST_APART_NS = NS // 10
+"""Between two frames of a camera that are taken in: more would cost more and tell the same."""
+SLACK_M = 1.0
+"""The grid reaches so far beyond what is asked for, since the vehicle moves and climbs."""
+NEVER = -math.inf
+
+
+class FreeMemory:
+    """`see` with each view, then `free` for places. Not for two threads at once."""
+
+    def __init__(self, avoid: AvoidParams) -> None:
+        self._avoid = avoid
+        self._height_m = (avoid.band_above_m + avoid.band_below_m) / avoid.slices
+        across = math.ceil(2.0 * (avoid.max_distance_m + SLACK_M) / avoid.step_m)
+        up = math.ceil((avoid.band_above_m + avoid.band_below_m + 2.0 * SLACK_M) / self._height_m)
+        self._cell_m = np.array([self._height_m, avoid.step_m, avoid.step_m])  # z, x, y
+        self._seen_s = np.full((up, across, across), NEVER)
+        self._low = np.zeros(3, np.int64)  # the cell of ned at [0, 0, 0]
+        self._section: int | None = None
+        self._taken_ns: dict[str, int] = {}
+
+    def see(self, camera: str, t_ns: int, view: View, here: Here) -> None:
+        """Takes in what a camera saw free at t_ns. view: in level, here."""
+        if self._avoid.remember_free_s == 0.0 or here.position_ned_m is None or not view.model.valid:
+            return
+        if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) < LEAST_APART_NS:
+            return
+        self._taken_ns[camera] = t_ns
+        self._move_to(here)
+        z_n, x_n, y_n = (
+            (self._low[k] + np.arange(self._seen_s.shape[k]) + 0.5) * self._cell_m[k] for k in range(3)
+        )  # middles of the cells in ned
+        east, north = np.meshgrid(y_n, x_n)
+        x, y = _turned(north, east, here)
+        free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True)
+        self._seen_s[free] = np.maximum(self._seen_s[free], t_ns / NS)
+
+    def free(
+        self, views: Sequence[View], here: Here, now_ns: int, x: NDArray[np.float64], y: NDArray[np.float64],
+        z: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """(N,) whether places of level were seen free lately and lie in no view's image now. x, y, z: (N,) metres."""
+        if here.position_ned_m is None or here.section != self._section:
+            return np.zeros(len(x), bool)
+        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
+        px, py, pz = here.position_ned_m
+        ned = np.stack([z + pz, c * x - s * y + px, s * x + c * y + py])
+        cell = np.floor(ned / self._cell_m[:, None]).astype(np.int64) - self._low[:, None]
+        inside = ((cell >= 0) & (cell < np.array(self._seen_s.shape)[:, None])).all(axis=0)
+        out = np.zeros(len(x), bool)
+        out[inside] = now_ns / NS - self._seen_s[tuple(cell[:, inside])] <= self._avoid.remember_free_s
+        for view in views:
+            out &= ~in_image(view, x, y, z)
+        return out
+
+    def _move_to(self, here: Here) -> None:
+        """Lays the grid around the vehicle. Another estimate of the position begins anew."""
+        assert here.position_ned_m is not None
+        x, y, z = here.position_ned_m
+        shape = np.array(self._seen_s.shape)
+        low = np.floor(np.array([z, x, y]) / self._cell_m).astype(np.int64) - shape // 2
+        shift = low - self._low
+        fresh = np.full(tuple(shape), NEVER)
+        if here.section == self._section and (np.abs(shift) < shape).all():
+            to = tuple(slice(max(0, -d), n - max(0, d)) for d, n in zip(shift, shape, strict=True))
+            of = tuple(slice(max(0, d), n - max(0, -d)) for d, n in zip(shift, shape, strict=True))
+            fresh[to] = self._seen_s[of]
+        self._seen_s, self._low, self._section = fresh, low, here.section
+
+
+def _turned(
+    north: NDArray[np.float64], east: NDArray[np.float64], here: Here
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places of ned, seen from here along the heading."""
+    assert here.position_ned_m is not None
+    c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
+    dn, de = north - here.position_ned_m[0], east - here.position_ned_m[1]
+    return c * dn + s * de, -s * dn + c * de

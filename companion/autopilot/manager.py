@@ -1,0 +1,266 @@
+"""All that concerns the autopilot's braking, as one part of the service: what is told, whether it is taken, what is wrong."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from core.types import AttitudeSample, CameraInfo, PoseSample
+from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import LinkStatus, MavlinkSession, Vehicle
+
+from ..cameras.masks import Mask
+from ..cameras.supervisor import CameraCondition, CameraSupervisor
+from ..config.avoidance import AvoidParams
+from ..config.loader import Config
+from ..pipeline.latency import Latencies
+from ..pipeline.pipeline import PrismsResult
+from .feedback_check import EchoCheck, likely_cause
+from .flight_modes import mode_trouble
+from .margin_file import MarginFile
+from .obstacle_distance import clear_cm
+from .parameters import WANTED, ParameterReader, advice, delay_advice
+from .publisher import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
+from .status_text import CRITICAL, StatusTexts
+
+NS = 1_000_000_000
+ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
+ECHOES = {"PX4": 330, "ArduPilot": 132}
+"""The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
+PARAM_VALUE = 22
+READS = frozenset({PARAM_VALUE, *ECHOES.values()})
+"""The autopilot's messages that `message` has to be given."""
+SET_MESSAGE_INTERVAL = 511
+PX4_POSITION_MODE = 3
+EXPOSURE_TO_TOLD = "exposure to told"
+STRANGERS = ("two autopilots", "two companions", "two of us", "system id")
+"""Topics of `LinkStatus.strangers`."""
+
+
+class Avoidance:
+    """vehicle: the autopilot that is heard now, None: none. post: sends it a message."""
+
+    def __init__(
+        self,
+        avoid: AvoidParams,
+        cameras: tuple[str, ...],
+        stale_s: float,
+        vehicle: Callable[[], Vehicle | None],
+        post: Callable[[Any], None],
+        ill: Callable[[str], str] = lambda camera: "",
+        silent: Callable[[], Vehicle | None] = lambda: None,
+        margins: MarginFile | None = None,
+    ) -> None:
+        """margins: AVOID_MARGIN as it was read before this start, until it is read again. ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
+        more, None: none; it is told on, since it may hear us."""
+        self._avoid, self._vehicle, self._post = avoid, vehicle, post
+        self._cameras, self._silent = cameras, silent
+        self._next_ask_ns = self._end_ns = 0
+        self._lock = threading.Lock()
+        self._latencies = Latencies((EXPOSURE_TO_TOLD,))
+        self._exposed_ns: dict[str, int] = {}
+        self._before_ns: dict[str, int] = {}
+        self.parameters = ParameterReader()
+        self._margins = margins or MarginFile(None)
+        self._echo = EchoCheck()
+        self._texts = StatusTexts()
+        self._link: LinkStatus | None = None
+        self._counted: Told | None = None
+        self._teller = ObstacleTeller(avoid, cameras, stale_s, ill)
+        self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
+
+    def open(self) -> None:
+        """Starts to send, as soon as an autopilot is heard."""
+        self.sender.open()
+
+    def end(self) -> None:
+        """The service stops: from now on all cameras are blind, and an armed vehicle's pilot is told what that means."""
+        self._teller.end("the service stops")
+        vehicle = self._vehicle()
+        if vehicle is not None and vehicle.armed and not self._end_ns:
+            self._end_ns = time.monotonic_ns()
+            self._post(dialect.MAVLink_statustext_message(CRITICAL, last_words(vehicle.autopilot).encode()))
+
+    def close(self) -> None:
+        """Stops; an armed vehicle that would fly on without us is shown the wall for stop_hold_s first. May be called twice."""
+        hold_ns = round(self._avoid.stop_hold_s * NS)
+        while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
+            time.sleep(0.05)
+        self._end_ns = 0
+        self._margins.close()
+        self.sender.close()
+
+    def _flies_on(self) -> bool:
+        """Whether somebody in flight hears the wall now."""
+        vehicle = self._vehicle()
+        armed = vehicle is not None and vehicle.armed
+        return armed and self.sender.running and self.told is not None and self.told.policy == "stop"
+
+    # ---- in ---------------------------------------------------------------------------------------------------------
+
+    def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        """Attitudes and positions of the autopilot, as they come."""
+        self._teller.samples(samples)
+
+    def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
+        """A camera that was opened, and which of its pixels are never measured."""
+        self._teller.announce(info, hidden)
+
+    def result(self, result: PrismsResult) -> None:
+        """What a frame said."""
+        self._exposed_ns[result.camera] = seen_ns(result)
+        self._teller.result(result)
+
+    def message(self, message: Any, arrival_ns: int) -> None:
+        """A message of the autopilot, of READS."""
+        self.parameters.take(message, arrival_ns)
+        self._echo.take(message, arrival_ns)
+
+    # ---- out --------------------------------------------------------------------------------------------------------
+
+    def tick(self, now_ns: int, link: LinkStatus | None = None) -> None:
+        """Asks for parameters and tells people what has changed; ten times a second or so. link: what is known of the
+        line; an autopilot that is not believed for its signatures is told that, and nothing else."""
+        self._link = link or self._link
+        text = self._texts.due(self._blind(), now_ns, self._notes(now_ns))
+        if text is not None:
+            self._post(text)
+        vehicle = self._vehicle()
+        if vehicle is None:
+            return
+        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: what was read before still counts
+            self.parameters.begin(vehicle.autopilot, vehicle.system_id)
+        margin_m = self.parameters.value("AVOID_MARGIN")
+        if margin_m is not None and vehicle.autopilot == self.parameters.kind:
+            self._margins.keep(vehicle.autopilot, vehicle.system_id, margin_m)
+        for request in self.parameters.due(now_ns, vehicle.system_id):
+            self._post(request)
+        if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
+            self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
+            self._post(
+                dialect.MAVLink_command_long_message(
+                    vehicle.system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0,
+                    ECHOES[vehicle.autopilot], 1e6 / ECHO_HZ, 0, 0, 0, 0, 0,
+                )
+            )  # fmt: skip
+
+    def _notes(self, now_ns: int) -> dict[str, str]:
+        """Topic -> trouble, in words, for the ground station; all topics there are, so that the end of each is told."""
+        strangers = self._link.strangers if self._link is not None else {}
+        vehicle = self._vehicle()
+        notes = dict.fromkeys(STRANGERS, "") | strangers
+        notes["signing"] = self._link.signing_trouble if self._link is not None else ""
+        notes["mode"] = mode_trouble(vehicle, self.parameters.values()) if vehicle is not None else ""
+        notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
+        return notes
+
+    def _echo_trouble(self, vehicle: Vehicle, now_ns: int) -> str:
+        if not echoes(vehicle):
+            return ""
+        signing = self._link.signing_trouble if self._link is not None else ""
+        cause = likely_cause(vehicle, self.parameters.values(), signing)
+        return self._echo.trouble(vehicle.autopilot, now_ns, cause)
+
+    def _blind(self) -> dict[str, str]:
+        """Why each camera is blind, in words; empty: it sees. Nothing before the first decision, or without anybody to
+        decide for."""
+        told = self.sender.told
+        if told is None or self._vehicle() is None:
+            return {}
+        return {c: told.blind.get(c, "") for c in self._cameras}
+
+    def troubles(self, now_ns: int) -> list[str]:
+        """What keeps the vehicle from braking, in words."""
+        vehicle = self._vehicle()
+        if vehicle is None:
+            return []
+        trouble = self._echo_trouble(vehicle, now_ns)
+        values, silent = self.parameters.values(), self.parameters.silent()
+        said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
+        said += delay_advice(vehicle.autopilot, values, self.latency())
+        said += self.parameters.contradictions(now_ns)
+        said += filter(None, [mode_trouble(vehicle, values)])
+        if self.told is not None and self.told.fault:
+            said.insert(0, self.told.fault)
+        if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:
+            margin_m = self._margin_m(vehicle) or self._avoid.avoid_margin_m
+            said.append(
+                f"AVOID_MARGIN is not known: when blind, the wall stands at {margin_m:g} m and more; set "
+                "[avoid] avoid_margin_m to the autopilot's"
+            )
+        return [trouble, *said] if trouble else said
+
+    def latency(self) -> tuple[str, float, float, float] | None:
+        """(stage, p50, p95, p99) in ms: how old the newest exposure of the slowest seeing camera is when obstacles are
+        told; None before there were any."""
+        with self._lock:
+            return next(iter(self._latencies.percentiles()), None)
+
+    @property
+    def told(self) -> Told | None:
+        """The newest decision."""
+        return self.sender.told
+
+    def hung(self, limit_ns: int) -> bool:
+        """Whether the sender has not gone round for so long, or has ended."""
+        return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
+
+    def _autopilot(self) -> AutopilotNow:
+        self._before_ns = self._exposed_ns.copy()  # the decision that comes knows these at least
+        vehicle = self._vehicle() or self._silent()
+        if vehicle is None:
+            return AutopilotNow()
+        return AutopilotNow(kind=vehicle.autopilot, margin_m=self._margin_m(vehicle))
+
+    def _margin_m(self, vehicle: Vehicle) -> float | None:
+        """AVOID_MARGIN as it is read now, else as it was before this start; None: never."""
+        read_m = self.parameters.value("AVOID_MARGIN")
+        return self._margins.margin_m(vehicle.autopilot, vehicle.system_id) if read_m is None else read_m
+
+    def _send(self, message: Any) -> None:
+        told = self.sender.told  # may go out as many messages
+        if told is not None and told.values is not None and told is not self._counted:
+            self._counted = told
+            self._echo.sent(told.values, clear_cm(self._avoid), told.t_ns)
+            seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in told.blind]
+            if seeing:
+                with self._lock:
+                    self._latencies.add(EXPOSURE_TO_TOLD, time.monotonic_ns() - min(seeing))
+        self._post(message)
+
+
+def avoidance_of(
+    config: Config, cameras: Mapping[str, CameraSupervisor], session: MavlinkSession, link: MavlinkLink, state: Path
+) -> Avoidance:
+    """What tells the autopilot of this line of obstacles. state: the folder in which its margin is kept."""
+
+    def heard() -> Vehicle | None:
+        return session.vehicle if session.heard(time.monotonic_ns()) else None
+
+    def silent() -> Vehicle | None:
+        return session.vehicle if session.fell_silent(time.monotonic_ns()) else None
+
+    def frozen(camera: str) -> str:
+        status = cameras[camera].status
+        return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
+
+    return Avoidance(
+        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, MarginFile(state)
+    )
+
+
+def last_words(autopilot: str) -> str:
+    """What becomes of an armed vehicle without us, for the ground station. ArduPilot flies on; PX4 stands in Position mode."""
+    return "OA: stopped, Position mode stands" if autopilot == "PX4" else "OA: stopped, vehicle does not brake"
+
+
+def echoes(vehicle: Vehicle) -> bool:
+    """Whether this autopilot should be sending obstacles back now: PX4 looks at them in Position mode alone, and its map
+    goes out only then."""
+    if vehicle.autopilot != "PX4":
+        return True
+    return vehicle.armed and (vehicle.custom_mode >> 16) & 0xFF == PX4_POSITION_MODE

@@ -1,0 +1,95 @@
+"""OBSTACLE_DISTANCE (330): a scan of sectors as numbers that PX4, both its generations, and ArduPilot read rightly.
+
+In centimetres: 65535 nothing known; max + 1 seen clear; an obstacle within min + 1 .. max - 1, since ArduPilot drops what
+lies outside of min .. max and PX4 brakes for values above min only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mavlink.dialect import dialect
+
+from ..config.avoidance import AvoidParams
+from .polar_histogram import SECTORS, SectorScan, SectorState
+
+UNKNOWN = 65535
+BODY_FRD = 12
+PX4, ARDUPILOT = "PX4", "ArduPilot"
+SENSOR_UNKNOWN = 4
+"""No kind of sensor means stereo."""
+
+
+def encoded(scan: SectorScan, avoid: AvoidParams) -> NDArray[np.uint16]:
+    """(72,) centimetres of the scan, one number a sector."""
+    values = np.full(SECTORS, UNKNOWN, np.uint16)
+    values[scan.state == SectorState.CLEAR] = clear_cm(avoid)
+    obstacle = scan.state == SectorState.OBSTACLE
+    values[obstacle] = near_cm(scan.distance_m[obstacle], avoid)
+    return values
+
+
+def limits_cm(avoid: AvoidParams) -> tuple[int, int]:
+    """min_distance and max_distance. They never change in flight: PX4 holds on to the range it heard first."""
+    return round(100 * avoid.min_distance_m), round(100 * avoid.max_distance_m)
+
+
+def clear_cm(avoid: AvoidParams) -> int:
+    """What a sector that was seen clear is told as."""
+    return limits_cm(avoid)[1] + 1
+
+
+def always_told_cm(avoid: AvoidParams) -> int:
+    """From the hull: an obstacle no farther than this is told whether the way to it was seen free or not. Before near_m no
+    sector has to be seen, so that there is no way to look at."""
+    return round(100 * max(0.0, avoid.near_m - avoid.radius_m))
+
+
+def near_cm(distance_m: NDArray[np.float64], avoid: AvoidParams) -> NDArray[np.uint16]:
+    """Distances of obstacles, rounded towards the vehicle, within what both autopilots act on."""
+    low, high = limits_cm(avoid)
+    return np.clip(np.floor(100.0 * distance_m), low + 1, high - 1).astype(np.uint16)
+
+
+def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int) -> NDArray[np.uint16]:
+    """For older PX4, which has bins of 10 degrees and reads the even elements alone: each of them becomes the least of
+    itself and its neighbours. Beside unknown it is unknown, since a bin stands for all its sectors; unless the least is no
+    farther than outranks (cm), which is told whatever stands beside it."""
+    three = np.stack([np.roll(values, 1), values, np.roll(values, -1)])[:, ::2]
+    nearest = three.min(axis=0)
+    unseen = (three == UNKNOWN).any(axis=0)
+    out = values.copy()
+    out[::2] = np.where(unseen & ((nearest >= clear) | (nearest > outranks)), UNKNOWN, nearest)
+    return out
+
+
+def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]:
+    """For ArduPilot that goes through the sectors once: its front face takes elements 0 to 4 first and 68 to 71 last,
+    and the last ones replaced the first ones there. So the last element carries the nearest of the whole face."""
+    right, left = values[:5], values[SECTORS - 4 :]
+    out = values.copy()
+    if right.min() < clear and left.min() < clear:
+        out[-1] = min(right.min(), left.min())
+    return out
+
+
+def for_reader(values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str) -> NDArray[np.uint16]:
+    """As this kind of autopilot needs them, whatever is told: in all ways for one that is not known. That one may take
+    unknown for clear, so that no obstacle gives way to it there."""
+    clear = clear_cm(avoid)
+    if autopilot != ARDUPILOT:
+        values = for_coarse_bins(values, clear, always_told_cm(avoid) if autopilot == PX4 else clear)
+    return values if autopilot == PX4 else for_front_face(values, clear)
+
+
+def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:
+    """The message. values: (72,) uint16, element i centred on i * 5 degrees clockwise from the nose.
+
+    `increment` and `increment_f` say the same: readers differ in which one they take."""
+    low, high = limits_cm(avoid)
+    return dialect.MAVLink_obstacle_distance_message(
+        time_us, SENSOR_UNKNOWN, [int(v) for v in values], 5, low, high, 5.0, 0.0, BODY_FRD
+    )

@@ -1,0 +1,110 @@
+"""OBSTACLE_DISTANCE_3D (11037): obstacles as points, for ArduPilot alone, which keeps five layers of 30 degrees of height.
+
+The layer in the middle holds just what OBSTACLE_DISTANCE would tell: sectors, remembered obstacles, the wall when blind.
+The layers above and below hold what the cameras see there now, and nothing else: in them ArduPilot takes what is not told
+for clear, as it does without us. A scan is all messages of one time; it counts once the next scan begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mavlink.dialect import dialect
+
+from ..config.avoidance import AvoidParams
+from .obstacle_distance import BODY_FRD, SENSOR_UNKNOWN, clear_cm
+from .polar_histogram import centres_rad
+from .view_free import View
+
+LAYERS_RAD = tuple(
+    (math.radians(a), math.radians(b)) for a, b in ((-89.0, -45.5), (-44.5, -15.5), (15.5, 44.5), (45.5, 89.0))
+)
+"""Upwards, without the middle one; half a degree off their borders, so that no rounding puts a point into the next."""
+FACES, FACE_RAD = 8, math.tau / 8
+PLACES = 65
+_ALONG = np.linspace(0.0, 1.0, PLACES)
+NO_ID = 65535
+"""obstacle_id: nobody follows it."""
+NO_POINTS = np.zeros((0, 3))
+
+
+def level_points(values: NDArray[np.uint16], avoid: AvoidParams) -> NDArray[np.float64]:
+    """(N, 3) metres, one point for each sector that is told as an obstacle. values: (72,) cm of OBSTACLE_DISTANCE."""
+    told = values < clear_cm(avoid)
+    distance_m, azimuth = values[told] / 100.0, centres_rad()[told]
+    return np.column_stack([distance_m * np.cos(azimuth), distance_m * np.sin(azimuth), np.zeros(told.sum())])
+
+
+def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float64]:
+    """(N, 3) metres of frd, level: the nearest point of any plane in each layer but the middle one and each of eight faces,
+    as far from the hull as it is, less the plane's margin."""
+    found = [_points_of(view, avoid) for view in views if view.model.valid and len(view.model.planes)]
+    if not found:
+        return NO_POINTS
+    layer, azimuth, elevation, range_m = (np.concatenate(column) for column in zip(*found, strict=True))
+    face = np.round(azimuth / FACE_RAD).astype(int) % FACES
+    order = np.argsort(-range_m, kind="stable")  # of those with one place the last one stays: the nearest
+    nearest = np.full((len(LAYERS_RAD), FACES), -1)
+    nearest[layer[order], face[order]] = order
+    kept = nearest[nearest >= 0]
+    kept = kept[range_m[kept] < avoid.max_distance_m]
+    told_m = np.maximum(range_m[kept], avoid.min_distance_m + 0.01)
+    flat_m = told_m * np.cos(elevation[kept])
+    return np.column_stack(
+        [flat_m * np.cos(azimuth[kept]), flat_m * np.sin(azimuth[kept]), -told_m * np.sin(elevation[kept])]
+    )
+
+
+def _points_of(view: View, avoid: AvoidParams) -> tuple[NDArray[np.int64], *tuple[NDArray[np.float64], ...]]:
+    """(layer, azimuth, elevation up, range to the hull), each (M,): in each layer the nearest of each of the places along
+    each plane that reach into it. A place stands for what is half a step to either side, by the nearest that may be there."""
+    planes = view.model.planes.astype(np.float64)
+    share, half_m = _places(planes[:, 0:2], planes[:, 2:4], avoid.max_distance_m)
+    x, y = (planes[:, i, None] + share * (planes[:, i + 2] - planes[:, i])[:, None] for i in (0, 1))
+    flat_m = np.hypot(x, y)
+    near_m, far_m = np.maximum(flat_m - half_m, 0.01), np.maximum(flat_m + half_m, 0.01)
+    under, over = -planes[:, 5:6], -planes[:, 4:5]  # heights, upwards
+    low = np.where(under > 0.0, np.arctan2(under, far_m), np.arctan2(under, near_m))
+    high = np.where(over > 0.0, np.arctan2(over, near_m), np.arctan2(over, far_m))
+    off_m = (avoid.radius_m + view.model.margin_m)[:, None]
+    columns = []
+    for layer, (bottom, top) in enumerate(LAYERS_RAD):
+        first, last = np.maximum(low, bottom), np.minimum(high, top)
+        inside = first <= last
+        elevation = np.clip(0.0, first, np.maximum(first, last))
+        range_m = np.maximum(0.0, near_m / np.cos(elevation) - off_m)
+        columns.append((np.full(inside.sum(), layer), np.arctan2(y, x)[inside], elevation[inside], range_m[inside]))
+    layers, *rest = (np.concatenate(column) for column in zip(*columns, strict=True))
+    return layers, *rest
+
+
+def _places(
+    a: NDArray[np.float64], b: NDArray[np.float64], reach_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N, PLACES) shares of the way a -> b, evenly over what of it is within reach, and (N, 1) metres of half a step."""
+    along = b - a
+    length_m = np.maximum(np.hypot(*along.T), 1e-6)
+    middle = -(a * along).sum(axis=1) / length_m**2
+    off2 = ((a + middle[:, None] * along) ** 2).sum(axis=1)
+    half = np.sqrt(np.maximum(reach_m**2 - off2, 0.0)) / length_m
+    first, last = np.clip(middle - half, 0.0, 1.0), np.clip(middle + half, 0.0, 1.0)
+    share = first[:, None] + _ALONG * (last - first)[:, None]
+    half_m: NDArray[np.float64] = (0.5 * (last - first) * length_m / (PLACES - 1))[:, None]
+    return share, half_m
+
+
+def obstacle_points_messages(points_m: NDArray[np.float64], time_ms: int, avoid: AvoidParams) -> list[Any]:
+    """One scan: a message for each point; of none a single one beyond the farthest distance, which is no obstacle but says
+    that we are there. time_ms: no two scans in a row may have the same."""
+    points = points_m.tolist() or [[avoid.max_distance_m + 1.0, 0.0, 0.0]]
+    return [
+        dialect.MAVLink_obstacle_distance_3d_message(
+            time_ms % 2**32, SENSOR_UNKNOWN, BODY_FRD, NO_ID, x, y, z, avoid.min_distance_m, avoid.max_distance_m
+        )
+        for x, y, z in points
+    ]

@@ -1,0 +1,111 @@
+"""Near obstacles that have left the view: a camera looks over what stands beside the vehicle and below its own image.
+
+An obstacle is remembered as a point of ned, or, without a position, of level as it was turned since. It is forgotten
+when a camera sees through its place and beside it, and after a while. When the autopilot's estimate of the position jumps,
+comes or goes, it stays where it stood beside the vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config.avoidance import AvoidParams
+from ..pipeline.transform import LevelTransform
+from .polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState
+from .view_free import View, points_free
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Here:
+    """Where the vehicle is at the moment of sending. heading_rad: clockwise from north; position_ned_m None: unknown;
+    section: of the autopilot's estimate, which changes when that jumps."""
+
+    heading_rad: float
+    position_ned_m: tuple[float, float, float] | None = None
+    section: int | None = None
+
+    def from_world(self) -> LevelTransform:
+        """ned, or north-aligned axes around the vehicle, to level."""
+        return LevelTransform(self.heading_rad, self.position_ned_m or (0.0, 0.0, 0.0)).inverse()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remembered:
+    """(72,) each, metres from the hull, inf where nothing is remembered. distance_m: the nearest remembered obstacle;
+    way_seen_m: the nearest of those that were seen with the way to them (SectorState.OBSTACLE)."""
+
+    distance_m: NDArray[np.float64]
+    way_seen_m: NDArray[np.float64]
+
+
+def nothing_remembered() -> Remembered:
+    """No obstacle in any sector."""
+    return Remembered(np.full(SECTORS, np.inf), np.full(SECTORS, np.inf))
+
+
+class ObstacleMemory:
+    """`recall` with each scan: adds what is seen now and gives what is remembered besides."""
+
+    def __init__(self, avoid: AvoidParams) -> None:
+        self._avoid = avoid
+        self._points = np.zeros((0, 4))  # x, y of the world, instant in s, 1 where the way was seen
+        self._section: tuple[bool, int | None] = (False, None)
+        self._place_m = np.zeros(2)
+
+    def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> Remembered:
+        """What is remembered and not seen now."""
+        section = (here.position_ned_m is not None, here.section)
+        place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
+        if section != self._section:  # another origin: the vehicle has not moved, or hardly
+            self._points[:, :2] += place_m - self._place_m
+        self._section, self._place_m = section, place_m
+        now_s = now_ns / NS
+        points = self._points[now_s - self._points[:, 2] <= self._avoid.remember_s]
+        xy = _moved(points[:, :2], here.from_world())
+        kept = ~self._seen_through(xy, views)
+        points, xy = points[kept], xy[kept]
+        recalled = nothing_remembered()
+        if len(xy):
+            sector = np.round(np.arctan2(xy[:, 1], xy[:, 0]) / STEP_RAD).astype(int) % SECTORS
+            hull = np.maximum(0.0, np.hypot(xy[:, 0], xy[:, 1]) - self._avoid.radius_m)
+            np.minimum.at(recalled.distance_m, sector, hull)
+            way_seen = points[:, 3] > 0.0
+            np.minimum.at(recalled.way_seen_m, sector[way_seen], hull[way_seen])
+        self._points = np.concatenate([points, self._seen_now(scan, here, now_s)])
+        return recalled
+
+    def _seen_now(self, scan: SectorScan, here: Here, now_s: float) -> NDArray[np.float64]:
+        """(N, 4) rows of _points: the near planes of a scan, whether the way to them was seen or not."""
+        near = scan.distance_m < self._avoid.remember_m
+        middle_m = scan.distance_m[near] + self._avoid.radius_m
+        azimuth = scan.azimuth_rad[near]
+        xy = np.stack([middle_m * np.cos(azimuth), middle_m * np.sin(azimuth)], axis=1)
+        world = _moved(xy, LevelTransform(here.heading_rad, here.position_ned_m or (0.0, 0.0, 0.0)))
+        way_seen = scan.state[near] == SectorState.OBSTACLE
+        return np.column_stack([world, np.full(len(world), now_s), way_seen])
+
+    def _seen_through(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.bool_]:
+        """(N,) which places, with half a sector on either side, views call free over the whole band: a pole that is just
+        out of the view is not taken away by what is seen beside it."""
+        half = np.linspace(-self._avoid.band_above_m, self._avoid.band_below_m, self._avoid.slices + 2)[1:-1]
+        c, s = math.cos(0.5 * STEP_RAD), math.sin(0.5 * STEP_RAD)
+        x = np.stack([c * xy[:, 0] + s * xy[:, 1], xy[:, 0], c * xy[:, 0] - s * xy[:, 1]])
+        y = np.stack([c * xy[:, 1] - s * xy[:, 0], xy[:, 1], c * xy[:, 1] + s * xy[:, 0]])
+        free = np.zeros((len(half), *x.shape), bool)
+        for view in views:
+            if view.model.valid:
+                free |= points_free(view, x, y, half)
+        return np.asarray(free.all(axis=(0, 1)))
+
+
+def _moved(xy: NDArray[np.float64], transform: LevelTransform) -> NDArray[np.float64]:
+    c, s = math.cos(transform.yaw_rad), math.sin(transform.yaw_rad)
+    tx, ty, _ = transform.translation_m
+    return np.stack([c * xy[:, 0] - s * xy[:, 1] + tx, s * xy[:, 0] + c * xy[:, 1] + ty], axis=1)

@@ -1,0 +1,248 @@
+"""Distances around the vehicle in 72 sectors of 5 degrees, as OBSTACLE_DISTANCE wants them, from the models of cameras.
+
+Everything here is in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
+Sector i is centred on i * 5 degrees clockwise from the nose. Each is one of three: an obstacle at a distance, seen to be
+clear, or unseen; unseen is never clear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_frd_optical
+from core.types import CameraInfo, FrameModel
+
+from ..config.avoidance import AvoidParams
+from .view_free import View, ended_by_obstacle, ground_z_m, points_free
+
+SECTORS = 72
+STEP_RAD = math.tau / SECTORS
+PARTS = 5
+"""Of a sector, one degree each, by which it is told whether a camera looks into all of it."""
+_EDGE_RAD = 1e-3
+"""Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
+SHORT_M, SHORT_SIGMAS = 0.75, 4.0
+"""The free-range profile may end so far before a plane that was seen in full: one ring (0.5 m) and one step, and so many
+sigmas of the plane's noise, sigma = ke * range^2."""
+
+
+class SectorState(IntEnum):
+    """What is known of a sector."""
+
+    UNSEEN = 0
+    CLEAR = 1
+    OBSTACLE = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectorScan:
+    """All (72,). state: uint8 SectorState. distance_m: float64 from the vehicle's hull to the nearest obstacle, inf where
+    there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not.
+    azimuth_rad: float64, direction of that nearest obstacle, the middle of the sector where there is none."""
+
+    state: NDArray[np.uint8]
+    distance_m: NDArray[np.float64]
+    free_m: NDArray[np.float64]
+    azimuth_rad: NDArray[np.float64]
+
+
+Recall = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+"""Which places of level, x, y, z (N,), were seen free before and are looked at by nobody now."""
+
+
+def centres_rad() -> NDArray[np.float64]:
+    """(72,) middles of the sectors, clockwise from the nose."""
+    return np.arange(SECTORS, dtype=np.float64) * STEP_RAD
+
+
+def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None) -> SectorScan:
+    """The nearest obstacle of any view in each sector, and where any view saw the sector free.
+
+    A sector is CLEAR when it was seen free to the farthest distance told, and OBSTACLE when it was seen free to its
+    nearest plane. Where that cannot be said it is UNSEEN, whatever stands behind: something nearer that was not measured
+    may stand before the plane. A plane nearer than near_m is always an OBSTACLE."""
+    plane_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
+    for view in views:
+        if view.model.valid:
+            distance, azimuth = plane_distances(view.model, avoid)
+            azimuth_rad = np.where(distance < plane_m, azimuth, azimuth_rad)
+            plane_m = np.minimum(plane_m, distance)
+    distance_m = np.maximum(0.0, plane_m - avoid.radius_m)
+    obstacle = distance_m < avoid.max_distance_m
+    free_m, seen = seen_free(views, avoid, np.where(obstacle, plane_m, np.inf), recall)
+    state = np.where(seen, np.where(obstacle, SectorState.OBSTACLE, SectorState.CLEAR), SectorState.UNSEEN)
+    return SectorScan(state.astype(np.uint8), distance_m, free_m, azimuth_rad)
+
+
+def plane_distances(model: FrameModel, avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(72,) horizontal distance from the origin to the nearest point of any plane in each sector, less the plane's
+    margin, inf where there is none; (72,) azimuth of that point. Only planes that reach into the vehicle's band of
+    height count."""
+    planes = model.planes.astype(np.float64)
+    inside = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
+    if not inside.any():
+        return np.full(SECTORS, np.inf), centres_rad()
+    distance, azimuth = segment_distances(planes[inside, 0:2], planes[inside, 2:4])
+    distance -= model.margin_m[inside, None]
+    nearest = distance.argmin(axis=0), np.arange(SECTORS)
+    return distance[nearest].clip(0.0), azimuth[nearest]
+
+
+def segment_distances(
+    a_m: NDArray[np.float64], b_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both (N, 72): distance from the origin to the part of each segment a -> b that lies in each sector, inf where no
+    part does; and the azimuth of its nearest point.
+
+    A sector is the meeting of two half planes through the origin; each clips the segment at a share of its length."""
+    low = centres_rad() - 0.5 * STEP_RAD - _EDGE_RAD
+    high = centres_rad() + 0.5 * STEP_RAD + _EDGE_RAD
+    # at least 0 inside: clockwise of the lower edge, counter-clockwise of the upper one
+    sides = ((-np.sin(low), np.cos(low)), (np.sin(high), -np.cos(high)))
+    first, last = np.zeros((len(a_m), SECTORS)), np.ones((len(a_m), SECTORS))
+    for nx, ny in sides:
+        at_a = a_m[:, 0:1] * nx + a_m[:, 1:2] * ny
+        at_b = b_m[:, 0:1] * nx + b_m[:, 1:2] * ny
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = at_a / (at_a - at_b)
+        enters, leaves = (at_a < 0.0) & (at_b >= 0.0), (at_a >= 0.0) & (at_b < 0.0)
+        first = np.where(enters, np.maximum(first, crossing), first)
+        last = np.where(leaves, np.minimum(last, crossing), last)
+        last = np.where((at_a < 0.0) & (at_b < 0.0), -1.0, last)
+    along = b_m - a_m
+    length2 = np.maximum((along**2).sum(axis=1), 1e-12)[:, None]
+    nearest = -((a_m * along).sum(axis=1))[:, None] / length2
+    share = np.clip(nearest, first, np.maximum(first, last))
+    x, y = a_m[:, 0:1] + share * along[:, 0:1], a_m[:, 1:2] + share * along[:, 1:2]
+    distance = np.where(first <= last, np.hypot(x, y), np.inf)
+    known = np.isfinite(distance) & (distance > 1e-6)  # what goes through the origin lies in no direction
+    return distance, np.where(known, np.arctan2(y, x), centres_rad())
+
+
+def seen_free(
+    views: Sequence[View], avoid: AvoidParams, plane_m: NDArray[np.float64], recall: Recall | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(free_m, seen), each (72,): how far along each sector it was seen free, and whether that reaches as far as it must,
+    for a share `clear_share` of the sector's rays and of the height of the band: to the plane, or to the farthest distance
+    told where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
+
+    Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
+    view calls it free; rays start at the vehicle, views at their cameras. Sectors of which the views themselves see
+    seen_share are completed by what is recalled."""
+    x, y, z, ranges = _sector_rays(avoid)
+    free = np.zeros((len(z), *x.shape), bool)
+    valid = [view for view in views if view.model.valid]
+    for view in valid:
+        free |= points_free(view, x, y, z, along_rays=True)
+    must_m = _must_be_seen_m(valid, plane_m)
+    needed = np.repeat(np.where(np.isfinite(plane_m), np.searchsorted(ranges, must_m), len(ranges)), avoid.rays)
+    reached = _reached(free)
+    seen = reached >= needed
+    # behind a measured obstacle the profile says nothing, and nothing is missing
+    i, ray = np.nonzero(~seen & np.isfinite(plane_m).repeat(avoid.rays))
+    k = reached[i, ray]
+    for view in valid:
+        share = must_m.repeat(avoid.rays)[ray] / ranges[k]
+        seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
+    if recall is not None:
+        share = _by_sector(seen).mean(axis=1)
+        enough = np.repeat((share >= avoid.seen_share) & (share < 1.0), avoid.rays)
+        i, ray, k = np.nonzero(~free & enough[None, :, None])
+        free[i, ray, k] = recall(x[ray, k], y[ray, k], z[i])
+        reached = _reached(free)
+        seen |= reached >= needed
+    # what at least clear_share of the rays and slices reach
+    each = np.sort(_by_sector(reached), axis=1)[:, ::-1]
+    least = math.ceil(avoid.clear_share * each.shape[1])
+    common = each[:, least - 1]
+    free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
+    enough = _by_sector(seen).sum(axis=1) >= least
+    return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid))
+
+
+def _sector_rays(
+    avoid: AvoidParams,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """(x, y, z, ranges): the samples along the rays of all sectors. x, y: (72 * rays, ranges); z: (slices,) heights in the
+    band; ranges: (ranges,) from the vehicle's middle."""
+    rays = (centres_rad()[:, None] + np.linspace(-0.4, 0.4, avoid.rays) * STEP_RAD).ravel()
+    ranges = np.arange(avoid.near_m, avoid.max_distance_m + avoid.step_m, avoid.step_m)
+    band_m = avoid.band_above_m + avoid.band_below_m
+    z = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * band_m
+    return np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges, z, ranges
+
+
+def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(72,) how far a sector must have been seen free to its plane: the free-range profile ends short of it by its rings and
+    by the noise that the plane was measured with, on top of the margin that is off plane_m already."""
+    ke_per_m = max((view.model.ke_per_m for view in views), default=0.0)
+    return plane_m - SHORT_M - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
+
+
+def _ground_in_band(views: Sequence[View], avoid: AvoidParams) -> bool:
+    """Whether the ground under the vehicle lies within its band of height: no direction is then free over the band."""
+    here = np.zeros(1)
+    return any(ground_z_m(view, here, here)[0] < avoid.band_below_m for view in views)
+
+
+def _reached(free: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(slices, 72 * rays): how many samples of each height and ray are free from near_m on. free: (slices, 72 * rays,
+    ranges)."""
+    out: NDArray[np.int64] = np.logical_and.accumulate(free, axis=2).sum(axis=2)
+    return out
+
+
+def _by_sector(values: NDArray[Any]) -> NDArray[Any]:
+    """(72, rays * slices) of values (slices, 72 * rays)."""
+    return values.reshape(len(values), SECTORS, -1).transpose(1, 0, 2).reshape(SECTORS, -1)
+
+
+class Look(IntEnum):
+    """How much of a part of a sector a camera looks into."""
+
+    NOTHING = 0
+    SOME = 1
+    WHOLE = 2
+
+
+def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+    """(72, PARTS) Look: how much of each part of each sector a camera looks into while the vehicle is level, by the rays of
+    its image that run through the band of height at near_m or farther; by all its rays where none does.
+
+    hidden: (H, W) pixels that are never measured. Where they take more than 1 - clear_share of the heights that the image
+    would see, the part is looked into in some of it only: nobody will ever call it clear."""
+    k, n = info.intrinsics, 257
+    u, v = np.linspace(-0.5, k.width - 0.5, n), np.linspace(-0.5, k.height - 0.5, n)
+    optical = np.stack([*np.meshgrid((u - k.cx) / k.fx, (v - k.cy) / k.fy), np.ones((n, n))]).reshape(3, -1)
+    x, y, z = rotation_frd_optical(info.mount) @ optical
+    z_m = avoid.near_m * z / np.maximum(np.hypot(x, y), 1e-9)
+    inside = (z_m > -avoid.band_above_m) & (z_m < avoid.band_below_m)
+    if not inside.any():
+        inside[:] = True
+    seen = inside.copy()
+    if hidden is not None:
+        rows, columns = (np.clip(np.round(c), 0, size - 1).astype(int) for c, size in ((v, k.height), (u, k.width)))
+        seen &= ~hidden[np.ix_(rows, columns)].ravel()
+    part = np.floor((np.arctan2(y, x) + 0.5 * STEP_RAD) / (STEP_RAD / PARTS)).astype(int) % (SECTORS * PARTS)
+    share = (z_m + avoid.band_above_m) / (avoid.band_above_m + avoid.band_below_m)
+    height = np.clip(share * avoid.slices, 0, avoid.slices - 1).astype(int)
+    could, can = (np.zeros((SECTORS * PARTS, avoid.slices), bool) for _ in range(2))
+    could[part[inside], height[inside]] = True
+    can[part[seen], height[seen]] = True
+    out = np.where(can.any(axis=1), np.uint8(Look.SOME), np.uint8(Look.NOTHING))
+    enough = can.sum(axis=1) >= avoid.clear_share * could.sum(axis=1)
+    out[can.any(axis=1) & enough] = Look.WHOLE
+    return out.reshape(SECTORS, PARTS)
+
+
+def covered(cameras: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those they see all of."""
+    parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras])
+    return (parts > Look.NOTHING).any(axis=1), (parts == Look.WHOLE).all(axis=1)

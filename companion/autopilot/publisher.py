@@ -1,0 +1,338 @@
+"""Tells the autopilot of obstacles, 15 times a second, whatever the cameras and the pipeline do.
+
+The thread looks at what the newest frames said and how old they are at the moment of sending. Nothing that another
+thread does or fails to do makes an old word go out as a new one: when nobody hands it anything any more, the exposures
+it holds grow old, and what is sent is what the blind policy says.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_frd_optical, rotation_from_quaternion, rotation_level_ned
+from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
+from drivers.watched_thread import WatchedThread
+
+from ..cameras.masks import Mask
+from ..config.avoidance import AvoidParams
+from ..config.sync import SyncParams
+from ..pipeline.multi_camera import joined, step_to_level
+from ..pipeline.pipeline import PrismsResult
+from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
+from ..pipeline.transform import LevelTransform, reframed
+from .distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
+from .failsafe import BlindPolicy, Recovery, Sight, policy_of
+from .free_space_memory import FreeMemory
+from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
+from .obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
+from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
+from .polar_histogram import PARTS, SECTORS, Look, Recall, SectorScan, covered, looked_into, scan
+from .view_free import View
+
+NS = 1_000_000_000
+MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
+"""How far attitude and position may be carried to the moment of sending; beyond it the vehicle's heading is unknown."""
+
+EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
+"""A camera that was never opened may look anywhere: nobody knows."""
+RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
+"""What numbers may lead to that nobody thought of: then all cameras count as blind, and the thread goes on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
+
+    policy: unknown or stop, as the autopilot needs it. fault: what went wrong in reckoning, in words; empty: nothing.
+    points_m: (N, 3) obstacles above and below the band, where they are told; up_m, down_m: to what stands over the vehicle,
+    and to the ground under it; None: nothing is sent of it."""
+
+    t_ns: int
+    values: NDArray[np.uint16] | None
+    blind: dict[str, str]
+    policy: str
+    fault: str = ""
+    points_m: NDArray[np.float64] = field(default_factory=NO_POINTS.copy)
+    up_m: float | None = None
+    down_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotNow:
+    """What is known of the autopilot. kind: "" before it was heard. margin_m: AVOID_MARGIN, None: not told."""
+
+    kind: str = ""
+    margin_m: float | None = None
+
+
+class ObstacleTeller:
+    """What to send at an instant; without thread, clock or line. `decide` and the others may be called from different
+    threads."""
+
+    def __init__(
+        self,
+        avoid: AvoidParams,
+        cameras: tuple[str, ...],
+        stale_s: float,
+        ill: Callable[[str], str] = lambda camera: "",
+    ) -> None:
+        """ill: why frames of a camera mean nothing though they come (it repeats an old image under new stamps); empty: they
+        do mean something."""
+        self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
+        self._ill = ill
+        self._lock = threading.Lock()
+        self._motion = Synchroniser(MOTION)
+        self._moved: deque[AttitudeSample | PoseSample] = deque(maxlen=4 * MOTION.held_samples)
+        self._newest: dict[str, PrismsResult] = {}
+        self._infos: dict[str, CameraInfo] = {}
+        self._looks: dict[str, NDArray[np.uint8]] = {}
+        self._last_here: Here | None = None
+        self._recovery = Recovery(cameras, avoid.recover_frames)
+        self._policy = BlindPolicy(avoid)
+        self._memory = ObstacleMemory(avoid)
+        self._freed = FreeMemory(avoid)
+        self._overhead = Overhead(avoid)
+        self._overhead_ns: dict[str, int] = {}
+        self._newest_good_ns: int | None = None
+        self._ended = ""
+
+    def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
+        """Attitudes and positions, as they come."""
+        self._moved.extend(samples)  # not with the lock: who brings them has a frame to hand on and must not wait
+
+    def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
+        """A camera that was opened: where it looks; hidden: pixels that are never measured."""
+        looks = looked_into(info, self._avoid, hidden)
+        with self._lock:
+            self._infos[info.camera] = info
+            self._looks[info.camera] = looks
+
+    def result(self, result: PrismsResult) -> None:
+        """What a frame said, valid or not."""
+        with self._lock:
+            self._newest[result.camera] = result
+            self._recovery.frame(result.camera, result.valid)
+            if result.valid:
+                self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
+
+    def end(self, cause: str) -> None:
+        """From now on nobody sees, and this is why: what the cameras said last goes out no more."""
+        with self._lock:
+            self._ended = cause
+
+    def decide(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+        """What to send now."""
+        with self._lock:
+            try:
+                return self._decided(autopilot, now_ns)
+            except RECKONING_ERRORS as error:
+                fault = f"the distances around the vehicle cannot be reckoned: {type(error).__name__}: {error}"
+            causes = dict.fromkeys(self._cameras, "nothing can be reckoned from what it sees")
+            self._recovery.blind(causes)
+            return self._told(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
+
+    def _decided(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+        while self._moved:
+            sample = self._moved.popleft()
+            if isinstance(sample, AttitudeSample):
+                self._motion.attitudes.add(sample)
+            else:
+                self._motion.poses.add(sample)
+        here = self._here(now_ns)
+        causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
+        self._recovery.blind(causes)
+        seeing = [c for c in self._cameras if not causes[c] and self._recovery.believed(c)]
+        causes.update(
+            {c: "not enough good frames in a row yet" for c in self._cameras if not causes[c] and c not in seeing}
+        )
+        views: list[View] = []
+        recall: Recall | None = None
+        if here is not None:
+            views = [self._view(self._newest[c], here) for c in seeing]
+            for camera, view in zip(seeing, views, strict=True):
+                self._freed.see(camera, seen_ns(self._newest[camera]), view, here)
+            recall = partial(self._freed.free, views, here, now_ns)
+        # without an attitude what is remembered stands where it stood when there was one
+        self._last_here = here or self._last_here
+        found, recalled = scan(views, self._avoid, recall), nothing_remembered()
+        if self._last_here is not None:
+            recalled = self._memory.recall(found, views, self._last_here, now_ns)
+        told = self._told(autopilot, now_ns, causes, found, recalled)
+        return self._with_heights(told, dict(zip(seeing, views, strict=False)), here, now_ns)
+
+    def _with_heights(self, told: Told, views: dict[str, View], here: Here | None, now_ns: int) -> Told:
+        """What is told besides of what stands above and below, where that is switched on. views: of those that see."""
+        avoid, points_m, up_m, down_m = self._avoid, told.points_m, None, None
+        if avoid.points:
+            points_m = other_points(list(views.values()), avoid)
+        if avoid.upward and here is not None:
+            for camera, view in views.items():
+                if seen_ns(self._newest[camera]) != self._overhead_ns.get(camera):
+                    self._overhead_ns[camera] = seen_ns(self._newest[camera])
+                    self._overhead.see(view, here, now_ns)
+            up_m = self._overhead.upward_m(here, now_ns)
+        if avoid.downward:
+            down_m = downward_m(list(views.values()))
+        return replace(told, points_m=points_m, up_m=up_m, down_m=down_m)
+
+    def _told(
+        self,
+        autopilot: AutopilotNow,
+        now_ns: int,
+        causes: dict[str, str],
+        found: SectorScan,
+        recalled: Remembered,
+        fault: str = "",
+    ) -> Told:
+        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
+        seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
+        sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns)
+        policy = policy_of(self._avoid, autopilot.kind)
+        margin_m = self._avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
+        values = self._policy.values(sight, policy, margin_m, now_ns)
+        if values is not None:
+            values = for_reader(values, self._avoid, autopilot.kind)
+        return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy, fault)
+
+    def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
+        """Why a camera is blind at this instant; empty: it sees."""
+        newest = self._newest.get(camera)
+        if self._ended:
+            return self._ended
+        if newest is None:
+            return "no frame yet"
+        if not newest.valid:
+            return newest.cause_text
+        if camera not in self._looks:
+            return "it was not described: nobody knows where it looks"
+        if newest.model is None or not all_numbers(newest.model):
+            return "its planes are no numbers"
+        ill = self._ill(camera)
+        if ill:
+            return ill
+        age_ns = now_ns - seen_ns(newest)
+        if age_ns > self._stale_ns:
+            return f"its newest exposure is {age_ns / NS:.1f} s old"
+        return "the attitude is lost" if here is None else ""
+
+    def _here(self, now_ns: int) -> Here | None:
+        attitude = self._motion.attitude_at(now_ns)
+        if not isinstance(attitude, AttitudeAt):
+            return None
+        w, x, y, z = attitude.q_ned_frd_wxyz
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        pose = self._motion.pose_at(now_ns)
+        if isinstance(pose, PoseAt):
+            return Here(heading, pose.position_ned_m, pose.reset_counter)
+        return Here(heading)
+
+    def _view(self, result: PrismsResult, here: Here) -> View:
+        """A result in level at the moment of sending."""
+        assert result.model is not None
+        assert result.transform is not None
+        same = result.pose is not None and result.pose.reset_counter == here.section
+        if result.frame == "ned" and here.position_ned_m is not None and same:
+            step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
+        else:
+            step = step_to_level(result, here.heading_rad)
+        info, attitude = self._infos[result.camera], result.attitude
+        R_optical_level = None
+        if attitude is not None:
+            R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
+            R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
+        model = reframed(replace(result.model, prisms=()), step)
+        return View(model, joined(step, result.transform), info.intrinsics, R_optical_level)
+
+
+def seen_ns(result: PrismsResult) -> int:
+    """When the frame was exposed; not after it arrived, whatever its stamp says: the future would never be stale."""
+    return min(result.t_exposure_ns, result.t_arrival_ns)
+
+
+def all_numbers(model: FrameModel) -> bool:
+    """Whether the planes can be compared with anything; one that cannot would hide all others."""
+    return bool(np.isfinite(model.planes).all() and np.isfinite(model.margin_m).all())
+
+
+def messages_of(told: Told, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
+    """What goes out for a decision: OBSTACLE_DISTANCE or, to ArduPilot where it is switched on, points; DISTANCE_SENSOR."""
+    if told.values is None:
+        return []
+    time_ms = now_ns // 1_000_000
+    if avoid.points and autopilot == ARDUPILOT:
+        points_m = np.concatenate([level_points(told.values, avoid), told.points_m])
+        out = obstacle_points_messages(points_m, time_ms, avoid)
+    else:
+        out = [obstacle_distance_message(told.values, now_ns // 1000, avoid)]
+    for distance_m, orientation in ((told.up_m, UPWARD), (told.down_m, DOWNWARD)):
+        if distance_m is not None and distance_m < avoid.max_distance_m:
+            out.append(distance_sensor_message(distance_m, orientation, time_ms, avoid))
+    return out
+
+
+class ObstacleSender:
+    """Runs a teller on the line, in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
+
+    def __init__(
+        self, teller: ObstacleTeller, avoid: AvoidParams, ask: Callable[[], AutopilotNow], post: Callable[[Any], None]
+    ) -> None:
+        self._teller, self._avoid, self._ask, self._post = teller, avoid, ask, post
+        self._stop = threading.Event()
+        self._thread = WatchedThread(self._run, "obstacles")
+        self._said_last = False
+        self.told: Told | None = None
+        self.sent = 0
+        self.alive_ns = time.monotonic_ns()
+
+    def open(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends it. May be called twice. Where an exception has ended the thread, the last decision is sent from here."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+        if self._thread.failure and not self._said_last:
+            self._said_last = True
+            self._tell(time.monotonic_ns())
+
+    @property
+    def running(self) -> bool:
+        """False once the thread has ended, told or not."""
+        return self._thread.is_alive()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
+
+    def _run(self) -> None:
+        step_ns = round(NS / self._avoid.rate_hz)
+        next_ns = time.monotonic_ns()
+        while not self._stop.wait(max(0.0, (next_ns - time.monotonic_ns()) / NS)):
+            now_ns = time.monotonic_ns()
+            next_ns = max(next_ns + step_ns, now_ns)
+            self._tell(now_ns)
+            self.alive_ns = time.monotonic_ns()
+        self._tell(time.monotonic_ns())  # whoever stops us has said why: the last word is not one of before
+
+    def _tell(self, now_ns: int) -> None:
+        autopilot = self._ask()
+        if not autopilot.kind:  # which policy is right is known only then
+            return
+        self.told = self._teller.decide(autopilot, now_ns)
+        messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
+        for message in messages:
+            self._post(message)
+        self.sent += bool(messages)

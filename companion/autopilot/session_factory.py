@@ -1,0 +1,37 @@
+"""The autopilot's line by the configuration: what is asked for, sent and signed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drivers.mavlink.session import MavlinkParams
+from drivers.mavlink.signing import Signing
+from drivers.mavlink.signing_clock import SigningClock
+from drivers.mavlink.signing_key import load_key
+
+from ..config.loader import Config
+from ..config.service import AutopilotConfig
+
+CLOCK_FILE = "signing-clock"
+POINTS_A_CAMERA, MOST_POINTS = 30, 104
+"""Of a camera 90 degrees wide, by which the line is judged: 18 sectors, and three faces in four layers; of all around: 72
+sectors, and eight faces."""
+
+
+def params_of(config: Config) -> MavlinkParams:
+    """Who we are on the line, what we ask for, and how often we tell of obstacles."""
+    a = config.autopilot
+    return MavlinkParams(
+        system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz,
+        obstacles_hz=config.avoid.rate_hz if config.avoid.send else 0.0,
+        obstacle_points=min(MOST_POINTS, POINTS_A_CAMERA * len(config.cameras)) if config.avoid.points else 0,
+        distance_sensors=config.avoid.upward + config.avoid.downward,
+    )  # fmt: skip
+
+
+def signing_of(autopilot: AutopilotConfig, state: Path) -> Signing:
+    """Signatures with the configured key, their timestamps kept in the state folder; none without a key. Raises
+    DeviceNotFound and BadData for a key that cannot be used."""
+    if not autopilot.signing_key:
+        return Signing()
+    return Signing(load_key(Path(autopilot.signing_key)), SigningClock(state / CLOCK_FILE))

@@ -1,0 +1,130 @@
+"""`companion simulate-autopilot`: an autopilot that is not there, flying what the simulated cameras see.
+
+It takes the flight from the same file as `companion run`, and both fly it by the monotonic clock alone: the attitude
+fits the images, whichever of the two is started or restarted when."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from drivers.mavlink.transport import parse_address
+from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.simulation.flights import flight_plan
+from drivers.simulation.looping_flight import EndlessFlight
+
+from ..config.loader import Config, load_config
+from ..console import say, say_json
+
+EVERYWHERE = ("0.0.0.0", "::", "")
+
+
+def flight_of(config: Config) -> EndlessFlight:
+    """The flight that the configuration's simulated cameras see. Raises ValueError where there is none."""
+    section = next((c for c in config.cameras if c.kind == "simulated"), None)
+    if section is None:
+        raise ValueError(
+            'no camera of kind = "simulated" in the configuration, and so no flight; configs/simulated.toml has one'
+        )
+    return EndlessFlight(flight_plan(section.flight, section.seed))
+
+
+def simulated(
+    flight: EndlessFlight, kind: str = PX4, *, armed: bool = False, drift_ppm: float = 0.0
+) -> SimulatedAutopilot:
+    """An autopilot on this flight, not on a line yet."""
+    return SimulatedAutopilot(
+        Personality(
+            kind=kind, armed=armed, drift=drift_ppm * 1e-6, motion=flight.state, hides_attitude=flight.hides_attitude
+        )
+    )
+
+
+def other_end(address: str) -> UdpEnd | PtyEnd:
+    """The autopilot's end of a line whose other end is the service's address, `pty`, or `pty:LINK` (a name for the pty
+    that a configuration can hold). Raises ValueError for lines that cannot be had from this side."""
+    if address == "pty" or address.startswith("pty:"):
+        return PtyEnd()
+    line = parse_address(address)
+    if line.kind not in ("udpin", "udpout"):
+        raise ValueError(
+            f'a simulated autopilot cannot be at the other end of "{address}": let the service listen, [autopilot] '
+            'address = "udpin:127.0.0.1:14540", or give --address udpout:HOST:PORT, --address pty or pty:LINK'
+        )
+    return UdpEnd("127.0.0.1" if line.place in EVERYWHERE else line.place, line.number)
+
+
+def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
+    """Makes the name of pty:LINK. A link that is there is replaced, anything else is not."""
+    name = address.removeprefix("pty:") if address.startswith("pty:") else ""
+    if not name or not isinstance(end, PtyEnd):
+        return None
+    link = Path(name)
+    if link.is_symlink():
+        link.unlink()
+    link.symlink_to(end.device)
+    return link
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion simulate-autopilot`."""
+    parser = subparsers.add_parser("simulate-autopilot", help="an autopilot that is not there")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=True, help="the one `companion run` has")
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument(
+        "--px4", action="store_const", dest="kind", const=PX4, default=PX4, help="as PX4 speaks (default)"
+    )
+    kind.add_argument("--ardupilot", action="store_const", dest="kind", const=ARDUPILOT, help="as ArduPilot speaks")
+    parser.add_argument(
+        "--address", metavar="LINE", help="udpout:HOST:PORT, pty or pty:LINK; default: where the service listens"
+    )
+    parser.add_argument("--armed", action="store_true", help="it says that it is armed")
+    parser.add_argument("--drift-ppm", type=float, default=0.0, metavar="X", help="its crystal is so much faster (0)")
+    parser.add_argument("--jitter-ms", type=float, default=0.0, metavar="X", help="its messages are late by 0..X (0)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object, then fly")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Flies until it is told to stop; 0. Raises ValueError, ConfigError and OSError."""
+    config = load_config(args.config)
+    flight = flight_of(config)
+    address = args.address or config.autopilot.address
+    if not address:
+        raise ValueError("the configuration has no [autopilot] address; give --address udpout:HOST:PORT")
+    # a real one is another computer: this one waits for a processor rather than take it from what it is shown to
+    with contextlib.suppress(OSError):  # a container may forbid it; it flies all the same
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    end = other_end(address)
+    with AutopilotLine(
+        simulated(flight, args.kind, armed=args.armed, drift_ppm=args.drift_ppm),
+        end,
+        Faults(jitter_s=args.jitter_ms / 1000.0),
+    ):
+        link = _link(address, end)
+        try:
+            _tell(args, flight, str(link or end.device) if isinstance(end, PtyEnd) else address)
+            stop.wait()
+        finally:
+            if link is not None:
+                link.unlink(missing_ok=True)
+    return 0
+
+
+def _tell(args: argparse.Namespace, flight: EndlessFlight, line: str) -> None:
+    if args.json:
+        say_json({"autopilot": args.kind, "flight": flight.plan.name, "line": line})
+    else:
+        say(f'{args.kind}, simulated, flies "{flight.plan.name}" there and back on {line}; Ctrl-C ends it')
+        if line.startswith("/"):
+            say(f'in the configuration: [autopilot] address = "serial:{line}"')
+    sys.stdout.flush()

@@ -1,0 +1,63 @@
+"""Words to the people at the ground station: STATUSTEXT, one for each change, never a stream of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from drivers.mavlink.dialect import dialect
+
+NS = 1_000_000_000
+MOST_CHARACTERS = 50
+LEAST_APART_NS, OPENING_NS = 2 * NS, 10 * NS
+CRITICAL, WARNING, INFO = 2, 4, 6
+"""MAV_SEVERITY."""
+
+
+class StatusTexts:
+    """`due` with how each camera is now. A state that comes and goes within two seconds is told once, as it ends."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, bool] = {}
+        self._noted: dict[str, str] = {}
+        self._begun_ns: int | None = None
+        self._last_ns: int | None = None
+
+    def due(self, blind: Mapping[str, str], now_ns: int, notes: Mapping[str, str] | None = None) -> Any | None:
+        """The message to send now, if any. blind: why each camera is blind, in words; empty: it sees. notes: other
+        troubles, topic -> words (told up to their first colon); empty: none.
+
+        A camera that has not seen yet is no news before OPENING_NS: it takes some seconds to open."""
+        self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
+        if self._last_ns is not None and now_ns - self._last_ns < LEAST_APART_NS:
+            return None
+        for camera, cause in blind.items():
+            is_blind = bool(cause)
+            if camera not in self._told and (not is_blind or now_ns - self._begun_ns < OPENING_NS):
+                if not is_blind:
+                    self._told[camera] = False
+                continue
+            if self._told.get(camera) != is_blind:
+                self._told[camera], self._last_ns = is_blind, now_ns
+                text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} sees again"
+                return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())
+        return self._note(notes or {}, now_ns)
+
+    def _note(self, notes: Mapping[str, str], now_ns: int) -> Any | None:
+        for topic, words in notes.items():
+            now, before = words.split(":")[0], self._noted.get(topic, "")
+            if now == before:
+                continue
+            self._noted[topic], self._last_ns = now, now_ns
+            text = f"OA: {now}" if now else f"OA: no longer: {before}"
+            return dialect.MAVLink_statustext_message(WARNING if now else INFO, shortened(text).encode())
+        return None
+
+
+def shortened(text: str) -> str:
+    """At most 50 bytes of plain characters, cut at a word where there is one."""
+    plain = text.encode("ascii", "replace").decode()
+    if len(plain) <= MOST_CHARACTERS:
+        return plain
+    cut = plain[: MOST_CHARACTERS + 1].rsplit(" ", 1)[0]
+    return cut if len(cut) > MOST_CHARACTERS // 2 else plain[:MOST_CHARACTERS]

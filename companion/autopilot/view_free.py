@@ -1,0 +1,150 @@
+"""What one camera's model says of places around the vehicle: which are seen free, and where a measured obstacle ends the view.
+
+Places are given in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.params import Params
+from core.types import FrameModel, FreeEnd, Intrinsics
+
+from ..pipeline.transform import LevelTransform
+
+EDGE_SHARE = 0.05
+"""Of the image's width and height on each side."""
+GROUND_TOLERANCE_M = Params().ground_tolerance_m
+"""Nothing is known of heights this close to the ground: what is measured there counts as ground. The profile leaves them
+out of its layers, see core.stages.free_space.lowest_clear."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
+    intrinsics, R_optical_level: where its image looks in level; None: not known."""
+
+    model: FrameModel
+    transform: LevelTransform
+    intrinsics: Intrinsics | None = None
+    R_optical_level: NDArray[np.float64] | None = None
+
+    @property
+    def place_m(self) -> tuple[float, float, float]:
+        """x, y, z of the camera."""
+        return self.transform.translation_m
+
+
+def ground_z_m(view: View, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """z in level of the ground that this view found, at places x, y of any shape; inf where it found none."""
+    ground = view.model.ground
+    if not (view.model.valid and ground.seen):
+        return np.full(np.shape(x), np.inf)
+    cx, cy, cz = view.place_m
+    out: NDArray[np.float64] = cz + ground.height_m + ground.slope_x * (x - cx) + ground.slope_y * (y - cy)
+    return out
+
+
+def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) which places of level lie in a view's image, seen or not; all where it is not known where it looks.
+
+    Not in its outermost EDGE_SHARE: of what only a part of a layer is in the image the profile says nothing."""
+    k = view.intrinsics
+    if k is None or view.R_optical_level is None:
+        return np.ones(len(x), bool)
+    cx, cy, cz = view.place_m
+    right, down, ahead = view.R_optical_level @ np.stack([x - cx, y - cy, z - cz])
+    safe = np.maximum(ahead, 1e-6)
+    u, v = k.fx * right / safe + k.cx, k.fy * down / safe + k.cy
+    edge_u, edge_v = EDGE_SHARE * k.width, EDGE_SHARE * k.height
+    out: NDArray[np.bool_] = (
+        (ahead > 0.0) & (u > edge_u) & (u < k.width - 1 - edge_u) & (v > edge_v) & (v < k.height - 1 - edge_v)
+    )
+    return out
+
+
+def _directions(
+    view: View, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.float64]]:
+    """inside: of the shape of x, whether the profile has a direction for the place; of those inside, (M,) the direction and
+    (M,) the horizontal range from the camera."""
+    cx, cy, _ = view.place_m
+    edges = view.model.free.azimuth_edges_rad.astype(np.float64)
+    # edges are not wrapped to one turn: the azimuth is taken within a turn from the first edge
+    azimuth = edges[0] + np.mod(np.arctan2(y - cy, x - cx) - edges[0], math.tau)
+    inside = azimuth < edges[-1]
+    direction = np.searchsorted(edges, azimuth[inside], side="right") - 1
+    return inside, direction, np.hypot(x[inside] - cx, y[inside] - cy)
+
+
+def points_free(
+    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], along_rays: bool = False
+) -> NDArray[np.bool_]:
+    """(len(z), *x.shape): which points of level the view's free-range profile calls free. z: (heights,).
+
+    A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
+    was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
+    runs, at it or behind it, through a part of any layer that was seen free. Nothing is free below the ground, or less
+    than GROUND_TOLERANCE_M above it."""
+    profile = view.model.free
+    cz = view.place_m[2]
+    inside, direction, range_m = _directions(view, x, y)
+    lowest_m = ground_z_m(view, x[inside], y[inside]) - GROUND_TOLERANCE_M
+    layers = profile.layer_edges_m.astype(np.float64) - cz
+    out = np.zeros((len(z), *x.shape), bool)
+    for row in np.flatnonzero((profile.free_to_m > profile.free_from_m).any(axis=0)):
+        begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
+        known = ends > begins
+        for i, height_m in enumerate(z - cz):
+            if along_rays:
+                first, last = _share_of_ray(height_m, layers[row], layers[row + 1])
+                reached = np.maximum(np.maximum(begins, range_m), first * range_m) <= np.minimum(ends, last * range_m)
+            elif layers[row] <= height_m < layers[row + 1]:
+                reached = (begins <= range_m) & (range_m <= ends)
+            else:
+                continue
+            out[i][inside] |= known & reached & (z[i] <= lowest_m)
+    return out
+
+
+def _share_of_ray(height_m: float, top_m: float, bottom_m: float) -> tuple[float, float]:
+    """Between which multiples of its length the ray to a point at this height, drawn on, runs through a layer; (inf, 0) where
+    it does not. All heights count from the camera, downwards."""
+    if abs(height_m) < 1e-9:
+        return (0.0, math.inf) if top_m <= 0.0 < bottom_m else (math.inf, 0.0)
+    a, b = sorted((top_m / height_m, bottom_m / height_m))
+    return (max(0.0, a), b) if b > 0.0 else (math.inf, 0.0)
+
+
+def ended_by_obstacle(
+    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], share: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(N,) whether the profile's free range ends before each place because an obstacle was measured there, or the place
+    belongs to the measured ground. x, y, z: (N,).
+
+    Where a free range begins and ends so, its pixels were measured: what may stand there is known, and told as a plane.
+    Where none begins although an obstacle was measured, pixels are missing; unless no ring before that obstacle has its
+    whole layer in the image, in which case the profile cannot tell. share: (N,) of the range to the place, where the last
+    such ring may lie; 1 is the place itself."""
+    out = np.zeros(len(x), bool)
+    if not view.model.valid:
+        return out
+    profile, (cx, cy, _cz) = view.model.free, view.place_m
+    edges = profile.layer_edges_m.astype(np.float64)
+    inside, direction, range_m = _directions(view, x, y)
+    row = np.searchsorted(edges, z[inside], side="right") - 1
+    known = (row >= 0) & (row < len(edges) - 1)
+    row = np.clip(row, 0, len(edges) - 2)
+    begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
+    by_obstacle = known & (profile.end[direction, row] == FreeEnd.OBSTACLE)
+    behind = (ends > begins) & (range_m >= ends - 1e-3)
+    last = share[inside]
+    at_x, at_y = cx + last * (x[inside] - cx), cy + last * (y[inside] - cy)
+    bottom = np.minimum(edges[row + 1], ground_z_m(view, at_x, at_y) - GROUND_TOLERANCE_M)
+    whole = in_image(view, at_x, at_y, edges[row]) & in_image(view, at_x, at_y, bottom)
+    out[inside] = by_obstacle & (behind | ((ends <= begins) & ~whole))
+    return np.asarray(out | (z > ground_z_m(view, x, y) - GROUND_TOLERANCE_M))

@@ -1,0 +1,1 @@
+"""`companion bench`: the speed of the algorithm on this machine."""

@@ -1,0 +1,203 @@
+"""`companion bench`: how fast this machine turns depth images into obstacles. Simulated images, no hardware."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from core.extractor import Extractor
+from core.params import Params
+
+from ..config.loader import load_config
+from ..console import fail, progress, say, say_json
+from ..kernels.warmup import WarmupError, warm_up
+from ..log.provenance import software
+from .frames import Flight, Footage, Measured, filmed, measure
+from .machine import Machine, machine, versions
+from .taps import in_order
+from .timing import one_core
+
+VIEWS: Final = (("street", "buildings, cars, lamps"), ("trees", "foliage"))
+"""Scenes of the simulator and what is in them."""
+ROLL_DEG, PITCH_DEG = 5.0, -10.0
+"""As a multirotor holds its camera in forward flight."""
+FRAMES, SIZE, HZ = 200, (640, 480), 12.0
+WATCHED: Final = 40
+"""At most so many of the frames are taken apart by stage."""
+BUSY: Final = 1.2
+"""The wall's time over the processor's, from which on the figures are those of a shared core."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """ready_s: loading (or, the first time, compiling) all kernels in a process of its own; first_s: the first frame of
+    this process; measured: by view; hz: of the camera that the verdict is about."""
+
+    size: tuple[int, int]
+    frames: int
+    hz: float
+    ready_s: float
+    first_s: float
+    measured: tuple[Measured, ...]
+    machine: Machine
+    versions: dict[str, str]
+
+    def worst(self) -> Measured:
+        """The view whose slow frames are the slowest."""
+        return max(self.measured, key=lambda m: m.times.wall(99))
+
+    def used_share(self) -> float:
+        """Share of the time between two images of the camera that 99 of 100 frames stay within, in the worst view."""
+        return self.worst().times.wall(99) * self.hz / 1000.0
+
+
+def bench(params: Params, size: tuple[int, int], frames: int, hz: float, bar: Callable[[str], Any]) -> Bench:
+    """Warms up, flies and measures, on one thread of one core. bar: a context manager that gives a progress for a label.
+    Raises WarmupError."""
+    with bar("compiling what is not compiled yet (some minutes the first time on a small computer)"):
+        begun = time.monotonic()
+        warm_up()
+        ready_s = time.monotonic() - begun
+    with one_core():
+        with bar("simulating a camera"):
+            views = [filmed(name, name, size, roll_deg=ROLL_DEG, pitch_deg=PITCH_DEG) for name, _ in VIEWS]
+        extractor = Extractor(params)
+        begun = time.monotonic()
+        Flight(extractor, views[0]).frame()
+        first_s = time.monotonic() - begun
+        measured = tuple(_measured(view, extractor, frames, bar) for view in views)
+    return Bench(
+        size=size, frames=frames, hz=hz, ready_s=ready_s, first_s=first_s, measured=measured, machine=machine(),
+        versions=versions(),
+    )  # fmt: skip
+
+
+def _measured(view: Footage, extractor: Extractor, frames: int, bar: Callable[[str], Any]) -> Measured:
+    with bar(f"measuring: {view.name}") as on_progress:
+        return measure(view, extractor, frames, watched=min(frames, WATCHED), progress=on_progress)
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion bench`."""
+    parser = subparsers.add_parser("bench", help="how fast this machine turns depth images into obstacles")
+    parser.add_argument("--frames", type=_frames, default=FRAMES, metavar="N", help=f"of each view ({FRAMES})")
+    parser.add_argument("--size", type=_size, default=SIZE, metavar="WxH", help="of the depth image (640x480)")
+    parser.add_argument("--hz", type=_hz, default=HZ, metavar="N", help=f"images a second of the camera ({HZ:g})")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="a configuration, for its [extractor]")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _frames(text: str) -> int:
+    value = int(text)
+    if not 10 <= value <= 100_000:
+        raise argparse.ArgumentTypeError("expected 10..100000")
+    return value
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", text)
+    if not found or not all(64 <= int(side) <= 4096 for side in found.groups()):
+        raise argparse.ArgumentTypeError("expected width x height in pixels, 64..4096 each, such as 640x480")
+    return int(found[1]), int(found[2])
+
+
+def _hz(text: str) -> float:
+    value = float(text)
+    if not 0.1 <= value <= 1000.0:
+        raise argparse.ArgumentTypeError("expected 0.1..1000")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: measured; 1: the kernels cannot be made ready, or a configuration cannot be used."""
+    params = load_config(args.config).extractor if args.config is not None else Params()
+    try:
+        done = bench(params, args.size, args.frames, args.hz, progress)
+    except WarmupError as error:
+        fail(str(error))
+        return 1
+    if args.json:
+        say_json(_json(done))
+    else:
+        _say(done)
+    return 0
+
+
+def _say(done: Bench) -> None:
+    width, height = done.size
+    say(f"From a depth image of {width}x{height} pixels to planes, prisms and free ranges, on one core:")
+    say()
+    say(f"{'what the camera sees':<34}{'median':>10}{'p95':>10}{'p99':>10}{'a second':>10}")
+    for m, (name, what) in zip(done.measured, VIEWS, strict=True):
+        figures = "".join(f"{m.times.wall(p):>7.1f} ms" for p in (50, 95, 99))
+        say(f"{f'{name} ({what})':<34}{figures}{1000.0 / m.times.wall():>10.0f}")
+    say()
+    say("Where the processor's time goes, ms:")
+    say(f"  {'':<32}" + "".join(f"{m.name:>10}" for m in done.measured))
+    for stage in in_order(stage for m in done.measured for stage in m.stages_ms):
+        say(f"  {stage:<32}" + "".join(f"{m.stages_ms.get(stage, 0.0):>10.2f}" for m in done.measured))
+    say(f"  {'between the stages':<32}" + "".join(f"{m.rest_ms():>10.2f}" for m in done.measured))
+    say(f"  {'whole frame, median':<32}" + "".join(f"{m.times.cpu():>10.2f}" for m in done.measured))
+    say()
+    say(f"Start: {done.ready_s:.1f} s until every kernel was ready, {done.first_s:.2f} s for the first frame.")
+    say(f"{done.frames} frames of each view. Machine: {done.machine.words()}.")
+    say(f"{software()}; " + ", ".join(f"{name} {version}" for name, version in done.versions.items()) + ".")
+    say()
+    say(verdict(done))
+    if busy := busy_words(done):
+        say(busy)
+
+
+def verdict(done: Bench) -> str:
+    """One line: does this machine keep up with the camera?"""
+    budget, worst = 1000.0 / done.hz, done.worst()
+    needs = f"{done.hz:g} Hz needs a frame every {budget:.0f} ms; this machine takes {worst.times.wall(99):.1f} ms"
+    share = (
+        f"in 99 of 100 frames of the harder view ({worst.name}), {100.0 * done.used_share():.0f} % of one core's time"
+    )
+    if done.used_share() > 1.0:
+        return f"TOO SLOW: {needs} {share}. Fewer pixels or column_step = 2 in [extractor] make it faster."
+    return f"{needs} {share}."
+
+
+def busy_words(done: Bench) -> str:
+    """Whether other work took the core away while we measured; "" when not."""
+    factor = max(m.times.wall() / m.times.cpu() for m in done.measured)
+    if factor < BUSY:
+        return ""
+    return (
+        f"This machine was busy with other things: by the clock frames took {factor:.1f} times what the processor spent "
+        "on them. Stop those and measure again."
+    )
+
+
+def _json(done: Bench) -> dict[str, Any]:
+    views = {}
+    for m in done.measured:
+        views[m.name] = {
+            **{f"wall_p{p}_ms": round(m.times.wall(p), 3) for p in (50, 95, 99)},
+            **{f"cpu_p{p}_ms": round(m.times.cpu(p), 3) for p in (50, 95, 99)},
+            "frames_per_second": round(1000.0 / m.times.wall(), 2),
+            "stages_cpu_ms": {stage: round(ms, 4) for stage, ms in m.stages_ms.items()},
+            "planes": m.planes,
+            "strips": m.strips,
+        }
+    return {
+        "size_px": list(done.size),
+        "frames": done.frames,
+        "views": views,
+        "ready_s": round(done.ready_s, 3),
+        "first_frame_s": round(done.first_s, 3),
+        "camera_hz": done.hz,
+        "used_share": round(done.used_share(), 4),
+        "machine": done.machine.words(),
+        "software": software(),
+        "versions": done.versions,
+        "verdict": verdict(done),
+        "busy": busy_words(done),
+    }

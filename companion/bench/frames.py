@@ -1,0 +1,159 @@
+"""Simulated frames whose modelling is timed, and the timing itself."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.extractor import Extractor
+from core.types import CameraInfo, ExtractorState, FrameModel
+from drivers.simulation.scene_library import make_scene
+from drivers.simulation.scenes import Scene
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info, render
+
+from .taps import Stopwatch, in_order, tapped
+from .timing import Clock, Times
+
+HEIGHT_M = 2.0
+"""Of the camera above the ground."""
+
+LEAST_RUNS = 1
+
+Depth = NDArray[np.uint16]
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Footage:
+    """Images of one view that differ in their noise only, so that no image is measured twice in a row.
+
+    depth_mm: (H, W) uint16 each; R_level_optical: (3, 3)."""
+
+    name: str
+    info: CameraInfo
+    R_level_optical: NDArray[np.float64]
+    depth_mm: tuple[Depth, ...]
+
+    def __post_init__(self) -> None:
+        if not self.depth_mm:
+            raise ValueError(f"footage {self.name!r}: no image")
+
+
+def filmed(
+    name: str,
+    scene: str | Scene,
+    size: tuple[int, int],
+    *,
+    roll_deg: float = 0.0,
+    pitch_deg: float = 0.0,
+    yaw_rad: float = 0.0,
+    position_ned_m: tuple[float, float, float] = (0.0, 0.0, -HEIGHT_M),
+    ke_per_m: float = 0.0015,
+    images: int = 4,
+    seed: int = 1,
+) -> Footage:
+    """Images of a scene by a camera with the typical faults, `size` (width, height) px; pitch is positive upwards."""
+    info = camera_info(*size, ke_per_m=ke_per_m)
+    sensor = replace(TYPICAL, ke_per_m=ke_per_m).scaled_to(size[0])
+    made = make_scene(scene, seed) if isinstance(scene, str) else scene
+    pose = {"roll_rad": math.radians(roll_deg), "pitch_rad": math.radians(pitch_deg), "yaw_rad": yaw_rad}
+    frames = [
+        render(made, info, **pose, position_ned_m=position_ned_m, sensor=sensor, seed=seed, frame=i)
+        for i in range(images)
+    ]
+    return Footage(
+        name=name, info=info, R_level_optical=frames[0].R_level_optical, depth_mm=tuple(f.depth_mm for f in frames)
+    )
+
+
+class Flight:
+    """Models the images of some footage one after the other, again and again, as in flight: what a frame hands to the
+    next one is handed on."""
+
+    def __init__(self, extractor: Extractor, footage: Footage) -> None:
+        self._extractor, self._footage = extractor, footage
+        self._state = ExtractorState()
+        self._number = count()
+
+    def frame(self) -> FrameModel:
+        """The model of the next image."""
+        shot = self._footage
+        depth = shot.depth_mm[next(self._number) % len(shot.depth_mm)]
+        model, self._state = self._extractor.extract(depth, shot.info, shot.R_level_optical, self._state)
+        return model
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Measured:
+    """Times of whole calls, medians of the processor's ms in each stage (the calls watched, so a little longer),
+    and medians of what the models hold."""
+
+    name: str
+    times: Times
+    stages_ms: dict[str, float]
+    valid: bool
+    planes: int
+    strips: int
+
+    def rest_ms(self) -> float:
+        """What of the whole call no stage accounts for: handing arrays from one to the next."""
+        return max(0.0, self.times.cpu() - sum(self.stages_ms.values()))
+
+
+def measure(
+    footage: Footage,
+    extractor: Extractor,
+    runs: int,
+    *,
+    watched: int = 0,
+    budget_s: float = math.inf,
+    beside: Sequence[Callable[[], object]] = (),
+    progress: Progress = lambda share: None,
+) -> Measured:
+    """Times `runs` calls after warm-up, then `watched` more by stage; fewer, but one at least, once `budget_s` is over.
+
+    beside: calls made between the runs, outside of their time (a reference workload with a clock of its own)."""
+    flight, clock = Flight(extractor, footage), Clock()
+    end_s = time.monotonic() + budget_s
+
+    def late(done: int) -> bool:
+        return done >= LEAST_RUNS and time.monotonic() > end_s
+
+    for i in range(2 + len(footage.depth_mm)):
+        if not late(i):
+            flight.frame()
+    models: list[tuple[bool, int, int]] = []
+    for i in range(runs):
+        if late(i):
+            break
+        model = clock.run(flight.frame)
+        models.append((model.valid, len(model.planes), model.stats.strips))
+        for other in beside:
+            other()
+        progress((i + 1) / (runs + watched))
+    spent: list[dict[str, float]] = []
+    for i in range(watched):
+        if late(i):
+            break
+        watch = Stopwatch()
+        with tapped(watch):
+            flight.frame()
+        spent.append(watch.spent_ms)
+        progress((runs + i + 1) / (runs + watched))
+    stages = in_order(stage for one in spent for stage in one)
+    return Measured(
+        name=footage.name,
+        times=clock.times(),
+        stages_ms={stage: median(one.get(stage, 0.0) for one in spent) for stage in stages},
+        valid=all(valid for valid, _, _ in models),
+        planes=round(median(planes for _, planes, _ in models)),
+        strips=round(median(strips for _, _, strips in models)),
+    )

@@ -1,0 +1,1 @@
+"""Camera processes: one worker process per camera, its supervision and its masks."""

@@ -1,0 +1,100 @@
+"""The depth source that a camera's section of the configuration asks for. Only that one's library is imported."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from core.types import CameraInfo, Intrinsics
+from drivers.base import DepthSource
+
+from ..config.camera import CameraConfig
+from ..paths import cache_folder
+
+
+def make_source(section: CameraConfig) -> DepthSource:
+    """The source, not opened yet. Raises ValueError for a kind that is no live camera."""
+    makers = {"simulated": _simulated, "oak": _oak, "zed": _zed, "v4l2": _v4l2}
+    if section.kind in makers:
+        return makers[section.kind](section)
+    raise ValueError(
+        f'[[camera]] "{section.name}": kind = "{section.kind}" is no live camera; `companion replay` reads recordings'
+    )
+
+
+def _oak(section: CameraConfig) -> DepthSource:
+    from drivers.cameras.oak import OakSettings, OakSource
+
+    return OakSource(
+        OakSettings(
+            camera=section.name,
+            device=section.device,
+            width=section.width_px,
+            height=section.height_px,
+            fps=section.fps,
+            confidence=section.confidence,
+            emitter=section.emitter,
+            **_range(section),
+        )
+    )
+
+
+def _zed(section: CameraConfig) -> DepthSource:
+    from drivers.cameras.stereo import MatchParams
+    from drivers.cameras.zed_uvc import ZedSettings, ZedSource
+
+    return ZedSource(
+        ZedSettings(
+            camera=section.name,
+            device=section.device,
+            calibration=Path(section.calibration),
+            width=section.width_px,
+            height=section.height_px,
+            fps=section.fps,
+            exposure_latency_s=section.exposure_latency_s,
+            match=MatchParams(disparities=section.disparities),
+            **_range(section),
+        )
+    )
+
+
+def _v4l2(section: CameraConfig) -> DepthSource:
+    from drivers.cameras.v4l2_depth import V4l2Settings, V4l2Source
+
+    fx, fy, cx, cy = (float(v or 0.0) for v in (section.fx_px, section.fy_px, section.cx_px, section.cy_px))
+    return V4l2Source(
+        V4l2Settings(
+            camera=section.name,
+            device=section.device,
+            intrinsics=Intrinsics(section.width_px, section.height_px, fx, fy, cx, cy),
+            fps=section.fps,
+            depth_unit_mm=section.depth_unit_mm,
+            exposure_latency_s=section.exposure_latency_s,
+            **_range(section),
+        )
+    )
+
+
+def _range(section: CameraConfig) -> dict[str, Any]:
+    """What the configuration says of the range; the rest is the driver's default."""
+    said = {key: getattr(section, key) for key in ("min_range_m", "max_range_m")}
+    return {key: value for key, value in said.items() if value is not None}
+
+
+def _simulated(section: CameraConfig) -> DepthSource:
+    from drivers.simulation.camera import SimulatedDepthSource, Simulation
+    from drivers.simulation.flights import flight_plan
+    from drivers.simulation.looping_flight import EndlessFlight
+    from drivers.simulation.source import camera_info
+
+    info: CameraInfo = section.applied_to(camera_info(section.width_px, section.width_px * 3 // 4, camera=section.name))
+    simulation = Simulation(
+        fps=section.fps,
+        seed=section.seed,
+        latency_s=section.exposure_latency_s,
+        cable=Path(section.device) if section.device else None,
+        folder=cache_folder() / "simulated",
+    )
+    flight = EndlessFlight(flight_plan(section.flight, section.seed))
+    return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

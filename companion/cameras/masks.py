@@ -1,0 +1,71 @@
+"""Parts of the vehicle in a camera's image, and pixels that can never be measured.
+
+Masked pixels are unknown, whatever the camera measures there: no obstacle, and nothing behind them is free. Where they,
+or the columns that stereo matching cannot see, take too much of a direction, the camera does not look there at all: it
+is then told as unseen, and no wall is put there for want of a view.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import UNKNOWN_MM, CameraInfo
+
+from ..config.camera import CameraConfig
+
+Mask = NDArray[np.bool_]
+
+
+def polygons(text: str) -> list[list[tuple[float, float]]]:
+    """The corners of each polygon of `masks`. Two corners: a rectangle between them."""
+    out = []
+    for part in filter(None, (p.strip() for p in text.split(";"))):
+        corners = [(float(u), float(v)) for u, v in (pair.split(",") for pair in re.split(r"\s+", part))]
+        if len(corners) == 2:
+            (u0, v0), (u1, v1) = corners
+            corners = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
+        out.append(corners)
+    return out
+
+
+def masked(section: CameraConfig, info: CameraInfo) -> Mask | None:
+    """(H, W) which pixels the configuration masks; None: none."""
+    if not section.masks:
+        return None
+    k = info.intrinsics
+    v, u = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
+    out = np.zeros((k.height, k.width), bool)
+    for corners in polygons(section.masks):
+        out |= _inside(u, v, corners)
+    return out
+
+
+def hidden(section: CameraConfig, info: CameraInfo) -> Mask | None:
+    """(H, W) which pixels are never measured: masked, or columns at the left that stereo matching cannot see."""
+    mask, columns = masked(section, info), section.unmatched_px
+    if mask is None and columns == 0:
+        return None
+    k = info.intrinsics
+    out = np.zeros((k.height, k.width), bool) if mask is None else mask
+    out[:, :columns] = True
+    return out
+
+
+def without(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.uint16]:
+    """(H, W) uint16 mm with masked pixels unknown. An image of another size comes back as it is: it is refused later."""
+    if mask is None or mask.shape != depth_mm.shape:
+        return depth_mm
+    return np.where(mask, np.uint16(UNKNOWN_MM), depth_mm)
+
+
+def _inside(u: NDArray[np.float64], v: NDArray[np.float64], corners: list[tuple[float, float]]) -> Mask:
+    """Which places lie in a polygon, by the number of its edges to their right; those on its upper and left edges too."""
+    out = np.zeros(u.shape, bool)
+    for (u0, v0), (u1, v1) in zip(corners, corners[1:] + corners[:1], strict=True):
+        if v0 != v1:
+            crosses = (v0 > v) != (v1 > v)
+            out ^= crosses & (u < u0 + (v - v0) * (u1 - u0) / (v1 - v0))
+    return out

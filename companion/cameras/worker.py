@@ -1,0 +1,80 @@
+"""The process of one camera: `python -m companion.cameras.worker FD CONFIG`. Frames go to the service, nothing else.
+
+A camera's library may hang, crash or abort; here it takes only this process with it. The service starts it, watches it
+and starts it again (camera_supervisor.py)."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import signal
+import sys
+import time
+from typing import Any
+
+from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
+from drivers.base import DepthSource, DeviceLost, DriverError
+from drivers.cameras.frame_channel import FrameWriter
+
+from ..config.camera import CameraConfig
+from .factory import make_source
+
+READ_S = 0.1
+"""Longest wait for a frame before a sign of life is given."""
+
+
+def info_to_json(info: CameraInfo) -> dict[str, Any]:
+    """A camera's description as plain values."""
+    return dataclasses.asdict(info)
+
+
+def info_from_json(told: dict[str, Any]) -> CameraInfo:
+    """The description that info_to_json wrote. Raises ValueError, KeyError or TypeError."""
+    values = dict(told)
+    intrinsics, mount = Intrinsics(**values.pop("intrinsics")), CameraMount(**values.pop("mount"))
+    return CameraInfo(intrinsics=intrinsics, mount=mount, **values)
+
+
+def with_offset(frame: DepthFrame, offset_ms: float) -> DepthFrame:
+    """The frame with its exposure stamp corrected by `exposure_offset_ms`; no exposure is later than the arrival."""
+    if offset_ms == 0.0:
+        return frame
+    t_exposure_ns = min(frame.t_exposure_ns - round(offset_ms * 1e6), frame.t_arrival_ns)
+    return dataclasses.replace(frame, t_exposure_ns=t_exposure_ns)
+
+
+def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) -> None:
+    """Opens the source and passes its frames on until the device or the service is lost. Raises DriverError."""
+    writer.say("opening")
+    try:
+        source.open()
+        info = section.applied_to(source.info)
+        writer.say("opened", info=info_to_json(info))
+        while True:
+            frame = source.read(READ_S)
+            if frame is not None:
+                writer.write(with_offset(frame, section.exposure_offset_ms))
+            else:
+                writer.say("alive", t_ns=time.monotonic_ns())
+    finally:
+        source.close()
+
+
+def main(argv: list[str]) -> int:
+    """0 never: it runs until it is stopped or fails; the cause is said on the channel."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service decides when we end
+    section = CameraConfig(**json.loads(argv[1]))
+    writer = FrameWriter(int(argv[0]), section.name)
+    try:
+        run_camera(section, writer, make_source(section))
+    except (DriverError, ValueError, ImportError) as error:
+        try:
+            writer.say("failed", cause=str(error))
+        except DeviceLost:
+            return 1  # the service is gone: nobody to tell
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

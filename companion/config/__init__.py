@@ -1,0 +1,1 @@
+"""The configuration: sections, their ranges, loading, checking and documenting them."""

@@ -1,0 +1,70 @@
+"""`companion check-config FILE`: is this configuration usable, and what does it change?"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from core.types import CameraInfo, Intrinsics
+
+from ..console import fail, say, say_json
+from .camera import CameraConfig
+from .differences import PAPER_NOTE, Difference, differences
+from .loader import ConfigError, load_config
+from .obstacle_range import obstacle_range_m
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion check-config`."""
+    parser = subparsers.add_parser("check-config", help="check a configuration file")
+    parser.add_argument("file", type=Path, metavar="FILE", help="a configuration (TOML)")
+    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: usable; 1: not, every mistake is on stderr (and in the object with --json)."""
+    try:
+        config = load_config(args.file)
+    except ConfigError as error:
+        if args.json:
+            say_json({"file": str(args.file), "ok": False, "problems": list(error.problems)})
+        fail(str(error))
+        return 1
+    found = differences(config)
+    if args.json:
+        say_json({"file": str(args.file), "ok": True, "problems": [], "changes": _as_json(found)})
+        return 0
+    say(f"{args.file}: usable")
+    cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
+    say(f"  cameras: {cameras}")
+    for camera in config.cameras:
+        if camera.max_range_m is not None:
+            say(f"  {_range_line(camera)}")
+    if config.extractor.paper:
+        say(f"  warning: {PAPER_NOTE}")
+    for difference in found:
+        say(f"  {'safety key: ' if difference.safety else ''}{difference.words()}")
+    if not found:
+        say("  all parameters have their defaults")
+    return 0
+
+
+def _range_line(camera: CameraConfig) -> str:
+    """The range up to which obstacles are found, of a camera whose greatest range is configured."""
+    info = camera.applied_to(CameraInfo(camera.name, Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5)))
+    how = "" if camera.ke_per_m is not None else " (default; some drivers set their own)"
+    return (
+        f"{camera.name}: obstacles are found up to {obstacle_range_m(info):.1f} m of max_range_m = {info.max_range_m:g}, "
+        f"with ke_per_m = {info.ke_per_m:g}{how}"
+    )
+
+
+def _as_json(found: list[Difference]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Section ("camera NAME" for a camera) -> key -> value, default, unit, and whether it is a safety key."""
+    out: dict[str, dict[str, dict[str, Any]]] = {}
+    for d in found:
+        section = f"camera {d.camera}" if d.section == "camera" else d.section
+        keys = out.setdefault(section, {})
+        keys[d.key] = {"value": d.value, "default": d.default, "unit": d.unit, "safety": d.safety}
+    return out

@@ -1,0 +1,283 @@
+"""The configuration: TOML in, a frozen `Config` out; every mistake is told at once, with its key and its remedy.
+
+The sections are the fields of plain dataclasses whose metadata hold range, unit and meaning ({"min", "max", "unit",
+"doc"} or "choices"): nothing is listed twice. Angles are degrees here and on the command line, nowhere else.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import json
+import logging
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Union
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import Field as Bounds
+
+from core.params import Params
+from core.self_check.mount_params import MountCheckParams
+from core.world.params import WorldParams
+
+from .avoidance import AvoidParams
+from .camera import CameraConfig, OutputConfig
+from .retired import without_retired
+from .service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
+from .sync import SyncParams
+
+log = logging.getLogger(__name__)
+
+SECTIONS: dict[str, type] = {
+    "extractor": Params,
+    "sync": SyncParams,
+    "mount_check": MountCheckParams,
+    "camera": CameraConfig,
+    "output": OutputConfig,
+    "autopilot": AutopilotConfig,
+    "avoid": AvoidParams,
+    "publish": PublishConfig,
+    "world": WorldParams,
+    "record": RecordParams,
+    "supervision": SupervisorParams,
+    "service": ServiceParams,
+}
+"""TOML section -> the dataclass it fills; `camera` may stand several times."""
+BLIND_TOLD_S = 0.4
+"""After the newest exposure, so late at most: no setting may make it later."""
+TOO_DEEP = "nested deeper than can be read"
+SHOWN_CHARACTERS = 200
+"""Of a wrong value in a message."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """The effective configuration. Raises ValueError when two cameras have the same name, and where autopilots would not be
+    told of blindness in time."""
+
+    extractor: Params = field(default_factory=Params)
+    sync: SyncParams = field(default_factory=SyncParams)
+    mount_check: MountCheckParams = field(default_factory=MountCheckParams)
+    cameras: tuple[CameraConfig, ...] = ()
+    output: OutputConfig = field(default_factory=OutputConfig)
+    autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)
+    avoid: AvoidParams = field(default_factory=AvoidParams)
+    publish: PublishConfig = field(default_factory=PublishConfig)
+    world: WorldParams = field(default_factory=WorldParams)
+    record: RecordParams = field(default_factory=RecordParams)
+    supervision: SupervisorParams = field(default_factory=SupervisorParams)
+    service: ServiceParams = field(default_factory=ServiceParams)
+
+    def __post_init__(self) -> None:
+        names = [c.name for c in self.cameras]
+        for name in sorted({n for n in names if names.count(n) > 1}):
+            raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
+        if self.avoid.send and not self.autopilot.address:
+            raise ValueError("[avoid] send = true, but [autopilot] address is empty: nobody would be told; give one")
+        if self.avoid.send and self.service.stale_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
+            raise ValueError(
+                f"[service] stale_s = {self.service.stale_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "
+                f"must know of blindness within {BLIND_TOLD_S:g} s; set stale_s to 0.3 or less"
+            )
+
+    def camera(self, name: str) -> CameraConfig:
+        """The section of a camera; one that changes nothing where there is none."""
+        return next((c for c in self.cameras if c.name == name), CameraConfig(name=name))
+
+
+class ConfigError(Exception):
+    """A configuration that cannot be used: `problems` holds one line for each mistake."""
+
+    def __init__(self, source: str, problems: list[str]) -> None:
+        self.source, self.problems = source, tuple(problems)
+        count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
+        super().__init__("\n".join([f"{source}: {count}", *(f"  {p}" for p in problems)]))
+
+
+def load_config(path: Path) -> Config:
+    """The configuration in a TOML file; logs a warning for each retired key. Raises ConfigError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(path), ["not a text file in UTF-8; a configuration is a TOML file"]) from error
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror}); check the path, configs/default.toml is one to start from"
+        raise ConfigError(str(path), [problem]) from error
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        problem = f"not valid TOML: {error}; strings need quotes, decimals a digit on both sides of the dot"
+        raise ConfigError(str(path), [problem]) from error
+    except RecursionError as error:
+        raise ConfigError(str(path), [f"{TOO_DEEP}; a configuration has sections and keys only"]) from error
+    current, warnings = without_retired(content)
+    for warning in warnings:
+        log.warning("%s: %s", path, warning)
+    config = config_of(current, str(path))
+    if problems := refused_for_flight(config):
+        raise ConfigError(str(path), problems)
+    return config
+
+
+def refused_for_flight(config: Config) -> list[str]:
+    """Combinations of keys that no service may run with, in words with the remedy. A log of an earlier version that was
+    recorded with one can still be replayed: replay sends nothing."""
+    if config.extractor.paper and config.avoid.send:
+        return [
+            '[extractor] mode = "paper" with [avoid] send = true: the paper\'s form misses obstacles and must not steer an '
+            'autopilot; set mode = "safe" or send = false'
+        ]
+    return []
+
+
+def config_text(config: Config) -> str:
+    """The effective configuration as JSON, every key written out; the same text for the same configuration."""
+    content: dict[str, Any] = {name: asdict(getattr(config, name)) for name in SECTIONS if name != "camera"}
+    content["camera"] = [{k: v for k, v in asdict(c).items() if v is not None} for c in config.cameras]
+    return json.dumps(content, sort_keys=True, indent=1, allow_nan=False)
+
+
+def config_from_text(text: str, source: str = "the configuration in the log") -> Config:
+    """The configuration that `config_text` wrote. Raises ConfigError."""
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ConfigError(source, [f"not valid JSON: {error}; the log is damaged"]) from error
+    except RecursionError as error:
+        raise ConfigError(source, [f"{TOO_DEEP}; the log is damaged"]) from error
+    if not isinstance(content, dict):
+        raise ConfigError(source, ["not an object of sections; the log is damaged"])
+    return config_of(without_retired(content)[0], source)
+
+
+def config_of(content: Mapping[str, Any], source: str) -> Config:
+    """The configuration of nested tables as TOML and JSON give them. Raises ConfigError with all mistakes."""
+    try:
+        valid = _file_model(frozenset(content) & frozenset(SECTIONS)).model_validate(dict(content)).model_dump()
+    except ValidationError as error:
+        raise ConfigError(source, [_words(e, content) for e in error.errors(include_url=False)]) from error
+    try:
+        single = {name: kind(**valid.get(name, {})) for name, kind in SECTIONS.items() if name != "camera"}
+        return Config(cameras=tuple(CameraConfig(**section) for section in valid.get("camera", ())), **single)
+    except ValueError as error:  # what concerns several keys at once
+        raise ConfigError(source, [str(error)]) from error
+
+
+def expected(f: Field[Any]) -> str:
+    """What a key may hold, in words."""
+    meta, kind = f.metadata, _plain_type(f)
+    if "choices" in meta:
+        return "one of " + ", ".join(f'"{c}"' for c in meta["choices"])
+    if "min" in meta:
+        unit = f" {meta['unit']}" if meta["unit"] else ""
+        whole = "a whole number " if kind is int else ""
+        low, high = (str(v) if isinstance(v, int) else f"{v:g}" for v in (meta["min"], meta["max"]))
+        return f"{whole}{low}..{high}{unit}"
+    return {bool: "true or false", str: "a text in quotes"}.get(kind, "a number")
+
+
+def fields_of(section: str) -> tuple[Field[Any], ...]:
+    """The keys of a section, in order."""
+    return fields(SECTIONS[section])
+
+
+def _plain_type(f: Field[Any]) -> Any:
+    """int of `int`, float of `float | None`."""
+    owner = next(c for c in SECTIONS.values() if any(g is f for g in fields(c)))
+    hint = _hints(owner)[f.name]
+    if typing.get_origin(hint) in (Union, types.UnionType):
+        return next(a for a in typing.get_args(hint) if a is not types.NoneType)
+    return hint
+
+
+@functools.cache
+def _hints(owner: type) -> dict[str, Any]:
+    """Types of a dataclass's fields: kept, since each key asks for all of them, and a start must be quick."""
+    return typing.get_type_hints(owner)
+
+
+def _section_model(section: str) -> type[BaseModel]:
+    """A pydantic model with the keys, types and ranges of a section's dataclass."""
+    columns: dict[str, Any] = {}
+    for f in fields_of(section):
+        kind: Any = _plain_type(f)
+        default = ... if f.default is MISSING else f.default
+        limits: dict[str, Any] = {}
+        if "min" in f.metadata:
+            limits = {"ge": f.metadata["min"], "le": f.metadata["max"]}
+        if "choices" in f.metadata:
+            limits = {"pattern": f"^(?:{'|'.join(map(re.escape, f.metadata['choices']))})$"}
+        if "pattern" in f.metadata:
+            limits = {"pattern": f.metadata["pattern"]}
+        if f.default is None:
+            kind = kind | None
+        columns[f.name] = (kind, Bounds(default, **limits))
+    config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    model: type[BaseModel] = create_model(section, __config__=config, **columns)
+    return model
+
+
+@functools.cache
+def _file_model(sections: frozenset[str]) -> type[BaseModel]:
+    """A pydantic model of a file with these sections: building those that it lacks would only delay a start."""
+    columns: dict[str, Any] = {name: (_section_model(name), ...) for name in sections}
+    if "camera" in sections:
+        columns["camera"] = (types.GenericAlias(list, (columns["camera"][0],)), ...)
+    model: type[BaseModel] = create_model("file", __config__=ConfigDict(extra="forbid"), **columns)
+    return model
+
+
+def _words(error: Any, content: Mapping[str, Any]) -> str:
+    """One mistake in words: where, what stands there, what may, what to do."""
+    path: tuple[Any, ...] = error["loc"]
+    section = str(path[0])
+    where = _place(path)
+    if error["type"] == "extra_forbidden":
+        return _unknown(path, where)
+    if error["type"] == "missing":
+        return f"{where} is missing: {_doc(section, path[-1])}"
+    if section not in SECTIONS or len(path) < (3 if section == "camera" else 2):
+        form = "[[camera]] with double brackets" if section == "camera" else f"a section [{section}]"
+        return f"{where}: expected {form}"
+    key = next(f for f in fields_of(section) if f.name == path[-1])
+    return f"{where} = {_shown(error['input'])}: expected {expected(key)} ({key.metadata['doc']})"
+
+
+def _shown(value: Any) -> str:
+    """A wrong value as it would stand in JSON, shortened."""
+    try:
+        text = json.dumps(value, default=str, ensure_ascii=False)
+    except RecursionError:
+        return f"(a value {TOO_DEEP})"
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}..."
+
+
+def _place(path: tuple[Any, ...]) -> str:
+    if path[0] == "camera" and len(path) > 1 and isinstance(path[1], int):
+        return " ".join([f"[[camera]] number {path[1] + 1}:", *map(str, path[2:])])
+    return f"[{path[0]}] {path[1]}" if len(path) > 1 else f"[{path[0]}]"
+
+
+def _unknown(path: tuple[Any, ...], where: str) -> str:
+    key, section = str(path[-1]), str(path[0])
+    if len(path) == 1:
+        known = list(SECTIONS)
+        homes = [name for name in SECTIONS if any(f.name == key for f in fields_of(name))]
+        if homes:
+            return f"{key}: belongs under [{homes[0]}]; put it below that line"
+        what = "section"
+    else:
+        known, what = [f.name for f in fields_of(section)], "key"
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    remedy = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
+    return f"{where}: no such {what}; {remedy}"
+
+
+def _doc(section: str, key: Any) -> str:
+    return str(next(f.metadata["doc"] for f in fields_of(section) if f.name == key))

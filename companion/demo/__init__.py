@@ -1,0 +1,1 @@
+"""The simulated flight that `companion demo` runs."""

@@ -1,0 +1,203 @@
+"""`companion demo`: the live service on a simulated flight, without hardware, then pictures and a page of its log."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..config.camera import CameraConfig
+from ..config.loader import Config, load_config
+from ..config.service import AutopilotConfig
+from ..console import fail, progress, say, say_json, warn
+from ..kernels.warmup import WarmupError, warm_up
+from ..live.status import status_lines
+from ..replay.replay import Options, replay
+from ..replay.replay_report import Replay
+from ..viewer.view import ViewOptions, Views, make_views
+from .live import DemoError, LiveRun, fly
+
+OUTPUT = Path("demo-out")
+CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
+EMBEDDED = Config(
+    cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
+)  # fmt: skip
+"""The embedded default: what configs/simulated.toml says too."""
+MOST_FPS = 15.0
+"""So many frames a second make a page that is still small enough to open."""
+SECONDS, FAST_SECONDS, FAST_WIDTH_PX = 10.0, 3.0, 320
+PICTURES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DemoOptions:
+    """folder: where everything goes; width_px None: as the configuration has it."""
+
+    folder: Path = OUTPUT
+    seconds: float = SECONDS
+    width_px: int | None = None
+    config: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demo:
+    """What was made. log: the service's own; replay: of that log, compared with what the service said in flight."""
+
+    log: Path
+    live: LiveRun
+    replay: Replay
+    views: Views
+
+
+def demo_config(config: Config, options: DemoOptions) -> Config:
+    """The configuration as it is flown. Raises ValueError where there is no simulated camera."""
+    simulated = [c for c in config.cameras if c.kind == "simulated"]
+    if not simulated:
+        raise ValueError(
+            'no camera of kind = "simulated" in the configuration; configs/simulated.toml is one for the demo'
+        )
+    cameras = tuple(
+        replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MOST_FPS)) for c in simulated
+    )  # fmt: skip
+    return replace(config, cameras=cameras)
+
+
+def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
+    """Flies, replays and draws. bar: a context manager that gives a Progress for a label. Raises what the stages do."""
+    config = load_config(options.config) if options.config is not None else EMBEDDED
+    config = demo_config(config, options)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    with bar("compiling what is not compiled yet (a minute the first time)"):
+        warm_up()
+    with bar(
+        f"flying for {options.seconds:g} s: the service, an autopilot and a planner, each in its own process"
+    ) as on:
+        live = fly(config, options.folder, options.seconds, on)
+    log = options.folder / "prisms.mcap"
+    live.log.replace(log)
+    live.log.parent.rmdir()
+    with bar("replaying the log: the same prisms again, bit for bit?") as on:
+        result = replay(log, Options(check=True), on)
+    with bar("drawing") as on:
+        every = max(1, result.tally.frames // PICTURES)
+        views = make_views(log, options.folder / "view", ViewOptions(every=every), on)
+    return Demo(log=log, live=live, replay=result, views=views)
+
+
+def problems_of(done: Demo) -> list[str]:
+    """What should not be, in words. Blind frames before the autopilot's clock is known are as they should be."""
+    problems = [done.replay.damage] if done.replay.damage else []
+    comparison = done.replay.comparison
+    if comparison is not None and not comparison.passed:
+        problems.append(
+            f"the replay differs from what the service said: `companion replay {done.log} --check` tells where"
+        )
+    if not done.replay.tally.valid:
+        problems.append("no image said anything")
+    if not done.live.heard.valid:
+        problems.append("the subscriber heard nothing that says anything")
+    return problems
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion demo`."""
+    parser = subparsers.add_parser("demo", help="the live service on a simulated flight, without hardware")
+    parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="DIR", help=f"folder ({OUTPUT})")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="a configuration with a simulated camera")
+    parser.add_argument("--seconds", type=_seconds, metavar="S", help=f"fly for so long ({SECONDS:g})")
+    parser.add_argument("--fast", action="store_true", help=f"{FAST_SECONDS:g} s of {FAST_WIDTH_PX} pixels' width")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 1.0 <= value <= 600.0:
+        raise argparse.ArgumentTypeError("expected 1..600")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: everything was made and is as it should be; 1: not."""
+    seconds = args.seconds or (FAST_SECONDS if args.fast else SECONDS)
+    width_px = FAST_WIDTH_PX if args.fast else None
+    options = DemoOptions(folder=args.output, config=args.config, seconds=seconds, width_px=width_px)
+    try:
+        done = demo(options, progress if args.json else _announced)
+    except (WarmupError, DemoError) as error:
+        fail(str(error))
+        return 1
+    problems = problems_of(done)
+    if args.json:
+        say_json(_json(done, problems))
+    else:
+        _say(done)
+    for note in done.views.notes:
+        warn(note)
+    for problem in problems:
+        fail(problem)
+    return 1 if problems else 0
+
+
+def _announced(label: str) -> Any:
+    """A progress bar with a line before it, for people who see no bar."""
+    say(f"- {label} ...")
+    return progress(label)
+
+
+def _say(done: Demo) -> None:
+    heard, tally = done.live.heard, done.replay.tally
+    valid = max(1, tally.valid)
+    say()
+    say("How the service was, as `companion status` told at the end of the flight:")
+    for line in status_lines(done.live.health):
+        say(f"  {line}")
+    say()
+    say(f"A planner in another process got {heard.messages} messages: {heard.valid} with obstacles and free space,")
+    said = f"{heard.age_ms[0]:.0f} ms after the exposure in the median, {heard.age_ms[1]:.0f} ms at most of 99 in 100"
+    say(f"{said};")
+    blind = ", ".join(f"{n} x {cause}" for cause, n in sorted(heard.causes.items())) or "none"
+    say(f"and blind ones before the service saw: {blind}.")
+    say(
+        f"On average {tally.planes / valid:.0f} vertical planes, joined to {tally.prisms / valid:.0f} prisms, stood in an image."
+    )
+    comparison = done.replay.comparison
+    if comparison is not None and comparison.passed:
+        say("The log, replayed, gave the same prisms bit for bit.")
+    say()
+    say("Look at:")
+    if done.views.page is not None:
+        say(f"  {_shown(done.views.page)}  the obstacles in 3-D: open it in a browser, turn it, step through time")
+    if done.views.pictures:
+        folder = _shown(done.views.pictures[0].parent)
+        say(
+            f"  {folder}/*.png  {len(done.views.pictures)} pictures: depth with planes over it, from above, from the side"
+        )
+    say(f"  {_shown(done.log)}  the log of the flight; Foxglove and Lichtblick open it too")
+    say()
+    say("Next:")
+    say(f"  companion info {_shown(done.log)}")
+    say("  companion run -c configs/simulated.toml   the same service, until you end it")
+    say("  companion import FOLDER -o my.mcap   a recording of your own (docs/import.md)")
+
+
+def _shown(path: Path) -> str:
+    """Relative where that is shorter to type."""
+    relative = os.path.relpath(path)
+    return relative if not relative.startswith("..") else str(path)
+
+
+def _json(done: Demo, problems: list[str]) -> dict[str, Any]:
+    return {
+        "prisms": str(done.log),
+        "page": str(done.views.page) if done.views.page else None,
+        "pictures": [str(p) for p in done.views.pictures],
+        "duration_s": done.live.duration_s,
+        "subscriber": dataclasses.asdict(done.live.heard),
+        "troubles": list(done.live.health.troubles),
+        **done.replay.tally.as_json(),
+        "problems": problems,
+    }

@@ -1,0 +1,64 @@
+"""A planner's side of the demo: a subscriber in a process of its own, `python -m companion.demo.listener PRISMS`.
+
+It takes each message as a planner would and prints one JSON object when it is told to end (SIGTERM)."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+import zmq
+
+from drivers.proto import osape_v1_pb2 as pb
+
+POLL_MS = 100
+
+
+@dataclass(slots=True)
+class Heard:
+    """What a subscriber got. age_ms: (p50, p99) from exposure to here, of those that say something."""
+
+    messages: int = 0
+    valid: int = 0
+    planes: int = 0
+    bytes: int = 0
+    age_ms: tuple[float, float] = (0.0, 0.0)
+    causes: dict[str, int] = field(default_factory=dict)
+
+
+def listen(address: str) -> Heard:
+    """Counts what comes until SIGTERM or SIGINT."""
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda n, _: stop.append(n))
+    heard, ages_ms = Heard(), []
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    socket = context.socket(zmq.SUB)
+    socket.setsockopt(zmq.SUBSCRIBE, b"")
+    socket.connect(address)
+    while not stop:
+        if not socket.poll(POLL_MS):
+            continue
+        data = socket.recv()
+        message = pb.PrismsFrame.FromString(data)
+        heard.messages += 1
+        heard.bytes += len(data)
+        if not message.valid:
+            heard.causes[message.cause_text] = heard.causes.get(message.cause_text, 0) + 1
+            continue
+        heard.valid += 1
+        heard.planes += len(message.planes.margin_m)
+        ages_ms.append((time.monotonic_ns() - message.t_exposure_ns) / 1e6)
+    socket.close(0)
+    context.term()
+    if ages_ms:
+        heard.age_ms = (float(np.percentile(ages_ms, 50)), float(np.percentile(ages_ms, 99)))
+    return heard
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(asdict(listen(sys.argv[1]))) + "\n")

@@ -1,0 +1,174 @@
+"""The live service flown without hardware: service, simulated autopilot and a subscriber, each in its own process.
+
+Only the camera and the autopilot are not there: the processes, the shared memory, MAVLink over UDP, the clocks, ZeroMQ
+and the log are those of a flight."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import zmq
+
+from drivers.base import DriverError
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..config.loader import SECTIONS, Config
+from ..live.status import newest_health
+from ..log.log_directory import files_of
+from .listener import Heard
+
+SEEING_S = 90.0
+"""Longest wait for the service to see: a slow machine renders the flight first."""
+END_S = 20.0
+SEES = (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED)
+
+Progress = Callable[[float], None]
+
+
+class DemoError(Exception):
+    """A part of the live demo that did not do what it should; the message says which and shows its last words."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveRun:
+    """What was flown. log: the recorder's file; health: the last report before the end; heard: by the subscriber."""
+
+    log: Path
+    health: pb.Health
+    heard: Heard
+    duration_s: float
+
+
+def live_config(config: Config, folder: Path, run: Path) -> Config:
+    """The configuration with lines of its own: a free port for the autopilot, sockets in `run`, logs in `folder`."""
+    record = replace(
+        config.record, record="always", folder=str(folder), file_mb=4096.0, budget_mb=8192.0, file_s=7200.0
+    )
+    publish = replace(config.publish, prisms=f"ipc://{run}/prisms", health=f"ipc://{run}/health", keys="")
+    autopilot = replace(config.autopilot, address=f"udpin:127.0.0.1:{free_port()}")
+    return replace(config, record=record, publish=publish, autopilot=autopilot)
+
+
+def toml_of(config: Config) -> str:
+    """The configuration as a file that `companion run` reads."""
+    lines: list[str] = []
+    for name in SECTIONS:
+        for section in config.cameras if name == "camera" else (getattr(config, name),):
+            lines.append("[[camera]]" if name == "camera" else f"[{name}]")
+            values = ((f.name, getattr(section, f.name)) for f in fields(section))
+            # JSON's numbers, texts and true/false are TOML's too
+            lines += [f"{key} = {json.dumps(value)}" for key, value in values if value is not None]
+    return "\n".join(lines) + "\n"
+
+
+def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress = lambda share: None) -> LiveRun:
+    """Flies for duration_s from the moment on at which the service sees. Raises DemoError."""
+    run = Path(tempfile.mkdtemp(prefix="osape-"))  # a short path: sockets have room for 107 characters
+    logs = folder / "logs"
+    shutil.rmtree(logs, ignore_errors=True)
+    logs.mkdir(parents=True)
+    live = live_config(config, logs.resolve(), run)
+    file = run / "demo.toml"
+    file.write_text(toml_of(live), encoding="utf-8")
+    processes = Processes(run)
+    try:
+        processes.start("autopilot", "companion", "simulate-autopilot", "-c", str(file))
+        processes.start("service", "companion", "run", "-c", str(file))
+        processes.start("subscriber", "companion.demo.listener", live.publish.prisms)
+        began_s = _wait_until_it_sees(live.publish.health, processes)
+        while time.monotonic() - began_s < duration_s:
+            processes.check()
+            on_progress((time.monotonic() - began_s) / duration_s)
+            time.sleep(0.1)
+        health = newest_health(live.publish.health, 5.0)
+        heard = Heard(**json.loads(processes.end("subscriber")))
+        processes.end("service")
+        processes.end("autopilot")
+    finally:
+        processes.kill()
+        shutil.rmtree(run, ignore_errors=True)
+    recorded = [f.path for f in files_of(logs) if not f.active]
+    if len(recorded) != 1:
+        raise DemoError(f"{logs}: the service left {len(recorded)} finished logs there, expected one")
+    return LiveRun(log=recorded[0], health=health, heard=heard, duration_s=duration_s)
+
+
+def _wait_until_it_sees(address: str, processes: Processes) -> float:
+    """The instant at which a camera says something."""
+    end_s = time.monotonic() + SEEING_S
+    report: pb.Health | None = None
+    while time.monotonic() < end_s:
+        processes.check()
+        try:
+            report = newest_health(address, 2.0)
+        except (DriverError, zmq.ZMQError):
+            continue
+        if report.state in SEES and report.frames_used > 0:
+            return time.monotonic()
+    troubles = "; ".join(report.troubles) if report is not None else "it gave no report"
+    raise DemoError(f"the service did not see anything within {SEEING_S:g} s: {troubles}\n{processes.words('service')}")
+
+
+class Processes:
+    """The demo's processes, their output in files beside the sockets."""
+
+    def __init__(self, run: Path) -> None:
+        self._run = run
+        self._of: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, module: str, *words: str) -> None:
+        """Starts `python -m module words`."""
+        environment = {**os.environ, "RUNTIME_DIRECTORY": str(self._run), "STATE_DIRECTORY": str(self._run)}
+        with (self._run / f"{name}.out").open("wb") as out, (self._run / f"{name}.err").open("wb") as err:
+            self._of[name] = subprocess.Popen(
+                [sys.executable, "-m", module, *words], stdout=out, stderr=err, env=environment
+            )
+
+    def check(self) -> None:
+        """Raises DemoError when one has ended by itself."""
+        for name, process in self._of.items():
+            if process.poll() is not None:
+                raise DemoError(f"the {name} ended by itself with status {process.returncode}\n{self.words(name)}")
+
+    def end(self, name: str) -> str:
+        """Tells one to end and gives what it wrote. Raises DemoError when it does not, or not well."""
+        process = self._of.pop(name)
+        process.terminate()
+        try:
+            status = process.wait(END_S)
+        except subprocess.TimeoutExpired as error:
+            process.kill()
+            raise DemoError(f"the {name} did not end within {END_S:g} s\n{self.words(name)}") from error
+        if status != 0:
+            raise DemoError(f"the {name} ended with status {status}\n{self.words(name)}")
+        return (self._run / f"{name}.out").read_text(encoding="utf-8")
+
+    def words(self, name: str) -> str:
+        """Its last words on stderr."""
+        return "\n".join((self._run / f"{name}.err").read_text(encoding="utf-8", errors="replace").splitlines()[-12:])
+
+    def kill(self) -> None:
+        """Ends what still runs, at once."""
+        for process in self._of.values():
+            process.kill()
+            process.wait()
+        self._of.clear()
+
+
+def free_port() -> int:
+    """A UDP port of this machine that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: Any = probe.getsockname()[1]
+        return int(port)

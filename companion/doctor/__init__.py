@@ -1,0 +1,1 @@
+"""Checks of cameras, autopilot, log and kernels before a flight."""

@@ -1,0 +1,220 @@
+"""`companion doctor --mount`: roll, pitch and height of each camera, measured while the vehicle is turned and tilted by hand."""
+
+from __future__ import annotations
+
+import math
+import queue
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.frames import level_cam_at, rotation_from_quaternion
+from core.self_check.mount_check import MountState, checked
+from core.self_check.mount_cues import cues_of
+from core.self_check.mount_params import MountCheckParams
+from core.self_check.surfaces import find_surfaces
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import Event
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.transport import parse_address
+
+from ..autopilot.session_factory import params_of, signing_of
+from ..cameras.masks import Mask, masked, without
+from ..cameras.supervisor import CameraSupervisor
+from ..config.camera import CameraConfig
+from ..config.loader import Config
+from ..config.sync import SyncParams
+from ..paths import folders
+from ..pipeline.sync import AttitudeAt, Synchroniser
+
+LEAST_TURN_RAD = math.radians(60.0)
+LEAST_FRAMES = 30
+GOOD_SD_RAD = math.radians(0.3)
+SURE_SD_RAD = math.radians(0.25)
+"""When roll and pitch are known this well, measuring ends before its time."""
+PARAMS = MountCheckParams(interval_s=0.05, terrain_deg_per_sqrt_s=0.05)
+Incoming = queue.SimpleQueue[Event | CameraInfo]
+
+
+@dataclass(slots=True)
+class MountMeasurement:
+    """The measurement of one camera, event by event."""
+
+    info: CameraInfo
+    sync: SyncParams
+    config: CameraConfig
+    state: MountState = field(default_factory=MountState)
+    frames: int = 0
+    without_attitude: int = 0
+    heights_m: list[float] = field(default_factory=list)
+    headings_rad: list[float] = field(default_factory=list)
+    _synchroniser: Synchroniser = field(init=False)
+    _mask: Mask | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._synchroniser = Synchroniser(self.sync)
+        self._mask = masked(self.config, self.info)
+
+    def add(self, event: Event) -> None:
+        """An attitude or a frame, in the order of arrival; positions are not used."""
+        if isinstance(event, AttitudeSample):
+            self._synchroniser.attitudes.add(event)
+        elif isinstance(event, DepthFrame):
+            self._frame(event)
+
+    def _frame(self, frame: DepthFrame) -> None:
+        attitude = self._synchroniser.attitude_at(frame.t_exposure_ns)
+        if not isinstance(attitude, AttitudeAt):
+            self.without_attitude += 1
+            return
+        self.frames += 1
+        R_level_optical, heading_rad, _, _ = level_cam_at(attitude.q_ned_frd_wxyz, self.info.mount)
+        depth_mm = without(frame.depth_mm, self._mask)
+        cues = cues_of(find_surfaces(depth_mm, self.info, R_level_optical, self.info.ke_per_m))
+        if cues.ground:
+            self.heights_m.append(cues.distance_m)
+            self.headings_rad.append(heading_rad)
+        R_ned_frd = rotation_from_quaternion(attitude.q_ned_frd_wxyz)
+        self.state = checked(self.state, frame.t_exposure_ns, cues, R_ned_frd, heading_rad, PARAMS)
+
+    @property
+    def turned_rad(self) -> float:
+        """Angle between the outermost headings at which ground was measured."""
+        if not self.headings_rad:
+            return 0.0
+        turns = np.unwrap(self.headings_rad)
+        return min(float(np.ptp(turns)), math.tau)
+
+    @property
+    def done(self) -> bool:
+        """Whether more would not make the result better."""
+        sure = max(self.state.error_sd_rad) <= SURE_SD_RAD
+        return sure and len(self.heights_m) >= LEAST_FRAMES and self.turned_rad >= LEAST_TURN_RAD
+
+    def refusal(self) -> str:
+        """Why there is no result, and what to do; empty: there is one."""
+        if not self.frames:
+            if self.without_attitude:
+                return f"{self.without_attitude} frames came, none with an attitude: check the autopilot with `companion doctor`"
+            return "no frame came: check the camera with `companion doctor`"
+        if len(self.heights_m) < LEAST_FRAMES:
+            return (
+                f"ground in {len(self.heights_m)} of {self.frames} frames only, {LEAST_FRAMES} are needed: hold the vehicle above "
+                "level, textured ground so that the lower half of the image shows it"
+            )
+        if self.turned_rad < LEAST_TURN_RAD:
+            return (
+                f"turned by {math.degrees(self.turned_rad):.0f} degrees only: turn the vehicle by "
+                f"{math.degrees(LEAST_TURN_RAD):.0f} degrees or more to both sides, slowly, and tilt it by about 15 degrees"
+            )
+        sd_deg = math.degrees(max(self.state.error_sd_rad))
+        if max(self.state.error_sd_rad) > GOOD_SD_RAD:
+            return f"known to {sd_deg:.1f} degrees only: the ground is uneven or the turn was too quick; repeat it on level ground"
+        return ""
+
+    def lines(self) -> list[str]:
+        """The lines for the configuration."""
+        roll, pitch, yaw = self.state.corrected(self.info.mount)
+        said = [
+            "[[camera]]", f'name = "{self.config.name}"', f"roll_deg = {math.degrees(roll):.1f}",
+            f"pitch_deg = {math.degrees(pitch):.1f}",
+        ]  # fmt: skip
+        if self.info.mount.yaw_rad or abs(yaw) > math.radians(0.05):
+            said.append(f"yaw_deg = {math.degrees(yaw):.1f}")
+        return said
+
+    def words(self) -> str:
+        """The result in one line."""
+        roll, pitch = (math.degrees(v) for v in self.state.error_rad)
+        roll_sd, pitch_sd = (math.degrees(v) for v in self.state.error_sd_rad)
+        return (
+            f"{float(np.median(self.heights_m)):.2f} m above the ground; true minus configured: roll {roll:+.2f} +- {roll_sd:.2f} "
+            f"deg, pitch {pitch:+.2f} +- {pitch_sd:.2f} deg ({len(self.heights_m)} frames, turned by "
+            f"{math.degrees(self.turned_rad):.0f} deg)"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MountFinding:
+    """What came of one camera. lines: for the configuration; empty: there is no result."""
+
+    camera: str
+    good: bool
+    words: str
+    lines: tuple[str, ...] = ()
+
+
+def finding_of(measurement: MountMeasurement) -> MountFinding:
+    """The result of a measurement, or why there is none."""
+    name = measurement.config.name
+    if refusal := measurement.refusal():
+        return MountFinding(name, False, refusal)
+    wrong = max(abs(v) for v in measurement.state.error_rad) >= math.radians(PARAMS.degraded_deg)
+    return MountFinding(name, not wrong, measurement.words(), tuple(measurement.lines()))
+
+
+def measured_mounts(config: Config, seconds: float, say: Callable[[str], None]) -> Iterator[MountFinding]:
+    """Measures all cameras at once over the autopilot's own line. Raises DriverError."""
+    if not config.autopilot.address:
+        yield MountFinding("all", False, "the attitude is needed: set [autopilot] address")
+        return
+    events: Incoming = queue.SimpleQueue()
+    signing = signing_of(config.autopilot, folders().state)
+    session = MavlinkSession(params_of(config), signing=signing)
+    link = MavlinkLink(parse_address(config.autopilot.address), session, lambda samples: _put(events, samples))
+
+    def take_frame(frame: DepthFrame) -> None:
+        link.catch_up()  # the attitudes that came before it
+        events.put(frame)
+
+    cameras = [CameraSupervisor(c, events.put, take_frame, config.supervision) for c in config.cameras]
+    measurements: dict[str, MountMeasurement] = {}
+    try:
+        link.open()
+        for camera in cameras:
+            camera.open()
+        say(
+            f"Hold the vehicle above level ground. Turn it slowly by 90 degrees to both sides and tilt it by about 15 degrees, "
+            f"for up to {seconds:g} s."
+        )
+        _collect(events, measurements, config, seconds)
+    finally:
+        for camera in cameras:
+            camera.close()
+        link.close()
+        signing.close()
+    for section in config.cameras:
+        measurement = measurements.get(section.name)
+        if measurement is None:
+            yield MountFinding(section.name, False, "it did not open: check the camera with `companion doctor`")
+        else:
+            yield finding_of(measurement)
+
+
+def _put(events: Incoming, samples: list[AttitudeSample | PoseSample]) -> None:
+    for sample in samples:
+        events.put(sample)
+
+
+def _collect(events: Incoming, measurements: dict[str, MountMeasurement], config: Config, seconds: float) -> None:
+    """Until every camera is measured, or the time is over."""
+    end_s = time.monotonic() + seconds
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        try:
+            event = events.get(timeout=left_s)
+        except queue.Empty:
+            return
+        if isinstance(event, CameraInfo):
+            measurement = MountMeasurement(event, config.sync, config.camera(event.camera))
+            measurements[event.camera] = measurement
+        elif isinstance(event, DepthFrame):
+            if event.camera in measurements:
+                measurements[event.camera].add(event)
+        else:
+            for measurement in measurements.values():
+                measurement.add(event)
+        if len(measurements) == len(config.cameras) and all(m.done for m in measurements.values()):
+            return

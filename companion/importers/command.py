@@ -1,0 +1,245 @@
+"""`companion import`: somebody's recording into a log of ours, in the order in which things arrived.
+
+What is wrong with parts of a recording is told, with the place and the remedy, and ends the command with status 1;
+what was readable is in the log all the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import BadData, DeviceNotFound, Event
+
+from ..config.camera import CameraConfig
+from ..config.loader import Config, load_config
+from ..console import fail, say, say_json, warn
+from ..log.log_writer import refuse_output, write_recording
+from ..log.provenance import run_info
+from ..pipeline.sync import NS
+from .folder import FolderSource
+from .report import ImportOptions, Report, RosTopics
+from .ros2 import Ros2Source
+
+REMEDY_NO_SOURCE = (
+    "expected a folder with intrinsics.json, frames.csv and depth PNGs, or a ROS 2 recording as an .mcap file"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """What became of a recording. frames: kept, of frames_named that the recording speaks of."""
+
+    output: Path
+    frames: int
+    frames_named: int
+    attitudes: int
+    poses: int
+    duration_s: float
+    notes: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def import_recording(path: Path, output: Path, options: ImportOptions, config: Config | None = None) -> Imported:
+    """Writes the recording as a log. Raises DriverError when nothing of it can be used, OSError and ValueError when
+    the log cannot be written; problems with parts of it are in the result."""
+    refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
+    report = Report()
+    try:
+        source = open_recording(path, options, report)
+    except BadData as error:  # what went before may be its cause
+        raise BadData("\n".join([str(error), *report.all_problems()])) from error
+    counted = _Counted(source)
+    try:
+        write_recording(counted, output, run_info("import", config or Config()))
+    except BadData as error:
+        report.problem("recording", str(error))
+    finally:
+        source.close()
+    if not counted.kinds[DepthFrame]:
+        report.problem("recording", f"{path}: no frame of it could be used")
+    return Imported(
+        output=output,
+        frames=counted.kinds[DepthFrame],
+        frames_named=source.frame_count,
+        attitudes=counted.kinds[AttitudeSample],
+        poses=counted.kinds[PoseSample],
+        duration_s=counted.duration_s,
+        notes=tuple(report.notes),
+        problems=tuple(report.all_problems()),
+    )
+
+
+def open_recording(path: Path, options: ImportOptions, report: Report) -> FolderSource | Ros2Source:
+    """The reader of a folder or file. Raises DriverError."""
+    if path.is_dir():
+        return FolderSource(path, options, report)
+    if not path.exists():
+        raise DeviceNotFound(f"{path}: there is nothing; {REMEDY_NO_SOURCE}")
+    if path.suffix.lower() in (".db3", ".bag"):
+        raise BadData(f"{path}: not an MCAP file; convert it first (ros2 bag convert, or the mcap tool)")
+    return Ros2Source(path, options, report)
+
+
+class _Counted:
+    """Passes a source on and counts what it delivers."""
+
+    def __init__(self, source: FolderSource | Ros2Source) -> None:
+        self._source = source
+        self.kinds: Counter[type[Event]] = Counter()
+        self._exposures: list[int] = []
+
+    @property
+    def cameras(self) -> tuple[CameraInfo, ...]:
+        return self._source.cameras
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last exposure."""
+        return (max(self._exposures) - min(self._exposures)) / NS if self._exposures else 0.0
+
+    def events(self) -> Iterator[Event]:
+        """As the source has them."""
+        for event in self._source.events():
+            self.kinds[type(event)] += 1
+            if isinstance(event, DepthFrame):
+                self._exposures.append(event.t_exposure_ns)
+            yield event
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion import`."""
+    parser = subparsers.add_parser("import", help="make a log of a recording")
+    parser.add_argument("source", type=Path, metavar="DIR|FILE", help="folder with depth PNGs, or a ROS 2 .mcap")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="FILE", help="its [[camera]] section says mount and ranges"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    camera = parser.add_argument_group("the camera (over the configuration and the recording)")
+    camera.add_argument("--camera", metavar="NAME", help="its name in the log (default: front)")
+    camera.add_argument(
+        "--mount",
+        type=_three,
+        metavar="R,P,Y",
+        help="roll,pitch,yaw in degrees on the vehicle; down is --mount=0,-20,0",
+    )
+    camera.add_argument("--lever-arm", type=_three, metavar="X,Y,Z", help="forward,right,down in metres")
+    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer is no measurement")
+    camera.add_argument("--max-range-m", type=float, metavar="M", help="what lies beyond is not believed")
+    camera.add_argument("--ke", type=float, metavar="1/M", help="noise: sigma_Z = ke * Z^2")
+    folder = parser.add_argument_group("a folder")
+    folder.add_argument(
+        "--frame-latency-ms", type=_latency, default=50.0, metavar="MS", help="exposure to arrival (50)"
+    )
+    log = folder.add_mutually_exclusive_group()
+    log.add_argument(
+        "--tlog", type=Path, metavar="FILE", help="attitude from this log (default: the one in the folder)"
+    )
+    log.add_argument("--no-tlog", action="store_true", help="attitude from frames.csv, although a log lies beside it")
+    folder.add_argument("--tlog-epoch", type=_epoch_us, metavar="UNIX_S", help="unix time of t_ns 0, seconds")
+    folder.add_argument("--system-id", type=int, metavar="ID", help="of the vehicle, where several sent")
+    ros = parser.add_argument_group("a ROS 2 recording (needed where several topics fit)")
+    for name in ("depth", "info", "attitude", "pose"):
+        ros.add_argument(f"--{name}-topic", metavar="TOPIC")
+    ros.add_argument("--base-frame", default="base_link", metavar="FRAME", help="the vehicle's body (base_link)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: all of it; 1: not all of it, or nothing; what was readable is kept."""
+    config = load_config(args.config) if args.config is not None else Config()
+    done = import_recording(args.source, args.output, _options(args, config), config)
+    if args.json:
+        say_json(_json(done))
+    else:
+        _say(done)
+    for note in done.notes if args.json else ():
+        warn(note)
+    for problem in done.problems:
+        fail(problem)
+    if done.problems:
+        fail(f"{done.output}: {done.frames} of {done.frames_named} frames kept")
+    return 1 if done.problems else 0
+
+
+def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
+    names = [c.name for c in config.cameras]
+    name = args.camera or (names[0] if len(names) == 1 else "front")
+    given = {"min_range_m": args.min_range_m, "max_range_m": args.max_range_m, "ke_per_m": args.ke}
+    if args.mount is not None:
+        given |= dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), args.mount, strict=True))
+    if args.lever_arm is not None:
+        given |= dict(zip(("x_m", "y_m", "z_m"), args.lever_arm, strict=True))
+    camera: CameraConfig = replace(config.camera(name), **{k: v for k, v in given.items() if v is not None})
+    return ImportOptions(
+        camera=camera,
+        frame_latency_s=args.frame_latency_ms / 1000.0,
+        tlog=args.tlog,
+        use_tlog=not args.no_tlog,
+        tlog_epoch_us=args.tlog_epoch,
+        system_id=args.system_id,
+        topics=RosTopics(
+            depth=args.depth_topic,
+            camera_info=args.info_topic,
+            attitude=args.attitude_topic,
+            pose=args.pose_topic,
+            base_frame=args.base_frame,
+        ),
+        sync=config.sync,
+    )
+
+
+def _say(done: Imported) -> None:
+    say(
+        f"{done.output}: {done.frames} frames over {done.duration_s:.1f} s, {done.attitudes} attitudes, {done.poses} positions"
+    )
+    for note in done.notes:
+        say(f"  {note}")
+    if not done.problems:
+        say(f"next: companion replay {done.output} -o prisms.mcap")
+
+
+def _json(done: Imported) -> dict[str, Any]:
+    return {
+        "output": str(done.output),
+        "frames": done.frames,
+        "frames_named": done.frames_named,
+        "attitudes": done.attitudes,
+        "poses": done.poses,
+        "duration_s": round(done.duration_s, 6),
+        "notes": list(done.notes),
+        "problems": list(done.problems),
+    }
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    try:
+        a, b, c = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected three numbers with commas, such as 0,-20,0") from error
+    return a, b, c
+
+
+def _latency(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= 5000.0:
+        raise argparse.ArgumentTypeError("expected 0..5000 ms")
+    return value
+
+
+def _epoch_us(text: str) -> int:
+    """Microseconds of a decimal number of seconds, without rounding through a float."""
+    try:
+        value = Decimal(text)
+        return int((value * 1_000_000).to_integral_value())
+    except (InvalidOperation, OverflowError) as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a unix time in seconds") from error

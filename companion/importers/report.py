@@ -1,0 +1,91 @@
+"""What the readers of recordings share: their options, what they found wrong, and what they leave for the summary."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..config.camera import CameraConfig
+from ..config.sync import SyncParams
+from ..pipeline.sync import NS
+
+SHOWN = 8
+"""Problems of one kind that are spelled out; the rest is counted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosTopics:
+    """Which topics of a ROS 2 recording are read; None: the only one that fits."""
+
+    depth: str | None = None
+    camera_info: str | None = None
+    attitude: str | None = None
+    pose: str | None = None
+    base_frame: str = "base_link"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportOptions:
+    """camera: its name, and what overrides the recording. frame_latency_s: from mid-exposure to arrival where the
+    recording does not say. tlog_epoch_us: unix microseconds of t_ns 0. system_id: of the vehicle, where several sent."""
+
+    camera: CameraConfig = field(default_factory=lambda: CameraConfig(name="front"))
+    frame_latency_s: float = 0.05
+    tlog: Path | None = None
+    use_tlog: bool = True
+    tlog_epoch_us: int | None = None
+    system_id: int | None = None
+    topics: RosTopics = field(default_factory=RosTopics)
+    sync: SyncParams = field(default_factory=SyncParams)
+
+
+@dataclass(slots=True)
+class Report:
+    """problems: something is missing or was left out (the import fails, what was readable is kept); notes: what the
+    reader decided and the person should know."""
+
+    problems: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    _of_kind: dict[str, int] = field(default_factory=dict)
+
+    def problem(self, kind: str, text: str) -> None:
+        """One problem; of each kind the first few are kept."""
+        self._of_kind[kind] = self._of_kind.get(kind, 0) + 1
+        if self._of_kind[kind] <= SHOWN:
+            self.problems.append(text)
+
+    def note(self, text: str) -> None:
+        """Something to say once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def all_problems(self) -> list[str]:
+        """The problems and how many more there were of each kind."""
+        more = [f"... and {n - SHOWN} more: {kind}" for kind, n in self._of_kind.items() if n > SHOWN]
+        return self.problems + more
+
+
+def spans(numbers: Iterable[int]) -> str:
+    """3, 4, 5, 9 as "3-5, 9"."""
+    runs: list[list[int]] = []
+    for n in sorted(numbers):
+        if runs and n == runs[-1][1] + 1:
+            runs[-1][1] = n
+        else:
+            runs.append([n, n])
+    return ", ".join(f"{a}-{b}" if b > a else str(a) for a, b in runs)
+
+
+def uncovered(exposures_ns: Sequence[int], attitudes_ns: Sequence[int], sync: SyncParams) -> list[int]:
+    """Exposures for which no attitude is near enough, in either direction, whatever its arrival."""
+    stamps = sorted(attitudes_ns)
+    out = []
+    for t in exposures_ns:
+        i = bisect_left(stamps, t)
+        near = [abs(stamps[k] - t) for k in (i - 1, i) if 0 <= k < len(stamps)]
+        between = len(near) == 2 and stamps[i] - stamps[i - 1] <= sync.max_gap_s * NS
+        if not near or (min(near) > sync.max_extrapolation_s * NS and not between):
+            out.append(t)
+    return out

@@ -1,0 +1,90 @@
+"""ROS 2 messages by the definition that their recording holds, checked for the fields that are read."""
+
+from __future__ import annotations
+
+import struct
+from operator import attrgetter
+from typing import Any, Final
+
+from mcap.exceptions import McapError
+from mcap_ros2._vendor.rosidl_adapter.parser import InvalidSpecification, InvalidValue
+from mcap_ros2.decoder import DecoderFactory
+
+from drivers.logs.record_scanner import Logged
+
+IMAGE, CAMERA_INFO, TF = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "tf2_msgs/TFMessage"
+ODOMETRY, POSE, IMU = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "sensor_msgs/Imu"
+MOTION_TYPES: Final = (ODOMETRY, POSE, IMU)
+
+_HEADER = ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id")
+
+
+def _paths(prefix: str, names: str) -> tuple[str, ...]:
+    return tuple(f"{prefix}.{name}" for name in names)
+
+
+_READ: Final[dict[str, tuple[str, ...]]] = {
+    IMAGE: (*_HEADER, "width", "height", "encoding", "is_bigendian", "step", "data"),
+    CAMERA_INFO: ("width", "height", "d", "k"),
+    TF: ("transforms",),
+    ODOMETRY: (
+        *_HEADER,
+        "child_frame_id",
+        *_paths("pose.pose.position", "xyz"),
+        *_paths("pose.pose.orientation", "wxyz"),
+        *_paths("twist.twist.linear", "xyz"),
+        *_paths("twist.twist.angular", "xyz"),
+    ),
+    POSE: (*_HEADER, *_paths("pose.position", "xyz"), *_paths("pose.orientation", "wxyz")),
+    IMU: (*_HEADER, "orientation_covariance", *_paths("orientation", "wxyz"), *_paths("angular_velocity", "xyz")),
+}
+_READ_OF_TRANSFORM: Final = (
+    *_HEADER,
+    "child_frame_id",
+    *_paths("transform.translation", "xyz"),
+    *_paths("transform.rotation", "wxyz"),
+)
+_LEAST: Final = {CAMERA_INFO: ("k", 9), IMU: ("orientation_covariance", 9)}
+"""Arrays that are read by place, and their length."""
+_ERRORS: Final = (
+    struct.error,
+    McapError,
+    InvalidSpecification,
+    InvalidValue,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    NameError,
+    NotImplementedError,
+)
+"""What the decoder raises for a message, or a definition, that is damaged."""
+
+
+def type_of(schema_name: str) -> str:
+    """sensor_msgs/Image of sensor_msgs/msg/Image."""
+    return schema_name.replace("/msg/", "/")
+
+
+class Ros2Decoder:
+    """Messages of the types that are read; None where one does not fit its definition, or that not its type."""
+
+    def __init__(self) -> None:
+        self._factory = DecoderFactory()
+
+    def __call__(self, item: Logged) -> Any:
+        """The decoded message."""
+        kind = type_of(item.schema.name if item.schema else "")
+        try:
+            decode = self._factory.decoder_for(item.channel.message_encoding, item.schema)
+            message = decode(item.message.data) if decode is not None else None
+            if message is not None:
+                attrgetter(*_READ[kind])(message)
+                for transform in message.transforms if kind == TF else ():
+                    attrgetter(*_READ_OF_TRANSFORM)(transform)
+                name, least = _LEAST.get(kind, ("", 0))
+                if name and len(getattr(message, name)) < least:
+                    return None
+        except _ERRORS:
+            return None
+        return message

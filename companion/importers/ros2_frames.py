@@ -1,0 +1,146 @@
+"""ROS conventions to ours, as pure functions.
+
+REP 103: the world is ENU (x east, y north, z up), the body FLU (x forward, y left, z up), a camera's optical frame
+has x right, y down, z forward (as ours). Ours: ned and frd. Hence R_ned_frd = R_ned_enu R_enu_flu R_flu_frd, a position
+(x, y, z) in ENU is (y, x, -z) in ned, a rate (p, q, r) in FLU is (p, -q, -r) in frd. Frames whose name says `ned` or
+`frd` are taken at their word.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import R_CAMFRD_OPTICAL, Rotation, euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
+from core.types import FAR_MM, UNKNOWN_MM, CameraMount
+from drivers.base import BadData
+
+R_NED_ENU: Rotation = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+R_FRD_FLU: Rotation = np.diag([1.0, -1.0, -1.0])
+DEPTH_TYPES = {"16UC1": 2, "mono16": 2, "32FC1": 4}
+"""Encoding -> bytes a pixel; the first two are millimetres, the last metres (REP 118)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rigid:
+    """p_parent = R p_child + t_m."""
+
+    R: Rotation
+    t_m: NDArray[np.float64]
+
+    def then(self, child: Rigid) -> Rigid:
+        """The transform from the child's child to this one's parent."""
+        return Rigid(self.R @ child.R, self.R @ child.t_m + self.t_m)
+
+    def inverse(self) -> Rigid:
+        """From parent to child."""
+        return Rigid(self.R.T, -self.R.T @ self.t_m)
+
+
+IDENTITY = Rigid(np.eye(3), np.zeros(3))
+
+
+def rigid(translation: Any, rotation: Any) -> Rigid | None:
+    """Of a geometry_msgs translation (or position) and quaternion; None when they are no numbers or no rotation."""
+    t = np.array([translation.x, translation.y, translation.z], dtype=np.float64)
+    R = rotation_of(rotation)
+    return None if R is None or not np.isfinite(t).all() else Rigid(R, t)
+
+
+def rotation_of(q: Any) -> Rotation | None:
+    """(3, 3) of a geometry_msgs quaternion, None when it is none (all zero means "not told")."""
+    norm = math.hypot(q.w, q.x, q.y, q.z)
+    return rotation_from_quaternion((q.w, q.x, q.y, q.z)) if 0.9 < norm < 1.1 else None
+
+
+def to_ned(world_frame: str) -> Rotation:
+    """R_ned_world: ENU unless a word of the frame's name is ned (`map_ned`, but not `aligned_map`)."""
+    return np.eye(3) if "ned" in _words(world_frame) else R_NED_ENU
+
+
+def to_frd(body_frame: str) -> Rotation:
+    """R_frd_body: FLU unless a word of the frame's name is frd (`base_link_frd`)."""
+    return np.eye(3) if "frd" in _words(body_frame) else R_FRD_FLU
+
+
+def _words(frame: str) -> list[str]:
+    return re.split(r"[^a-z]+", frame.lower())
+
+
+def quaternion_wxyz(R: Rotation) -> tuple[float, float, float, float]:
+    """Unit quaternion of a rotation."""
+    return quaternion_from_euler(*euler_from_rotation(R))
+
+
+def triple(v: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Three floats."""
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def mount_of(base_from_optical: Rigid, base_frame: str) -> CameraMount:
+    """The mount of a camera whose optical frame stands so to the body."""
+    to_body = to_frd(base_frame)
+    roll, pitch, yaw = euler_from_rotation(to_body @ base_from_optical.R @ R_CAMFRD_OPTICAL.T)
+    x, y, z = triple(to_body @ base_from_optical.t_m)
+    return CameraMount(roll, pitch, yaw, x, y, z)
+
+
+def depth_of(message: Any) -> NDArray[np.uint16]:
+    """(H, W) uint16 millimetres of a sensor_msgs/Image; UNKNOWN_MM where it holds no finite positive number or one that
+    millimetres cannot hold. Rows may be padded, bytes swapped. Raises BadData."""
+    size = DEPTH_TYPES.get(message.encoding)
+    if size is None:
+        raise BadData(f"image encoding {message.encoding!r}; depth is 16UC1 (millimetres) or 32FC1 (metres)")
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    data = bytes(message.data)
+    if step < width * size or len(data) < step * height or not width or not height:
+        raise BadData(f"image of {width}x{height} {message.encoding} with rows of {step} bytes holds {len(data)} bytes")
+    order = ">" if message.is_bigendian else "<"
+    rows = np.frombuffer(data, np.uint8, step * height).reshape(height, step)[:, : width * size]
+    pixels = np.ascontiguousarray(rows).view(f"{order}u2" if size == 2 else f"{order}f4")
+    if size == 2:
+        depth = pixels.astype(np.uint16)
+        depth[depth >= FAR_MM] = UNKNOWN_MM
+        return depth
+    with np.errstate(invalid="ignore", over="ignore"):
+        millimetres = np.rint(pixels.astype(np.float64) * 1000.0)
+        good = (millimetres > 0) & (millimetres < FAR_MM)  # false for NaN
+    return np.where(good, millimetres, UNKNOWN_MM).astype(np.uint16)
+
+
+class TransformTree:
+    """The newest transform of each frame to its parent, by /tf and /tf_static."""
+
+    def __init__(self) -> None:
+        self._up: dict[str, tuple[str, Rigid]] = {}
+
+    def add(self, parent: str, child: str, transform: Rigid) -> None:
+        """Replaces what was known of the child."""
+        self._up[child.lstrip("/")] = (parent.lstrip("/"), transform)
+
+    @property
+    def frames(self) -> list[str]:
+        """All that have a parent."""
+        return sorted(self._up)
+
+    def root_from(self, frame: str) -> tuple[str, Rigid]:
+        """(root, transform from the frame to it)."""
+        total, at, seen = IDENTITY, frame.lstrip("/"), set[str]()
+        while at in self._up and at not in seen:
+            seen.add(at)
+            at, up = self._up[at][0], self._up[at][1]
+            total = up.then(total)
+        return at, total
+
+    def between(self, target: str, source: str) -> Rigid | None:
+        """p_target = R p_source + t, None when no chain joins them."""
+        if target.lstrip("/") == source.lstrip("/"):
+            return IDENTITY
+        target_root, target_up = self.root_from(target)
+        source_root, source_up = self.root_from(source)
+        return target_up.inverse().then(source_up) if target_root == source_root else None

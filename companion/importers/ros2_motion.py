@@ -1,0 +1,137 @@
+"""Attitude and position out of ROS messages: Odometry, PoseStamped, Imu and transforms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import AttitudeSample, PoseSample
+
+from .ros2_decode import IMU, ODOMETRY
+from .ros2_frames import IDENTITY, Rigid, TransformTree, quaternion_wxyz, rigid, rotation_of, to_frd, to_ned, triple
+
+Between = Callable[[str, str], Rigid | None]
+"""(target frame, source frame) -> transform, None where no chain joins them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """One message in the terms of its own frames. t_m None: no position; rates and velocity are in the body frame."""
+
+    t_ns: int
+    log_ns: int
+    R_world_body: NDArray[np.float64]
+    t_m: NDArray[np.float64] | None
+    rates: NDArray[np.float64] | None
+    velocity: NDArray[np.float64] | None
+    world: str
+    body: str
+
+
+class Motion:
+    """Collects readings by topic and turns them into samples of the vehicle."""
+
+    def __init__(self, base_frame: str) -> None:
+        self._base = base_frame
+        self._readings: dict[str, list[Reading]] = {}
+        self._bad: dict[str, int] = {}
+        self._tree = TransformTree()
+
+    def attitude_topics(self) -> list[str]:
+        """Those with rotations; transforms only where nothing else tells (they are usually made of it)."""
+        told = [t for t in self._readings if not t.endswith("/tf")]
+        return sorted(told or self._readings)
+
+    def pose_topics(self) -> list[str]:
+        """Those with positions, likewise."""
+        placed = [t for t, r in self._readings.items() if any(x.t_m is not None for x in r)]
+        return sorted([t for t in placed if not t.endswith("/tf")] or placed)
+
+    def unusable(self, topic: str) -> int:
+        """Messages of a topic that were no rotation."""
+        return self._bad.get(topic, 0)
+
+    def take(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
+        """One message of a type in MOTION_TYPES."""
+        world, body = message.header.frame_id, self._base
+        rates = velocity = t_m = None
+        if kind == IMU:
+            if message.orientation_covariance[0] == -1.0:  # "no orientation", by the message's definition
+                return
+            R = rotation_of(message.orientation)
+            world, body = "", message.header.frame_id or self._base
+            rates = _vector(message.angular_velocity)
+        else:
+            pose = message.pose.pose if kind == ODOMETRY else message.pose
+            placed = rigid(pose.position, pose.orientation)
+            R, t_m = (placed.R, placed.t_m) if placed is not None else (None, None)
+            if kind == ODOMETRY:
+                body = message.child_frame_id or self._base
+                rates, velocity = _vector(message.twist.twist.angular), _vector(message.twist.twist.linear)
+        if R is None:
+            self._bad[topic] = self._bad.get(topic, 0) + 1
+        else:
+            self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, world, body))
+
+    def fixed(self, parent: str, child: str, placed: Rigid) -> None:
+        """A transform that never changes."""
+        self._tree.add(parent, child, placed)
+
+    def moved(self, topic: str, message: Any, t_ns: int, log_ns: int) -> None:
+        """A geometry_msgs/TransformStamped that changes; one of the base frame is a reading."""
+        placed = rigid(message.transform.translation, message.transform.rotation)
+        if placed is None:
+            self._bad[topic] = self._bad.get(topic, 0) + 1
+            return
+        self._tree.add(message.header.frame_id, message.child_frame_id, placed)
+        if message.child_frame_id.lstrip("/") == self._base:
+            world, total = self._tree.root_from(self._base)
+            self._add(topic, Reading(t_ns, log_ns, total.R, total.t_m, None, None, world, self._base))
+
+    def _add(self, topic: str, reading: Reading) -> None:
+        self._readings.setdefault(topic, []).append(reading)
+
+    def attitudes(self, topic: str, between: Between) -> list[AttitudeSample]:
+        """Attitudes of the base frame, ned from frd, in file order. Rates that are zero throughout were never filled in
+        (a real gyro is never still): they are not told."""
+        told = any(r.rates is not None and r.rates.any() for r in self._readings[topic])
+        out = []
+        for r in self._readings[topic]:
+            joined = between(r.body, self._base)
+            # where no chain joins the two they are taken as the same body, each with the axes that its name says
+            R_frd_body = to_frd(r.body) if joined is None else to_frd(self._base) @ joined.R.T
+            R = to_ned(r.world) @ r.R_world_body @ R_frd_body.T
+            rates = None if r.rates is None or not told else triple(R_frd_body @ r.rates)
+            out.append(AttitudeSample(r.t_ns, r.log_ns, quaternion_wxyz(R), rates))
+        return out
+
+    def poses(self, topic: str, between: Between) -> list[PoseSample]:
+        """Positions of the base frame in ned, in file order. Velocities that are zero throughout are not told."""
+        told = any(r.velocity is not None and r.velocity.any() for r in self._readings[topic])
+        out = []
+        for r in self._readings[topic]:
+            if r.t_m is None:
+                continue
+            lever_m = r.R_world_body @ self._body_from_base(r, between).t_m
+            R_ned_world = to_ned(r.world)
+            velocity = None if r.velocity is None or not told else triple(R_ned_world @ r.R_world_body @ r.velocity)
+            out.append(PoseSample(r.t_ns, r.log_ns, triple(R_ned_world @ (r.t_m + lever_m)), velocity))
+        return out
+
+    def strangers(self, topic: str, between: Between) -> list[str]:
+        """Body frames of a topic that no chain joins with the base frame: taken as the same body."""
+        bodies = {r.body for r in self._readings[topic]} - {self._base}
+        return sorted(body for body in bodies if between(body, self._base) is None)
+
+    def _body_from_base(self, r: Reading, between: Between) -> Rigid:
+        """Where the base frame stands in the frame that the reading is of; the same one where no chain joins them."""
+        return (between(r.body, self._base) if r.body != self._base else IDENTITY) or IDENTITY
+
+
+def _vector(v: Any) -> NDArray[np.float64] | None:
+    out = np.array([v.x, v.y, v.z], dtype=np.float64)
+    return out if np.isfinite(out).all() else None

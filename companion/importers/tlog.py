@@ -1,0 +1,170 @@
+"""Attitude and position from a .tlog on the clock of the frames beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
+from core.types import AttitudeSample, PoseSample
+from drivers.base import BadData
+from drivers.mavlink.tlog import TlogAttitude, VehicleLog, read_tlog, vehicle_log
+
+from .report import ImportOptions, Report
+
+AROUND_US = 1_000_000
+"""Samples this far before the first and behind the last frame are kept."""
+GRID_US = 20_000
+MATCH_RAD = math.radians(0.5)
+"""Roll and pitch of frames.csv and of the log must agree to this (rms) for their clocks to be called matched."""
+UNIQUE_US = 150_000
+"""All offsets that match nearly as well must lie this near to the best one."""
+MIN_ROWS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class TiltRow:
+    """Roll and pitch at a frame's t_ns."""
+
+    t_ns: int
+    roll_rad: float
+    pitch_rad: float
+
+
+def tlog_samples(
+    path: Path, frames_ns: tuple[int, int], rows: Sequence[TiltRow], options: ImportOptions, report: Report
+) -> tuple[list[AttitudeSample], list[PoseSample]]:
+    """Samples around the frames (first and last t_ns), measured and arrived on the frames' clock.
+
+    Raises BadData when the log holds nothing for them, or when nothing says where its clock stands."""
+    log = read_tlog(path)
+    vehicle = vehicle_log(log, options.system_id)
+    _tell(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
+    epoch_us = options.tlog_epoch_us
+    if epoch_us is None:
+        epoch_us = _derived_epoch(path, vehicle, frames_ns, rows, report)
+    first, last = (epoch_us + t // 1000 for t in frames_ns)
+    near = [a for a in vehicle.attitudes if first - AROUND_US <= a.t_us <= last + AROUND_US]
+    if not near:
+        own = vehicle.attitudes[0].stamp_us, vehicle.attitudes[-1].stamp_us
+        raise BadData(
+            f"{path}: no attitude at the time of the frames: with t_ns 0 at unix {seconds(epoch_us)} s they span "
+            f"{seconds(first)}..{seconds(last)}, the log {seconds(own[0])}..{seconds(own[1])}; check --tlog-epoch"
+        )
+    attitudes = [s for a in near if (s := _attitude(a, epoch_us)) is not None]
+    if len(attitudes) < len(near):
+        report.problem("attitude", f"{path}: {len(near) - len(attitudes)} attitudes are no numbers and were left out")
+    poses = []
+    for p in vehicle.poses:
+        if first - AROUND_US <= p.t_us <= last + AROUND_US:
+            t_ns, arrival_ns = _stamps(p.t_us, p.stamp_us, epoch_us)
+            if all(map(math.isfinite, p.position_m + p.velocity_m_s)):
+                poses.append(PoseSample(t_ns, arrival_ns, p.position_m, p.velocity_m_s))
+    return attitudes, poses
+
+
+def _tell(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncated: bool, report: Report) -> None:
+    report.note(
+        f"attitude from {path.name}: {vehicle.kind} of system {vehicle.system}, component 1"
+        + (f", clock drift {vehicle.drift * 1e6:.0f} ppm" if vehicle.drift else "")
+        + (f", {vehicle.boots} starts of the autopilot" if vehicle.boots > 1 else "")
+    )
+    damage = [f"{bad} messages with a wrong checksum"] * bool(bad) + [f"{skipped} bytes of noise"] * bool(skipped)
+    damage += [f"{vehicle.strange} messages with a damaged record stamp"] * bool(vehicle.strange)
+    if damage or truncated:
+        report.note(f"{path.name}: {', '.join(damage + ['cut short'] * truncated)}; the rest was read")
+
+
+def _stamps(t_us: float, stamp_us: int, epoch_us: int) -> tuple[int, int]:
+    t_ns, arrival_ns = round((t_us - epoch_us) * 1000.0), (stamp_us - epoch_us) * 1000
+    return t_ns, max(t_ns, arrival_ns)
+
+
+def _attitude(a: TlogAttitude, epoch_us: int) -> AttitudeSample | None:
+    q = a.q_wxyz if a.q_wxyz is not None else quaternion_from_euler(*a.euler_rad) if a.euler_rad else None
+    if q is None or not all(map(math.isfinite, q)):
+        return None
+    norm = math.sqrt(sum(c * c for c in q))
+    if not 0.9 < norm < 1.1:
+        return None
+    w, x, y, z = (c / norm for c in q)
+    rates = a.rates_rad_s if all(map(math.isfinite, a.rates_rad_s)) else None
+    return AttitudeSample(*_stamps(a.t_us, a.stamp_us, epoch_us), (w, x, y, z), rates)
+
+
+def _derived_epoch(
+    path: Path, vehicle: VehicleLog, frames_ns: tuple[int, int], rows: Sequence[TiltRow], report: Report
+) -> int:
+    """Unix microseconds of t_ns 0 where there is only one plausible answer. Raises BadData otherwise."""
+    own = vehicle.attitudes[0].t_us, vehicle.attitudes[-1].t_us
+    if own[0] - AROUND_US <= frames_ns[0] / 1000 and frames_ns[1] / 1000 <= own[1] + AROUND_US:
+        report.note(f"t_ns of frames.csv are unix times within {path.name}: taken as such (--tlog-epoch 0)")
+        return 0
+    match = match_tilt(vehicle, rows)
+    if match is None:
+        raise BadData(
+            f"{path}: nothing says where its clock stands against t_ns of frames.csv, and roll and pitch do not match "
+            "in one place only; give the unix time of t_ns 0 with --tlog-epoch SECONDS, or leave the log out with "
+            "--no-tlog"
+        )
+    epoch_us, rms_rad = match
+    report.note(
+        f"t_ns 0 found at unix {seconds(epoch_us)} s: the only place where roll and pitch of frames.csv agree with "
+        f"{path.name} (rms {math.degrees(rms_rad):.2f} deg); --tlog-epoch {seconds(epoch_us)} says it outright"
+    )
+    return epoch_us
+
+
+def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float] | None:
+    """(unix microseconds of t_ns 0, rms in rad) where roll and pitch of the rows agree with the log's, or None when
+    they do nowhere or in several places. All rows must lie within the log."""
+    if len(rows) < MIN_ROWS:
+        return None
+    rows = rows[:: max(1, len(rows) // 200)]
+    start = vehicle.attitudes[0].t_us
+    log_us = np.array([a.t_us for a in vehicle.attitudes]) - start
+    tilt = np.array([_tilt(a) for a in vehicle.attitudes])
+    order = np.argsort(log_us, kind="stable")
+    log_us, tilt = log_us[order], tilt[order]
+    row_us = np.array([r.t_ns for r in rows]) / 1000.0
+    wanted = np.array([(r.roll_rad, r.pitch_rad) for r in rows])
+
+    def rms(offset_us: float) -> float:
+        at = row_us + offset_us
+        roll, pitch = (np.interp(at, log_us, tilt[:, i]) - wanted[:, i] for i in (0, 1))
+        return float(np.sqrt(np.mean(roll**2 + pitch**2)))
+
+    slack = GRID_US / 2  # the log may begin and end with the very frames
+    offsets: NDArray[np.float64] = np.arange(-row_us[0] - slack, log_us[-1] - row_us[-1] + slack, GRID_US)
+    if not len(offsets):
+        return None
+    errors = np.array([rms(o) for o in offsets])
+    best = offsets[int(np.argmin(errors))]
+    fine = best + np.arange(-GRID_US, GRID_US + 1, 1000.0)
+    fine_errors = np.array([rms(o) for o in fine])
+    least = float(fine_errors.min())
+    found = float(fine[int(np.argmin(fine_errors))])
+    alike = offsets[errors <= max(2.0 * least, least + 0.2 * MATCH_RAD)]
+    if least > MATCH_RAD or (len(alike) and np.abs(alike - found).max() > UNIQUE_US):
+        return None
+    still = np.ptp(wanted, axis=0).max() < 4.0 * MATCH_RAD  # a camera at rest matches everywhere
+    return None if still else (round((start + found) / 1000.0) * 1000, least)
+
+
+def _tilt(a: TlogAttitude) -> tuple[float, float]:
+    if a.euler_rad is not None:
+        return a.euler_rad[0], a.euler_rad[1]
+    if a.q_wxyz is None or not any(a.q_wxyz):
+        return math.nan, math.nan
+    roll, pitch, _ = euler_from_rotation(rotation_from_quaternion(a.q_wxyz))
+    return roll, pitch
+
+
+def seconds(t_us: float) -> str:
+    """Microseconds as seconds with three decimals."""
+    return f"{t_us / 1e6:.3f}"

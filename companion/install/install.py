@@ -1,0 +1,183 @@
+"""`companion install`: the service on this machine, started with it, or in the image of a machine."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pwd
+import re
+import stat
+import subprocess
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..config.loader import load_config
+from ..console import say, say_json, warn
+from ..paths import NAME
+from .steps import (
+    UNIT,
+    InstallError,
+    Places,
+    Step,
+    command_step,
+    file_step,
+    interpreter_places,
+    places_of,
+    run_command,
+    shipped,
+)
+
+HIDDEN = (Path("/home"), Path("/root"), Path("/run/user"))
+"""The unit's ProtectHome hides them from the service."""
+WARMUP_TIMEOUT_S = 3600.0
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion install`."""
+    parser = subparsers.add_parser("install", help="the service on this machine, started with it (needs root)")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="such as configs/oak.toml; copied to /etc")
+    parser.add_argument("--replace-config", action="store_true", help="also where there is another one already")
+    parser.add_argument("--no-start", action="store_true", help="only from the next boot on")
+    parser.add_argument(
+        "--root", type=Path, default=Path("/"), metavar="DIR", help="an image's root instead: files only"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
+    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: installed, or told what would be. Raises InstallError, ConfigError and OSError."""
+    places = places_of(args.root)
+    check_reachable(interpreter_places())
+    steps = install_steps(places, args.config, args.replace_config, not args.no_start)
+    carry_out(steps, places, args.dry_run, args.json)
+    if not args.json and not args.dry_run and places.live:
+        say(f"it starts with the machine; `companion status` and `journalctl -u {NAME}` tell how it is")
+    return 0
+
+
+def install_steps(places: Places, config: Path | None, replace_config: bool, start: bool) -> list[Step]:
+    """All steps, in order. Raises InstallError for what is missing, ConfigError for a configuration with mistakes."""
+    command = str(Path(sysconfig.get_path("scripts")) / "companion")
+    if not re.fullmatch(r"[A-Za-z0-9/._+-]+", command):
+        raise InstallError(f"{command}: a unit wants a path of letters, digits and /._+- only; install somewhere else")
+    docs = str(shipped("docs", "service.md"))
+    unit = shipped("systemd", UNIT).read_text().replace("@COMPANION@", command).replace("@DOCS@", docs)
+    steps = [
+        file_step(places.sysusers, shipped("systemd", f"{NAME}.sysusers").read_text(), "the service's user and groups"),
+        user_step(places),
+        config_step(places, config, replace_config),
+        file_step(places.rules, shipped("systemd", f"60-{NAME}.rules").read_text(), "who may use which device"),
+        file_step(places.unit, unit, "the service"),
+    ]
+    if not places.live:
+        enable = ["systemctl", f"--root={places.root}", "enable", UNIT]
+        return [*steps, command_step(enable, "it starts with the machine", places.enabled.is_symlink())]
+    changed = not all(s.done for s in steps)
+    trigger = ["udevadm", "trigger", "--action=add"]
+    match = [f"--subsystem-match={name}" for name in ("usb", "hidraw", "tty", "usb-serial")]
+    steps += [
+        command_step(["udevadm", "control", "--reload"], "the new rules", not changed),
+        command_step([*trigger, *match], "for what is plugged in already", not changed),
+        command_step([*trigger, "--sysname-match=cpu_dma_latency"], "for how deep processors sleep", not changed),
+        command_step(["systemctl", "daemon-reload"], "the new unit", not changed),
+        Step(f"compile the kernels into {places.cache} (a minute, several on a Raspberry Pi)", False, _warm_up(places)),
+        command_step(["systemctl", "enable", UNIT], "it starts with the machine", places.enabled.is_symlink()),
+    ]
+    return [*steps, command_step(["systemctl", "restart", UNIT], "now")] if start else steps
+
+
+def user_step(places: Places) -> Step:
+    """Makes the service's user."""
+    where = [] if places.live else [f"--root={places.root}"]
+    command = ["systemd-sysusers", *where, str(places.sysusers)]
+    return command_step(command, f"the user {NAME}", places.has_user())
+
+
+def config_step(places: Places, config: Path | None, replace: bool) -> Step:
+    """Copies the configuration; one that is there stays unless it is to be replaced."""
+    target = places.config
+    if config is None:
+        if not target.exists():
+            raise InstallError(f"there is no {target} yet: give a configuration with -c, such as -c configs/oak.toml")
+        load_config(target)
+        return Step(f"keep {target}", True, lambda: None)
+    folder = load_config(config).record.folder
+    if folder and not Path(folder).is_relative_to("/var/lib/" + NAME):
+        warn(
+            f'[record] folder = "{folder}": the service may write there only after `systemctl edit {NAME}` with the lines '
+            f"[Service] and ReadWritePaths={folder}, and when the user {NAME} owns it"
+        )
+    step = file_step(target, config.read_text(encoding="utf-8"), f"the configuration, from {config}")
+    if target.exists() and not step.done and not replace:
+        raise InstallError(
+            f"{target} is there and differs from {config}; add --replace-config, or leave -c away to keep what is there"
+        )
+    return step
+
+
+def check_reachable(places: Sequence[Path]) -> None:
+    """Raises InstallError where the service's user could not read this software."""
+    remedy = (
+        "make the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
+        "/opt/osape-companion/bin/pip install --require-hashes --only-binary :all: -r requirements.lock && "
+        "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation . && "
+        "/opt/osape-companion/bin/companion install"
+    )
+    for place in places:
+        hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
+        if hidden is not None:
+            raise InstallError(f"{place} lies below {hidden}, which the service cannot see; {remedy}")
+        if not place.exists():
+            raise InstallError(f"{place} is not there; {remedy}")
+        for parent in (place, *place.parents):
+            if parent.is_dir() and not parent.stat().st_mode & stat.S_IXOTH:
+                raise InstallError(f"{parent} is closed to other users, also to the service's; {remedy}")
+
+
+def check_may(places: Places) -> None:
+    """Raises InstallError without root, or without a systemd that runs."""
+    if places.live and os.geteuid() != 0:
+        raise InstallError("this changes the system and needs root: sudo (--dry-run only tells what would be done)")
+    if places.live and not Path("/run/systemd/system").is_dir():
+        raise InstallError("systemd does not run here; `companion run` works without it, --root prepares an image")
+
+
+def carry_out(steps: Sequence[Step], places: Places, dry_run: bool, as_json: bool) -> None:
+    """Says what is to be done, then does it. Raises InstallError and OSError; what is done until then stays done."""
+    if as_json:
+        told = [{"step": s.words, "already": s.done} for s in steps]
+    else:
+        for step in steps:
+            say(f"{'already' if step.done else 'would' if dry_run else 'will'}: {step.words}")
+    if not dry_run:
+        check_may(places)
+        for step in steps:
+            if not step.done:
+                step.act()
+                if not as_json:
+                    say(f"done: {step.words}")
+    if as_json:
+        say_json({"dry_run": dry_run, "steps": told})
+
+
+def _warm_up(places: Places) -> Any:
+    """Compiles the kernels as the service's user, into the cache that the unit names."""
+
+    def act() -> None:
+        user = pwd.getpwnam(NAME)
+        run_command(["install", "-d", "-m", "755", "-o", NAME, "-g", NAME, str(places.cache)])
+        command = [str(Path(sysconfig.get_path("scripts")) / "companion"), "warmup"]
+        environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "NUMBA_CACHE_DIR": str(places.cache)}
+        done = subprocess.run(
+            command, env=environment, cwd="/", user=user.pw_uid, group=user.pw_gid, extra_groups=[],
+            capture_output=True, text=True, check=False, timeout=WARMUP_TIMEOUT_S,
+        )  # fmt: skip
+        if done.returncode != 0:
+            raise InstallError(
+                f"companion warmup failed: {(done.stderr.strip() or 'it says nothing').splitlines()[-1]}"
+            )
+
+    return act

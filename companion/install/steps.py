@@ -1,0 +1,159 @@
+"""The steps of an installation: each says what it does and whether that is done already; nothing is done twice."""
+
+from __future__ import annotations
+
+import pwd
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..paths import NAME
+
+UNIT = f"{NAME}.service"
+COMMAND_TIMEOUT_S = 120.0
+
+
+class InstallError(ValueError):
+    """A step that cannot be done: what, why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """words: what it does; done: there is nothing to do; act: does it, and raises InstallError or OSError."""
+
+    words: str
+    done: bool
+    act: Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where an installation puts what, below `root`: "/" for this machine, else an image of one."""
+
+    root: Path = Path("/")
+
+    @property
+    def live(self) -> bool:
+        """Whether it is this machine, with its running systemd."""
+        return self.root == Path("/")
+
+    @property
+    def unit(self) -> Path:
+        return self.root / "etc/systemd/system" / UNIT
+
+    @property
+    def enabled(self) -> Path:
+        return self.root / "etc/systemd/system/multi-user.target.wants" / UNIT
+
+    @property
+    def drop_ins(self) -> Path:
+        return self.root / "etc/systemd/system" / f"{UNIT}.d"
+
+    @property
+    def rules(self) -> Path:
+        return self.root / "etc/udev/rules.d" / f"60-{NAME}.rules"
+
+    @property
+    def sysusers(self) -> Path:
+        return self.root / "etc/sysusers.d" / f"{NAME}.conf"
+
+    @property
+    def settings(self) -> Path:
+        return self.root / "etc" / NAME
+
+    @property
+    def config(self) -> Path:
+        return self.settings / "config.toml"
+
+    @property
+    def cache(self) -> Path:
+        return self.root / "var/cache" / NAME
+
+    @property
+    def state(self) -> Path:
+        return self.root / "var/lib" / NAME
+
+    def has_user(self) -> bool:
+        """Whether the service's user exists there."""
+        if self.live:
+            try:
+                pwd.getpwnam(NAME)
+            except KeyError:
+                return False
+            return True
+        passwd = self.root / "etc/passwd"
+        return passwd.exists() and any(line.startswith(f"{NAME}:") for line in passwd.read_text().splitlines())
+
+
+def places_of(root: Path) -> Places:
+    """Below a root that is one. Raises InstallError."""
+    if not (root / "etc").is_dir():
+        raise InstallError(f"{root} is no root of a machine: it holds no etc")
+    return Places(root.resolve())
+
+
+def shipped(part: str, name: str) -> Path:
+    """A file that comes with this software: of the checkout, or of an installed package's share folder."""
+    for folder in (Path(__file__).resolve().parents[2], Path(sysconfig.get_path("data")) / "share" / NAME):
+        if (folder / part / name).is_file():
+            return folder / part / name
+    raise InstallError(f"{part}/{name} is not part of this installation; install osape-companion again")
+
+
+def file_step(target: Path, content: str, what: str) -> Step:
+    """Writes a file where its content is another."""
+
+    def act() -> None:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = target.with_name(target.name + ".part")
+        part.write_text(content)
+        part.chmod(0o644)
+        part.replace(target)
+
+    same = target.is_file() and target.read_text() == content
+    return Step(f"write {target}: {what}", same, act)
+
+
+def remove_step(target: Path, what: str) -> Step:
+    """Deletes a file or a folder with all it holds, where it is."""
+
+    def act() -> None:
+        if target.is_dir() and not target.is_symlink():
+            shutil.rmtree(target)
+        else:
+            target.unlink(missing_ok=True)
+
+    return Step(f"delete {target}: {what}", not (target.exists() or target.is_symlink()), act)
+
+
+def command_step(command: Sequence[str], what: str, done: bool = False) -> Step:
+    """Runs a command of the system."""
+    return Step(f"run {' '.join(command)}: {what}", done, lambda: run_command(command))
+
+
+def run_command(command: Sequence[str]) -> None:
+    """Runs a command. Raises InstallError with its last words."""
+    if shutil.which(command[0]) is None:
+        raise InstallError(f"{command[0]} is not there; this needs a Linux with systemd")
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=COMMAND_TIMEOUT_S)
+    except subprocess.TimeoutExpired as error:
+        raise InstallError(f"{' '.join(command)} did not end within {COMMAND_TIMEOUT_S:g} s") from error
+    if done.returncode != 0:
+        words = (done.stderr.strip() or done.stdout.strip() or "it says nothing").splitlines()[0]
+        raise InstallError(f"{' '.join(command)} failed with status {done.returncode}: {words}")
+
+
+def folder_size_mb(folder: Path) -> float:
+    """Of all files below."""
+    return sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / 1e6
+
+
+def interpreter_places() -> list[Path]:
+    """What the service must be able to read: the command, its interpreter, its packages."""
+    command = Path(sysconfig.get_path("scripts")) / "companion"
+    return [command, Path(sys.executable).resolve(), Path(sys.prefix), Path(__file__).resolve().parents[1]]

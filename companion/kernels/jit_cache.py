@@ -1,0 +1,222 @@
+"""Compiled kernels are kept apart by the sources they were made of.
+
+numba asks of a cached kernel only whether the kernel's own file has changed. A kernel that calls one of another file
+holds that one's machine code too, and would go on with the old code after a change there. So every state of the
+sources gets a directory of its own, named by a hash of them all; a few old ones are kept, for going back and forth.
+A new directory starts with links to the kernels of older ones whose import closure has not changed (see `seed`), so that a
+change recompiles only the kernels of the changed file and of the files that import it.
+
+numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() before anything else.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+import sys
+from collections.abc import Collection
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+from .manifest import copy_entries
+
+VARIABLE: Final = "NUMBA_CACHE_DIR"
+ROOT: Final = Path(__file__).resolve().parents[2]
+KEPT: Final = 3
+"""Directories that stay, the one in use among them."""
+_PREFIX: Final = "kernels-"
+_KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
+_LOCK: Final = "in-use"
+_CLOSURES: Final = "closures.json"
+"""In each directory: the hash of the import closure of every module that was there when the directory was made."""
+KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py", "companion/pipeline/fast_encode.py")
+"""Files with kernels, relative to the root, beside those of core."""
+_NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})
+"""Modules of parameter classes. A kernel cannot read one, so a change there changes no machine code."""
+
+_held: list[int] = []
+"""Open files whose locks tell other processes that the directory is in use; they close with the process."""
+
+
+def use_own_cache() -> Path | None:
+    """Names the directory of the present sources in NUMBA_CACHE_DIR, below the one that was named there, else below
+    the user's cache. Returns it, or None when nothing was changed: numba is loaded already and has chosen, or there is
+    no place to write."""
+    if "numba" in sys.modules:
+        return None
+    named = os.environ.get(VARIABLE)
+    for base in [base_of(Path(named))] if named else _usual_bases():
+        folder = base / (_PREFIX + source_key(ROOT))
+        is_new = not folder.exists()
+        if _open(folder):
+            if is_new:
+                with contextlib.suppress(OSError):
+                    seed(base, folder, ROOT)
+            prune(base, folder)
+            os.environ[VARIABLE] = str(folder)
+            return folder
+    return None  # numba then says that it cannot write, and `companion warmup` what to do
+
+
+def base_of(folder: Path) -> Path:
+    """The directory that holds those of all states: a child process is handed the one of its parent's."""
+    return folder.parent if _KEYED.fullmatch(folder.name) else folder
+
+
+def source_key(root: Path) -> str:
+    """16 hex digits: the sources of every kernel of the service, and numba's version."""
+    digest = hashlib.sha256(metadata.version("numba").encode())
+    for path in _kernel_files(root):
+        content = path.read_bytes()
+        digest.update(f"\n{path.relative_to(root)} {len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest()[:16]
+
+
+def seed(base: Path, folder: Path, root: Path) -> None:
+    """Links the cached kernels of older directories into a new one, for each module whose import closure is the same.
+
+    numba replaces its files by renaming, so a link never changes the older directory. It checks the source of the
+    kernel's own file by itself."""
+    closures = import_closures(root)
+    missing = dict(closures)
+    older = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
+    for other in sorted(older, key=_last_use, reverse=True):
+        there = _closures_of(other)
+        same = [name for name, key in missing.items() if there.get(name) == key]
+        files = {name: _link_kernels(other, folder, name) for name in same}
+        copy_entries(other, folder, [file for linked_files in files.values() for file in linked_files])
+        linked = {name for name, linked_files in files.items() if linked_files}
+        missing = {name: key for name, key in missing.items() if name not in linked}
+    (folder / _CLOSURES).write_text(json.dumps(closures))
+
+
+def import_closures(root: Path) -> dict[str, str]:
+    """Hash per module (`core.stages.level`): its own source, and the syntax trees of all it imports from the kernels' files,
+    without docstrings."""
+    files = {".".join(path.relative_to(root).with_suffix("").parts): path for path in _kernel_files(root)}
+    trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
+    imports = {name: _imported(tree, name, files.keys()) - _NOT_IN_KERNELS for name, tree in trees.items()}
+    dumped = {name: ast.dump(tree) for name, tree in trees.items()}
+    version = metadata.version("numba")
+    closures = {}
+    for name in files:
+        reached, todo = {name}, [name]
+        while todo:
+            new = imports[todo.pop()] - reached
+            reached |= new
+            todo += new
+        text = "\n".join([version, files[name].read_text(), *(dumped[other] for other in sorted(reached - {name}))])
+        closures[name] = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return closures
+
+
+def _kernel_files(root: Path) -> list[Path]:
+    return [*sorted((root / "core").rglob("*.py")), *(root / name for name in KERNELS_OUTSIDE_CORE)]
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            body = [s for s in node.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
+            node.body = body or [ast.Pass()]
+    return tree
+
+
+def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
+    """Those of the known modules that a module imports, by whatever form of import."""
+    parents, found = name.split(".")[:-1], set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = parents[: len(parents) + 1 - node.level] if node.level else []
+            source = ".".join([*base, node.module] if node.module else base)
+            found |= {source, *(f"{source}.{alias.name}" for alias in node.names)}
+    return found & set(known)
+
+
+def _closures_of(folder: Path) -> dict[str, str]:
+    try:
+        return dict(json.loads((folder / _CLOSURES).read_text()))
+    except (OSError, ValueError, TypeError, RecursionError):  # damaged: as if there were none
+        return {}
+
+
+def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
+    """Links the kernels of this module into the target directory; returns their paths relative to the source directory."""
+    package, _, stem = module.rpartition(".")
+    # numba names a directory by the last folder of the source and a hash of its path
+    places = f"{package.rpartition('.')[2]}_*/{stem}.*"
+    files = [f for f in source.glob(places) if f.suffix in (".nbi", ".nbc")]
+    # each data file before the index that names it
+    for file in sorted(files, key=lambda f: f.suffix):
+        place = target / file.parent.name / file.name
+        place.parent.mkdir(exist_ok=True)
+        if not place.exists():
+            os.link(file, place)
+    return [str(f.relative_to(source)) for f in files]
+
+
+def prune(base: Path, current: Path) -> None:
+    """Deletes the directories of old states but for the latest KEPT (with `current`) and those that a running process
+    uses. Nothing else below `base` is touched."""
+    others = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f.is_dir() and f != current]
+    for folder in sorted(others, key=_last_use, reverse=True)[KEPT - 1 :]:
+        descriptor = _lock(folder, fcntl.LOCK_EX)
+        if descriptor is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+            os.close(descriptor)
+
+
+def _usual_bases() -> list[Path]:
+    """The user's cache; where that cannot be written, beside the sources, as numba itself would have it."""
+    beside = ROOT / "core" / "__pycache__"
+    home = Path(os.path.expanduser("~"))
+    named = os.environ.get("XDG_CACHE_HOME")
+    if not named and home in (Path("~"), Path("/"), Path()):  # a service may have no home
+        return [beside]
+    return [(Path(named) if named else home / ".cache") / "osape-companion", beside]
+
+
+def _open(folder: Path) -> bool:
+    """Makes the directory and marks it as used; False when it cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = _lock(folder, fcntl.LOCK_SH)
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
+            return False
+        os.utime(folder)
+    except OSError:
+        return False
+    if descriptor is not None:
+        _held.append(descriptor)
+    return True
+
+
+def _lock(folder: Path, kind: int) -> int | None:
+    """An open file with the lock, None when another process has the opposite one."""
+    try:
+        descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _last_use(folder: Path) -> int:
+    try:
+        return folder.stat().st_mtime_ns
+    except FileNotFoundError:  # another process has just deleted it
+        return 0

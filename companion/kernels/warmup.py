@@ -1,0 +1,376 @@
+"""`companion warmup`: every kernel compiled and cached before take-off, and a damaged cache mended.
+
+The kernels run in a child process: a truncated or corrupt cache file (a power cut while it was written) can raise
+anything, or end the process outright. Whatever happens there, the parent sees it, deletes the cached kernels and
+lets a second child compile them again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
+
+from ..console import fail, say, say_json
+from .jit_cache import VARIABLE, base_of
+from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
+
+log = logging.getLogger("companion")
+
+CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
+MODES = ("safe", "paper", "world")
+"""What may be made ready: the extractor in each of its modes, and the merged world."""
+TIMEOUT_S = 1200.0
+"""Compiling takes about a minute on two cores and several on a Raspberry Pi."""
+COMPLETE = "complete-"
+"""With a mode behind it: stands beside the cached kernels when all that a service in this mode uses are there."""
+MARK = "loading"
+"""Stands beside the cached kernels while a service loads them."""
+COMPILED_S = 5.0
+"""Loading cached kernels takes less, compiling them far more."""
+
+
+class WarmupError(Exception):
+    """The kernels cannot be made ready; the message says why and what to do."""
+
+
+class CancelledError(WarmupError):
+    """The process was told to end while a child compiled."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Warmup:
+    """cache: where compiled kernels lie (several places when NUMBA_CACHE_DIR is not set); deleted: cache files that
+    were damaged or stood beside such, and are made again; cached: files there now."""
+
+    cache: tuple[str, ...]
+    deleted: int
+    cached: int
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion warmup`."""
+    parser = subparsers.add_parser("warmup", help="compile what is compiled at first use")
+    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: all kernels are compiled; 1: they cannot be."""
+    try:
+        done = warm_up()
+    except WarmupError as error:
+        fail(str(error))
+        return 1
+    if args.json:
+        say_json({"cache": list(done.cache), "deleted": done.deleted, "cached": done.cached})
+        return 0
+    if done.deleted:
+        say(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
+    say(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}")
+    return 0
+
+
+def warm_up() -> Warmup:
+    """Compiles or loads every kernel, in a child process. Raises WarmupError."""
+    _check_cache_place()
+    folders = cache_folders()
+    deleted = discard_damaged()
+    first = _child()
+    if first.returncode != 0:
+        deleted += _delete(folders)
+        if not deleted:
+            raise WarmupError(f"the kernels do not run: {_last_words(first)}")
+        second = _child()
+        if second.returncode != 0:
+            raise WarmupError(
+                f"the kernels do not run, also after {deleted} cached files were deleted: {_last_words(second)}"
+            )
+    _tell_complete(*MODES)
+    cached = len(list(_cached_files(folders)))
+    return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
+
+
+class _Children:
+    """The child processes that compile, so that another thread can end them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()  # a signal's handler may interrupt its holder
+        self._running: subprocess.Popen[str] | None = None
+        self._cancelled = False
+
+    def run(self, command: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
+        """As `subprocess.run`, with its output. Raises CancelledError once cancelled."""
+        with self._lock:
+            if self._cancelled:
+                raise CancelledError("compiling was cancelled: the process was told to end")
+            process = self._running = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        try:
+            out, errors = process.communicate(timeout=timeout_s)
+        finally:
+            process.kill()  # nothing where it has ended
+            process.wait()
+            with self._lock:
+                self._running = None
+        if self._cancelled:
+            raise CancelledError("compiling was cancelled: the process was told to end")
+        return subprocess.CompletedProcess(command, process.returncode, out, errors)
+
+    def cancel(self) -> None:
+        """Ends the child that runs, if one does; none is started any more."""
+        with self._lock:
+            self._cancelled = True
+            if self._running is not None:
+                self._running.kill()
+
+
+_CHILDREN = _Children()
+
+
+class Loading(threading.Thread):
+    """make_ready, beside whatever else a start has to do. Loading releases the interpreter for most of its time."""
+
+    def __init__(self, *modes: str) -> None:
+        super().__init__(name="loading", daemon=True)
+        self._modes, self._done = modes, False
+
+    def run(self) -> None:
+        with contextlib.suppress(CancelledError):  # `finish` says so
+            make_ready(*self._modes)
+            self._done = True
+
+    def cancel(self) -> None:
+        """Ends a child that compiles; `finish` then raises. What this process itself is loading goes on."""
+        _CHILDREN.cancel()
+
+    def finish(self) -> None:
+        """Waits until the kernels are there. Raises WarmupError where they cannot be had."""
+        self.join()
+        if not self._done:
+            raise WarmupError("the kernels could not be loaded: the cause stands above; try `companion warmup`")
+
+
+def make_ready(*modes: str) -> None:
+    """Loads the kernels that a live service in these modes uses, or has them compiled where that was never done: by a
+    child, since compiling leaves a gigabyte behind, and the service stays as large as it once was.
+
+    A service that died while it loaded has perhaps met a damaged cache, and would die of it again at each start: a
+    mark tells the next one, which lets `warm_up` look and mend first. What the start has made stays for good: it is
+    frozen (`gc.freeze`), since full collections would otherwise scan all of it again and again and stop the other
+    threads meanwhile. Raises WarmupError."""
+    begun_s = time.monotonic()
+    named = os.environ.get(VARIABLE)
+    mark = Path(named) / MARK if named else None
+    died = mark is not None and mark.exists()
+    if died:
+        warm_up()
+    elif mark is not None:
+        if discarded := discard_damaged():
+            log.warning("the cache of compiled kernels is damaged: %d files deleted, compiling them again", discarded)
+        if (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
+            _tell_complete(*lacking)  # else it is tried here, which tells why it fails
+        elif not lacking and not (mark.parent / MANIFEST).exists():
+            _tell_complete(*modes)  # compiled by a version without a manifest
+    with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
+        if mark is not None:
+            mark.touch()
+    run_kernels(modes, metres=False)
+    if mark is not None:
+        mark.unlink(missing_ok=True)
+    if time.monotonic() - begun_s > COMPILED_S:
+        gc.collect()  # compiling leaves much behind, loading little
+    gc.freeze()
+
+
+def discard_damaged() -> int:
+    """Deletes the kernels whose content is not that of the manifest, and the marks that say that all are there; returns
+    how many files were deleted. A cache that cannot be written is left as it is."""
+    named = os.environ.get(VARIABLE)
+    damaged = damaged_kernels(Path(named)) if named else []
+    if not named or not damaged:
+        return 0
+    try:
+        for mode in MODES:
+            (Path(named) / (COMPLETE + mode)).unlink(missing_ok=True)
+        deleted = delete_kernels(damaged)
+        (Path(named) / MANIFEST).unlink(missing_ok=True)
+        write_manifest(Path(named))
+    except OSError as error:
+        log.warning("compiled kernels in %s are damaged and cannot be deleted (%s)", named, error.strerror)
+        return 0
+    return deleted
+
+
+def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:
+    return [mode for mode in modes if folder.is_dir() and not (folder / (COMPLETE + mode)).exists()]
+
+
+def _tell_complete(*modes: str) -> None:
+    named = os.environ.get(VARIABLE)
+    if named:
+        with contextlib.suppress(OSError):
+            for mode in modes:
+                (Path(named) / (COMPLETE + mode)).touch()
+            write_manifest(Path(named))
+
+
+def run_child(modes: Sequence[str]) -> None:
+    """What a child process does: the kernels of a service in these modes; none named: all there are."""
+    if modes:
+        run_kernels(modes, metres=False)
+    else:
+        run_kernels()
+
+
+def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
+    """Runs what these modes use on small frames, for the extractor uint16 millimetres, as cameras give, and float32
+    metres."""
+    from core.extractor import Extractor
+    from core.params import Params
+
+    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
+    tilt = 0.2
+    c, s = np.cos(tilt), np.sin(tilt)
+    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ level
+    frame = _frame()
+    for mode in modes:
+        if mode == "world":
+            _run_world_kernels()
+            continue
+        extractor = Extractor(Params(mode=mode))
+        for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
+            state = ExtractorState()
+            for R in (level, tilted):
+                model, state = extractor.extract(depth, info, R, state, keep_strips=True)
+        _run_telling_kernels(model)
+        _run_rare_kernels(frame, info)
+
+
+def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
+    """Runs what only some frames or parameters need: the noise over time, the look at where noise is, and the pooling of columns."""
+    from core.params import Params
+    from core.self_check.depth_registration import inverse_depth_grid, rotation_between
+    from core.self_check.surfaces import find_surfaces
+    from core.stages.classify import depth_to_mm, measured_mm
+    from core.stages.level import pool_columns
+    from core.stages.noise_check import noisy_share
+    from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
+
+    find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
+    p, ke = Params(), info.ke_per_m
+    samples = np.full((SAMPLE_ROWS, SAMPLE_COLS), 3000, np.uint16)
+    still_sigma(samples, samples, (1, 60000), p)
+    depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
+    noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
+    pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
+    grid = inverse_depth_grid(depth_mm, info)
+    rotation_between(grid, grid, np.eye(3))
+
+
+def _run_telling_kernels(model: FrameModel) -> None:
+    """Runs what moves a model into the frame it is published in, and writes it down."""
+    from companion.pipeline.fast_encode import packed_model
+    from core.transformed import turned
+
+    packed_model(np.arange(20, dtype=np.uint8) % 15 + 1, turned(model, 0.1, (1.0, 2.0, 3.0)))
+
+
+def _run_world_kernels() -> None:
+    """Runs the merged world on two small frames, and on its own planes as if they had been saved."""
+    from core.extractor import Extractor
+    from core.params import Params
+    from core.world.params import WorldParams
+    from core.world.world import Sight, World
+
+    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
+    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    model, _ = Extractor(Params()).extract(_frame(), info, level)
+    world = World(WorldParams(most_planes=1024, most_free_blocks=64))
+    for k in range(2):
+        world.add(Sight(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
+    world.begin_with(world.saved())
+
+
+def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
+    """(120, 160) uint16: ground 1.5 m below, a wall with a hole, a pole, scattered pixels, some of them unknown."""
+    rng = np.random.default_rng(1)
+    depth = np.full((120, 160), 6000, np.uint16)
+    rows = np.arange(70, 120)
+    depth[70:] = np.minimum(6000, 1500 * 112.5 / (rows - 59.5)).astype(np.uint16)[:, None]
+    depth[20:50, 100:130] = 9000
+    depth[10:100, 40:43] = 3000
+    depth[5:60, 5:30] = rng.integers(4000, 5500, (55, 25)).astype(np.uint16)
+    depth[rng.random(depth.shape) < 0.05] = 0
+    return depth
+
+
+def cache_folders() -> list[Path]:
+    """Where numba keeps compiled kernels of these sources: NUMBA_CACHE_DIR as jit_cache set it, else (no place could
+    be written, or numba was imported before this package) beside the sources or in the user's own cache."""
+    named = os.environ.get(VARIABLE)
+    if named:
+        return [Path(named)]
+    root = Path(__file__).resolve().parents[2]
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+    return [root / "core" / "__pycache__", root / "drivers" / "__pycache__", user]
+
+
+def _cached_files(folders: list[Path]) -> Iterator[Path]:
+    for folder in folders:
+        for pattern in CACHED:
+            yield from folder.rglob(pattern)
+
+
+def _delete(folders: list[Path]) -> int:
+    files = list(_cached_files(folders))
+    for file in files:
+        file.unlink(missing_ok=True)
+    return len(files)
+
+
+def _check_cache_place() -> None:
+    """numba's own message for a cache that cannot be written names neither the directory nor a remedy."""
+    named = os.environ.get(VARIABLE)
+    if not named:
+        return
+    named = str(base_of(Path(named)))  # what the user wrote
+    try:
+        Path(named).mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=named):
+            pass
+    except OSError as error:
+        raise WarmupError(
+            f"{VARIABLE} = {named} cannot be written ({error.strerror}); "
+            "name a directory that this user may write, or unset it"
+        ) from error
+
+
+def _child(*modes: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", CHILD, *modes]
+    try:
+        return _CHILDREN.run(command, TIMEOUT_S)
+    except subprocess.TimeoutExpired as error:
+        raise WarmupError(f"compiling did not end within {TIMEOUT_S:g} s; is the machine overloaded?") from error
+
+
+def _last_words(child: subprocess.CompletedProcess[str]) -> str:
+    if child.returncode < 0:
+        return f"the process was ended by signal {-child.returncode}"
+    return (child.stderr.strip().splitlines() or [f"exit status {child.returncode}"])[-1]

@@ -1,0 +1,1 @@
+"""The running service: its threads, its health and its main loop."""

@@ -1,0 +1,216 @@
+"""How the service is, as a message and in words."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.logs import codec as wire
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.mavlink.link import LineState
+from drivers.mavlink.session import LinkStatus
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..cameras.supervisor import CameraStatus
+from ..log.recorder import RecordStatus
+from ..pipeline.encode import SCHEMA_VERSION
+from ..self_check.exposure_offset import ExposureOffset
+
+NS = 1_000_000_000
+THERMAL = Path("/sys/class/thermal")
+ATTITUDE_OLD_NS = NS // 2
+
+STATES = {
+    pb.Health.STATE_STARTING: "starting",
+    pb.Health.STATE_ACTIVE: "active",
+    pb.Health.STATE_DEGRADED: "degraded",
+    pb.Health.STATE_BLIND: "blind",
+}
+
+
+CLOCK_SOURCES = {
+    ClockSource.NONE: pb.ClockEstimate.SOURCE_NONE,
+    ClockSource.ENVELOPE: pb.ClockEstimate.SOURCE_ENVELOPE,
+    ClockSource.TIMESYNC: pb.ClockEstimate.SOURCE_TIMESYNC,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraView:
+    """A camera as the service sees it. blind: why, in words; empty: it sees."""
+
+    status: CameraStatus
+    required: bool
+    blind: str
+    age_ns: int | None
+    hz: float
+    exposure_offset: ExposureOffset | None = None
+    mount: pb.MountHealth | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotView:
+    """The autopilot as the service sees it."""
+
+    address: str
+    line: LineState
+    link: LinkStatus
+    attitude_age_ns: int | None
+
+
+def clock_message(clock: ClockEstimate, restarts: int) -> pb.ClockEstimate:
+    """The estimate of the autopilot's clock."""
+    message = pb.ClockEstimate(
+        source=CLOCK_SOURCES[clock.source], offset_ns=clock.offset_ns, drift=clock.drift,
+        at_boot_ns=clock.at_boot_ns, exchanges=clock.exchanges, restarts=restarts,
+    )  # fmt: skip
+    if clock.bound_ns is not None:
+        message.bound_ns = clock.bound_ns
+    if clock.rtt_ns is not None:
+        message.rtt_ns = clock.rtt_ns
+    return message
+
+
+def camera_message(view: CameraView) -> pb.CameraHealth:
+    """One camera."""
+    s = view.status
+    message = pb.CameraHealth(
+        camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
+        blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, last_loss=s.last_loss, hz=view.hz,
+        info=None if s.info is None else wire.camera_message(s.info), mount=view.mount,
+    )  # fmt: skip
+    if view.age_ns is not None:
+        message.age_ns = view.age_ns
+    if view.exposure_offset is not None:
+        message.exposure_offset.CopyFrom(exposure_offset_message(view.exposure_offset))
+    return message
+
+
+def exposure_offset_message(offset: ExposureOffset) -> pb.ExposureOffset:
+    """The measured offset of a camera's stamps; without a value unless it is measured."""
+    message = pb.ExposureOffset(state=str(offset.state), text=offset.text, pairs=offset.pairs, warns=offset.warns)
+    if offset.offset_s is not None and offset.sigma_s is not None:
+        message.offset_ms, message.sigma_ms = 1000.0 * offset.offset_s, 1000.0 * offset.sigma_s
+    return message
+
+
+def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
+    """The autopilot and the line to it."""
+    link, vehicle = view.link, view.link.vehicle
+    message = pb.AutopilotHealth(
+        address=view.address, line_open=view.line.open, line_error=view.line.error, line_warning=view.line.warning,
+        autopilot=vehicle.autopilot if vehicle else "", system_id=vehicle.system_id if vehicle else 0,
+        armed=vehicle.armed if vehicle else False, attitude_hz=link.attitude_hz, position_hz=link.position_hz,
+        clock=clock_message(link.clock, link.clock_restarts), counts=link.counts,
+    )  # fmt: skip
+    if view.attitude_age_ns is not None:
+        message.attitude_age_ns = view.attitude_age_ns
+    return message
+
+
+def recording_message(status: RecordStatus) -> pb.RecordingHealth:
+    """The recorder."""
+    return pb.RecordingHealth(
+        recording=status.recording, file=status.file, bytes=status.bytes, dropped=status.dropped,
+        trouble=status.trouble, repairing=status.repairing,
+    )  # fmt: skip
+
+
+def troubles_of(
+    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, hung: str
+) -> list[str]:
+    """What is wrong, each with its cause, the worst first."""
+    views = list(cameras)
+    said = [f"{hung} hangs"] if hung else []
+    if not views:
+        said.append("no camera is configured: add a [[camera]] to the configuration")
+    said += [f"camera {v.status.camera} is blind: {v.blind}" for v in views if v.blind and v.required]
+    said += [
+        f"camera {v.status.camera} (not required) is blind: {v.blind}" for v in views if v.blind and not v.required
+    ]
+    said += _autopilot_troubles(autopilot)
+    if recording is not None and recording.trouble:
+        said.append(recording.trouble)
+    return said
+
+
+def _autopilot_troubles(view: AutopilotView | None) -> list[str]:
+    if view is None:
+        return ["no autopilot is configured: set [autopilot] address"]
+    if not view.line.open:
+        return [f"no line to the autopilot: {view.line.error}"]
+    said = [view.line.warning] if view.line.warning else []
+    named = [view.link.signing_trouble] if view.link.signing_trouble else []
+    said += [*named, *view.link.strangers.values()]
+    if view.link.vehicle is None:
+        return (
+            said
+            if named or "system id" in view.link.strangers
+            else [*said, f"no heartbeat of an autopilot on {view.address}"]
+        )
+    if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
+        age = "never came" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
+        said.append(f"the attitude {age}: the autopilot is silent or does not send it")
+    if view.link.clock.source is ClockSource.ENVELOPE:
+        said.append("the autopilot does not answer TIMESYNC: its stamps are judged by their arrival, late by its delay")
+    return said
+
+
+def state_of(cameras: Iterable[CameraView], troubles: list[str], started: bool) -> pb.Health.State:
+    """One word for all. Blind: a required camera is, or all are."""
+    views = list(cameras)
+    if not started:
+        return pb.Health.STATE_STARTING
+    if not views or all(v.blind for v in views) or any(v.blind and v.required for v in views):
+        return pb.Health.STATE_BLIND
+    return pb.Health.STATE_DEGRADED if troubles else pb.Health.STATE_ACTIVE
+
+
+class Machine:
+    """What the machine does for the service: processor, memory, heat; and `notes`, what it was asked for and refuses, in
+    words, though nothing depends on it."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self._begun_ns = self._last_ns = time.monotonic_ns()
+        self._cpu_s = _cpu_s()
+
+    def fill(self, message: pb.Health) -> None:
+        """Adds it to a report; the processor's share is that since the report before."""
+        now_ns, cpu_s = time.monotonic_ns(), _cpu_s()
+        message.uptime_ns = now_ns - self._begun_ns
+        message.cpu_share = (cpu_s - self._cpu_s) / max(1e-3, (now_ns - self._last_ns) / NS)
+        self._last_ns, self._cpu_s = now_ns, cpu_s
+        message.memory_bytes = _memory_bytes()
+        message.temperatures.extend(_temperatures())
+        message.notes.extend(self.notes)
+
+
+def new_report(boot: str, number: int) -> pb.Health:
+    """A report without content."""
+    return pb.Health(schema_version=SCHEMA_VERSION, boot_id=boot, number=number, t_ns=time.monotonic_ns())
+
+
+def _cpu_s() -> float:
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _memory_bytes() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize()
+
+
+def _temperatures() -> list[pb.Temperature]:
+    """Of the sensors that the system gives."""
+    found = []
+    for zone in sorted(THERMAL.glob("thermal_zone*")):
+        try:
+            celsius = int((zone / "temp").read_text()) / 1000.0
+            found.append(pb.Temperature(sensor=(zone / "type").read_text().strip(), celsius=celsius))
+        except (OSError, ValueError):
+            continue  # a sensor that is off
+    return found

@@ -1,0 +1,289 @@
+"""The thread that turns what arrives into prisms: the one pipeline, fed from the inbox, its results sent and recorded.
+
+What is to be recorded of a frame, and of what came with it, is handed to the recorder when its prisms are sent, in the order
+in which it happened: nobody who waits for prisms waits for the log."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass
+from itertools import groupby
+from typing import cast
+
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.watched_thread import WatchedThread
+
+from ..log.recorder import Recorder
+from ..pipeline.encode import prisms_bytes
+from ..pipeline.events import Item, Note, Overtaken, RawFrame, Sample
+from ..pipeline.latency import Latencies
+from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
+from ..self_check.exposure_monitor import ExposureOffsetMonitor
+from ..self_check.exposure_offset import ExposureOffset
+from .event_queue import Inbox
+from .health import clock_message
+from .staleness import Blindness
+
+TAKE_S = 0.1
+"""Longest wait for anything to arrive: so often, at least, the loop shows that it lives."""
+TIDY_AT, TIDY_OLDER_AT = 350, 10
+"""New objects, and rounds through these, after which the garbage collector goes through them between two frames. Of itself
+it does at 700 and 10, most often in a frame, which then takes 0.4 ms longer."""
+Motion = AttitudeSample | PoseSample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clockwork:
+    """What the loop asks others while it records: the autopilot's clock with its restarts, and whether it is armed."""
+
+    clock: Callable[[], tuple[ClockEstimate, int]]
+    armed: Callable[[], bool]
+
+
+class PipelineLoop:
+    """Runs until closed. publish: called with each result and its message's bytes, show: with each depth frame after its
+    results, both from this thread. `lock` guards what others read."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        inbox: Inbox,
+        blindness: Blindness,
+        publish: Callable[[PrismsResult, bytes], None],
+        recorder: Recorder | None,
+        record: str,
+        clockwork: Clockwork,
+        warm_up: Callable[[], None],
+        show: Callable[[DepthFrame], None] = lambda frame: None,
+        offset_monitor: ExposureOffsetMonitor | None = None,
+    ) -> None:
+        """offset_monitor: measures the cameras' exposure offsets from what the pipeline handles; it changes no result."""
+        self._offset_monitor = offset_monitor
+        self._pipeline, self._inbox, self._blindness, self._publish = pipeline, inbox, blindness, publish
+        self._show = show
+        self._recorder, self._record, self._clockwork, self._warm_up = recorder, record, clockwork, warm_up
+        self._stop = threading.Event()
+        self._thread = WatchedThread(self._run, "pipeline")
+        self._recording = False
+        self._unrecorded: list[Callable[[Recorder], None]] = []
+        self._described: tuple[CameraInfo, ...] = ()
+        self._clock = ClockEstimate(ClockSource.NONE)
+        self.lock = threading.Lock()
+        self.latencies = Latencies()
+        self.used: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self.newest_attitude_ns: int | None = None
+        self.exposure_offsets: tuple[ExposureOffset, ...] = ()
+        self.alive_ns = time.monotonic_ns()
+        self.begun = threading.Event()
+        self._resting = threading.Event()
+        self._resting.set()
+
+    def open(self) -> None:
+        """Starts the thread; `started` when the kernels are warm and the loop runs."""
+        self._thread.start()
+
+    @property
+    def started(self) -> bool:
+        """Whether the kernels are warm and the loop runs; `begun` can be waited for."""
+        return self.begun.is_set()
+
+    @property
+    def running(self) -> bool:
+        """False once the thread has ended, told or not."""
+        return self._thread.is_alive()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
+
+    def rest(self, longest_s: float) -> bool:
+        """Waits until no frame is being handled, but no longer than this; whether none is."""
+        return self._resting.wait(longest_s)
+
+    def close(self) -> None:
+        """Ends the loop. May be called twice. The log has the frame, too, over which it hangs."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            # one that still loads kernels has no frame in hand, and cannot be interrupted
+            self._thread.join(5.0 if self.started else 0.5)
+            self._write_down()
+
+    def _run(self) -> None:
+        self._warm_up()
+        if self._stop.is_set():
+            return
+        self.alive_ns = time.monotonic_ns()  # warming up may have taken minutes, and was no hang
+        self.begun.set()
+        while not self._stop.is_set():
+            taken = self._inbox.take(TAKE_S)
+            self._resting.clear()
+            with self._recorder.holding() if self._recorder is not None else nullcontext():
+                try:
+                    self._handle_all(taken)
+                finally:  # the log has the frame, too, that no pipeline could handle
+                    self._write_down()
+            tidy()
+            self._resting.set()
+            self.alive_ns = time.monotonic_ns()
+
+    def _handle_all(self, taken: list[Item]) -> None:
+        # cameras first: a log that begins in between describes them all, and is not given up before its first image
+        for item in taken:
+            if isinstance(item, CameraInfo):
+                self._pipeline.announce(item)
+                if self._offset_monitor is not None:
+                    self._offset_monitor.announce(item)
+        for kind, alike in groupby(taken, _kind):
+            if kind is RawFrame:
+                self._log_line(cast(list[RawFrame], list(alike)))
+            elif kind is AttitudeSample:
+                self._move(cast(list[Motion], list(alike)))
+            else:
+                for item in alike:
+                    if not isinstance(item, CameraInfo):
+                        self._handle(item)
+
+    def _log_line(self, frames: list[RawFrame]) -> None:
+        """Of what came on the autopilot's line."""
+        self._open_log(frames[0])
+        self._later(lambda log: log.frames(frames))
+
+    def _move(self, samples: list[Motion]) -> None:
+        """The vehicle moved: some attitudes and positions."""
+        self._open_log(samples[0])
+        self._log_clock(samples[0].t_arrival_ns)
+        self._later(lambda log: log.events(samples))
+        for sample in samples:
+            self._pipeline.handle(sample)
+            if self._offset_monitor is not None:
+                self._offset_monitor.event(sample)
+        with self.lock:
+            self.newest_attitude_ns = self._pipeline.newest_attitude_ns
+
+    def _handle(self, item: Sample) -> None:
+        self._open_log(item)
+        if isinstance(item, Note):
+            self._later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))
+            return
+        if isinstance(item, Overtaken):
+            decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+            self._tell(decision)
+            return
+        if isinstance(item, RawFrame):
+            self._log_line([item])
+            return
+        self._log_clock(item.t_arrival_ns)
+        self._later(lambda log: log.event(item))
+        begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
+        outputs = self._pipeline.handle(item)
+        done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
+        with self.lock:
+            self.newest_attitude_ns = self._pipeline.newest_attitude_ns
+        for output in outputs:
+            self._tell(output)
+        if isinstance(item, DepthFrame):
+            self._measure(item, begun_ns, done_ns, cpu_ns)
+            self._show(item)
+            self._measure_offset(item)
+
+    def _measure_offset(self, frame: DepthFrame) -> None:
+        """After the frame's results are sent: nobody waits for it."""
+        if self._offset_monitor is not None:
+            self._offset_monitor.event(frame)
+            with self.lock:
+                self.exposure_offsets = self._offset_monitor.offsets()
+
+    def _tell(self, output: Output) -> None:
+        prisms: bytes | None = None
+        if isinstance(output, PrismsResult):
+            with self.lock:
+                self._blindness.result(output)
+            prisms = prisms_bytes(output)
+            self._publish(output, prisms)
+        else:
+            self._count(output)
+        self._later(lambda log: log.output(output, prisms))
+
+    def _count(self, decision: FrameDecision) -> None:
+        with self.lock:
+            if decision.used:
+                self.used[decision.camera] += 1
+            else:
+                self.dropped[str(decision.cause)] += 1
+
+    def _measure(self, frame: DepthFrame, begun_ns: int, done_ns: int, cpu_ns: int) -> None:
+        published_ns = time.monotonic_ns()
+        with self.lock:
+            add = self.latencies.add
+            add("exposure to arrival", frame.t_arrival_ns - frame.t_exposure_ns)
+            add("waiting", begun_ns - frame.t_arrival_ns)
+            add("extracting", done_ns - begun_ns)
+            add("extracting, processor's time", cpu_ns)
+            add("publishing", published_ns - done_ns)
+            add("exposure to published", published_ns - frame.t_exposure_ns)
+
+    # ---- recording ----------------------------------------------------------------------------------------------------
+
+    def _later(self, call: Callable[[Recorder], None]) -> None:
+        """What is to be said to the recorder when the prisms are sent."""
+        if self._recorder is not None:
+            self._unrecorded.append(call)
+
+    def _write_down(self) -> None:
+        """Says it, in the order in which it happened."""
+        calls, self._unrecorded = self._unrecorded, []
+        for call in calls:
+            assert self._recorder is not None
+            call(self._recorder)
+
+    def _open_log(self, item: Sample) -> None:
+        """Begins a file where one is wanted: with the first frame, when the vehicle is armed, when the one before is
+        full or failed, and with a frame after a camera came or changed: a log describes its cameras at its beginning."""
+        if self._recorder is None:
+            return
+        wanted = self._record == "always" or (self._record == "armed" and self._clockwork.armed())
+        if not wanted:
+            if self._recording:
+                self._write_down()
+                self._recorder.end()
+            self._recording = False
+            return
+        frame = isinstance(item, DepthFrame | Overtaken)
+        due = self._recorder.wants_begin if self._recording else frame
+        if frame and self._described != self._pipeline.cameras:
+            due = True
+        if due and self._recorder.may_begin:
+            self._write_down()  # what was before belongs to the file before
+            self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state())
+            self._clock = ClockEstimate(ClockSource.NONE)
+            self._recording, self._described = True, self._pipeline.cameras
+
+    def _log_clock(self, t_ns: int) -> None:
+        """The autopilot's clock, where its estimate has changed."""
+        if self._recorder is None:
+            return
+        clock, restarts = self._clockwork.clock()
+        if clock is not self._clock and clock != self._clock:
+            self._clock = clock
+            self._later(lambda log: log.message("clock", clock_message(clock, restarts), t_ns))
+
+
+def tidy() -> None:
+    """Collects garbage where the interpreter is about to, older generations where it is their turn."""
+    new, rounds, older_rounds = gc.get_count()
+    if new > TIDY_AT:
+        gc.collect(0 if rounds <= TIDY_OLDER_AT else 1 if older_rounds <= TIDY_OLDER_AT else 2)
+
+
+def _kind(item: Item) -> type:
+    """Items of one kind that follow each other are handled together; attitudes and positions come by turns."""
+    kind = type(item)
+    return AttitudeSample if kind is PoseSample else kind

@@ -1,0 +1,151 @@
+"""`companion status`: how the running service is, in words."""
+
+from __future__ import annotations
+
+import argparse
+import socket
+from pathlib import Path
+from typing import Any
+
+import zmq
+from google.protobuf.json_format import MessageToDict
+
+from drivers.base import DeviceNotFound
+from drivers.logs.codec import camera_from_message
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..config.loader import load_config
+from ..config.obstacle_range import obstacle_range_m
+from ..console import say, say_json
+from ..paths import run_folder
+from ..pipeline.mount_messages import mount_words
+from .health import STATES
+
+MS, S = 1e6, 1e9
+PROBE_S = 1.0
+
+
+def somebody_publishes(address: str) -> bool:
+    """Whether a service holds an address: a socket that nobody holds refuses at once. Raises PermissionError where this
+    user may not ask. Where it cannot be told at all: True."""
+    try:
+        if address.startswith("ipc://"):
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+                probe.settimeout(PROBE_S)
+                probe.connect(address.removeprefix("ipc://"))
+        else:
+            host, _, port = address.removeprefix("tcp://").rpartition(":")
+            here = "127.0.0.1" if host in ("*", "0.0.0.0") else host.strip("[]")
+            socket.create_connection((here, int(port)), PROBE_S).close()
+    except (FileNotFoundError, ConnectionRefusedError):
+        return False
+    except PermissionError:
+        raise
+    except (OSError, ValueError):
+        return True
+    return True
+
+
+def newest_health(address: str, timeout_s: float) -> pb.Health:
+    """The next health report on an address. Raises DeviceNotFound when none comes."""
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    ear = context.socket(zmq.SUB)
+    try:
+        ear.setsockopt(zmq.SUBSCRIBE, b"")
+        ear.setsockopt(zmq.LINGER, 0)
+        ear.connect(address)
+        if not ear.poll(round(timeout_s * 1000)):
+            raise DeviceNotFound(
+                f"no health report on {address} within {timeout_s:g} s: the service does not run (systemctl status "
+                "osape-companion, or `companion run`), or publishes elsewhere (give its configuration with -c)"
+            )
+        return pb.Health.FromString(ear.recv())
+    finally:
+        ear.close(0)
+        context.term()
+
+
+def status_lines(h: pb.Health) -> list[str]:
+    """A report for people."""
+    lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
+    lines += [f"  ! {trouble}" for trouble in h.troubles] or ["  nothing is wrong"]
+    lines += [f"  note: {note}" for note in h.notes]
+    lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
+    for c in h.cameras:
+        age = f"newest valid exposure {c.age_ns / MS:.0f} ms ago" if c.HasField("age_ns") else "no valid exposure yet"
+        kind = "" if c.required else ", not required"
+        again = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
+        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} overtaken{again}")
+        if c.HasField("exposure_offset"):
+            lines.append(f"  exposure time offset: {c.exposure_offset.text}")
+        if c.HasField("mount"):
+            lines.append(f"  mount: {mount_words(c.mount)}")
+        if c.HasField("info"):
+            info = camera_from_message(c.info)
+            lines.append(
+                f"  obstacles are found up to {obstacle_range_m(info):.1f} m with ke_per_m = {info.ke_per_m:g}"
+            )
+    if h.HasField("autopilot"):
+        lines += _autopilot_lines(h.autopilot)
+    r = h.recording
+    if r.recording:
+        lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} dropped")
+    else:
+        lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
+    if r.repairing:
+        lines.append(f"log: repairing {r.repairing}, which a killed run left")
+    dropped = ", ".join(f"{count} {cause}" for cause, count in sorted(h.frames_dropped.items()))
+    lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
+    if h.samples_lost:
+        lines.append(f"samples of the autopilot that were lost: {h.samples_lost}")
+    for latency in h.latencies:
+        lines.append(
+            f"  {latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
+        )
+    heat = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
+    lines.append(
+        f"machine: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB" + (f", {heat}" if heat else "")
+    )
+    return lines
+
+
+def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
+    if not a.line_open:
+        return [f"autopilot: no line on {a.address}: {a.line_error}"]
+    if not a.autopilot:
+        return [f"autopilot: none heard on {a.address}"]
+    source = {1: "by arrivals only", 2: "synchronised"}.get(a.clock.source, "not known")
+    bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
+    lines = [
+        f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude {a.attitude_hz:.0f} Hz, "
+        f"position {a.position_hz:.0f} Hz, clock {source}{bound}, restarts {a.clock.restarts}"
+    ]
+    odd = ", ".join(f"{count} {what}" for what, count in sorted(a.counts.items()))
+    return [*lines, f"  {odd}"] if odd else lines
+
+
+def _span(ns: int) -> str:
+    seconds = ns / S
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion status`."""
+    parser = subparsers.add_parser("status", help="how the running service is, in words")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="the service's, where it publishes elsewhere")
+    parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="patience for a report (3 s)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: it sees; 1: it is blind or starting, or there is no report."""
+    default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
+    report = newest_health(default.replace("{run}", str(run_folder())), args.timeout)
+    if args.json:
+        say_json(MessageToDict(report, preserving_proto_field_name=True, always_print_fields_with_no_presence=True))
+    else:
+        for line in status_lines(report):
+            say(line)
+    return 0 if report.state in (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED) else 1

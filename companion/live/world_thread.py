@@ -1,0 +1,189 @@
+"""The thread that merges what the frames say, and streams it: changes, a snapshot now and then and to whoever asks.
+
+It has a socket for changes, of which none is skipped for a listener that keeps up, and one that answers each request with a
+snapshot. The pipeline never waits for it: frames that it cannot take in time are dropped and counted, the oldest first.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import zmq
+
+from core.world.params import WorldParams
+from core.world.world import Sight, World
+from drivers.base import DriverError
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.watched_thread import WatchedThread
+
+from ..config.loader import Config
+from ..pipeline.pipeline import PrismsResult
+from ..streams.curve_auth import ServerKeys
+from ..streams.publisher import Publisher, Stream
+from ..streams.world_messages import SCHEMA_VERSION, world_message
+
+NS = 1_000_000_000
+CHANGES_NS = NS // 5
+"""From one change to the next."""
+SNAPSHOT_NS = 10 * NS
+"""From one snapshot in the stream to the next, at the latest."""
+_WAITING = 8
+"""Frames that wait, at most."""
+_POLL_MS = 20
+NO_POSITION_NS = NS // 2
+"""Without a frame in ned for so long the world cannot be used: nobody knows where the vehicle is in it."""
+
+
+class WorldService:
+    """`put` results of frames from any thread. changes, requests: open sockets, PUB and REP, which are its from then on."""
+
+    def __init__(self, params: WorldParams, changes: Publisher, requests: Publisher, boot: str) -> None:
+        self.world = World(params)
+        self._changes, self._requests, self._boot = changes, requests, boot
+        self._waiting: deque[PrismsResult] = deque()
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = WatchedThread(self._run, "world")
+        self.dropped = self.refused = 0
+        self.alive_ns = time.monotonic_ns()
+        self._sequence, self._since, self._section = 0, 0, -1
+        self._epoch = -1
+        self._next_ns = self._snapshot_ns = 0
+        self._newest_ns: int | None = None
+
+    def open(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def put(self, result: PrismsResult) -> None:
+        """What a frame said; never waits."""
+        with self._lock:
+            if len(self._waiting) == _WAITING:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(result)
+
+    def troubles(self, now_ns: int, hang_s: float) -> list[str]:
+        """What is wrong with it, in words."""
+        if self._thread.failure:
+            return [f"the merged world has ended ({self._thread.failure}): planners must not use it"]
+        still = now_ns - self.alive_ns > hang_s * NS
+        return ["the merged world stands still: planners must not use it"] if still else []
+
+    def close(self) -> None:
+        """Ends the thread and closes its sockets. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+        else:
+            self._close_sockets()
+
+    def _close_sockets(self) -> None:
+        self._changes.close()
+        self._requests.close()
+
+    def _run(self) -> None:
+        try:
+            self._go_round()
+        finally:
+            self._close_sockets()  # by the thread whose they are
+
+    def _go_round(self) -> None:
+        while not self._stop.is_set():
+            asked = bool(self._requests.socket.poll(_POLL_MS))
+            self._take()
+            now_ns = time.monotonic_ns()
+            if asked:
+                self._requests.socket.recv_multipart()  # what it holds does not matter
+                self._requests.publish(self._told(self._snapshot(now_ns), now_ns))
+            if now_ns >= self._next_ns:
+                self._next_ns = now_ns + CHANGES_NS
+                self._tell(now_ns)
+            self.alive_ns = now_ns
+
+    def _take(self) -> None:
+        """Merges the frames that wait."""
+        with self._lock:
+            waiting = list(self._waiting)
+            self._waiting.clear()
+        for result in waiting:
+            try:
+                sight = sight_of(result)
+            except ValueError:
+                self.refused += 1
+                continue
+            if sight is not None:
+                self.world.add(sight)
+                self._newest_ns = sight.t_ns
+
+    def _tell(self, now_ns: int) -> None:
+        """The next message of the stream."""
+        section = 0 if self.world.section is None else self.world.section.number
+        epoch = self.world.epoch(now_ns)
+        self._sequence += 1
+        if section != self._section or epoch != self._epoch or now_ns >= self._snapshot_ns:
+            message = self._snapshot(now_ns)
+            self._snapshot_ns = now_ns + SNAPSHOT_NS
+        else:
+            picture, gone = self.world.changes(now_ns, self._since)
+            message = world_message(picture, gone, now_ns)
+        self._section, self._epoch, self._since = section, epoch, self.world.frame
+        self._changes.publish(self._told(message, now_ns))
+
+    def _snapshot(self, now_ns: int) -> pb.WorldUpdate:
+        """All there is. It may hold more than the newest message of the stream did: what follows says it again."""
+        message = world_message(self.world.picture(now_ns), np.zeros(0, np.int32), now_ns)
+        message.snapshot = True
+        return message
+
+    def _told(self, message: pb.WorldUpdate, now_ns: int) -> pb.WorldUpdate:
+        """With what every message says."""
+        message.schema_version, message.sequence = SCHEMA_VERSION, self._sequence
+        age_ns = None if self._newest_ns is None else now_ns - self._newest_ns
+        message.valid = age_ns is not None and age_ns <= NO_POSITION_NS
+        if age_ns is None:
+            message.cause_text = "no frame with a position yet"
+        elif not message.valid:
+            message.cause_text = f"no frame with a position for {age_ns / NS:.1f} s"
+        message.t_ns = self._newest_ns or 0
+        for name, count in (
+            self.world.numbers() | {"frames_dropped": self.dropped, "frames_refused": self.refused}
+        ).items():
+            message.counts[name] = count
+        number = self._changes.published
+        message.publication.CopyFrom(pb.Publication(boot_id=self._boot, number=number, age_ns=age_ns or 0))
+        return message
+
+
+def opened_world(
+    config: Config, run: Path, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None, boot: str
+) -> WorldService | None:
+    """The merged world with its thread started; None where it has no addresses. Raises as a Publisher does."""
+    publish = config.publish
+    if not publish.world:
+        return None
+    streams = [Stream(name, getattr(publish, name).replace("{run}", str(run))) for name in ("world", "world_requests")]
+    changes = Publisher(streams[0], context, keys, newest_only=False)
+    try:
+        requests = Publisher(streams[1], context, keys, zmq.REP, newest_only=False)
+    except (ValueError, DriverError):
+        changes.close()
+        raise
+    service = WorldService(config.world, changes, requests, boot)
+    service.open()
+    return service
+
+
+def sight_of(result: PrismsResult) -> Sight | None:
+    """What the world takes of a frame; None where it has no position, or says nothing. Raises ValueError where the
+    position cannot be one."""
+    if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:
+        return None
+    return Sight(
+        model=result.model, place_m=result.transform.translation_m, t_ns=result.t_exposure_ns,
+        reset_counter=result.pose.reset_counter,
+    )  # fmt: skip

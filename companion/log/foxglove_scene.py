@@ -1,0 +1,126 @@
+"""Prisms drawn for viewers: foxglove.SceneUpdate and FrameTransform, which Foxglove and Lichtblick show as they are.
+
+Viewers draw z up; the root frame `up` (north, west, up) turns the autopilot's `ned` over for them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.duration_pb2 import Duration
+
+from core.frames import quaternion_from_euler, rotation_from_quaternion
+from core.types import CameraInfo, Prism
+from drivers.logs.codec import optical_frame, stamp
+
+from ..pipeline.pipeline import PrismsResult
+from ..pipeline.quaternion import Quaternion as Wxyz
+from ..pipeline.quaternion import product
+
+LIFETIME_S: Final = 1
+"""A drawing is gone after this, so that what a viewer shows is never older."""
+NEAR_M: Final = 2.0
+FAR_M: Final = 15.0
+"""Ends of the colour scale: red and nearer, blue and farther."""
+
+_Q_UP_NED: Final[Wxyz] = (0.0, 1.0, 0.0, 0.0)
+_Q_CAMFRD_OPTICAL: Final[Wxyz] = (0.5, 0.5, 0.5, 0.5)
+
+
+def scene_message(result: PrismsResult) -> SceneUpdate:
+    """The frame's prisms as triangles; a frame that says nothing takes the camera's drawing away."""
+    name = f"{result.camera} prisms"
+    timestamp = stamp(result.t_exposure_ns)
+    if result.model is None or not result.valid:
+        deletion = SceneEntityDeletion(timestamp=timestamp, type=SceneEntityDeletion.MATCHING_ID, id=name)
+        return SceneUpdate(deletions=[deletion])
+    x_m, y_m, _ = result.transform.translation_m if result.transform is not None else (0.0, 0.0, 0.0)
+    triangles = TriangleListPrimitive(pose=_pose())
+    for prism in result.model.prisms:
+        _draw(triangles, prism, (x_m, y_m))
+    entity = SceneEntity(
+        timestamp=timestamp,
+        frame_id=result.frame,
+        id=name,
+        lifetime=Duration(seconds=LIFETIME_S),
+        frame_locked=False,
+        triangles=[triangles] if triangles.points else [],
+    )
+    return SceneUpdate(entities=[entity])
+
+
+def transform_messages(result: PrismsResult, info: CameraInfo) -> tuple[FrameTransform, ...]:
+    """up -> ned -> level -> frd -> the camera's optical frame at exposure. Without a position ned's origin is drawn at
+    the vehicle; a frame without attitude has none."""
+    if result.attitude is None:
+        return ()
+    q_ned_frd = result.attitude.q_ned_frd_wxyz
+    R = rotation_from_quaternion(q_ned_frd)
+    heading_rad = math.atan2(float(R[1, 0]), float(R[0, 0]))
+    q_ned_level = quaternion_from_euler(0.0, 0.0, heading_rad)
+    q_level_frd = product(quaternion_from_euler(0.0, 0.0, -heading_rad), q_ned_frd)
+    m = info.mount
+    q_frd_optical = product(quaternion_from_euler(m.roll_rad, m.pitch_rad, m.yaw_rad), _Q_CAMFRD_OPTICAL)
+    position_m = result.pose.position_ned_m if result.pose is not None else (0.0, 0.0, 0.0)
+    here = (0.0, 0.0, 0.0)
+    tree: tuple[tuple[str, str, tuple[float, float, float], Wxyz], ...] = (
+        ("up", "ned", here, _Q_UP_NED),
+        ("ned", "level", position_m, q_ned_level),
+        ("level", "frd", here, q_level_frd),
+        ("frd", optical_frame(info.camera), (m.x_m, m.y_m, m.z_m), q_frd_optical),
+    )
+    return tuple(
+        FrameTransform(
+            timestamp=stamp(result.t_exposure_ns),
+            parent_frame_id=parent,
+            child_frame_id=child,
+            translation=Vector3(x=t[0], y=t[1], z=t[2]),
+            rotation=Quaternion(w=q[0], x=q[1], y=q[2], z=q[3]),
+        )
+        for parent, child, t, q in tree
+    )
+
+
+def _pose() -> Pose:
+    return Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+
+
+def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, float]) -> None:
+    """Two triangles for each edge of the side profile."""
+    xy = prism.vertices_m.tolist()
+    ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
+    for a, b in zip(xy, ends, strict=False):
+        corners = [
+            Point3(x=p[0], y=p[1], z=z)
+            for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m))
+        ]
+        triangles.points.extend([corners[i] for i in (0, 1, 2, 0, 2, 3)])
+        triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 6)
+
+
+def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:
+    """From a point to the nearest point of a segment, seen from above, metres."""
+    along_x, along_y = b[0] - a[0], b[1] - a[1]
+    to_x, to_y = p[0] - a[0], p[1] - a[1]
+    length2 = along_x * along_x + along_y * along_y
+    share = 0.0 if length2 == 0.0 else min(1.0, max(0.0, (to_x * along_x + to_y * along_y) / length2))
+    return math.hypot(share * along_x - to_x, share * along_y - to_y)
+
+
+def distance_colour(distance_m: float) -> Color:
+    """Red (NEAR_M and nearer) over yellow and green to blue (FAR_M and farther), a little transparent."""
+    h = 4.0 * min(1.0, max(0.0, (distance_m - NEAR_M) / (FAR_M - NEAR_M)))
+    red, green, blue = min(1.0, max(0.0, 2.0 - h)), min(1.0, h, 4.0 - h), min(1.0, max(0.0, h - 2.0))
+    return Color(r=red, g=green, b=blue, a=0.8)

@@ -1,0 +1,258 @@
+"""`companion info`: what a log holds, how regular it is, and what is wrong with it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+from google.protobuf.message import DecodeError
+
+from core.types import CameraInfo
+from drivers.logs.codec import camera_from_message
+from drivers.logs.reader import open_scan, our_channel
+from drivers.logs.record_scanner import Damage, Logged
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..config.obstacle_range import obstacle_range_m
+from ..console import fail, say, say_json
+
+_GAP_MEDIANS: Final = 3.0
+"""An interval longer than this many times the usual one is a gap."""
+_NS: Final = 1_000_000_000
+_LISTED: Final = 40
+_REGULAR: Final = ("depth", "attitude", "pose")
+"""Kinds whose gaps matter."""
+
+
+@dataclass(slots=True)
+class TopicFacts:
+    """One topic. times_ns: of its records, in file order."""
+
+    topic: str
+    schema: str
+    key: str | None
+    size: int = 0
+    times_ns: list[int] = field(default_factory=list)
+
+    @property
+    def intervals_ns(self) -> list[int]:
+        """Between the records."""
+        return [b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)]
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean rate, None with fewer than two records or no time between them."""
+        span = self.times_ns[-1] - self.times_ns[0] if self.times_ns else 0
+        return (len(self.times_ns) - 1) * _NS / span if span > 0 else None
+
+    def gaps(self) -> list[tuple[int, int]]:
+        """(begin, length) in ns of the intervals far longer than the usual one."""
+        intervals = self.intervals_ns
+        if len(intervals) < 2:
+            return []
+        most = _GAP_MEDIANS * max(1.0, median(intervals))
+        return [(t, dt) for t, dt in zip(self.times_ns, intervals, strict=False) if dt > most]
+
+    @property
+    def steps_back(self) -> int:
+        """How often the time went backwards."""
+        return sum(dt < 0 for dt in self.intervals_ns)
+
+
+@dataclass(slots=True)
+class Facts:
+    """What is in a file."""
+
+    path: Path
+    topics: dict[str, TopicFacts] = field(default_factory=dict)
+    cameras: list[CameraInfo] = field(default_factory=list)
+    run: pb.RunInfo | None = None
+    decisions: Counter[str] = field(default_factory=Counter)
+    valid: int = 0
+    invalid: Counter[str] = field(default_factory=Counter)
+    damages: list[str] = field(default_factory=list)
+
+    @property
+    def ours(self) -> bool:
+        """Whether it holds any topic of this software."""
+        return any(facts.key is not None for facts in self.topics.values())
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """The first and the last stamp."""
+        times = [t for facts in self.topics.values() for t in (min(facts.times_ns), max(facts.times_ns))]
+        return (min(times), max(times)) if times else None
+
+
+def gather(path: Path) -> Facts:
+    """One pass over an MCAP file, anybody's. Raises DriverError when it is none."""
+    facts = Facts(path)
+    scan = open_scan(path)
+    try:
+        for item in scan.items():
+            if isinstance(item, Damage):
+                facts.damages.append(f"byte {item.offset}: {item.cause}")
+            elif isinstance(item, Logged):
+                _take(facts, item)
+    finally:
+        scan.close()
+    return facts
+
+
+def _take(facts: Facts, item: Logged) -> None:
+    name = item.channel.topic
+    if name not in facts.topics:
+        found = our_channel(item.channel, item.schema)
+        schema = item.schema.name if item.schema is not None else ""
+        facts.topics[name] = TopicFacts(name, schema, found[0] if found else None)
+    topic = facts.topics[name]
+    topic.times_ns.append(item.message.log_time)
+    topic.size += len(item.message.data)
+    try:
+        _read(facts, topic.key, item.message.data)
+    except (DecodeError, ValueError) as error:
+        facts.damages.append(f"{name}: {error}")
+
+
+def _read(facts: Facts, key: str | None, data: bytes) -> None:
+    if key == "camera_info":
+        facts.cameras.append(camera_from_message(pb.CameraInfo.FromString(data)))
+    elif key == "run":
+        facts.run = facts.run or pb.RunInfo.FromString(data)
+    elif key == "decision":
+        decision = pb.FrameDecision.FromString(data)
+        facts.decisions["used" if decision.used else _words(decision.cause)] += 1
+    elif key == "prisms":
+        prisms = pb.PrismsFrame.FromString(data)
+        if prisms.valid:
+            facts.valid += 1
+        else:
+            facts.invalid[prisms.cause_text] += 1
+
+
+def _words(cause: int) -> str:
+    """CAUSE_GAP_TOO_WIDE -> gap too wide."""
+    try:
+        name: str = pb.Cause.Name(cause)
+    except ValueError:
+        return f"cause {cause}"
+    return name.removeprefix("CAUSE_").replace("_", " ").lower()
+
+
+def as_json(facts: Facts) -> dict[str, Any]:
+    """The object of `--json`."""
+    span = facts.span_ns
+    return {
+        "file": str(facts.path),
+        "bytes": facts.path.stat().st_size,
+        "ours": facts.ours,
+        "software": facts.run.software if facts.run else None,
+        "source": facts.run.source if facts.run else None,
+        "duration_s": (span[1] - span[0]) / _NS if span else None,
+        "topics": [_topic_json(topic) for topic in facts.topics.values()],
+        "cameras": [_camera_json(info) for info in facts.cameras],
+        "decisions": dict(sorted(facts.decisions.items())),
+        "prisms": {"valid": facts.valid, "invalid": dict(sorted(facts.invalid.items()))},
+        "damage": facts.damages,
+    }
+
+
+def _topic_json(topic: TopicFacts) -> dict[str, Any]:
+    gaps = topic.gaps()
+    return {
+        "topic": topic.topic,
+        "schema": topic.schema,
+        "messages": len(topic.times_ns),
+        "bytes": topic.size,
+        "rate_hz": topic.rate_hz,
+        "longest_interval_s": max(topic.intervals_ns, default=0) / _NS,
+        "gaps": len(gaps),
+        "steps_back": topic.steps_back,
+    }
+
+
+def _camera_json(info: CameraInfo) -> dict[str, Any]:
+    k, m = info.intrinsics, info.mount
+    return {
+        "camera": info.camera,
+        "width_px": k.width,
+        "height_px": k.height,
+        "fx_px": k.fx,
+        "fy_px": k.fy,
+        "mount_deg": [math.degrees(a) for a in (m.roll_rad, m.pitch_rad, m.yaw_rad)],
+        "lever_arm_m": [m.x_m, m.y_m, m.z_m],
+        "range_m": [info.min_range_m, info.max_range_m],
+        "ke_per_m": info.ke_per_m,
+        "obstacle_range_m": obstacle_range_m(info),
+    }
+
+
+def say_facts(facts: Facts) -> None:
+    """The same for people."""
+    span = facts.span_ns
+    duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
+    say(f"{facts.path}: {facts.path.stat().st_size / 1e6:.2f} MB{duration}")
+    if facts.run is not None:
+        say(f"made by {facts.run.software} ({facts.run.source or 'source not told'})")
+    if not facts.ours:
+        say("not a recording of this software: none of its topics is known")
+    for info in facts.cameras:
+        say(_camera_line(info))
+    listed = list(facts.topics.values())[:_LISTED]
+    width = max((len(topic.topic) for topic in listed), default=0)
+    for topic in listed:
+        rate = f"{topic.rate_hz:8.2f} Hz" if topic.rate_hz is not None else " " * 11
+        say(f"  {topic.topic:<{width}} {len(topic.times_ns):8d} {rate}  {topic.size / 1e6:9.3f} MB  {topic.schema}")
+    if len(facts.topics) > len(listed):
+        say(f"  and {len(facts.topics) - len(listed)} more topics (--json lists all)")
+    start_ns = span[0] if span else 0
+    for topic in facts.topics.values():
+        _say_odd(topic, start_ns)
+    if facts.decisions:
+        say("decisions: " + ", ".join(f"{n} {what}" for what, n in sorted(facts.decisions.items())))
+    if facts.valid or facts.invalid:
+        blind = "".join(f"; {n} blind: {cause}" for cause, n in sorted(facts.invalid.items()))
+        say(f"prisms: {facts.valid} frames say something{blind}")
+
+
+def _camera_line(info: CameraInfo) -> str:
+    k, m = info.intrinsics, info.mount
+    angles = ", ".join(f"{math.degrees(a):g}" for a in (m.roll_rad, m.pitch_rad, m.yaw_rad))
+    return (
+        f"camera {info.camera}: {k.width}x{k.height}, fx {k.fx:g} fy {k.fy:g} px, {info.min_range_m:g}.."
+        f"{info.max_range_m:g} m, ke {info.ke_per_m:g}/m, obstacles are found up to {obstacle_range_m(info):.1f} m, "
+        f"mount roll, pitch, yaw {angles} deg"
+    )
+
+
+def _say_odd(topic: TopicFacts, start_ns: int) -> None:
+    gaps = topic.gaps() if topic.key in _REGULAR else []
+    if gaps:
+        at, longest = max(gaps, key=lambda gap: gap[1])
+        say(f"{topic.topic}: {len(gaps)} gaps, the longest {longest / _NS:.3f} s, {(at - start_ns) / _NS:.3f} s in")
+    if topic.steps_back:
+        say(f"{topic.topic}: its time goes back {topic.steps_back} times")
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion info`."""
+    parser = subparsers.add_parser("info", help="what is in a log: topics, rates, gaps, damage")
+    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file, anybody's")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the command; 1 when the file is damaged."""
+    facts = gather(args.input)
+    if args.json:
+        say_json(as_json(facts))
+    else:
+        say_facts(facts)
+    for damage in facts.damages:
+        fail(f"{args.input}: damaged: {damage}. `companion recover {args.input}` writes what is readable")
+    return 1 if facts.damages else 0

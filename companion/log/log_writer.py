@@ -1,0 +1,245 @@
+"""Writes logs: the same input gives the same bytes, on every run.
+
+A log is written as FILE.active and gets its name when it is whole; a killed run leaves an .active file, which
+`companion recover` makes whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Final
+
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message
+from mcap.writer import CompressionType, Writer
+
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import BadData, Event, EventSource
+from drivers.logs.codec import attitude_message, calibration_message, camera_message, depth_parts, pose_message
+from drivers.logs.record_scanner import MAGIC
+from drivers.logs.topics import ENCODING, TOPICS, camera_name_fits
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..pipeline.encode import decision_message, prisms_bytes, state_message, wire_bytes
+from ..pipeline.pipeline import FrameDecision, Output, PipelineState
+from .foxglove_scene import scene_message, transform_messages
+from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
+
+LIBRARY: Final = "osape-companion log 1"
+"""In the file's header; a fixed text, so that a newer MCAP library does not change the bytes."""
+CHUNK_BYTES: Final = 1 << 20
+ACTIVE: Final = ".active"
+RECOVERING: Final = ".recovering"
+"""Behind ACTIVE: a whole file in the making from an unfinished one."""
+
+
+class LogWriter:
+    """A log in the making. As a context manager it is finished at the end, or left as .active after an exception.
+
+    Raises OSError (no space, no rights) and ValueError for an output that is something else than a log, and for
+    stamps and names that a log cannot hold.
+
+    level: of zstandard, see `McapWriter`."""
+
+    def __init__(self, path: Path | str, level: int = ZSTD_LEVEL) -> None:
+        self.path = Path(path)
+        refuse_output(self.path)
+        self.active_path = self.path.with_name(self.path.name + ACTIVE)
+        self._file: BinaryIO = self.active_path.open("wb")
+        with contextlib.suppress(OSError):  # some network folders have no locks
+            fcntl.flock(self._file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)  # no repair of a file that is being written
+        self._writer = McapWriter(self._file, CHUNK_BYTES, level)
+        self._writer.start(LIBRARY)
+        self._schemas: dict[str, int] = {}
+        self._names: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
+        self._infos: dict[str, CameraInfo] = {}
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.finish()
+        else:
+            self.abandon()
+
+    @property
+    def bytes_written(self) -> int:
+        """On the way to the disk; the open chunk comes on top."""
+        return 0 if self._file.closed else self._file.tell()
+
+    def sync(self) -> None:
+        """Waits until what was written is on the disk itself. Raises OSError."""
+        self._file.flush()
+        os.fdatasync(self._file.fileno())
+
+    @property
+    def in_place(self) -> bool:
+        """Whether the file still has its name: it was neither deleted nor moved, nor was its folder."""
+        try:
+            return os.path.samestat(os.stat(self.active_path), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
+
+    def abandon(self) -> None:
+        """Leaves what was written as FILE.active."""
+        with contextlib.suppress(OSError):  # a full disk refuses the rest of the buffer
+            self._file.close()
+
+    def begin(
+        self, run: pb.RunInfo, cameras: Iterable[CameraInfo], state: PipelineState | None = None, t_ns: int = 0
+    ) -> None:
+        """What every log opens with. t_ns: where on the time line, best that of the first event."""
+        self.write("run", run, t_ns)
+        for info in cameras:
+            self._infos[info.camera] = info
+            self.write("camera_info", camera_message(info), t_ns, camera=info.camera)
+            self.write("calibration", calibration_message(info, t_ns), t_ns, camera=info.camera)
+        self.write("state", state_message(state or PipelineState()), t_ns)
+
+    def event(self, event: Event) -> None:
+        """What came from the hardware, at its arrival."""
+        arrival_ns = event.t_arrival_ns
+        if isinstance(event, DepthFrame):
+            at = (arrival_ns, event.camera, event.sequence, event.t_exposure_ns)
+            self._write("depth", depth_parts(event), *at)
+        elif isinstance(event, AttitudeSample):
+            self.write("attitude", attitude_message(event), arrival_ns, publish_ns=event.t_ns)
+        elif isinstance(event, PoseSample):
+            self.write("pose", pose_message(event), arrival_ns, publish_ns=event.t_ns)
+
+    def output(self, output: Output, scene: bool = True, transforms: bool = True, prisms: bytes | None = None) -> None:
+        """What the pipeline said, at the arrival of the frame it is about; drawn for viewers where asked for. prisms: the
+        bytes of the prisms' message, where they are known already."""
+        at = (output.t_arrival_ns, output.camera, output.sequence, output.t_exposure_ns)
+        if isinstance(output, FrameDecision):
+            self.write("decision", decision_message(output), *at)
+            return
+        self._write("prisms", (prisms or prisms_bytes(output),), *at)
+        if scene:
+            self.write("scene", scene_message(output), *at)
+        for transform in transform_messages(output, self._infos[output.camera]) if transforms else ():
+            self.write("transform", transform, output.t_arrival_ns, publish_ns=output.t_exposure_ns)
+
+    def write(
+        self,
+        key: str,
+        message: Message,
+        t_ns: int,
+        camera: str = "",
+        sequence: int = 0,
+        publish_ns: int | None = None,
+    ) -> None:
+        """One message of the table of topics. t_ns: its arrival."""
+        self._write(key, (wire_bytes(message),), t_ns, camera, sequence, publish_ns)
+
+    def _write(
+        self, key: str, parts: tuple[Part, ...], t_ns: int, camera: str, sequence: int, publish_ns: int | None
+    ) -> None:
+        publish_ns = t_ns if publish_ns is None else publish_ns
+        if not 0 <= t_ns < 1 << 63 or publish_ns >= 1 << 63:
+            raise ValueError(
+                f"log: stamp {t_ns} ns cannot be written; stamps count from the start of the system's clock"
+            )
+        if not 0 <= sequence < 1 << 32:
+            raise ValueError(f"log: sequence {sequence} cannot be written; expected 0..{(1 << 32) - 1}")
+        channel = self._channels.get((key, camera)) or self._open_channel(key, camera)
+        # a stamp before the clock's zero (a wrong clock estimate) stays in the message; the record cannot hold it
+        self._writer.add_message(channel, t_ns, parts, max(0, publish_ns), sequence)
+
+    def _open_channel(self, key: str, camera: str) -> int:
+        topic = TOPICS[key]
+        if camera and not camera_name_fits(camera):
+            raise ValueError(f"log: camera name {camera!r}; use letters, digits, dot, dash and underscore")
+        if topic.schema not in self._schemas:
+            data = schema_bytes(topic.message)
+            self._schemas[topic.schema] = self._writer.register_schema(topic.schema, ENCODING, data)
+        name = topic.of(camera)
+        if name not in self._names:
+            self._names[name] = self._writer.register_channel(name, ENCODING, self._schemas[topic.schema])
+        self._channels[key, camera] = self._names[name]
+        return self._names[name]
+
+    def finish(self) -> None:
+        """Writes the closing part and gives the file its name. May be called again."""
+        if self._file.closed:
+            return
+        finish_file(self._writer, self._file, self.active_path, self.path)
+
+
+def refuse_output(path: Path, *inputs: Path) -> None:
+    """Raises ValueError where writing a log to `path` would destroy something: one of the inputs (also by the name
+    under which the log is written until it is whole), a directory, or a file that is no log."""
+    taken = {path.resolve(), path.with_name(path.name + ACTIVE).resolve()}
+    for given in inputs:
+        if given.resolve() in taken:
+            raise ValueError(
+                f"{given}: writing {path} would overwrite this input; input and output are the same file or would "
+                "share the name of the unfinished log; give -o another name"
+            )
+    if path.is_dir():
+        raise ValueError(f"{path}: is a directory; give -o the name of a file, such as {path / 'out.mcap'}")
+    if path.is_file() and path.stat().st_size:
+        with path.open("rb") as stream:
+            if stream.read(len(MAGIC)) != MAGIC:
+                raise ValueError(f"{path}: exists and is no log; it is left as it is; give -o another name")
+
+
+def start_writer(stream: BinaryIO) -> Writer:
+    """A writer for MCAP files of any content that has begun: for logs of this software LogWriter is quicker."""
+    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+    writer.start(profile="", library=LIBRARY)
+    return writer
+
+
+def finish_file(writer: McapWriter | Writer, stream: BinaryIO, active: Path, path: Path) -> None:
+    """Ends the file, waits until it is on the disk and names it."""
+    finish: Callable[[], None] = writer.finish
+    finish()
+    stream.truncate()
+    os.fsync(stream.fileno())
+    stream.close()
+    os.replace(active, path)
+
+
+def schema_bytes(kind: type[Message]) -> bytes:
+    """A message type with all it depends on, dependencies first: what makes a log self-describing."""
+    files: dict[str, Any] = {}
+
+    def add(descriptor: Any) -> None:
+        for needed in descriptor.dependencies:
+            add(needed)
+        files.setdefault(descriptor.name, descriptor)
+
+    add(kind.DESCRIPTOR.file)
+    collection = FileDescriptorSet()
+    for descriptor in files.values():
+        descriptor.CopyToProto(collection.file.add())
+    return wire_bytes(collection)
+
+
+def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> int:
+    """Writes a source's events into a log without prisms; returns their number. When the source raises BadData the
+    log is finished with what was delivered before, and the error goes on."""
+    number = 0
+    with LogWriter(path) as log:
+        try:
+            for event in source.events():
+                if number == 0:
+                    log.begin(run, source.cameras, t_ns=event.t_arrival_ns)
+                log.event(event)
+                number += 1
+        except BadData:
+            log.finish()
+            raise
+        if number == 0:
+            log.begin(run, source.cameras)
+    return number

@@ -1,0 +1,40 @@
+"""Who makes a log, with what: the first message of every log."""
+
+from __future__ import annotations
+
+import platform
+from importlib import metadata
+from typing import Final
+
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..config.differences import safety_lines
+from ..config.loader import Config, config_text
+from ..pipeline.encode import SCHEMA_VERSION
+
+_NUMBERS_DEPEND_ON: Final = ("numpy", "numba", "llvmlite", "scipy", "opencv-python-headless")
+
+
+def software() -> str:
+    """Name and version of this software."""
+    return f"osape-companion {_version('osape-companion')}"
+
+
+def run_info(source: str, config: Config | None = None) -> pb.RunInfo:
+    """What a log says about its making. source: "replay", "import", "simulated", "live"; config: the effective one."""
+    return pb.RunInfo(
+        schema_version=SCHEMA_VERSION,
+        software=software(),
+        config_json="" if config is None else config_text(config),
+        changed_safety_keys=[] if config is None else safety_lines(config),
+        packages=[f"{name} {_version(name)}" for name in _NUMBERS_DEPEND_ON],
+        processor=platform.machine(),
+        source=source,
+    )
+
+
+def _version(distribution: str) -> str:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return "unknown"

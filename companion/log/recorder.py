@@ -1,0 +1,299 @@
+"""Records the flight: a thread of its own behind a bounded queue. The pipeline never waits for the disk.
+
+Every file opens with the state that its frames depend on, so each replays by itself. When something had to be dropped
+(a slow disk, a full one), all that follows is dropped too and counted, until a new file can open with a new state: a log
+has no holes that a replay would not notice."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from google.protobuf.message import Message
+
+from core.types import CameraInfo, DepthFrame
+from drivers.base import Event
+from drivers.proto import osape_v1_pb2 as pb
+from drivers.watched_thread import WatchedThread
+
+from ..config.service import RecordParams
+from ..pipeline.events import RawFrame
+from ..pipeline.pipeline import Output, PipelineState
+from .current_file import Begin, CurrentLog, LogTakenAwayError
+from .log_directory import new_flight
+from .log_writer import LogWriter
+from .repair import Repairs
+
+NS: Final = 1_000_000_000
+RETRY_NS: Final = 5 * NS
+"""After a failure, before a new file is tried."""
+REPAIR_AFTER_NS: Final = 10 * NS
+"""Files of killed runs are repaired once this flight is being recorded, or so long after the start where it is not."""
+_SMALL: Final = 512
+"""Bytes that a sample or a decision counts for in the queue."""
+_RESULT: Final = 20_000
+_WAKE_BYTES: Final = 100_000
+_WAKE_ITEMS: Final = 64
+_IDLE_S: Final = 0.2
+"""What waits is written at least so often, be it much or little."""
+_AFTER_S: Final = 0.001
+"""So long after a frame was handed over the work on it begins: whoever listens wakes up with its prisms just then, and
+would wait 1 to 2 ms for the processor on which a chunk is compressed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordStatus:
+    """How recording goes. trouble: in words, empty when there is none. repairing: name of the file of an earlier flight
+    that is being made whole beside it, empty: none."""
+
+    recording: bool = False
+    file: str = ""
+    files: int = 0
+    bytes: int = 0
+    queued: int = 0
+    dropped: int = 0
+    trouble: str = ""
+    repairing: str = ""
+    alive_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Item:
+    write: Callable[[LogWriter], None]
+
+
+class Recorder:
+    """`begin`, `event`, `output`, `message` and `end` come from the pipeline's thread; `close` ends the last file.
+
+    When `wants_begin`, call `begin` with the state at that moment. One lock, that of `_ready`, guards all fields that
+    several threads use. It is the last in the order of locks: nothing is called while it is held that takes another."""
+
+    def __init__(self, folder: Path, run: pb.RunInfo, params: RecordParams | None = None) -> None:
+        self._folder, self._run_info, self._params = folder, run, params or RecordParams()
+        self._queue: deque[Begin | _Item | None] = deque()
+        self._queued_bytes = 0
+        self._held: list[Begin | _Item | None] = []
+        self._held_bytes = 0
+        self._holding = False
+        self._ready = threading.Condition()
+        self._stop = False
+        self._taking = self._begun = False
+        self._wanting, self._not_before_ns = True, 0
+        self._status = RecordStatus(alive_ns=time.monotonic_ns())
+        self._dropped = 0
+        self._repairs = Repairs(folder)
+        self._thread = WatchedThread(self._work, "recorder")
+        self.flight = ""
+
+    def open(self) -> None:
+        """Makes the folder and starts the thread. Raises OSError where the folder cannot be made."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self.flight = new_flight(self._folder)
+        self._thread.start()
+
+    @property
+    def status(self) -> RecordStatus:
+        """How it goes now."""
+        with self._ready:
+            queued = len(self._queue) + len(self._held)
+            status = replace(self._status, queued=queued, dropped=self._dropped)
+        if self._thread.failure:
+            trouble = f"recording has ended ({self._thread.failure}); `companion recover` makes the last file whole"
+            return replace(status, recording=False, trouble=trouble)
+        return status
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether a new file can be begun now; after a failure not again for some seconds."""
+        with self._ready:
+            return time.monotonic_ns() >= self._not_before_ns
+
+    @property
+    def wants_begin(self) -> bool:
+        """Whether a new file is to be begun now."""
+        with self._ready:
+            return self._wanting and self.may_begin
+
+    # ---- from the pipeline ------------------------------------------------------------------------------------------
+
+    def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState) -> None:
+        """From here on into a new file, which opens with this state."""
+        with self._ready:
+            self._begun = True
+            self._taking = self._put(Begin(t_ns, tuple(cameras), state), _SMALL)
+            self._wanting = not self._taking
+
+    def end(self) -> None:
+        """Nothing more until the next begin: the vehicle was disarmed."""
+        with self._ready:
+            self._taking = False
+            self._put(None, 0)
+
+    def event(self, event: Event) -> None:
+        """What came from the hardware."""
+        if isinstance(event, DepthFrame):
+            if self._params.depth:
+                self._take(lambda log: log.event(event), event.depth_mm.nbytes)
+        else:
+            self._take(lambda log: log.event(event), _SMALL)
+
+    def events(self, events: Sequence[Event]) -> None:
+        """The same of several samples: one thing in the queue."""
+
+        def write(log: LogWriter) -> None:
+            for event in events:
+                log.event(event)
+
+        self._take(write, len(events) * _SMALL, len(events))
+
+    def frames(self, frames: Sequence[RawFrame]) -> None:
+        """What came on the autopilot's line."""
+
+        def write(log: LogWriter) -> None:
+            for raw in frames:
+                log.write("mavlink", pb.MavlinkFrame(frame=raw.data), raw.t_arrival_ns)
+
+        self._take(write, sum(len(raw.data) + _SMALL for raw in frames), len(frames))
+
+    def output(self, output: Output, prisms: bytes | None = None) -> None:
+        """What the pipeline said; prisms: the bytes of its message, where they are known already."""
+        drawn = self._params.drawings
+        self._take(lambda log: log.output(output, drawn, drawn, prisms), _RESULT)
+
+    def message(self, key: str, message: Message, t_ns: int) -> None:
+        """Another message of the table of topics."""
+        self._take(lambda log: log.write(key, message, t_ns), message.ByteSize() + _SMALL)
+
+    @contextmanager
+    def holding(self) -> Iterator[None]:
+        """What is said meanwhile is handed to the thread at the end, so that it does not begin to work beside a frame
+        that is not published yet."""
+        with self._ready:
+            self._holding = True
+        try:
+            yield
+        finally:
+            with self._ready:
+                self._holding = False
+                self._hand_over()
+
+    def _take(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
+        """count: how many messages it is, where they are dropped."""
+        with self._ready:
+            if not self._taking:
+                # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
+                self._dropped += count if self._wanting and self._begun else 0
+            elif not self._put(_Item(write), size, count):
+                self._taking = False
+                self._wanting = True
+
+    def _put(self, item: Begin | _Item | None, size: int, count: int = 1) -> bool:
+        """With the lock. False: there was no room."""
+        waiting = len(self._queue) + len(self._held)
+        waiting_bytes = self._queued_bytes + self._held_bytes + size
+        full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
+        if full and item is not None:
+            self._dropped += count
+            return False
+        self._held.append(item)
+        self._held_bytes += size
+        if not self._holding:
+            self._hand_over()
+        return True
+
+    def _hand_over(self) -> None:
+        """With the lock. Wakes the thread for a frame or for many samples; for a few it comes by itself, some times a
+        second."""
+        self._queue.extend(self._held)
+        self._queued_bytes += self._held_bytes
+        self._held.clear()
+        self._held_bytes = 0
+        if self._much:
+            self._ready.notify()
+
+    @property
+    def _much(self) -> bool:
+        return self._queued_bytes >= _WAKE_BYTES or len(self._queue) >= _WAKE_ITEMS
+
+    def close(self) -> None:
+        """Writes what is queued, finishes the file and ends. May be called twice."""
+        with self._ready:
+            self._hand_over()
+            self._stop = True
+            self._ready.notify()
+        if self._thread.ident is not None:
+            self._thread.join(30.0)
+
+    # ---- the thread ---------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        repairs = self._repairs
+        repairs.begin(self.flight)
+        current = CurrentLog(self._folder, self.flight, self._run_info, self._params, repairs)
+        repair_ns = time.monotonic_ns() + REPAIR_AFTER_NS
+        trouble = ""
+        try:
+            while (items := self._next_items()) is not None:
+                trouble = self._write(current, items, trouble)
+                if current.path is not None or time.monotonic_ns() >= repair_ns:
+                    with suppress(OSError):  # a folder that is gone has nothing to repair
+                        repairs.step(current.room_for)
+                self._say(current, trouble or repairs.trouble)
+        finally:
+            repairs.stop()
+        try:
+            current.finish()
+        except OSError as error:
+            self._status = RecordStatus(trouble=f"the last file stays .active: {error.strerror}")
+
+    def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], trouble: str) -> str:
+        """Into the file; why recording has stopped, in words, empty: it goes on. trouble: the one before."""
+        try:
+            for item in items:
+                if isinstance(item, Begin):
+                    current.begin(item)
+                    trouble = ""
+                elif item is None:
+                    current.finish()
+                else:
+                    current.write(item.write)
+            current.sync()
+        except (OSError, ValueError) as error:
+            trouble = f"recording stopped: {getattr(error, 'strerror', None) or error}"
+            current.abandon()
+            with self._ready:
+                # where the file was taken away nothing keeps a new one from being begun at once
+                wait_ns = 0 if isinstance(error, LogTakenAwayError) else RETRY_NS
+                self._not_before_ns = time.monotonic_ns() + wait_ns
+                self._taking, self._wanting = False, True
+                self._dropped += 1
+        return trouble
+
+    def _say(self, current: CurrentLog, trouble: str) -> None:
+        with self._ready:
+            if current.wants_successor and self._taking:
+                self._wanting = True
+            self._status = RecordStatus(
+                recording=current.path is not None, file=str(current.path or ""), files=current.files,
+                bytes=current.total_bytes, trouble=trouble, repairing=self._repairs.repairing,
+                alive_ns=time.monotonic_ns(),
+            )  # fmt: skip
+
+    def _next_items(self) -> list[Begin | _Item | None] | None:
+        """What is queued, waiting a little for it; None at the end."""
+        with self._ready:
+            idle = not self._stop and not self._much
+            if idle and self._ready.wait(_IDLE_S) and not self._stop:
+                self._ready.wait(_AFTER_S)
+            if not self._queue and self._stop:
+                return None
+            items = list(self._queue)
+            self._queue.clear()
+            self._queued_bytes = 0
+            return items

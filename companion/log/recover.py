@@ -1,0 +1,155 @@
+"""`companion recover`: what is readable of a damaged or unfinished MCAP file, written into a whole one."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.writer import Writer
+
+from drivers.base import BadData
+from drivers.logs.reader import open_scan
+from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
+
+from ..console import say, say_json
+from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
+
+
+@dataclass(slots=True)
+class Recovery:
+    """What was found. output None: the file is whole and nothing was written."""
+
+    output: Path | None
+    messages: int = 0
+    others: int = 0
+    damages: list[Damage] = field(default_factory=list)
+
+
+def recover(path: Path, output: Path | None = None) -> Recovery:
+    """Writes the readable part of an MCAP file, anybody's, into `output` (default: `default_output`). Raises
+    DriverError when nothing is readable, ValueError when the output would overwrite something it should not."""
+    target = output or default_output(path)
+    if target.resolve() == path.resolve():
+        raise ValueError(f"{path}: input and output are the same file; give -o another name")
+    result = _copied(path, target)
+    if not result.damages:
+        result.output = None
+    return result
+
+
+def default_output(path: Path) -> Path:
+    """FILE.mcap for FILE.mcap.active, else FILE.recovered.mcap. Raises ValueError when it exists."""
+    if path.name.endswith(ACTIVE):
+        target = path.with_name(path.name.removesuffix(ACTIVE))
+    else:
+        target = path.with_name(path.stem + ".recovered.mcap")
+    if target.exists():
+        raise ValueError(f"{target} exists already; give -o another name")
+    return target
+
+
+def _copied(path: Path, target: Path) -> Recovery:
+    """Copies message by message; the copy gets its name only when it is worth having."""
+    result = Recovery(target)
+    scan = open_scan(path)
+    active = target.with_name(target.name + ACTIVE + RECOVERING)
+    stream = None
+    try:
+        stream = active.open("wb")
+        writer = start_writer(stream)
+        copy = _Copy(writer, scan)
+        for item in scan.items():
+            copy.take(item, result)
+        if result.messages == 0:
+            first = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
+            raise BadData(f"{path}: no message in it is readable{first}; nothing was written")
+        if result.damages:
+            finish_file(writer, stream, active, target)
+    finally:
+        scan.close()
+        if stream is not None:
+            stream.close()
+            active.unlink(missing_ok=True)
+    return result
+
+
+class _Copy:
+    """Channels and schemas are written as they are met, under numbers of the new file."""
+
+    def __init__(self, writer: Writer, scan: McapScan) -> None:
+        self._writer, self._scan = writer, scan
+        self._channels: dict[int, int] = {}
+        self._schemas: dict[int, int] = {}
+
+    def take(self, item: Item, result: Recovery) -> None:
+        """Copies one item, or notes the damage."""
+        if isinstance(item, Damage):
+            result.damages.append(item)
+        elif isinstance(item, Logged):
+            m = item.message
+            channel = self._channel(item.channel, item.schema)
+            self._writer.add_message(channel, m.log_time, m.data, m.publish_time, m.sequence)
+            result.messages += 1
+        else:
+            self._other(item)
+            result.others += 1
+
+    def _other(self, item: Attachment | Metadata) -> None:
+        writer: Any = self._writer
+        if isinstance(item, Metadata):
+            writer.add_metadata(item.name, item.metadata)
+        else:
+            writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
+
+    def _channel(self, channel: Channel, schema: Schema | None) -> int:
+        if channel.id not in self._channels:
+            schema_id = self._schema(schema) if schema is not None else 0
+            self._channels[channel.id] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, schema_id, channel.metadata
+            )
+        return self._channels[channel.id]
+
+    def _schema(self, schema: Schema) -> int:
+        if schema.id not in self._schemas:
+            writer: Any = self._writer
+            self._schemas[schema.id] = int(writer.register_schema(schema.name, schema.encoding, schema.data))
+        return self._schemas[schema.id]
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion recover`."""
+    parser = subparsers.add_parser("recover", help="make a whole file of a damaged or unfinished one")
+    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file, anybody's; it is not changed")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT.mcap",
+        help="default: FILE.recovered.mcap; FILE.mcap of FILE.mcap.active",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the command; 0 also when there was nothing to do."""
+    result = recover(args.input, args.output)
+    if args.json:
+        say_json(
+            {
+                "input": str(args.input),
+                "output": str(result.output) if result.output else None,
+                "messages": result.messages,
+                "damage": [{"offset": d.offset, "cause": d.cause} for d in result.damages],
+            }
+        )
+        return 0
+    if result.output is None:
+        say(f"{args.input} is whole ({result.messages} messages): nothing to recover, nothing written")
+        return 0
+    for damage in result.damages:
+        say(f"damaged at byte {damage.offset}: {damage.cause}")
+    say(f"{result.messages} messages recovered: {result.output}")
+    return 0

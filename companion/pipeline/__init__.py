@@ -1,0 +1,1 @@
+"""From depth, attitude and pose to published models: matching in time, extraction, transforms, messages."""

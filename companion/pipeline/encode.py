@@ -1,0 +1,380 @@
+"""What the pipeline says, to and from its messages (osape.v1). What comes from the hardware: drivers/logs/codec.py.
+
+Every `..._from_message` raises ValueError for a message that does not fit. Conversions there and back lose nothing:
+arrays are float32 on both sides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from operator import attrgetter
+from typing import Any, Final
+
+import numpy as np
+from google.protobuf.message import Message
+from numpy.typing import NDArray
+
+from core.self_check.mount_check import MountState
+from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
+from drivers.logs.codec import (
+    attitude_from_message,
+    attitude_message,
+    pose_from_message,
+    pose_message,
+    set_quaternion,
+    set_vector,
+)
+from drivers.proto import osape_v1_pb2 as pb
+
+from .mount_messages import mount_state_from_message, mount_state_message
+from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
+from .sync import AttitudeAt, DropCause, PoseAt, Source
+from .transform import LevelTransform
+
+SCHEMA_VERSION: Final = 1
+UNTOLD_TOLERANCE_M: Final = 0.6
+"""Not tuning: the default `min_obstacle_height_m`, which is the most that the ground's noise reaches up to where the free
+space above it is judged at all (`Ground.blind_beyond_m`)."""
+
+CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
+    InvalidCause.NO_MEASUREMENT: pb.CAUSE_NO_MEASUREMENT,
+    InvalidCause.TOO_STEEP: pb.CAUSE_TOO_STEEP,
+    InvalidCause.BAD_ROTATION: pb.CAUSE_BAD_ROTATION,
+    InvalidCause.NO_NUMBERS: pb.CAUSE_NO_NUMBERS,
+    InvalidCause.MOUNT_ERROR: pb.CAUSE_MOUNT_ERROR,
+    InvalidCause.MOUNT_UNVERIFIED: pb.CAUSE_MOUNT_UNVERIFIED,
+    DropCause.NO_ATTITUDE: pb.CAUSE_NO_ATTITUDE,
+    DropCause.ATTITUDE_TOO_OLD: pb.CAUSE_ATTITUDE_TOO_OLD,
+    DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,
+    DropCause.GAP_TOO_WIDE: pb.CAUSE_GAP_TOO_WIDE,
+    DropCause.NO_RATES: pb.CAUSE_NO_RATES,
+    DropCause.DUPLICATE_FRAME: pb.CAUSE_DUPLICATE_FRAME,
+    DropCause.LATE_FRAME: pb.CAUSE_LATE_FRAME,
+    DropCause.WRONG_SIZE: pb.CAUSE_WRONG_SIZE,
+    DropCause.BUSY: pb.CAUSE_BUSY,
+}
+
+SOURCES: Final = {
+    Source.NONE: pb.AttitudeUsed.SOURCE_NONE,
+    Source.EXACT: pb.AttitudeUsed.SOURCE_EXACT,
+    Source.INTERPOLATED: pb.AttitudeUsed.SOURCE_INTERPOLATED,
+    Source.EXTRAPOLATED: pb.AttitudeUsed.SOURCE_EXTRAPOLATED,
+}
+
+_STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
+_stats: Final = attrgetter(*_STATS)
+MODEL_FIELDS: Final = np.array(
+    [
+        message.DESCRIPTOR.fields_by_name[name].number
+        for message, names in (
+            (pb.PrismsFrame, ("planes", "prisms", "free")),
+            (pb.Planes, ("corners_m", "margin_m", "support_px", "flags", "cluster")),
+            (pb.Prism, ("cluster", "top_m", "bottom_m", "closed", "margin_m", "vertices_m", "plane")),
+            (pb.FreeProfile, ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")),
+        )
+        for name in names
+    ],
+    np.uint8,
+)
+"""Numbers of fields in the order of companion/pipeline/fast_encode.py."""
+
+
+def wire_bytes(message: Message) -> bytes:
+    """The message's bytes, the same ones for the same content."""
+    return message.SerializeToString(deterministic=True)
+
+
+def cause_message(cause: InvalidCause | DropCause) -> pb.Cause:
+    """The number of a cause; both kinds of NONE are CAUSE_NONE."""
+    return CAUSES[cause] if cause else pb.CAUSE_NONE
+
+
+def _cause(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCause | DropCause:
+    if number == pb.CAUSE_NONE:
+        return kind("")
+    for cause, known in CAUSES.items():
+        if known == number and isinstance(cause, kind):
+            return cause
+    raise ValueError(f"cause {number} is not one of {kind.__name__}: was this written by a newer version?")
+
+
+def prism_from_message(message: pb.Prism) -> Prism:
+    """One prism of a message."""
+    return Prism(
+        cluster=message.cluster,
+        top_m=message.top_m,
+        bottom_m=message.bottom_m,
+        closed=message.closed,
+        margin_m=message.margin_m,
+        vertices_m=_rows(message.vertices_m, 2, "vertices_m"),
+        plane=np.array(message.plane, dtype=np.int32),
+    )
+
+
+def free_from_message(message: pb.FreeProfile) -> FreeProfile:
+    """The free-range profile of a message."""
+    layers = max(0, len(message.layer_edges_m) - 1)
+    directions = max(0, len(message.azimuth_edges_rad) - 1)
+    return FreeProfile(
+        azimuth_edges_rad=np.array(message.azimuth_edges_rad, dtype=np.float32),
+        layer_edges_m=np.array(message.layer_edges_m, dtype=np.float32),
+        free_from_m=_table(np.array(message.free_from_m, dtype=np.float32), directions, layers, "free_from_m"),
+        free_to_m=_table(np.array(message.free_to_m, dtype=np.float32), directions, layers, "free_to_m"),
+        end=_table(np.frombuffer(message.end, dtype=np.uint8), directions, layers, "end"),
+    )
+
+
+def _set_ground(message: pb.Ground, ground: Ground) -> None:
+    """The ground under the camera, into a message."""
+    message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
+    message.slope_x, message.slope_y = ground.slope_x, ground.slope_y
+    message.blind_beyond_m = ground.blind_beyond_m
+    message.tolerance_m, message.noise_per_m = ground.tolerance_m, ground.noise_per_m
+    message.seen_from_m.extend(ground.seen_from_m)
+    message.seen_to_m.extend(ground.seen_to_m)
+
+
+def ground_from_message(message: pb.Ground) -> Ground:
+    """The ground of a message. One of an older version has no tolerance: it gets UNTOLD_TOLERANCE_M."""
+    old = message.seen and not message.HasField("tolerance_m")
+    tolerance_m = UNTOLD_TOLERANCE_M if old else message.tolerance_m
+    return Ground(
+        seen=message.seen,
+        height_m=message.height_m,
+        slope_x=message.slope_x,
+        slope_y=message.slope_y,
+        share=message.share,
+        blind_beyond_m=message.blind_beyond_m,
+        tolerance_m=tolerance_m,
+        noise_per_m=message.noise_per_m,
+        seen_from_m=tuple(message.seen_from_m),
+        seen_to_m=tuple(message.seen_to_m),
+    )
+
+
+def prisms_bytes(result: PrismsResult) -> bytes:
+    """What one frame says as a message's bytes; for a dropped frame valid = false and why."""
+    model = result.model
+    message = pb.PrismsFrame(
+        schema_version=SCHEMA_VERSION,
+        camera=result.camera,
+        sequence=result.sequence,
+        t_exposure_ns=result.t_exposure_ns,
+        frame=result.frame,
+        valid=result.valid,
+        cause=cause_message(result.drop if model is None else model.cause),
+        cause_text=result.cause_text,
+    )
+    # set in place: a message that is handed over is written and read again to become a part of another
+    if result.attitude is not None:
+        _set_attitude(message.attitude, result.attitude)
+    if result.pose is not None:
+        _set_pose(message.pose, result.pose)
+    if result.transform is not None:
+        message.transform.yaw_rad = result.transform.yaw_rad
+        set_vector(message.transform.translation_m, result.transform.translation_m)
+    if model is None:
+        return wire_bytes(message)
+    _set_ground(message.ground, model.ground)
+    stats = message.stats
+    for name, value in zip(_STATS, _stats(model.stats), strict=True):
+        setattr(stats, name, value)
+    message.ke_per_m = model.ke_per_m
+    from companion.pipeline.fast_encode import packed_model  # compiled: planners, who only read, need no numba
+
+    return wire_bytes(message) + packed_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
+
+
+def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
+    """The message of `prisms_bytes`."""
+    return pb.PrismsFrame.FromString(prisms_bytes(result))
+
+
+def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: str) -> pb.PrismsFrame:
+    """The word of a camera that gives no frame that could be used, in its place. The stamp: of its newest exposure."""
+    return pb.PrismsFrame(
+        schema_version=SCHEMA_VERSION,
+        camera=camera,
+        sequence=sequence,
+        t_exposure_ns=t_exposure_ns,
+        frame="level",
+        valid=False,
+        cause=pb.CAUSE_CAMERA,
+        cause_text=cause_text,
+    )
+
+
+def _set_attitude(message: pb.AttitudeUsed, attitude: AttitudeAt) -> None:
+    message.source = SOURCES[attitude.source]
+    set_quaternion(message.q_ned_frd, attitude.q_ned_frd_wxyz)
+    message.distance_ns = attitude.distance_ns
+
+
+def _set_pose(message: pb.PoseUsed, pose: PoseAt) -> None:
+    message.source = SOURCES[pose.source]
+    set_vector(message.position_ned_m, pose.position_ned_m)
+    message.distance_ns, message.reset_counter = pose.distance_ns, pose.reset_counter
+
+
+def model_from_message(message: pb.PrismsFrame) -> FrameModel | None:
+    """The model of a message, in the message's frame; None for a dropped frame, which has none."""
+    if not message.HasField("stats"):
+        return None
+    cause = _cause(message.cause, InvalidCause)
+    if not isinstance(cause, InvalidCause):
+        raise ValueError(f"cause {message.cause} of a frame that was extracted")
+    planes = message.planes
+    return FrameModel(
+        valid=message.valid,
+        cause=cause,
+        planes=_rows(planes.corners_m, 6, "corners_m"),
+        support_px=np.array(planes.support_px, dtype=np.int32),
+        margin_m=np.array(planes.margin_m, dtype=np.float32),
+        flags=np.array(planes.flags, dtype=np.uint8),
+        cluster=np.array(planes.cluster, dtype=np.int32),
+        prisms=tuple(prism_from_message(prism) for prism in message.prisms),
+        free=free_from_message(message.free),
+        ground=ground_from_message(message.ground),
+        stats=FrameStats(**{name: getattr(message.stats, name) for name in _STATS}),
+        ke_per_m=message.ke_per_m,
+    )
+
+
+def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
+    """What one frame says, of a message. Its arrival is not part of the message and comes out as 0."""
+    if message.schema_version != SCHEMA_VERSION:
+        raise ValueError(f"prisms of schema version {message.schema_version}; this software reads {SCHEMA_VERSION}")
+    model = model_from_message(message)
+    drop = DropCause.NONE
+    if model is None:
+        dropped = _cause(message.cause, DropCause)
+        drop = dropped if isinstance(dropped, DropCause) else DropCause.NONE
+    return PrismsResult(
+        camera=message.camera,
+        sequence=message.sequence,
+        t_exposure_ns=message.t_exposure_ns,
+        t_arrival_ns=0,
+        frame=message.frame,
+        drop=drop,
+        model=model,
+        attitude=_attitude_at(message.attitude) if message.HasField("attitude") else None,
+        pose=_pose_at(message.pose) if message.HasField("pose") else None,
+        transform=_transform(message.transform) if message.HasField("transform") else None,
+    )
+
+
+def _attitude_at(message: pb.AttitudeUsed) -> AttitudeAt:
+    q = message.q_ned_frd
+    return AttitudeAt((q.w, q.x, q.y, q.z), Source(message.source), message.distance_ns)
+
+
+def _pose_at(message: pb.PoseUsed) -> PoseAt:
+    p = message.position_ned_m
+    return PoseAt((p.x, p.y, p.z), Source(message.source), message.distance_ns, message.reset_counter)
+
+
+def _transform(message: pb.LevelTransform) -> LevelTransform:
+    t = message.translation_m
+    return LevelTransform(message.yaw_rad, (t.x, t.y, t.z))
+
+
+def decision_message(decision: FrameDecision) -> pb.FrameDecision:
+    """Whether a frame was used, and why not."""
+    return pb.FrameDecision(
+        camera=decision.camera,
+        sequence=decision.sequence,
+        t_exposure_ns=decision.t_exposure_ns,
+        t_arrival_ns=decision.t_arrival_ns,
+        used=decision.used,
+        cause=cause_message(decision.cause),
+        attitude=SOURCES[decision.attitude],
+        attitude_cutoff_ns=decision.attitude_cutoff_ns,
+        pose=SOURCES[decision.pose],
+        pose_text=decision.pose_text,
+    )
+
+
+def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
+    """A decision of a message."""
+    cause = _cause(message.cause, DropCause)
+    if not isinstance(cause, DropCause):
+        raise ValueError(f"cause {message.cause} of a decision")
+    return FrameDecision(
+        camera=message.camera,
+        sequence=message.sequence,
+        t_exposure_ns=message.t_exposure_ns,
+        t_arrival_ns=message.t_arrival_ns,
+        cause=cause,
+        attitude=Source(message.attitude),
+        attitude_cutoff_ns=message.attitude_cutoff_ns if message.HasField("attitude_cutoff_ns") else None,
+        pose=Source(message.pose),
+        pose_text=message.pose_text,
+    )
+
+
+def _known(value: float) -> float | None:
+    """The value; None, so that the field is absent, for nan."""
+    return None if math.isnan(value) else value
+
+
+def state_message(state: PipelineState) -> pb.StateSnapshot:
+    """What later frames depend on."""
+    return pb.StateSnapshot(
+        cameras=[
+            pb.CameraState(
+                camera=name,
+                ground_height_m=camera.extractor.ground_height_m,
+                ke_per_m=camera.extractor.ke_per_m,
+                still_ke_per_m=_known(camera.extractor.still_ke_per_m),
+                samples_mm=camera.extractor.samples_mm,
+                samples_age=camera.extractor.samples_age,
+                last_t_exposure_ns=camera.last_t_exposure_ns,
+                mount=mount_state_message(camera.mount),
+            )
+            for name, camera in state.cameras
+        ],
+        attitudes=[attitude_message(sample) for sample in state.attitudes],
+        poses=[pose_message(sample) for sample in state.poses],
+    )
+
+
+def state_from_message(message: pb.StateSnapshot) -> PipelineState:
+    """A snapshot of a message."""
+    cameras = tuple(
+        (
+            camera.camera,
+            CameraState(
+                ExtractorState(
+                    camera.ground_height_m,
+                    camera.ke_per_m,
+                    camera.still_ke_per_m if camera.HasField("still_ke_per_m") else math.nan,
+                    camera.samples_mm,
+                    camera.samples_age,
+                ),
+                camera.last_t_exposure_ns if camera.HasField("last_t_exposure_ns") else None,
+                mount_state_from_message(camera.mount) if camera.HasField("mount") else MountState(),
+            ),
+        )
+        for camera in message.cameras
+    )
+    return PipelineState(
+        cameras,
+        tuple(attitude_from_message(sample) for sample in message.attitudes),
+        tuple(pose_from_message(sample) for sample in message.poses),
+    )
+
+
+def _rows(values: Iterable[float], columns: int, name: str) -> NDArray[np.float32]:
+    """(N, columns) float32 of packed numbers."""
+    flat = np.array(list(values), dtype=np.float32)
+    if len(flat) % columns:
+        raise ValueError(f"{name}: {len(flat)} numbers do not make rows of {columns}")
+    return flat.reshape(-1, columns)
+
+
+def _table(flat: NDArray[Any], directions: int, layers: int, name: str) -> NDArray[Any]:
+    if len(flat) != directions * layers:
+        raise ValueError(f"{name}: {len(flat)} numbers, expected {directions} directions x {layers} layers")
+    return flat.reshape(directions, layers)

@@ -1,0 +1,105 @@
+"""What is known of a camera's mount, to and from its messages, and in words."""
+
+from __future__ import annotations
+
+import math
+
+from core.self_check.mount_check import MountState, MountVerdict
+from core.self_check.mount_filter import FilterState, N
+from core.types import CameraMount
+from drivers.proto import osape_v1_pb2 as pb
+
+ERROR_CODE, DEGRADED_CODE, UNVERIFIED_CODE = "mount_error", "mount_degraded", "mount_unverified"
+VERDICTS = {
+    MountVerdict.UNKNOWN: pb.MountState.VERDICT_UNKNOWN,
+    MountVerdict.VERIFIED: pb.MountState.VERDICT_VERIFIED,
+    MountVerdict.DEGRADED: pb.MountState.VERDICT_DEGRADED,
+    MountVerdict.UNVERIFIED_SLOPE: pb.MountState.VERDICT_UNVERIFIED_SLOPE,
+    MountVerdict.ERROR: pb.MountState.VERDICT_ERROR,
+}
+
+
+def mount_state_message(state: MountState) -> pb.MountState:
+    """What the next frame goes on from."""
+    return pb.MountState(
+        t_ns=state.t_ns,
+        measurements=state.measurements,
+        verdict=VERDICTS[state.verdict],
+        pending=VERDICTS[state.pending],
+        streak=state.streak,
+        slope_rad=state.slope_rad,
+        ground=state.ground,
+        mean=state.filter.mean,
+        covariance=state.filter.covariance,
+    )
+
+
+def mount_state_from_message(message: pb.MountState) -> MountState:
+    """A state of a message. Raises ValueError for one that does not fit."""
+    if len(message.mean) != N or len(message.covariance) != N * (N + 1) // 2:
+        raise ValueError(
+            f"mount state with {len(message.mean)} and {len(message.covariance)} numbers, expected 5 and 15"
+        )
+    return MountState(
+        t_ns=message.t_ns if message.HasField("t_ns") else None,
+        measurements=message.measurements,
+        verdict=MountVerdict(message.verdict),
+        pending=MountVerdict(message.pending),
+        streak=message.streak,
+        slope_rad=message.slope_rad,
+        ground=message.ground,
+        filter=FilterState(tuple(message.mean), tuple(message.covariance)),
+    )
+
+
+def mount_health(state: MountState, mount: CameraMount) -> pb.MountHealth:
+    """For the health report. mount: as configured."""
+    roll, pitch = (math.degrees(v) for v in state.error_rad)
+    roll_sd, pitch_sd = (math.degrees(v) for v in state.error_sd_rad)
+    to_roll, to_pitch, to_yaw = (math.degrees(v) for v in state.corrected(mount))
+    return pb.MountHealth(
+        verdict=VERDICTS[state.verdict], roll_error_deg=roll, pitch_error_deg=pitch,
+        roll_sd_deg=roll_sd, pitch_sd_deg=pitch_sd, roll_deg=to_roll, pitch_deg=to_pitch, yaw_deg=to_yaw,
+        slope_deg=math.degrees(state.slope_rad),
+    )  # fmt: skip
+
+
+def mount_lines(health: pb.MountHealth) -> str:
+    """The lines for the camera's section of the configuration, in one line of text."""
+    return f"roll_deg = {health.roll_deg:.1f}, pitch_deg = {health.pitch_deg:.1f}"
+
+
+def mount_trouble(camera: str, health: pb.MountHealth) -> str:
+    """What is wrong with a mount and what to do about it; empty: nothing is known to be wrong."""
+    error = f"roll {health.roll_error_deg:+.1f} deg, pitch {health.pitch_error_deg:+.1f} deg"
+    if health.verdict == pb.MountState.VERDICT_ERROR:
+        return (
+            f"camera {camera}: {ERROR_CODE}: the mount differs from its configuration by {error}; its frames are invalid; "
+            f"set {mount_lines(health)} (check with `companion doctor --mount`)"
+        )
+    if health.verdict == pb.MountState.VERDICT_DEGRADED:
+        return (
+            f"camera {camera}: {DEGRADED_CODE}: the mount differs from its configuration by {error}; set "
+            f"{mount_lines(health)} (check with `companion doctor --mount`)"
+        )
+    if health.verdict == pb.MountState.VERDICT_UNVERIFIED_SLOPE:
+        return (
+            f"camera {camera}: {UNVERIFIED_CODE}: the ground appears inclined by {health.slope_deg:.1f} deg, by the terrain or by "
+            "a wrong mount; its frames are invalid until the vehicle has turned by 45 degrees or walls are in view"
+        )
+    return ""
+
+
+def mount_words(health: pb.MountHealth) -> str:
+    """One line for `companion status`."""
+    words = {
+        pb.MountState.VERDICT_UNKNOWN: "not verified yet",
+        pb.MountState.VERDICT_VERIFIED: "verified",
+        pb.MountState.VERDICT_DEGRADED: "wrong",
+        pb.MountState.VERDICT_UNVERIFIED_SLOPE: "not verified, large slope, frames invalid",
+        pb.MountState.VERDICT_ERROR: "wrong, frames invalid",
+    }[health.verdict]
+    return (
+        f"{words}; error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
+        f"{health.pitch_sd_deg:.1f} deg; apparent slope of the ground {health.slope_deg:.1f} deg"
+    )

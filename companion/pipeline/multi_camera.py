@@ -1,0 +1,146 @@
+"""What several cameras say, as one model: the newest word of each, in one frame, as of one moment.
+
+Every result is levelled for its own exposure. To stand side by side they are brought into one frame: ned, where each of
+them has a position of the same section of the autopilot's estimate; else level at the newest exposure, where the turns
+of the vehicle between the exposures are taken out and its way is not (what was flown since is for the reader to add:
+the exposure of each camera is told).
+
+Nothing is resolved between cameras: where one of them sees an obstacle there is one, whatever another calls free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from core.frames import rotation_from_quaternion
+from drivers.proto import osape_v1_pb2 as pb
+
+from .encode import SCHEMA_VERSION, blind_message, prisms_message
+from .pipeline import PrismsResult
+from .transform import LevelTransform, reframed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Blind:
+    """A camera that says nothing: nothing of it may be taken as free, and no plane of it is carried on."""
+
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    cause_text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surround:
+    """One model of all cameras. t_ns: the newest exposure that says something (0: none does); frame: of all parts.
+
+    parts: one a camera, in the order of the configuration."""
+
+    t_ns: int
+    frame: str
+    parts: tuple[PrismsResult | Blind, ...]
+
+    def valid(self, required: frozenset[str]) -> bool:
+        """Whether every required camera says something, and any at all does."""
+        seeing = {part.camera for part in self.parts if isinstance(part, PrismsResult)}
+        return bool(seeing) and required <= seeing
+
+
+class SurroundKeeper:
+    """Keeps the newest result of each camera. cameras: all of them, so that one that never spoke is blind too."""
+
+    def __init__(self, cameras: tuple[str, ...]) -> None:
+        self._cameras = cameras
+        self._newest: dict[str, PrismsResult] = {}
+
+    def result(self, result: PrismsResult) -> None:
+        """What a frame said, valid or not."""
+        self._newest[result.camera] = result
+
+    def model(self, blind: Callable[[str], str], oldest_ns: int = 0) -> Surround:
+        """The model now. blind: why a camera is blind, in words; empty where it is not.
+
+        What was exposed before oldest_ns says nothing, whatever blind says: it may know of a newer frame already whose
+        result is not here yet."""
+        words = {camera: blind(camera) for camera in self._cameras}
+        seeing = [self._newest[c] for c in self._cameras if not words[c] and self._sees(c, oldest_ns)]
+        frame, target = common_frame(seeing)
+        parts: list[PrismsResult | Blind] = []
+        for camera in self._cameras:
+            newest = self._newest.get(camera)
+            if newest is not None and newest in seeing:
+                parts.append(moved(newest, frame, target))
+                continue
+            cause = words[camera] or (
+                "no frame yet" if newest is None else newest.cause_text or "its newest frame is old"
+            )
+            sequence, t_ns = (0, 0) if newest is None else (newest.sequence, newest.t_exposure_ns)
+            parts.append(Blind(camera=camera, sequence=sequence, t_exposure_ns=t_ns, cause_text=cause))
+        newest_ns = max((r.t_exposure_ns for r in seeing), default=0)
+        return Surround(t_ns=newest_ns, frame=frame, parts=tuple(parts))
+
+    def _sees(self, camera: str, oldest_ns: int) -> bool:
+        newest = self._newest.get(camera)
+        return newest is not None and newest.valid and newest.t_exposure_ns >= oldest_ns
+
+
+def common_frame(results: list[PrismsResult]) -> tuple[str, float]:
+    """("ned", 0) where all results stand in one section of ned; else ("level", heading of the newest exposure, rad)."""
+    sections = {None if r.pose is None else r.pose.reset_counter for r in results}
+    if len(sections) == 1 and None not in sections and all(r.frame == "ned" for r in results):
+        return "ned", 0.0
+    newest = max(results, key=lambda r: r.t_exposure_ns, default=None)
+    return "level", 0.0 if newest is None else heading_rad(newest)
+
+
+def heading_rad(result: PrismsResult) -> float:
+    """Heading of the vehicle at the exposure, clockwise from north; a result without an attitude has none: ValueError."""
+    if result.attitude is None:
+        raise ValueError(f"camera {result.camera}: a result without an attitude cannot be turned")
+    R_ned_frd = rotation_from_quaternion(result.attitude.q_ned_frd_wxyz)
+    return math.atan2(float(R_ned_frd[1, 0]), float(R_ned_frd[0, 0]))
+
+
+def moved(result: PrismsResult, frame: str, target_heading_rad: float) -> PrismsResult:
+    """The result in the common frame; the very same where it stands there already."""
+    if result.frame == frame and (frame == "ned" or heading_rad(result) == target_heading_rad):
+        return result
+    step = step_to_level(result, target_heading_rad)
+    assert result.model is not None
+    assert result.transform is not None
+    return replace(
+        result, frame="level", model=reframed(result.model, step), transform=joined(step, result.transform), pose=None
+    )
+
+
+def step_to_level(result: PrismsResult, target_heading_rad: float) -> LevelTransform:
+    """From the frame of the result to level with another heading: out of ned by its own position, then turned."""
+    if result.frame == "ned":
+        if result.pose is None:
+            raise ValueError(f"camera {result.camera}: a result in ned without a position cannot be moved")
+        x, y, z = result.pose.position_ned_m
+        return LevelTransform(target_heading_rad, (x, y, z)).inverse()
+    return LevelTransform(math.remainder(heading_rad(result) - target_heading_rad, math.tau), (0.0, 0.0, 0.0))
+
+
+def joined(second: LevelTransform, first: LevelTransform) -> LevelTransform:
+    """One transform that does first, then second."""
+    c, s = math.cos(second.yaw_rad), math.sin(second.yaw_rad)
+    x, y, z = first.translation_m
+    tx, ty, tz = second.translation_m
+    return LevelTransform(second.yaw_rad + first.yaw_rad, (c * x - s * y + tx, s * x + c * y + ty, z + tz))
+
+
+def surround_message(surround: Surround, required: frozenset[str]) -> pb.SurroundFrame:
+    """The model for the stream. required: the cameras without which it is not valid."""
+    message = pb.SurroundFrame(
+        schema_version=SCHEMA_VERSION, t_ns=surround.t_ns, frame=surround.frame, valid=surround.valid(required)
+    )
+    for part in surround.parts:
+        if isinstance(part, Blind):
+            message.cameras.append(blind_message(part.camera, part.sequence, part.t_exposure_ns, part.cause_text))
+        else:
+            message.cameras.append(prisms_message(part))
+    return message

@@ -1,0 +1,230 @@
+"""Attitude and position of the vehicle at a frame's mid-exposure, from the samples that had arrived by then.
+
+Pure and deterministic: nothing here looks at a clock, so replay decides as the live run did. The caller hands samples
+over in the order of their arrival and asks for an instant; every answer is exact, interpolated, extrapolated within
+bounds, or a cause why there is none.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import Generic, Protocol, TypeVar
+
+from core.types import AttitudeSample, PoseSample
+
+from ..config.sync import SyncParams
+from .quaternion import Quaternion, Vector, body_rates, rotate_by_rates, slerp
+
+NS = 1_000_000_000
+MOST_RATE_RAD_S = 70.0
+"""Twice what the gyros of autopilots can measure: faster rates are nonsense and carry no attitude."""
+FARTHEST_M = 100_000.0
+"""From the origin of ned: farther out float32 cannot hold the centimetres of a prism, nor an autopilot's local frame."""
+
+
+class Source(IntEnum):
+    """What a value at an instant rests on; the numbers are those of osape.v1.AttitudeUsed.Source."""
+
+    NONE = 0
+    EXACT = 1
+    INTERPOLATED = 2
+    EXTRAPOLATED = 3
+
+
+class DropCause(StrEnum):
+    """Why a frame was not used. NONE: it was."""
+
+    NONE = ""
+    NO_ATTITUDE = "no attitude had arrived"
+    ATTITUDE_TOO_OLD = "the newest attitude is too old to be carried forward to the exposure"
+    FRAME_TOO_OLD = "the exposure lies before all attitudes still held"
+    GAP_TOO_WIDE = "the attitudes before and after the exposure are too far apart"
+    NO_RATES = "a single attitude without body rates cannot be carried to the exposure"
+    DUPLICATE_FRAME = "a frame with this exposure was handled already"
+    LATE_FRAME = "a frame exposed later was handled already"
+    WRONG_SIZE = "the image has another size than the camera's description says"
+    BUSY = "a newer frame was waiting (live only)"
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeAt:
+    """q_ned_frd at an instant and what it rests on; distance_ns: to the nearest sample used."""
+
+    q_ned_frd_wxyz: Quaternion
+    source: Source
+    distance_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PoseAt:
+    """Position in ned at an instant, metres, and what it rests on."""
+
+    position_ned_m: Vector
+    source: Source
+    distance_ns: int
+    reset_counter: int
+
+
+class _Stamped(Protocol):
+    @property
+    def t_ns(self) -> int: ...
+
+
+S = TypeVar("S", bound=_Stamped)
+
+
+class SampleBuffer(Generic[S]):
+    """The newest samples in the order of their stamps. `counts` tells what was odd about those that came."""
+
+    def __init__(self, held: int, restart_step_s: float) -> None:
+        self._held = held
+        self._restart_ns = round(restart_step_s * NS)
+        self._stamps: list[int] = []
+        self._samples: list[S] = []
+        self.counts: Counter[str] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    @property
+    def samples(self) -> tuple[S, ...]:
+        """Those still held, by stamp."""
+        return tuple(self._samples)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The newest stamp held."""
+        return self._stamps[-1] if self._stamps else None
+
+    def add(self, sample: S) -> None:
+        """Takes a sample in. A stamp far before the newest one means that its sender restarted: what was held is of
+        another time and is forgotten. Of two samples with one stamp the first stays."""
+        if self._stamps and sample.t_ns <= self._stamps[-1] - self._restart_ns:
+            self.counts["restarts"] += 1
+            self._stamps.clear()
+            self._samples.clear()
+        i = bisect_left(self._stamps, sample.t_ns)
+        if i < len(self._stamps):
+            odd = "duplicates" if self._stamps[i] == sample.t_ns else "out_of_order"
+            self.counts[odd] += 1
+            if odd == "duplicates":
+                return
+        self._stamps.insert(i, sample.t_ns)
+        self._samples.insert(i, sample)
+        if len(self._samples) > self._held:
+            del self._stamps[0], self._samples[0]
+
+    def around(self, t_ns: int) -> tuple[S | None, S | None]:
+        """(the newest sample at or before t_ns, the oldest at or after it); both the same one at an exact stamp."""
+        i = bisect_left(self._stamps, t_ns)
+        after = self._samples[i] if i < len(self._samples) else None
+        if after is not None and after.t_ns == t_ns:
+            return after, after
+        return (self._samples[i - 1] if i else None), after
+
+    def before(self, sample: S) -> S | None:
+        """The sample held just before this one."""
+        i = bisect_left(self._stamps, sample.t_ns)
+        return self._samples[i - 1] if i else None
+
+
+class Synchroniser:
+    """The samples that have arrived, and the vehicle's attitude and position at any instant near them."""
+
+    def __init__(self, params: SyncParams) -> None:
+        self.params = params
+        self.attitudes: SampleBuffer[AttitudeSample] = SampleBuffer(params.held_samples, params.restart_step_s)
+        self.poses: SampleBuffer[PoseSample] = SampleBuffer(params.held_samples, params.restart_step_s)
+
+    def attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
+        """The attitude at t_ns, or why there is none: exact, else between two samples that are near enough to each
+        other, else carried from the nearest one by its body rates (or by the turn between its neighbour and itself)."""
+        before, after = self.attitudes.around(t_ns)
+        if before is None and after is None:
+            return DropCause.NO_ATTITUDE
+        if before is not None and before is after:
+            return AttitudeAt(before.q_ned_frd_wxyz, Source.EXACT, 0)
+        if before is not None and after is not None:
+            gap_ns = after.t_ns - before.t_ns
+            if gap_ns <= self.params.max_gap_s * NS:
+                q = slerp(before.q_ned_frd_wxyz, after.q_ned_frd_wxyz, (t_ns - before.t_ns) / gap_ns)
+                return AttitudeAt(q, Source.INTERPOLATED, min(t_ns - before.t_ns, after.t_ns - t_ns))
+        return self._carried(t_ns, before, after)
+
+    def _carried(
+        self, t_ns: int, before: AttitudeSample | None, after: AttitudeSample | None
+    ) -> AttitudeAt | DropCause:
+        nearest = _nearest(t_ns, before, after)
+        distance_ns = abs(t_ns - nearest.t_ns)
+        if distance_ns > self.params.max_extrapolation_s * NS:
+            if before is None:
+                return DropCause.FRAME_TOO_OLD
+            return DropCause.ATTITUDE_TOO_OLD if after is None else DropCause.GAP_TOO_WIDE
+        rates = _possible(nearest.rates_frd_rad_s) or _possible(self._turn(nearest))
+        if rates is None:
+            return DropCause.NO_RATES
+        q = rotate_by_rates(nearest.q_ned_frd_wxyz, rates, (t_ns - nearest.t_ns) / NS)
+        return AttitudeAt(q, Source.EXTRAPOLATED, distance_ns)
+
+    def _turn(self, sample: AttitudeSample) -> Vector | None:
+        """Body rates from the sample's neighbour, where that is near enough to say something."""
+        neighbour = self.attitudes.before(sample) or self.attitudes.around(sample.t_ns + 1)[1]
+        if neighbour is None or abs(sample.t_ns - neighbour.t_ns) > self.params.max_gap_s * NS:
+            return None
+        return body_rates(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
+
+    def pose_at(self, t_ns: int) -> PoseAt | str:
+        """The position at t_ns, or the words why there is none. Never across a jump of the autopilot's estimate, never
+        so far from the origin that a prism there would lose its shape."""
+        found = self._pose_at(t_ns)
+        if isinstance(found, PoseAt) and not all(abs(c) <= FARTHEST_M for c in found.position_ned_m):  # also NaN
+            return f"the position is farther than {FARTHEST_M / 1000.0:g} km from the origin of ned"
+        return found
+
+    def _pose_at(self, t_ns: int) -> PoseAt | str:
+        before, after = self.poses.around(t_ns)
+        if before is None and after is None:
+            return "no position had arrived"
+        if before is not None and before is after:
+            return PoseAt(before.position_ned_m, Source.EXACT, 0, before.reset_counter)
+        if before is not None and after is not None:
+            gap_ns = after.t_ns - before.t_ns
+            if gap_ns <= self.params.pose_max_gap_s * NS and before.reset_counter == after.reset_counter:
+                share = (t_ns - before.t_ns) / gap_ns
+                between = _line(before.position_ned_m, after.position_ned_m, share)
+                distance_ns = min(t_ns - before.t_ns, after.t_ns - t_ns)
+                return PoseAt(between, Source.INTERPOLATED, distance_ns, after.reset_counter)
+        nearest = _nearest(t_ns, before, after)
+        distance_ns = abs(t_ns - nearest.t_ns)
+        if nearest.velocity_ned_m_s is None:
+            return "no position near the exposure and no velocity to carry one there"
+        if distance_ns > self.params.pose_max_extrapolation_s * NS:
+            return "the nearest position is too far from the exposure"
+        dt_s = (t_ns - nearest.t_ns) / NS
+        px, py, pz = nearest.position_ned_m
+        vx, vy, vz = nearest.velocity_ned_m_s
+        moved = (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s)
+        return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter)
+
+
+def _possible(rates_rad_s: Vector | None) -> Vector | None:
+    """The rates, unless nothing that flies turns so fast."""
+    if rates_rad_s is None or max(map(abs, rates_rad_s)) > MOST_RATE_RAD_S:
+        return None
+    return rates_rad_s
+
+
+def _nearest(t_ns: int, before: S | None, after: S | None) -> S:
+    """The nearer of two samples of which one exists; the earlier one when they are equally near."""
+    if before is None or (after is not None and after.t_ns - t_ns < t_ns - before.t_ns):
+        if after is None:
+            raise ValueError("neither a sample before nor one after")
+        return after
+    return before
+
+
+def _line(a: Vector, b: Vector, share: float) -> Vector:
+    return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)

@@ -1,0 +1,1 @@
+"""Replaying a log through the pipeline and comparing the results."""

@@ -1,0 +1,148 @@
+"""Prisms computed anew against those in a log, field by field and bit by bit."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass, field
+from typing import Any
+
+from google.protobuf.message import Message
+
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..pipeline.encode import wire_bytes
+
+Key = tuple[str, int, int]
+"""Camera, sequence, exposure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first field in which two messages differ."""
+
+    key: Key
+    field: str
+    logged: str
+    computed: str
+
+    def __str__(self) -> str:
+        camera, sequence, t_ns = self.key
+        where = f"camera {camera}, frame {sequence}, exposed at {t_ns} ns"
+        return f"{where}: {self.field} is {self.logged} in the log and {self.computed} now"
+
+
+def key_of(message: pb.PrismsFrame | pb.FrameDecision) -> Key:
+    """What pairs a message with its like."""
+    return message.camera, message.sequence, message.t_exposure_ns
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Pairs messages as they come, in any order, and keeps what does not fit. tolerance: for numbers, 0 is bit-exact."""
+
+    tolerance: float = 0.0
+    compared: int = 0
+    different: int = 0
+    first: Difference | None = None
+    _newest_ns: dict[str, int] = field(default_factory=dict)
+    _logged: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
+    _computed: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
+
+    def logged(self, message: pb.PrismsFrame) -> None:
+        """Takes a message of the log."""
+        newest_ns = self._newest_ns.get(message.camera, message.t_exposure_ns)
+        self._newest_ns[message.camera] = max(newest_ns, message.t_exposure_ns)
+        self._take(message, self._logged, self._computed, logged=True)
+
+    def computed(self, message: pb.PrismsFrame) -> None:
+        """Takes a message computed anew."""
+        self._take(message, self._computed, self._logged, logged=False)
+
+    @property
+    def only_logged(self) -> tuple[Key, ...]:
+        """In the log without a frame to compute them from."""
+        return tuple(self._logged)
+
+    @property
+    def only_computed(self) -> tuple[Key, ...]:
+        """Computed, but missing from the log."""
+        return tuple(self._computed)
+
+    @property
+    def gaps(self) -> tuple[Key, ...]:
+        """Those of `only_computed` after which the log goes on with their camera; or of which it holds nothing at all.
+        What is missing at the end is no gap: a log that was cut short by a power cut ends with a depth image, mostly."""
+        return tuple(key for key in self._computed if key[2] <= self._newest_ns.get(key[0], key[2]))
+
+    @property
+    def passed(self) -> bool:
+        """Something was compared, and it was all equal."""
+        return self.compared > 0 and self.different == 0
+
+    def _take(
+        self, message: pb.PrismsFrame, here: dict[Key, pb.PrismsFrame], there: dict[Key, pb.PrismsFrame], logged: bool
+    ) -> None:
+        key = key_of(message)
+        other = there.pop(key, None)
+        if other is None:
+            here[key] = message
+            return
+        self.compared += 1
+        pair = (message, other) if logged else (other, message)
+        difference = first_difference(*pair, tolerance=self.tolerance)
+        if difference is not None:
+            self.different += 1
+            self.first = self.first or Difference(key, *difference)
+
+
+def first_difference(
+    logged: pb.PrismsFrame, computed: pb.PrismsFrame, tolerance: float = 0.0
+) -> tuple[str, str, str] | None:
+    """(field, value in the log, value now) of the first difference, None when equal; publication is left aside."""
+    a, b = pb.PrismsFrame(), pb.PrismsFrame()
+    a.CopyFrom(logged)
+    b.CopyFrom(computed)
+    a.ClearField("publication")
+    b.ClearField("publication")
+    if wire_bytes(a) == wire_bytes(b):
+        return None
+    found = _walk(a, b, "", tolerance)
+    if found is None and tolerance == 0.0:
+        return "unknown fields", "of a newer schema", "not known to this software"
+    return found
+
+
+def _walk(a: Message, b: Message, path: str, tolerance: float) -> tuple[str, str, str] | None:
+    for descriptor in a.DESCRIPTOR.fields:
+        name = f"{path}{descriptor.name}"
+        if descriptor.has_presence and a.HasField(descriptor.name) != b.HasField(descriptor.name):
+            told = ("present", "absent") if a.HasField(descriptor.name) else ("absent", "present")
+            return name, *told
+        left, right = getattr(a, descriptor.name), getattr(b, descriptor.name)
+        found = _values(descriptor, left, right, name, tolerance)
+        if found is not None:
+            return found
+    return None
+
+
+def _values(descriptor: Any, left: Any, right: Any, name: str, tolerance: float) -> tuple[str, str, str] | None:
+    if not descriptor.is_repeated:
+        return _value(left, right, name, tolerance)
+    if len(left) != len(right):
+        return f"{name} (length)", str(len(left)), str(len(right))
+    for i, (one, other) in enumerate(zip(left, right, strict=True)):
+        found = _value(one, other, f"{name}[{i}]", tolerance)
+        if found is not None:
+            return found
+    return None
+
+
+def _value(left: Any, right: Any, name: str, tolerance: float) -> tuple[str, str, str] | None:
+    if isinstance(left, Message):
+        return _walk(left, right, name + ".", tolerance)
+    if isinstance(left, float):
+        same = struct.pack("<d", left) == struct.pack("<d", right)
+        near = tolerance > 0.0 and (abs(left - right) <= tolerance or (math.isnan(left) and math.isnan(right)))
+        return None if same or near else (name, repr(left), repr(right))
+    return None if left == right else (name, repr(left), repr(right))

@@ -1,0 +1,259 @@
+"""`companion replay`: a recorded log through the pipeline, into a log with prisms; the same input, the same bytes."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from core.extractor import Extractor
+from core.types import CameraInfo, DepthFrame
+from drivers.base import BadData, Event
+from drivers.logs.reader import LoggedMessage, McapRecording
+from drivers.logs.topics import TOPICS
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..cameras.masks import masked
+from ..config.loader import Config, ConfigError, config_from_text, load_config
+from ..config.obstacle_range import obstacle_range_m
+from ..console import fail, progress, say_json
+from ..log.log_writer import LogWriter, refuse_output
+from ..log.provenance import run_info
+from ..pipeline.encode import prisms_message, state_from_message
+from ..pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
+from ..self_check.exposure_monitor import ExposureOffsetMonitor
+from .compare import Comparison, Key, key_of
+from .replay_report import Replay, problems_of, report, say_report
+from .summary import Tally
+
+
+def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: PipelineState | None = None) -> Pipeline:
+    """The pipeline of a configuration, with what it says of the cameras."""
+    infos = effective_cameras(config, cameras)
+    return Pipeline(
+        infos, lambda info: Extractor(config.extractor), config.sync, state,
+        mask=lambda info: masked(config.camera(info.camera), info), mount_check=config.mount_check,
+    )  # fmt: skip
+
+
+def effective_cameras(config: Config, cameras: Iterable[CameraInfo]) -> tuple[CameraInfo, ...]:
+    """The cameras' descriptions with what the configuration says of them."""
+    return tuple(config.camera(info.camera).applied_to(info) for info in cameras)
+
+
+def process(events: Iterable[Event], pipeline: Pipeline, tally: Tally) -> Iterator[tuple[Event, tuple[Output, ...]]]:
+    """Each event with what it led to, counted."""
+    for event in events:
+        outputs = pipeline.handle(event)
+        tally.event(event)
+        for output in outputs:
+            tally.output(output)
+        yield event, outputs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What a replay does. output None: nothing is written."""
+
+    output: Path | None = None
+    config: Path | None = None
+    check: bool = False
+    tolerance: float = 0.0
+    depth: bool = True
+
+
+def replay(path: Path, options: Options, on_progress: Callable[[float], None] = lambda share: None) -> Replay:
+    """Runs a log through the pipeline. Raises DriverError, ConfigError, OSError when it cannot even begin; damage
+    later on ends it and is told in the result, what was readable being written and counted."""
+    if options.output is not None:
+        refuse_output(options.output, path)
+    with ExitStack() as stack:
+        source = stack.enter_context(McapRecording(path))
+        config = _config(options, source)
+        state = _state(source)
+        pipeline = make_pipeline(config, source.cameras, state)
+        comparison = Comparison(options.tolerance) if options.check else None
+        cameras = effective_cameras(config, source.cameras)
+        result = Replay(Tally(), {}, tuple(info.camera for info in cameras), comparison)
+        skipped = _skipped_live(path) if options.check else frozenset()
+        log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
+        sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
+        events = _without(_events(source, comparison), skipped)
+        monitor = ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info))
+        for info in pipeline.cameras:
+            monitor.announce(info)
+        try:
+            sink.begin(pipeline.state())
+            for event, outputs in process(events, pipeline, result.tally):
+                monitor.event(event)
+                sink.take(event, outputs)
+                if comparison is not None:
+                    for output in outputs:
+                        if isinstance(output, PrismsResult):
+                            comparison.computed(prisms_message(output))
+                on_progress(source.share_read)
+        except BadData as error:
+            result.damage = str(error)
+        sink.end()
+        result.odd_samples = pipeline.odd_samples()
+        result.exposure_offsets = monitor.offsets()
+        result.configured_offsets_ms = _configured_offsets_ms(source)
+        result.obstacle_range_m = {
+            info.camera: obstacle_range_m(info, result.tally.ke_per_m.get(info.camera), config.extractor)
+            for info in cameras
+        }
+        return result
+
+
+class _Sink:
+    """Writes events and outputs, opening the log at the first event."""
+
+    def __init__(self, log: LogWriter | None, config: Config, depth: bool, cameras: tuple[CameraInfo, ...]) -> None:
+        self._log, self._config, self._depth, self._cameras = log, config, depth, cameras
+        self._state: PipelineState | None = None
+        self._begun = False
+
+    def begin(self, state: PipelineState) -> None:
+        """Keeps the state that the log opens with."""
+        self._state = state
+
+    def take(self, event: Event, outputs: tuple[Output, ...]) -> None:
+        """Writes an event and what it led to."""
+        if self._log is None:
+            return
+        self._open(event.t_arrival_ns)
+        if self._depth or not isinstance(event, DepthFrame):
+            self._log.event(event)
+        for output in outputs:
+            self._log.output(output, self._config.output.scene, self._config.output.transforms)
+
+    def end(self) -> None:
+        """A log without events still says who made it."""
+        if self._log is not None:
+            self._open(0)
+
+    def _open(self, t_ns: int) -> None:
+        if self._log is not None and not self._begun:
+            self._begun = True
+            self._log.begin(run_info("replay", self._config), self._cameras, self._state, t_ns)
+
+
+def _config(options: Options, source: McapRecording) -> Config:
+    """The one given (raises ConfigError where its cameras are not those of the log), else the one in the log, else the default."""
+    if options.config is not None:
+        config = load_config(options.config)
+        _refuse_strangers(config, options.config, source)
+        return config
+    if source.run is not None and source.run.config_json:
+        return config_from_text(source.run.config_json, f"the configuration in {source.path}")
+    return Config()
+
+
+def _configured_offsets_ms(source: McapRecording) -> dict[str, float]:
+    """`exposure_offset_ms` of each camera when its stamps were made: that of the log's own configuration."""
+    recorded = Config()
+    if source.run is not None and source.run.config_json:
+        recorded = config_from_text(source.run.config_json, f"the configuration in {source.path}")
+    return {info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras}
+
+
+def _refuse_strangers(config: Config, path: Path, source: McapRecording) -> None:
+    """A mount or a range under a misspelt name would silently go nowhere. A configuration of more cameras than the log
+    has is none, nor one that is silent about cameras."""
+    there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
+    strange, bare = [name for name in said if name not in there], [name for name in there if name not in said]
+    if strange and bare:
+        raise ConfigError(
+            str(path),
+            [
+                f'[[camera]] "{name}": {source.path} has no such camera, and nothing is said of its {", ".join(bare)}; '
+                "correct the name, or leave the section out"
+                for name in strange
+            ],
+        )
+
+
+def _state(source: McapRecording) -> PipelineState | None:
+    """What the log opens with. Raises BadData when that cannot be used."""
+    if source.snapshot is None:
+        return None
+    try:
+        return state_from_message(source.snapshot)
+    except ValueError as error:
+        raise BadData(
+            f"{source.path}: {TOPICS['state'].name}: {error}; the frames depend on it. Use another copy of the file, or "
+            "import the recording anew"
+        ) from error
+
+
+def _events(source: McapRecording, comparison: Comparison | None) -> Iterator[Event]:
+    """The events; prisms of the log go to the comparison on the way."""
+    for item in source.events_with(*(("prisms",) if comparison is not None else ())):
+        if not isinstance(item, LoggedMessage):
+            yield item
+        elif comparison is not None and isinstance(item.message, pb.PrismsFrame):
+            comparison.logged(item.message)
+
+
+def _without(events: Iterator[Event], skipped: frozenset[Key]) -> Iterator[Event]:
+    for event in events:
+        if not isinstance(event, DepthFrame) or (event.camera, event.sequence, event.t_exposure_ns) not in skipped:
+            yield event
+
+
+def _skipped_live(path: Path) -> frozenset[Key]:
+    """The frames that the live run passed over because newer ones waited: they changed no state then."""
+    skipped: set[Key] = set()
+    try:
+        with McapRecording(path) as source:
+            for item in source.messages("decision"):
+                if isinstance(item.message, pb.FrameDecision) and item.message.cause == pb.CAUSE_BUSY:
+                    skipped.add(key_of(item.message))
+    except BadData:
+        return frozenset(skipped)  # the replay itself comes to the same damage and tells of it
+    return frozenset(skipped)
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion replay`."""
+    parser = subparsers.add_parser("replay", help="run a recorded flight through the pipeline")
+    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth and attitude (companion import)")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with prisms")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="use this configuration, not the log's")
+    parser.add_argument("--check", action="store_true", help="compare with the prisms in the log")
+    parser.add_argument(
+        "--tolerance", type=_tolerance, default=0.0, metavar="X", help="for --check on another kind of processor"
+    )
+    parser.add_argument("--no-depth", action="store_true", help="leave the depth images out of OUT.mcap")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _tolerance(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError("expected 0..1")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the command; 1 when the input was damaged, frames were dropped or the check failed."""
+    options = Options(
+        output=args.output,
+        config=args.config,
+        check=args.check,
+        tolerance=args.tolerance,
+        depth=not args.no_depth,
+    )
+    with progress("replay") as on_progress:
+        result = replay(args.input, options, on_progress)
+    problems = problems_of(result)
+    if args.json:
+        say_json(report(result, args.input, args.output, problems))
+    else:
+        say_report(result, args.output)
+    for problem in problems:
+        fail(problem)
+    return 1 if problems else 0

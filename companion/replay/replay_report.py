@@ -1,0 +1,163 @@
+"""What a replay found, for people and machines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..console import say
+from ..pipeline.pipeline import UNSEEN, FrameDecision
+from ..pipeline.sync import DropCause
+from ..self_check.exposure_offset import ExposureOffset, warning_text
+from .compare import Comparison, Key
+from .summary import Tally
+
+_LISTED = 5
+
+
+@dataclass(slots=True)
+class Replay:
+    """What a replay found. damage: what was wrong with the input, None when it was whole. obstacle_range_m: by camera, the
+    range up to which obstacles are found with the noise of its last frame."""
+
+    tally: Tally
+    odd_samples: dict[str, int]
+    cameras: tuple[str, ...]
+    comparison: Comparison | None = None
+    damage: str | None = None
+    exposure_offsets: tuple[ExposureOffset, ...] = ()
+    configured_offsets_ms: dict[str, float] = field(default_factory=dict)
+    obstacle_range_m: dict[str, float] = field(default_factory=dict)
+
+
+def problems_of(result: Replay) -> list[str]:
+    """What keeps the command from success, in words with a remedy."""
+    problems = [result.damage] if result.damage else []
+    if result.tally.first_dropped is not None and not _as_in_flight(result.comparison):
+        problems.append(_drop_problem(result.tally, result.tally.first_dropped))
+    elif result.tally.frames == 0 and not result.damage:
+        problems.append("no depth image in the input: nothing was computed")
+    if result.comparison is not None and not result.comparison.passed:
+        problems.append(_check_problem(result.comparison))
+    return problems
+
+
+def _as_in_flight(comparison: Comparison | None) -> bool:
+    """Whether the log holds the same, frame by frame, as far as it goes: what was dropped then is dropped again, and is no
+    news."""
+    return comparison is not None and comparison.passed and not comparison.gaps
+
+
+def _drop_problem(tally: Tally, first: FrameDecision) -> str:
+    causes = ", ".join(f"{n} x {cause}" for cause, n in sorted(tally.dropped.items()))
+    passed_over = sum(tally.dropped[str(cause)] for cause in UNSEEN)
+    wrong_size = tally.dropped[str(DropCause.WRONG_SIZE)]
+    blind = tally.dropped.total() - passed_over
+    remedies = []
+    if blind > wrong_size:
+        remedies.append("Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]")
+    if wrong_size:
+        remedies.append("Give the camera the description of its image size")
+    if passed_over:
+        remedies.append(f"{passed_over} came twice or out of order and are passed over: look at the camera's stamps")
+    return (
+        f"{tally.dropped.total()} of {tally.frames} frames were dropped and {blind} of them are published as blind "
+        f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
+        + ". ".join(remedies)
+    )
+
+
+def _check_problem(comparison: Comparison) -> str:
+    if comparison.compared == 0:
+        return (
+            "check: nothing to compare: no frame has both a depth image and prisms in the input; "
+            "check a log written by `companion replay -o` with its depth images"
+        )
+    return f"check: {comparison.different} of {comparison.compared} frames differ; first: {comparison.first}"
+
+
+def report(result: Replay, path: Path, output: Path | None, problems: list[str]) -> dict[str, Any]:
+    """The object of `--json`."""
+    comparison = result.comparison
+    check = None
+    if comparison is not None:
+        check = {
+            "passed": comparison.passed,
+            "compared": comparison.compared,
+            "different": comparison.different,
+            "first_difference": str(comparison.first) if comparison.first else None,
+            "missing_from_log": [_named(key) for key in comparison.only_computed],
+            "without_depth": [_named(key) for key in comparison.only_logged],
+        }
+    return {
+        "input": str(path),
+        "output": str(output) if output else None,
+        "cameras": list(result.cameras),
+        **result.tally.as_json(),
+        "obstacle_range_m": result.obstacle_range_m,
+        "odd_samples": result.odd_samples,
+        "exposure_offsets": [_offset_json(offset, result) for offset in result.exposure_offsets],
+        "check": check,
+        "problems": problems,
+    }
+
+
+def _offset_json(offset: ExposureOffset, result: Replay) -> dict[str, Any]:
+    """offset_ms and sigma_ms are null unless measured."""
+    measured = offset.offset_s is not None and offset.sigma_s is not None
+    return {
+        "camera": offset.camera,
+        "state": str(offset.state),
+        "offset_ms": 1000.0 * offset.offset_s if measured and offset.offset_s is not None else None,
+        "sigma_ms": 1000.0 * offset.sigma_s if measured and offset.sigma_s is not None else None,
+        "pairs": offset.pairs,
+        "warning": _offset_warning(offset, result),
+    }
+
+
+def _offset_warning(offset: ExposureOffset, result: Replay) -> str:
+    return warning_text(offset, result.configured_offsets_ms.get(offset.camera, 0.0))
+
+
+def _named(key: Key) -> dict[str, Any]:
+    return {"camera": key[0], "sequence": key[1], "t_exposure_ns": key[2]}
+
+
+def say_report(result: Replay, output: Path | None) -> None:
+    """The summary for people."""
+    t = result.tally
+    say(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
+    attitude = ", ".join(f"{n} {how}" for how, n in sorted(t.attitude.items())) or "none"
+    say(f"attitude at exposure: {attitude}")
+    if t.valid:
+        mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms a frame on average"
+        say(f"{t.valid} frames say something: {mean}; ground seen in {t.ground_seen}")
+    for camera, ke in sorted(t.ke_per_m.items()):
+        say(
+            f"{camera}: obstacles are found up to {result.obstacle_range_m[camera]:.1f} m, with the last noise ke {ke:.4f}/m"
+        )
+    for cause, n in sorted(t.blind.items()):
+        say(f"{n} frames say nothing: {cause}")
+    for cause, n in sorted(t.dropped.items()):
+        say(f"{n} frames dropped: {cause}")
+    for offset in result.exposure_offsets:
+        warning = _offset_warning(offset, result)
+        say(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
+    for odd, n in result.odd_samples.items():
+        say(f"{n} {odd.replace('_', ' ', 1).replace('_', ' ')}")
+    if result.comparison is not None:
+        _say_check(result.comparison)
+    if output is not None:
+        say(f"written: {output}")
+
+
+def _say_check(comparison: Comparison) -> None:
+    verdict = "equal" if comparison.passed else "NOT equal"
+    how = "bit by bit" if comparison.tolerance == 0.0 else f"within {comparison.tolerance:g}"
+    say(f"check: {comparison.compared} frames compared {how}: {verdict}")
+    for keys, what in ((comparison.only_computed, "missing from the log"), (comparison.only_logged, "without depth")):
+        if keys:
+            some = ", ".join(f"{camera} {sequence}" for camera, sequence, _ in keys[:_LISTED])
+            more = ", ..." if len(keys) > _LISTED else ""
+            say(f"check: {len(keys)} frames not comparable, {what}: {some}{more}")

@@ -1,0 +1,74 @@
+"""What came out of a pipeline, counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from core.types import DepthFrame
+from drivers.base import Event
+
+from ..pipeline.pipeline import FrameDecision, Output
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came out, counted."""
+
+    frames: int = 0
+    samples: int = 0
+    valid: int = 0
+    planes: int = 0
+    prisms: int = 0
+    ground_seen: int = 0
+    blind: Counter[str] = field(default_factory=Counter)
+    dropped: Counter[str] = field(default_factory=Counter)
+    attitude: Counter[str] = field(default_factory=Counter)
+    frames_in: Counter[str] = field(default_factory=Counter)
+    first_dropped: FrameDecision | None = None
+    ke_per_m: dict[str, float] = field(default_factory=dict)
+    """Noise used in the last valid frame of each camera."""
+
+    def event(self, event: Event) -> None:
+        """Counts what went in."""
+        if isinstance(event, DepthFrame):
+            self.frames += 1
+        else:
+            self.samples += 1
+
+    def output(self, output: Output) -> None:
+        """Counts what came out."""
+        if isinstance(output, FrameDecision):
+            if output.used:
+                self.attitude[output.attitude.name.lower()] += 1
+            else:
+                self.dropped[str(output.cause)] += 1
+                self.first_dropped = self.first_dropped or output
+            return
+        self.frames_in[output.frame] += 1
+        if output.model is None:
+            return
+        if not output.valid:
+            self.blind[output.cause_text] += 1
+            return
+        self.valid += 1
+        self.ke_per_m[output.camera] = output.model.ke_per_m
+        self.planes += len(output.model.planes)
+        self.prisms += len(output.model.prisms)
+        self.ground_seen += output.model.ground.seen
+
+    def as_json(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {
+            "frames": self.frames,
+            "samples": self.samples,
+            "valid": self.valid,
+            "says_nothing": dict(sorted(self.blind.items())),
+            "dropped": dict(sorted(self.dropped.items())),
+            "attitude": dict(sorted(self.attitude.items())),
+            "published_in": dict(sorted(self.frames_in.items())),
+            "planes": self.planes,
+            "prisms": self.prisms,
+            "ground_seen": self.ground_seen,
+        }

@@ -1,0 +1,231 @@
+"""The offset between a camera's exposure stamps and the attitude, measured while the vehicle turns.
+
+The rotation between two depth images (core/self_check/depth_registration.py) is compared with the rotation of the attitude between
+their stamps, shifted by each of a range of lags (exposure_fit.py). Only diagnostics depend on the result: no frame's
+model does. The same events in the same order give the same estimates, in a live run and in a replay.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_frd_optical, rotation_from_quaternion
+from core.self_check.depth_registration import InverseDepthGrid, inverse_depth_grid, rotation_between
+from core.types import AttitudeSample, CameraInfo, DepthFrame
+from drivers.base import Event
+
+from ..cameras.masks import Mask, without
+from .exposure_fit import LAGS_S, LagFit, fit_lag
+from .exposure_offset import ExposureOffset, OffsetState
+
+NS = 1_000_000_000
+SURE_S = 0.0015
+"""Standard deviation above which nothing is reported."""
+LEAST_EXPLAINED = 0.8
+"""Share of the images' rotation that the attitude must explain: less means another cause than a lag."""
+LEAST_PAIRS, MOST_PAIRS, EVERY_PAIRS = 48, 180, 12
+"""Pairs for a report, pairs kept (about 25 s of motion), and pairs between two fits."""
+GUESS_PAIRS, GUESS_S = 24, 0.004
+"""Pairs for a first estimate, and how far the lag that the registration begins with may be from the estimate."""
+PAIR_NS, PAIR_MOST_NS = 110_000_000, 300_000_000
+"""Between the two images of a pair: more rotation for the same noise, and less work a second; at most so much that both
+show much of the same."""
+HELD_NS, GAP_NS = 3 * NS, 150_000_000
+"""Attitudes held, and the widest gap between two that is interpolated across."""
+LEAST_SPREAD_RAD = 1e-3
+"""Pairs whose rotation changes less than this over all lags say nothing about the lag, and are not registered."""
+LAGS_NS = np.round(LAGS_S * NS).astype(np.int64)
+ZERO_LAG = int(np.argmin(np.abs(LAGS_NS)))
+
+
+class ExposureOffsetMonitor:
+    """Of all cameras. `event` with everything that the pipeline handles, in the same order."""
+
+    def __init__(self, mask: Callable[[CameraInfo], Mask | None] = lambda info: None) -> None:
+        """mask: pixels that show the vehicle itself; they would say that nothing turns."""
+        self._mask = mask
+        self._cameras: dict[str, _Camera] = {}
+        self._attitudes = _Attitudes()
+
+    def announce(self, info: CameraInfo) -> None:
+        """A camera that was opened. One that is described otherwise than before begins anew."""
+        known = self._cameras.get(info.camera)
+        if known is None or known.info != info:
+            self._cameras[info.camera] = _Camera(info, self._mask(info))
+
+    def event(self, event: Event) -> None:
+        """An attitude or a frame; positions, and frames of unknown cameras, are not used."""
+        if isinstance(event, AttitudeSample):
+            if not self._attitudes.add(event):
+                for name, camera in self._cameras.items():
+                    self._cameras[name] = _Camera(camera.info, camera.mask)
+        elif isinstance(event, DepthFrame) and event.camera in self._cameras:
+            self._cameras[event.camera].frame(event, self._attitudes)
+
+    def offsets(self) -> tuple[ExposureOffset, ...]:
+        """The present estimates."""
+        return tuple(camera.offset for camera in self._cameras.values())
+
+
+class _Attitudes:
+    """The attitudes of the last seconds as arrays."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[int, tuple[float, float, float, float]]] = deque()
+        self._t_ns: NDArray[np.int64] = np.empty(0, np.int64)
+        self._q: NDArray[np.float64] = np.empty((0, 4))
+        self._stale = False
+
+    @property
+    def newest_ns(self) -> int | None:
+        return self._samples[-1][0] if self._samples else None
+
+    def add(self, sample: AttitudeSample) -> bool:
+        """Takes a sample in, unless it is late. False: the sender restarted, everything before is forgotten."""
+        newest = self.newest_ns
+        restarted = newest is not None and sample.t_ns < newest - NS
+        if restarted:
+            self._samples.clear()
+        elif newest is not None and sample.t_ns <= newest:
+            return True
+        q = sample.q_ned_frd_wxyz
+        if self._samples and sum(a * b for a, b in zip(q, self._samples[-1][1], strict=True)) < 0.0:
+            q = (-q[0], -q[1], -q[2], -q[3])  # the same rotation; neighbours are interpolated component by component
+        self._samples.append((sample.t_ns, q))
+        while self._samples[0][0] < sample.t_ns - HELD_NS:
+            self._samples.popleft()
+        self._stale = True
+        return not restarted
+
+    def at(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
+        """Quaternions (T, 4), not normalised, at increasing instants (T,); None where they are not all between samples
+        near each other."""
+        if self._stale:
+            self._t_ns = np.array([t for t, _ in self._samples], np.int64)
+            self._q = np.array([q for _, q in self._samples])
+            self._stale = False
+        if len(self._t_ns) < 2 or t_ns[0] < self._t_ns[0] or t_ns[-1] > self._t_ns[-1]:
+            return None
+        after = np.clip(np.searchsorted(self._t_ns, t_ns), 1, len(self._t_ns) - 1)
+        gaps = self._t_ns[after] - self._t_ns[after - 1]
+        if int(gaps.max()) > GAP_NS:
+            return None
+        share = ((t_ns - self._t_ns[after - 1]) / gaps)[:, None]
+        return np.asarray(self._q[after - 1] * (1.0 - share) + self._q[after] * share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Image:
+    """A reduced image, its stamp, and the camera's attitude at each lag (L, 3, 3), R_ned_optical."""
+
+    grid: InverseDepthGrid
+    t_ns: int
+    R_ned_optical: NDArray[np.float64] | None = None
+
+
+class _Camera:
+    """One camera: its images that wait for attitudes, and its pairs."""
+
+    def __init__(self, info: CameraInfo, mask: Mask | None) -> None:
+        self.info, self.mask = info, mask
+        self.offset = ExposureOffset(camera=info.camera, state=OffsetState.NO_ATTITUDE)
+        self._R_frd_optical = rotation_frd_optical(info.mount)
+        self._waiting: deque[_Image] = deque()
+        self._last: _Image | None = None
+        self._guess_s = 0.0
+        self._still = 0
+        self._fresh = 0
+        self._measured: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
+        self._sigma: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
+        self._predicted: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
+
+    def frame(self, frame: DepthFrame, attitudes: _Attitudes) -> None:
+        """Keeps the image where it is its turn; registers one pair for which all attitudes are there."""
+        k = self.info.intrinsics
+        newest = self._waiting[-1] if self._waiting else self._last
+        if newest is not None and frame.t_exposure_ns < newest.t_ns - NS:  # the camera restarted
+            self._waiting.clear()
+            self._last = newest = None
+        if frame.depth_mm.shape == (k.height, k.width) and (
+            newest is None or frame.t_exposure_ns - newest.t_ns >= PAIR_NS
+        ):
+            grid = inverse_depth_grid(without(frame.depth_mm, self.mask), self.info)
+            self._waiting.append(_Image(grid, frame.t_exposure_ns))
+        if self._waiting and attitudes.newest_ns is not None:
+            if attitudes.newest_ns > self._waiting[0].t_ns - int(LAGS_NS[0]):
+                self._take(self._waiting.popleft(), attitudes)
+            elif len(self._waiting) > 8:
+                self._waiting.popleft()
+
+    def _take(self, image: _Image, attitudes: _Attitudes) -> None:
+        before = self._last
+        self._last = None
+        q = attitudes.at((image.t_ns - LAGS_NS)[::-1])
+        if q is None:
+            return
+        turned = np.array([rotation_from_quaternion(tuple(row)) for row in q[::-1]]) @ self._R_frd_optical
+        image = self._last = _Image(image.grid, image.t_ns, turned)
+        if before is not None and before.R_ned_optical is not None and image.t_ns - before.t_ns <= PAIR_MOST_NS:
+            self._pair(before, image, before.R_ned_optical, turned)
+
+    def _pair(self, a: _Image, b: _Image, R_a: NDArray[np.float64], R_b: NDArray[np.float64]) -> None:
+        R_b_a = R_b.transpose(0, 2, 1) @ R_a
+        predicted = _rotation_vectors(R_b_a)
+        if float(np.max(np.ptp(predicted, axis=0))) < LEAST_SPREAD_RAD:
+            self._still += 1
+            if self.offset.state is OffsetState.NO_ATTITUDE:
+                self.offset = ExposureOffset(camera=self.info.camera, state=OffsetState.NO_MOTION)
+            return
+        if np.array_equal(a.grid.fine, b.grid.fine, equal_nan=True):
+            return  # a frozen image
+        guess = int(np.argmin(np.abs(LAGS_S - self._guess_s)))
+        found = rotation_between(a.grid, b.grid, np.ascontiguousarray(R_b_a[guess]))
+        if found is None:
+            return
+        self._measured.append(found[0])
+        self._sigma.append(found[1])
+        self._predicted.append(predicted)
+        self._fresh += 1
+        if self.offset.state in (OffsetState.NO_ATTITUDE, OffsetState.NO_MOTION):
+            self._tell(OffsetState.COLLECTING)
+        if self._fresh >= EVERY_PAIRS and len(self._measured) >= GUESS_PAIRS:
+            self._fresh = 0
+            self._fit()
+
+    def _fit(self) -> None:
+        fit = fit_lag(np.array(self._measured), np.array(self._sigma), np.array(self._predicted))
+        away_s = abs(fit.lag_s - float(LAGS_S[np.argmin(np.abs(LAGS_S - self._guess_s))]))
+        # a registration that begins far from the truth ends a little towards its beginning: it begins anew from here
+        if fit.inside and abs(fit.lag_s - self._guess_s) > max(GUESS_S, 3.0 * fit.sigma_s) and away_s > 0.006:
+            self._guess_s = fit.lag_s
+            for kept in (self._measured, self._sigma, self._predicted):
+                kept.clear()
+            self._tell(OffsetState.COLLECTING)
+            return
+        if len(self._measured) < LEAST_PAIRS:
+            self._tell(OffsetState.COLLECTING)
+        elif fit.inside and fit.sigma_s <= SURE_S and fit.explained >= LEAST_EXPLAINED and away_s < 0.012:
+            self._tell(OffsetState.MEASURED, fit)
+        else:
+            self._tell(OffsetState.UNCERTAIN)
+
+    def _tell(self, state: OffsetState, fit: LagFit | None = None) -> None:
+        self.offset = ExposureOffset(
+            camera=self.info.camera,
+            state=state,
+            offset_s=None if fit is None else fit.lag_s,
+            sigma_s=None if fit is None else fit.sigma_s,
+            pairs=len(self._measured),
+        )
+
+
+def _rotation_vectors(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(L, 3) rotation vectors of rotations (L, 3, 3) of less than a quarter turn."""
+    axis = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine = np.sqrt(np.sum(axis**2, axis=1, keepdims=True))
+    return np.asarray(axis * np.where(sine > 1e-9, np.arcsin(np.minimum(sine, 1.0)) / np.maximum(sine, 1e-9), 1.0))

@@ -1,0 +1,78 @@
+"""What the frames say about the mounts and the ground of all cameras, for the health report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from core.self_check.mount_check import MountState
+from core.types import CameraInfo
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..pipeline.mount_messages import mount_health, mount_trouble
+from ..pipeline.pipeline import PrismsResult
+
+AT_LIMIT = 0.98
+"""Share of the steepest slope that ground may have at which the fit of the ground is taken to be held by that limit."""
+LEAST_MEASURED = 0.5
+"""Share of the pixels that must be measured for a ground that is not found to be reported as lost."""
+SLOPE_LIMIT_CODE, GROUND_LOST_CODE = "ground_slope_limit", "ground_lost"
+
+
+@dataclass(slots=True)
+class _Newest:
+    state: MountState
+    slope: float
+    lost: bool
+
+
+class MountWatch:
+    """Keeps the newest state of each camera's mount. max_slope: the steepest that ground may be, m/m ([extractor])."""
+
+    def __init__(self, max_slope: float) -> None:
+        self._max_slope = max_slope
+        self._newest: dict[str, _Newest] = {}
+
+    def result(self, result: PrismsResult) -> None:
+        """Takes a frame's result; a dropped one says nothing."""
+        if result.mount is None or result.model is None:
+            return
+        ground, stats = result.model.ground, result.model.stats
+        slope = math.hypot(ground.slope_x, ground.slope_y) if ground.seen else 0.0
+        lost = result.mount.ground and not ground.seen and stats.measured_share >= LEAST_MEASURED
+        self._newest[result.camera] = _Newest(result.mount, slope, lost)
+
+    def health(self, camera: str, info: CameraInfo | None) -> pb.MountHealth | None:
+        """Of one camera; None: nothing was measured, or its description is not known."""
+        newest = self._newest.get(camera)
+        if newest is None or info is None or newest.state.t_ns is None:
+            return None
+        return mount_health(newest.state, info.mount)
+
+    def troubles(self, infos: Iterable[tuple[str, CameraInfo | None]]) -> list[str]:
+        """What is wrong with mounts and ground, in words, each with its code."""
+        said: list[str] = []
+        for camera, info in infos:
+            health = self.health(camera, info)
+            if health is not None and (trouble := mount_trouble(camera, health)):
+                said.append(trouble)
+            said += self._ground_troubles(camera)
+        return said
+
+    def _ground_troubles(self, camera: str) -> list[str]:
+        newest = self._newest.get(camera)
+        if newest is None:
+            return []
+        if newest.slope >= AT_LIMIT * self._max_slope > 0.0:
+            return [
+                f"camera {camera}: {SLOPE_LIMIT_CODE}: the slope of the ground is at its limit ({100 * self._max_slope:.0f} %): "
+                "steep terrain, or a wrong mount"
+            ]
+        if newest.lost:
+            slope_deg = math.degrees(newest.state.slope_rad)
+            return [
+                f"camera {camera}: {GROUND_LOST_CODE}: no ground is found though most pixels are measured; the lowest large "
+                f"surface is inclined by {slope_deg:.1f} deg: steep terrain, or a wrong mount"
+            ]
+        return []

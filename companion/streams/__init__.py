@@ -1,0 +1,1 @@
+"""ZeroMQ streams: publishers, keys, receive times and the fast message encoder."""

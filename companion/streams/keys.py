@@ -1,0 +1,63 @@
+"""`companion keys`: keys for streams that leave this machine, and of MAVLink 2 signatures."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import sys
+from pathlib import Path
+from typing import Any
+
+from drivers.mavlink.signing_key import make_key
+
+from ..console import say, say_json
+from .curve_auth import make_keys
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion keys`."""
+    parser = subparsers.add_parser("keys", help="make keys for streams that leave this machine, and of signatures")
+    parser.add_argument(
+        "folder", type=Path, nargs="?", metavar="FOLDER", help="of the keys, such as /etc/osape-companion/keys"
+    )
+    parser.add_argument("--client", default="planner", metavar="NAME", help="who is to listen (planner)")
+    parser.add_argument("--signing", type=Path, metavar="FILE", help="instead: a key of MAVLink 2 signatures")
+    parser.add_argument(
+        "--passphrase", action="store_true", help="made of a passphrase, asked for, as ground stations make theirs"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Makes the server's keys, where there are none, and those of a client. Raises ValueError and OSError."""
+    if args.signing is not None:
+        return _signing(args)
+    if args.folder is None:
+        raise ValueError("give the FOLDER of the keys, or --signing FILE")
+    written = make_keys(args.folder, args.client)
+    if args.json:
+        say_json({"written": [str(f) for f in written]})
+        return 0
+    for file in written:
+        say(f"{file} (mode {file.stat().st_mode & 0o777:o})")
+    say(
+        f"give {written[-1].name} and server.public to the client, over a way that nobody else reads; delete {written[-1]} here"
+    )
+    say(f'in the configuration: [publish] keys = "{args.folder}"')
+    return 0
+
+
+def _signing(args: argparse.Namespace) -> int:
+    phrase = ""
+    if args.passphrase:
+        phrase = getpass.getpass("passphrase: ") if sys.stdin.isatty() else sys.stdin.readline().rstrip("\n")
+        if not phrase:
+            raise ValueError("no passphrase was given; type one, or leave --passphrase out for a random key")
+    make_key(args.signing, phrase)
+    if args.json:
+        say_json({"written": [str(args.signing)]})
+        return 0
+    say(f"{args.signing} (mode 600); the user who runs the service must own it")
+    say(f'in the configuration: [autopilot] signing_key = "{args.signing.absolute()}"')
+    say("the autopilot needs the same key: docs/autopilot.md tells how it gets it")
+    return 0

@@ -1,0 +1,1 @@
+"""Pictures and pages drawn from a log or from the running service."""

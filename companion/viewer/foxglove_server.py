@@ -1,0 +1,150 @@
+"""What the service says, for Foxglove's own viewer: a WebSocket with the topics and schemas of a log (extra `foxglove`).
+
+Drawings vanish in the viewer a second after the last one; who is blind, and why, is a message of its own (`/said`),
+repeated each second, since no viewer shows by itself that nothing comes any more."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.message import Message
+
+from core.types import CameraInfo, DepthFrame
+from drivers.base import DeviceNotFound
+from drivers.logs.codec import depth_message, stamp
+from drivers.logs.topics import ENCODING, TOPICS
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..log.foxglove_scene import scene_message, transform_messages
+from ..log.log_writer import schema_bytes
+from ..pipeline.encode import prisms_from_message
+from ..pipeline.pipeline import PrismsResult
+from ..pipeline.sync import DropCause
+from .live_page import camera_words
+from .subscriber import NS, WATCHED_S, Feed
+
+SAID = "/said"
+AGAIN_NS = NS
+
+
+class FoxgloveServer:
+    """`open`, then `tick` again and again. Raises DeviceNotFound from `open` where the extra is not installed or the port
+    cannot be had."""
+
+    def __init__(self, feed: Feed, host: str, port: int) -> None:
+        self._feed, self._host, self.port = feed, host, port
+        self._sdk: Any = None
+        self._context: Any = None
+        self._server: Any = None
+        self._channels: dict[str, Any] = {}
+        self._told: dict[str, tuple[str | None, int]] = {}
+
+    def open(self) -> None:
+        """Starts to answer; the feed's messages are handed on from then."""
+        try:
+            self._sdk = importlib.import_module("foxglove")
+        except ImportError as error:
+            raise DeviceNotFound(
+                "the Foxglove server needs foxglove-sdk: pip install 'osape-companion[foxglove]'"
+            ) from error
+        self._context = self._sdk.Context()
+        try:
+            self._server = self._sdk.start_server(
+                name="osape-companion", host=self._host, port=self.port, context=self._context
+            )
+        except RuntimeError as error:
+            raise DeviceNotFound(
+                f"the Foxglove server: port {self.port} on {self._host} cannot be had ({error}); choose another"
+            ) from error
+        self.port = self._server.port
+        self._channel(TOPICS["health"].of(), pb.Health)
+        self._channel(SAID, Log)
+        self._feed.hear = self.hear
+
+    def close(self) -> None:
+        """May be called again."""
+        self._feed.hear = None
+        if self._server is not None:
+            self._server.stop()
+            self._server = None
+
+    def hear(self, message: Message, info: CameraInfo | None) -> None:
+        """Hands on what the feed heard, from its thread, as far as somebody listens. info: of the message's camera."""
+        if isinstance(message, pb.Health):
+            self._send(TOPICS["health"].of(), message, message.t_ns)
+        elif isinstance(message, pb.PrismsFrame):
+            self._prisms(message, info)
+        elif isinstance(message, pb.DepthPreview):
+            self._depth(message)
+
+    def _prisms(self, message: pb.PrismsFrame, info: CameraInfo | None) -> None:
+        t_ns, camera = message.t_exposure_ns, message.camera
+        self._send(TOPICS["prisms"].of(camera), message, t_ns)
+        scene, tf = TOPICS["scene"].of(camera), TOPICS["transform"].of()
+        wanted = [self._wants(scene, TOPICS["scene"].message), self._wants(tf, TOPICS["transform"].message)]
+        self._channel(TOPICS["depth"].of(camera), TOPICS["depth"].message)
+        if not any(wanted):
+            return
+        blind = PrismsResult(
+            camera=camera, sequence=message.sequence, t_exposure_ns=t_ns, t_arrival_ns=t_ns, frame=message.frame,
+            drop=DropCause.NONE, model=None,
+        )  # fmt: skip
+        try:
+            result = prisms_from_message(message) if message.valid else blind
+        except ValueError:
+            result = blind
+        self._send(scene, scene_message(result), t_ns)
+        for transform in transform_messages(result, info) if info is not None else ():
+            self._send(tf, transform, t_ns)
+
+    def _depth(self, p: pb.DepthPreview) -> None:
+        if len(p.depth_mm) == 2 * p.width_px * p.height_px > 0:
+            depth_mm = np.frombuffer(p.depth_mm, "<u2").reshape(p.height_px, p.width_px)
+            frame = DepthFrame(
+                camera=p.camera, sequence=p.sequence, t_exposure_ns=p.t_exposure_ns, t_arrival_ns=p.t_exposure_ns,
+                depth_mm=depth_mm.astype(np.uint16),
+            )  # fmt: skip
+            self._send(TOPICS["depth"].of(p.camera), depth_message(frame), p.t_exposure_ns)
+
+    def tick(self) -> None:
+        """Says of each camera that it is blind, once a second, and that it sees, once."""
+        now_ns = time.monotonic_ns()
+        with self._feed.changed:
+            words = {name: self._words(name, now_ns) for name in self._feed.cameras}
+        heard = self._wants(SAID, Log)
+        for name, blind in words.items() if heard else ():
+            before, at_ns = self._told.get(name, (None, 0))
+            if blind == before and (not blind or now_ns - at_ns < AGAIN_NS):
+                continue
+            self._told[name] = blind, now_ns
+            text = f"{name} is BLIND: {blind}; nothing may be taken as free" if blind else f"{name} sees"
+            level = Log.FATAL if blind else Log.INFO
+            self._send(SAID, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
+        depth = [TOPICS["depth"].of(name) for name in words]
+        if any(topic in self._channels and self._channels[topic].has_sinks() for topic in depth):
+            self._feed.watch(WATCHED_S)
+
+    def _words(self, name: str, now_ns: int) -> str:
+        blind = camera_words(self._feed, name, None, "", now_ns)["blind"]
+        return str(blind)
+
+    def _wants(self, topic: str, kind: type[Message]) -> bool:
+        return bool(self._channel(topic, kind).has_sinks())
+
+    def _send(self, topic: str, message: Message, t_ns: int) -> None:
+        channel = self._channel(topic, type(message))
+        if channel.has_sinks():
+            channel.log(message.SerializeToString(), log_time=t_ns)
+
+    def _channel(self, topic: str, kind: type[Message]) -> Any:
+        """Made at its first use, and kept: a viewer is told of each."""
+        if topic not in self._channels:
+            schema = self._sdk.Schema(name=kind.DESCRIPTOR.full_name, encoding=ENCODING, data=schema_bytes(kind))
+            self._channels[topic] = self._sdk.Channel(
+                topic, schema=schema, message_encoding=ENCODING, context=self._context
+            )
+        return self._channels[topic]

@@ -1,0 +1,156 @@
+"""An answer for a page of `companion view --live`: what to draw, how old it is, who is blind and why, what is missing."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import OrderedDict
+from typing import Any
+
+import numpy as np
+
+from ..live.health import STATES
+from ..live.status import status_lines
+from ..pipeline.encode import prisms_from_message
+from ..streams.publisher import boot_id
+from .colors import depth_index, palette
+from .frame import ViewFrame
+from .log import view_frame
+from .page import camera_data, frame_data, live_page, packed_png
+from .subscriber import HEALTH_OLD_NS, NS, Feed, Shown
+
+HOLD_S = 0.2
+"""A page without news is answered after so long: it then knows that all is still well, or is not."""
+KEPT = 8
+
+
+class Newsroom:
+    """Answers pages. One for all of them: what one has had drawn is ready for the others."""
+
+    def __init__(self, feed: Feed, title: str) -> None:
+        self.feed, self._title = feed, title
+        self._name = f"{boot_id()}-{time.monotonic_ns()}"
+        self._ready: OrderedDict[int, dict[str, Any]] = OrderedDict()
+        self._drawing = threading.Lock()
+
+    def page(self) -> str:
+        """The page itself."""
+        return live_page(
+            {
+                "title": self._title, "note": "", "palette": palette().tobytes().hex(), "cameras": [], "frames": [],
+                "live": {"stale_s": self.feed.stale_s},
+            }
+        )  # fmt: skip
+
+    def answer(self, name: str, after: int, world: int = 0) -> bytes:
+        """JSON. name, after, world: of the newest answer that the page has had; "" and 0: none."""
+        began_ns = time.monotonic_ns()
+        after, world = (after, world) if name == self._name else (0, 0)
+        self.feed.wait(after, HOLD_S)
+        feed, frames = self.feed, []
+        with feed.changed:
+            shown = {name: c.shown for name, c in feed.cameras.items()}
+            number = feed.number
+        flaws = {}
+        for k, (name, s) in enumerate(shown.items()):
+            drawn = None if s is None else self._drawn(s)
+            if s is not None and drawn is not None and s.number > after:
+                frames.append(drawn | {"c": k})
+            flaws[name] = drawn["cause"] if s is not None and drawn is not None and s.message.valid else ""
+        now_ns = time.monotonic_ns()
+        with feed.changed:
+            cameras = [camera_words(feed, name, s, flaws[name], now_ns) for name, s in shown.items()]
+            service = service_words(feed, now_ns)
+        news = {
+            "name": self._name, "number": number, "held_ms": (now_ns - began_ns) / 1e6, "service": service,
+            "cameras": cameras, "frames": frames, "world": feed.world.told(world),
+        }  # fmt: skip
+        return json.dumps(news, separators=(",", ":"), allow_nan=False).encode()
+
+    def _drawn(self, shown: Shown) -> dict[str, Any]:
+        with self._drawing:
+            if shown.number not in self._ready:
+                self._ready[shown.number] = frame_of(shown, self.feed.begun_ns)
+                while len(self._ready) > KEPT:
+                    self._ready.popitem(last=False)
+            return self._ready[shown.number]
+
+
+def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
+    """A frame as the page draws it. One whose numbers do not fit together is blind."""
+    m = shown.message
+    cause = "" if m.valid else m.cause_text or "no cause given"
+    try:
+        frame = view_frame(prisms_from_message(m), shown.info, None) if m.valid else None
+    except ValueError as error:
+        frame, cause = None, f"its message does not fit together ({error})"
+    if frame is None:
+        frame = ViewFrame(info=shown.info, sequence=m.sequence, t_ns=m.t_exposure_ns, dropped=cause)
+    data = frame_data(frame, 0, frame.t_ns, 0)
+    data["t"] = (shown.exposed_ns - begun_ns) / NS
+    p = shown.preview
+    if p is not None and len(p.depth_mm) == 2 * p.width_px * p.height_px > 0:
+        depth_mm = np.frombuffer(p.depth_mm, "<u2").reshape(p.height_px, p.width_px)
+        data["depth"] = packed_png(depth_index(depth_mm, shown.info, frame.ke_per_m), 1)
+    return data
+
+
+def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: int) -> dict[str, Any]:
+    """How a camera is: blind says why; age_s: of its newest word's exposure; shown_s: of what the page draws of it. flaw:
+    why that cannot be drawn; empty: it can."""
+    camera = feed.cameras[name]
+    m = camera.newest
+    age_s = (now_ns - camera.exposed_ns) / NS
+    if m is None:
+        blind, age = silence(feed, now_ns) or "nothing has been heard of it yet", None
+    elif now_ns - camera.heard_ns > feed.stale_s * NS:
+        quiet_s = (now_ns - camera.heard_ns) / NS
+        blind, age = silence(feed, now_ns) or f"nothing has been heard of it for {quiet_s:.1f} s", age_s
+    elif not m.valid:
+        blind, age = m.cause_text or "no cause given", age_s
+    else:
+        blind, age = (f"its newest exposure is {age_s:.1f} s old" if age_s > feed.stale_s else ""), age_s
+    if not blind and flaw:
+        blind = flaw
+    if not blind and camera.info is None:
+        blind = "its description has not come yet (health report), so nothing can be drawn"
+    shown_s = None if shown is None else (now_ns - shown.exposed_ns) / NS
+    info = None if camera.info is None else camera_data(camera.info)
+    return {"name": name, "blind": blind, "age_s": age, "shown_s": shown_s, "info": info}
+
+
+def silence(feed: Feed, now_ns: int) -> str:
+    """That the service as a whole says nothing, in words; empty: it does."""
+    if not feed.alive:
+        return "companion view listens no more: start it again"
+    if feed.health is None:
+        return f"nothing has been heard from the service on {feed.streams.health}: does it run? (companion status)"
+    newest_ns = max([feed.health_ns, *(c.heard_ns for c in feed.cameras.values())])
+    quiet_s = (now_ns - newest_ns) / NS
+    if now_ns - newest_ns > feed.stale_s * NS and any(c.heard_ns for c in feed.cameras.values()):
+        return f"nothing has been heard from the service for {quiet_s:.1f} s: does it still run? (companion status)"
+    return ""
+
+
+def service_words(feed: Feed, now_ns: int) -> dict[str, Any]:
+    """The health report in words, and what this page lacks."""
+    h = feed.health
+    missing = []
+    if h is None or now_ns - feed.health_ns > HEALTH_OLD_NS:
+        age = "" if h is None else f" for {(now_ns - feed.health_ns) / NS:.0f} s"
+        missing.append(f"no health report on {feed.streams.health}{age}: does the service run?")
+    elif not feed.cameras:
+        missing.append("the service has no camera: add a [[camera]] to its configuration")
+    if not feed.streams.depth:
+        missing.append("no depth images: [publish] depth is empty")
+    elif feed.depth_missing(now_ns) and not missing:
+        missing.append(f"no depth images on {feed.streams.depth} ([publish] depth)")
+    if feed.foreign:
+        missing.append(f"not understood: {feed.foreign}")
+    return {
+        "state": "" if h is None else STATES.get(h.state, "unknown"),
+        "age_s": None if h is None else (now_ns - feed.health_ns) / NS,
+        "lines": [] if h is None else status_lines(h),
+        "missing": missing,
+    }

@@ -1,0 +1,205 @@
+"""`companion view --live`: a page that follows the service, for people's eyes.
+
+A process of its own, at the lowest priority, that listens as a planner does. It answers pages on this machine only unless
+it is asked for more; it can be looked at and not spoken to."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from socketserver import ThreadingTCPServer
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+from drivers.base import DeviceNotFound
+
+from ..config.loader import load_config
+from ..config.service import PublishConfig
+from ..console import fail, say, warn
+from ..paths import run_folder
+from .live_page import Newsroom
+from .subscriber import Feed, Streams
+
+if TYPE_CHECKING:
+    from .foxglove_server import FoxgloveServer
+
+LOOPBACK = "127.0.0.1"
+PAGES = 16
+"""Questions that may be under way at a time."""
+PATIENCE_S = 20.0
+"""With a browser that keeps a connection and says nothing."""
+POLL_S = 0.1
+NICE = 10
+TICK_S = 0.1
+
+
+class LiveServer:
+    """The pages. Raises DeviceNotFound from `open` where the port cannot be had."""
+
+    def __init__(self, room: Newsroom, host: str, port: int) -> None:
+        self._room, self.host, self.port = room, host, port
+        self._server: _Server | None = None
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Starts to answer, in threads."""
+        try:
+            self._server = _Server(self._room, self.host, self.port)
+        except OSError as error:
+            raise DeviceNotFound(
+                f"the page: port {self.port} on {self.host} cannot be had ({error.strerror}); choose another with --port"
+            ) from error
+        self.port = self._server.server_address[1]
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(POLL_S,), name="pages", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """May be called again."""
+        if self._server is not None and self._thread is not None:
+            self._server.shutdown()
+            self._thread.join(5.0)
+            self._server.server_close()
+            self._server = None
+
+
+def names_of(host: str) -> frozenset[str]:
+    """What a browser may call a server that listens on a host: on this machine its own names only, or any page of the
+    network could read it through a name that leads here; beyond it every name (empty)."""
+    return frozenset({LOOPBACK, "localhost", "[::1]"}) if is_loopback(host) else frozenset()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether nobody else reaches it."""
+    return host == "localhost" or host.startswith("127.")
+
+
+def answer(room: Newsroom, path: str) -> tuple[int, str, bytes]:
+    """(status, type, body) of one question."""
+    asked = urlsplit(path)
+    if asked.path == "/":
+        return 200, "text/html; charset=utf-8", room.page().encode()
+    if asked.path != "/news":
+        return 404, "text/plain", b"there is the page (/) and its news\n"
+    words = parse_qs(asked.query)
+    after, world = (words.get(key, ["0"])[0] for key in ("after", "world"))
+    if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in (after, world)):
+        return 400, "text/plain", b"after, world: numbers were expected\n"
+    return 200, "application/json", room.answer(words.get("name", [""])[0], int(after), int(world))
+
+
+class _Server(ThreadingTCPServer):
+    """Not http.server's own: that one asks the name service for our name before it listens."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, room: Newsroom, host: str, port: int) -> None:
+        self._room, self._names = room, names_of(host)
+        self._places = threading.BoundedSemaphore(PAGES)
+        super().__init__((host, port), _Handler)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that resets its connection is no fault; anything else shows its trace."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
+
+    def reply(self, host: str, path: str) -> tuple[int, str, bytes]:
+        """(status, type, body) of one question. host: what the browser calls us."""
+        if self._names and (host.rpartition(":")[0] or host) not in self._names:
+            return 403, "text/plain", b"this server answers to its own name only\n"
+        if not self._places.acquire(blocking=False):
+            return 503, "text/plain", b"too many pages are open\n"
+        try:
+            return answer(self._room, path)
+        finally:
+            self._places.release()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Questions of one connection."""
+
+    server: _Server
+    timeout = PATIENCE_S
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    server_version = "osape-companion"
+    sys_version = ""
+
+    def do_GET(self) -> None:
+        status, kind, body = self.server.reply(self.headers.get("Host", ""), self.path)
+        try:
+            self.send_response(status)
+            for name, value in {
+                "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
+                "X-Content-Type-Options": "nosniff", "X-Frame-Options": "DENY",
+            }.items():  # fmt: skip
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(body)
+        except (BrokenPipeError, ConnectionResetError, TimeoutError):
+            self.close_connection = True  # the page was closed
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Each question would be a line."""
+
+
+def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
+    """Where a service with this configuration publishes."""
+    names = ("prisms", "health", "depth", "world", "world_requests")
+    run = str(run_folder())
+    return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
+
+
+def _foxglove(feed: Feed, args: argparse.Namespace) -> FoxgloveServer:
+    from .foxglove_server import FoxgloveServer  # an extra: only where it is asked for
+
+    return FoxgloveServer(feed, args.listen, args.foxglove)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serves the page until it is stopped."""
+    usual = PublishConfig(world="ipc://{run}/world", world_requests="ipc://{run}/world-snapshot")
+    publish = usual if args.config is None else load_config(args.config).publish
+    if args.no_depth:
+        publish = replace(publish, depth="")
+    feed = Feed(streams_of(publish, args.keys))
+    server = LiveServer(Newsroom(feed, "Live"), args.listen, args.port)
+    foxglove = None if args.foxglove is None else _foxglove(feed, args)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    os.nice(NICE)  # nobody flies by this: the service goes first
+    try:
+        feed.open()
+        server.open()
+        if foxglove is not None:
+            foxglove.open()
+        if not is_loopback(args.listen):
+            warn(
+                f"whoever reaches port {server.port} of this machine sees what the cameras see and where the vehicle is, and "
+                "nothing on the way is encrypted; `ssh -L` is the safe way to look from elsewhere"
+            )
+        shown = LOOPBACK if args.listen == "0.0.0.0" else args.listen
+        say(f"the page is at http://{shown}:{server.port}/ until Ctrl-C")
+        if foxglove is not None:
+            say(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
+        sys.stdout.flush()
+        while not stop.wait(TICK_S):
+            if not feed.alive:
+                fail("what listened to the service has ended; its last words stand above. Start it again")
+                return 1
+            if foxglove is not None:
+                foxglove.tick()
+    finally:
+        if foxglove is not None:
+            foxglove.close()
+        server.close()
+        feed.close()
+    return 0

@@ -1,0 +1,79 @@
+"""The merged world for the page that follows the service: a planner's copy of it, kept in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from core.world.snapshot import WorldPicture
+
+from ..world_mirror import WorldMirror
+
+MOST = 3000
+"""Planes drawn, the nearest to the vehicle: a page redraws them all."""
+PERIOD_S = 0.5
+
+Place = Callable[[], tuple[float, float, float] | None]
+
+
+class LiveWorld:
+    """`told` may be asked from any thread. vehicle: where it is in ned, None: not known."""
+
+    def __init__(self, address: str, requests: str, keys: Path | None, vehicle: Place) -> None:
+        self._addresses, self._keys, self._vehicle = (address, requests), keys, vehicle
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="world", daemon=True)
+        self._told: dict[str, Any] = {"number": 0, "heard": False, "cause": "", "total": 0, "planes": []}
+
+    def open(self) -> None:
+        """Starts to listen, where there is an address; the world may come later."""
+        if all(self._addresses):
+            self._thread.start()
+
+    def close(self) -> None:
+        """May be called again."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+
+    def told(self, after: int) -> dict[str, Any]:
+        """number: of this; heard: whether a service tells of a world at all; cause: why it may not be used now, empty: it
+        may; total: planes in it; planes: those drawn, flat whole centimetres of ned, None where the page has them."""
+        told = self._told
+        return told | {"planes": None} if told["number"] == after else told
+
+    def _run(self) -> None:
+        with WorldMirror(*self._addresses, keys=self._keys) as mirror:
+            seen: tuple[Any, ...] = ()
+            while not self._stop.wait(PERIOD_S):
+                usable = mirror.update()
+                now = (usable, mirror.cause if not usable else "", mirror.counts.messages, mirror.section)
+                if now != seen and mirror.counts.messages:
+                    seen = now
+                    self._tell(mirror, usable)
+
+    def _tell(self, mirror: WorldMirror, usable: bool) -> None:
+        """A world that may not be used is not drawn either: nobody can tell from a picture how old it is."""
+        picture = mirror.space.picture if usable else WorldPicture.empty()
+        self._told = {
+            "number": self._told["number"] + 1, "heard": True, "cause": "" if usable else mirror.cause,
+            "total": len(picture.planes), "planes": nearest_cm(picture, self._vehicle()),
+        }  # fmt: skip
+
+
+def nearest_cm(picture: WorldPicture, vehicle_m: tuple[float, float, float] | None, most: int = MOST) -> list[int]:
+    """Planes a_x, a_y, b_x, b_y, top, bottom in whole centimetres of ned, flat: those whose middles are nearest to the
+    vehicle; without one the newest."""
+    planes = picture.planes.astype(np.float64)
+    if len(planes) > most:
+        if vehicle_m is None:
+            order = np.argsort(-picture.seen_ns, kind="stable")
+        else:
+            middle = 0.5 * (planes[:, 0:2] + planes[:, 2:4]) - np.array(vehicle_m[:2])
+            order = np.argsort(np.hypot(*middle.T), kind="stable")
+        planes = planes[order[:most]]
+    return [int(v) for v in np.rint(100.0 * planes).ravel()]

@@ -1,0 +1,144 @@
+"""The frames of a log for the viewer: depth, attitude, decision and prisms of each exposure put together."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_from_quaternion
+from core.types import CameraInfo, DepthFrame, ExtractorState
+from drivers.base import BadData, Event
+from drivers.logs.reader import LoggedMessage, McapRecording
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..pipeline.encode import prisms_from_message, state_from_message
+from ..pipeline.pipeline import PrismsResult
+from ..pipeline.transform import reframed
+from .frame import Standing, ViewFrame
+
+WAITING: Final = 30
+"""Depth images that may wait for their prisms; a live log writes both within a fraction of a second."""
+
+Key = tuple[str, int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoggedFrame:
+    """What a log holds of one exposure, put together but not yet unpacked. depth_mm, message: None where it has none.
+    state: what the extractor began the frame with, from which its strips can be found again."""
+
+    info: CameraInfo
+    sequence: int
+    t_ns: int
+    depth_mm: NDArray[np.uint16] | None
+    message: pb.PrismsFrame | None
+    state: ExtractorState
+
+    @property
+    def standing(self) -> Standing:
+        """As ViewFrame.standing, without unpacking."""
+        if self.message is None:
+            return Standing.NO_PRISMS
+        return Standing.VALID if self.message.valid else Standing.BLIND
+
+    @property
+    def plane_count(self) -> int:
+        """As the log says, without unpacking."""
+        return 0 if self.message is None else len(self.message.planes.margin_m)
+
+    def frame(self) -> ViewFrame:
+        """Unpacked. Raises ValueError for prisms that do not fit."""
+        if self.message is None:
+            return ViewFrame(info=self.info, sequence=self.sequence, t_ns=self.t_ns, depth_mm=self.depth_mm)
+        return view_frame(prisms_from_message(self.message), self.info, self.depth_mm)
+
+
+@dataclass(slots=True)
+class _Pass:
+    """What one pass over a log remembers."""
+
+    infos: dict[str, CameraInfo]
+    states: dict[str, ExtractorState]
+    waiting: OrderedDict[Key, NDArray[np.uint16]] = field(default_factory=OrderedDict)
+
+    def take(self, item: Event | LoggedMessage) -> Iterator[LoggedFrame]:
+        """The frames that are complete with this item."""
+        if isinstance(item, DepthFrame):
+            self.waiting[item.camera, item.sequence, item.t_exposure_ns] = item.depth_mm
+            if len(self.waiting) > WAITING:
+                yield self.alone(next(iter(self.waiting)))
+        elif isinstance(item, LoggedMessage):
+            if isinstance(item.message, pb.FrameDecision):
+                self.decision(item.message)
+            elif isinstance(item.message, pb.PrismsFrame) and item.message.camera in self.infos:
+                yield self.prisms(item.message)
+
+    def alone(self, key: Key) -> LoggedFrame:
+        """A depth image that nothing was extracted from."""
+        camera, sequence, t_ns = key
+        return LoggedFrame(self.infos[camera], sequence, t_ns, self.waiting.pop(key), None, ExtractorState())
+
+    def decision(self, message: pb.FrameDecision) -> None:
+        """A frame passed over because its exposure or a newer one had been handled is none of the flight's frames."""
+        if message.cause in (pb.CAUSE_DUPLICATE_FRAME, pb.CAUSE_LATE_FRAME):
+            self.waiting.pop((message.camera, message.sequence, message.t_exposure_ns), None)
+
+    def prisms(self, message: pb.PrismsFrame) -> LoggedFrame:
+        """A frame with what was extracted from it."""
+        camera, sequence, t_ns = key = message.camera, message.sequence, message.t_exposure_ns
+        before = self.states.get(camera, ExtractorState())
+        self.states[camera] = _after(message, before)
+        return LoggedFrame(self.infos[camera], sequence, t_ns, self.waiting.pop(key, None), message, before)
+
+
+def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint16] | None) -> ViewFrame:
+    """The viewer's frame of what the pipeline said of one exposure."""
+    model = result.model
+    if model is not None and result.transform is not None:
+        model = reframed(model, result.transform.inverse())
+    k = info.intrinsics
+    fits = depth_mm is not None and depth_mm.shape == (k.height, k.width)
+    return ViewFrame(
+        info=info,
+        sequence=result.sequence,
+        t_ns=result.t_exposure_ns,
+        depth_mm=depth_mm if fits else None,
+        R_ned_frd=None if result.attitude is None else rotation_from_quaternion(result.attitude.q_ned_frd_wxyz),
+        model=model,
+        dropped="" if model is not None else result.cause_text or "no cause given",
+        position_ned_m=None if result.pose is None else result.pose.position_ned_m,
+    )
+
+
+def _after(message: pb.PrismsFrame, before: ExtractorState) -> ExtractorState:
+    """The state the next frame begins with: a frame that says nothing hands on what it got."""
+    if not message.valid:
+        return before
+    height = message.ground.height_m if message.ground.seen else before.ground_height_m
+    return ExtractorState(height, message.ke_per_m)
+
+
+def read_frames(
+    source: McapRecording, on_progress: Callable[[float], None] = lambda share: None
+) -> Iterator[LoggedFrame]:
+    """The frames of a log in its order; each pass begins anew. Raises BadData at the end where the log is damaged or
+    holds what cannot be used, after all that was readable."""
+    state = state_from_message(source.snapshot) if source.snapshot is not None else None
+    states = {} if state is None else {name: camera.extractor for name, camera in state.cameras}
+    now = _Pass({info.camera: info for info in source.cameras}, states)
+    problem: BadData | None = None
+    try:
+        for item in source.events_with("decision", "prisms"):
+            on_progress(source.share_read)
+            yield from now.take(item)
+    except BadData as error:
+        problem = error
+    for key in tuple(now.waiting):
+        yield now.alone(key)
+    if problem is not None:
+        raise problem

@@ -1,0 +1,220 @@
+"""One self-contained page: the prisms in 3-D, stepped through time, with the depth image beside them.
+
+Everything lies in the one file (three.js too); the page asks nothing of the network and its own policy forbids it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import math
+import re
+from importlib import resources
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_from_euler
+from core.types import CameraInfo, FrameModel, FreeProfile, Prism
+
+from ..pipeline.transform import LevelTransform, reframed
+from .colors import depth_index, palette
+from .frame import Standing, ViewFrame
+
+DEPTH_BUDGET_BYTES: Final = 3_000_000
+"""What the depth images of a page may take together; many frames make each of them smaller."""
+DEPTH_WIDTHS_PX: Final = (320, 240, 200, 160, 120)
+_BYTES_PER_PX: Final = 0.5
+"""A noisy depth image of one byte a pixel, packed as PNG and then as text."""
+_PLACE: Final = re.compile(r"@@([\w.]+)@@")
+
+
+class PageBuilder:
+    """Collects frames and writes the page; holds small images only, never the full depth."""
+
+    def __init__(self, title: str, expected_frames: int) -> None:
+        self._title = title
+        self._cameras: dict[str, CameraInfo] = {}
+        self._frames: list[dict[str, Any]] = []
+        self._t_start_ns: int | None = None
+        self._width_px = depth_width_px(expected_frames)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def add(self, frame: ViewFrame) -> None:
+        """Takes one more frame."""
+        if self._t_start_ns is None:
+            self._t_start_ns = frame.t_ns
+        self._cameras.setdefault(frame.info.camera, frame.info)
+        camera = list(self._cameras).index(frame.info.camera)
+        self._frames.append(frame_data(frame, camera, self._t_start_ns, self._width_px))
+
+    def page(self, note: str = "") -> str:
+        """The page's text. note: what its reader should know of it, e.g. that it holds a part of the frames.
+
+        Raises ValueError without frames."""
+        if not self._frames:
+            raise ValueError("a page needs at least one frame")
+        data = {
+            "title": self._title,
+            "note": note,
+            "palette": palette().tobytes().hex(),
+            "cameras": [camera_data(info) for info in self._cameras.values()],
+            "frames": sorted(self._frames, key=lambda f: float(f["t"])),
+        }
+        return _fill(data, "")
+
+
+def live_page(data: dict[str, Any]) -> str:
+    """The page that asks its own server, and nobody else, for what is new."""
+    return _fill(data, "; connect-src 'self'")
+
+
+def _fill(data: dict[str, Any], policy: str) -> str:
+    """The template with each @@name@@ replaced by what was made, or by the file of that name."""
+    packed = gzip.compress(json.dumps(data, separators=(",", ":"), allow_nan=False).encode(), mtime=0)
+    made = {"data": base64.b64encode(packed).decode(), "policy": policy}
+    files = resources.files(__package__) / "static"
+
+    def put(match: re.Match[str]) -> str:
+        name = match.group(1)
+        text = made[name] if name in made else (files / name).read_text("utf-8")
+        if "</script" in text:
+            raise ValueError(f"viewer/{name} would end the script it is embedded in")
+        return text
+
+    return _PLACE.sub(put, (files / "template.html").read_text("utf-8"))
+
+
+def depth_width_px(frames: int) -> int:
+    """Width of the page's depth images so that all of them together keep to the budget."""
+    for width in DEPTH_WIDTHS_PX:
+        if frames * width * width * 0.75 * _BYTES_PER_PX <= DEPTH_BUDGET_BYTES:
+            return width
+    return DEPTH_WIDTHS_PX[-1]
+
+
+def small_index(
+    depth_mm: NDArray[np.uint16], info: CameraInfo, width_px: int, ke_per_m: float | None = None
+) -> NDArray[np.uint8]:
+    """(h, w) bytes of a depth image on the common scale, made smaller by picking pixels (depth is never blended)."""
+    height, width = depth_mm.shape
+    w = min(width_px, width)
+    h = max(1, round(height * w / width))
+    rows = ((np.arange(h) + 0.5) * height / h).astype(np.intp)
+    columns = ((np.arange(w) + 0.5) * width / w).astype(np.intp)
+    return depth_index(depth_mm[np.ix_(rows, columns)], info, ke_per_m)
+
+
+def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int) -> dict[str, Any]:
+    """One frame for the page, in `level`: lengths of the model in cm, angles in mrad, both whole numbers."""
+    yaw, t = frame.level_from_level_cam
+    R = frame.R_level_cam_optical
+    data: dict[str, Any] = {
+        "c": camera,
+        "sequence": frame.sequence,
+        "t": round((frame.t_ns - t_start_ns) / 1e9, 4),
+        "standing": frame.standing.name,
+        "cause": frame.cause,
+        "attitude": None if frame.attitude_deg is None else [round(a, 1) for a in frame.attitude_deg],
+        "heading": 0.0 if frame.attitude_deg is None else round(math.radians(frame.attitude_deg[2]), 5),
+        "pos": None if frame.position_ned_m is None else [round(p, 3) for p in frame.position_ned_m],
+        "cam": [round(float(v), 3) for v in t],
+        "R": None if R is None else np.round(rotation_from_euler(0.0, 0.0, yaw) @ R, 5).ravel().tolist(),
+        "depth": None,
+        "facts": facts(frame.model, frame.info.max_range_m),
+        **_nothing(),
+    }
+    if frame.depth_mm is not None:
+        data["depth"] = packed_png(small_index(frame.depth_mm, frame.info, depth_width, frame.ke_per_m), 9)
+    if frame.model is not None and frame.standing is Standing.VALID:
+        data.update(_model(reframed(frame.model, LevelTransform(yaw, (float(t[0]), float(t[1]), float(t[2]))))))
+    return data
+
+
+def packed_png(index: NDArray[np.uint8], level: int) -> str:
+    """A small depth image (h, w) of one byte a pixel as PNG in base64. level: 1 quick .. 9 small."""
+    packed = cv2.imencode(".png", index, [cv2.IMWRITE_PNG_COMPRESSION, level])
+    return base64.b64encode(packed[1].tobytes()).decode()
+
+
+def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]:
+    """What was found, as rows of a table."""
+    if model is None:
+        return []
+    s, g = model.stats, model.ground
+    ground = f"{g.height_m:.2f} m below the camera, {g.share:.0%} of what was measured" if g.seen else "none seen"
+    rows = [
+        (
+            "obstacles",
+            f"{len(model.planes)} planes, {s.clusters} clusters, {len(model.prisms)} prisms, {s.strips} strips",
+        ),
+        ("ground", ground),
+        ("pixels", f"measured {s.measured_share:.0%}, unknown {s.unknown_share:.0%}, far {s.far_share:.0%}"),
+        ("noise", f"sigma = {model.ke_per_m:.4f} Z² (metres)"),
+    ]
+    if g.blind_beyond_m < max_range_m:
+        rows.append(("low things", f"cannot be told from the ground beyond {g.blind_beyond_m:.1f} m"))
+    if s.overflow:
+        rows.append(("overflow", f"{s.overflow} strips or planes were merged into coarser ones"))
+    return rows
+
+
+def _nothing() -> dict[str, Any]:
+    """The model's part of a frame that says nothing."""
+    return {
+        "planes": [], "margin": [], "flags": [], "cluster": [], "support": [], "prisms": [], "free": None, "ground": None,
+        "groundMargin": None,
+    }  # fmt: skip
+
+
+def _model(model: FrameModel) -> dict[str, Any]:
+    g = model.ground
+    return {
+        "planes": _cm(model.planes),
+        "margin": _cm(model.margin_m),
+        "flags": model.flags.tolist(),
+        "cluster": model.cluster.tolist(),
+        "support": model.support_px.tolist(),
+        "prisms": [_prism(prism) for prism in model.prisms],
+        "free": _free(model.free),
+        "ground": [round(g.height_m, 3), round(g.slope_x, 5), round(g.slope_y, 5)] if g.seen else None,
+        "groundMargin": [round(g.tolerance_m, 3), round(g.noise_per_m, 5)] if g.seen else None,
+    }
+
+
+def _prism(prism: Prism) -> list[Any]:
+    """[cluster, top, bottom, closed, margin, [x, y, ...], [plane, ...]]."""
+    top, bottom, margin = (round(100 * v) for v in (prism.top_m, prism.bottom_m, prism.margin_m))
+    return [
+        prism.cluster, top, bottom, int(prism.closed), margin, _cm(prism.vertices_m), prism.plane.tolist(),
+    ]  # fmt: skip
+
+
+def _free(free: FreeProfile) -> dict[str, list[int]]:
+    """Direction by direction, layer by layer."""
+    return {
+        "azimuth": np.rint(1000.0 * free.azimuth_edges_rad.astype(np.float64)).astype(int).tolist(),
+        "layers": _cm(free.layer_edges_m),
+        "from": _cm(free.free_from_m),
+        "to": _cm(free.free_to_m),
+        "end": free.end.ravel().tolist(),
+    }
+
+
+def _cm(metres: NDArray[np.float32]) -> list[int]:
+    """Flat whole centimetres; what is not finite becomes 1 km, farther than any camera sees."""
+    finite = np.nan_to_num(metres.astype(np.float64), nan=0.0, posinf=1000.0, neginf=-1000.0)
+    return [int(v) for v in np.rint(100.0 * finite).ravel()]
+
+
+def camera_data(info: CameraInfo) -> dict[str, Any]:
+    """A camera as the page knows it."""
+    k = info.intrinsics
+    return {
+        "name": info.camera, "width": k.width, "height": k.height, "fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy,
+        "min_m": info.min_range_m, "max_m": info.max_range_m,
+    }  # fmt: skip

@@ -1,0 +1,83 @@
+"""What the three panels of a picture share."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import PlaneFlags
+
+from .colors import FAR_RGB, UNKNOWN_RGB, palette, range_index
+from .frame import Standing, ViewFrame
+from .geometry import nearest_m
+
+UNKNOWN_COLOR = tuple(c / 255 for c in UNKNOWN_RGB)
+FAR_COLOR = tuple(c / 255 for c in FAR_RGB)
+FREE_COLOR = "#c8e6c9"
+GROUND_COLOR = "#795548"
+RING_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+
+
+def nothing_to_draw(ax: Any, text: str, *, blind: bool = False) -> None:
+    """Fills an empty panel with a word instead of a picture."""
+    ax.set_facecolor("#f6d5d5" if blind else "#d9d9d9")
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.text(
+        0.5,
+        0.5,
+        wrapped(text),
+        transform=ax.transAxes,
+        ha="center",
+        va="center",
+        fontsize=13,
+        color="#b71c1c" if blind else "#404040",
+    )
+
+
+def wrapped(text: str, columns: int = 46) -> str:
+    """The text in lines that fit the narrowest panel."""
+    return "\n".join(line for part in text.splitlines() for line in textwrap.wrap(part, columns))
+
+
+def model_missing(frame: ViewFrame) -> str:
+    """Why there is no model to draw, in words; "" when there is one."""
+    if frame.standing is Standing.BLIND:
+        return f"BLIND: {frame.cause}\nnothing may be taken as free"
+    return "no prisms in this log:\nrun companion replay first" if frame.model is None else ""
+
+
+def plane_rgb(frame: ViewFrame, planes: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(N, 3) colours 0..1 of planes by the horizontal distance of their nearest point, on the common scale."""
+    return np.asarray(palette()[range_index(nearest_m(planes), frame.info)] / 255.0)
+
+
+def inferred(flags: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(N,) bool: part of the plane was never measured."""
+    return np.asarray((flags & np.uint8(PlaneFlags.INFERRED)) != 0)
+
+
+def far_to_near(planes: NDArray[np.float32]) -> NDArray[np.intp]:
+    """(N,) indices in the order in which to draw: what is near covers what is far."""
+    return np.argsort(-nearest_m(planes), kind="stable")
+
+
+def line_width(n: int, few: float) -> float:
+    """Width in points of the outlines of n planes: `few` for a handful, half as wide for a crowd."""
+    return few * min(1.0, max(0.5, 1.2 - 0.01 * n))
+
+
+def extent_m(frame: ViewFrame) -> float:
+    """How far forward the panels reach: what was found plus some air, never beyond the camera's range plus air."""
+    reach = [4.0]
+    if frame.model is not None and frame.model.valid:
+        planes = frame.model.planes
+        if len(planes):
+            reach.append(float(np.percentile(np.maximum(planes[:, 0], planes[:, 2]), 98)))
+        reach.append(min(2.0 * reach[-1], float(np.max(frame.model.free.free_to_m, initial=0.0))))
+    else:
+        reach.append(0.5 * frame.info.max_range_m)
+    return 1.08 * min(max(reach), frame.info.max_range_m)

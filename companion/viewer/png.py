@@ -1,0 +1,84 @@
+"""One picture per frame: header, depth image with what was found drawn over it, top view, side view.
+
+matplotlib belongs to the extra `view` and is imported when the first picture is drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .depth import draw_depth
+from .frame import Standing, ViewFrame, describe
+from .side import draw_side
+from .top import draw_top
+
+WIDTH_PX, HEIGHT_PX, DPI = 1600, 1000, 100
+BANNER_PX = 46
+"""Height of the coloured band along the top edge that tells the frame's standing."""
+BANNER_COLOR = {Standing.VALID: "#2e7d32", Standing.BLIND: "#c62828", Standing.NO_PRISMS: "#b26a00"}
+
+
+class ViewError(ValueError):
+    """The pictures cannot be made; the message names the cause and the remedy."""
+
+
+def new_figure() -> Any:
+    """An empty matplotlib figure, WIDTH_PX x HEIGHT_PX, without a window. Raises ViewError without matplotlib."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as e:
+        raise ViewError(
+            "pictures need matplotlib, which is not installed: pip install 'osape-companion[view]' "
+            "(the page alone does without it: --no-png)"
+        ) from e
+    figure = Figure(figsize=(WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
+    """Writes the picture of one frame, WIDTH_PX x HEIGHT_PX. Raises ViewError, OSError."""
+    figure = new_figure()
+    _header(figure, frame, t_start_ns)
+    image, scale = image_place(frame)
+    draw_depth(figure.add_axes(image), figure.add_axes(scale), frame)
+    draw_side(figure.add_axes((0.045, 0.118, 0.455, 0.215)), frame)
+    draw_top(figure.add_axes((0.555, 0.118, 0.435, 0.747)), frame)
+    figure.savefig(path, dpi=DPI, metadata={"Software": "osape-companion"})
+
+
+def image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """(left, bottom, width, height) of the image and of the scale beside it, as shares of the figure."""
+    k, left, top = frame.info.intrinsics, 0.015, 0.865
+    size_px = min(0.43 * WIDTH_PX / k.width, 0.45 * HEIGHT_PX / k.height)
+    width, height = k.width * size_px / WIDTH_PX, k.height * size_px / HEIGHT_PX
+    return (left, top - height, width, height), (left + width + 0.008, top - height, 0.012, height)
+
+
+def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
+    """The band and the two lines under it."""
+    from matplotlib.patches import Rectangle
+
+    standing, band = frame.standing, BANNER_PX / HEIGHT_PX
+    figure.patches.append(
+        Rectangle((0, 1 - band), 1, band, transform=figure.transFigure, facecolor=BANNER_COLOR[standing], zorder=-1)
+    )
+    says = {
+        Standing.VALID: "VALID",
+        Standing.BLIND: f"BLIND: {frame.cause}",
+        Standing.NO_PRISMS: "NO PRISMS IN THIS LOG: run companion replay first",
+    }[standing]
+    who, what = describe(frame, t_start_ns)
+    if standing is Standing.BLIND:
+        what = "Nothing may be taken as free in this frame."
+        if frame.model is not None:
+            what += f"   measured {frame.model.stats.measured_share:.0%} of the image"
+    figure.text(0.015, 1 - band / 2, shorten(says, 120), color="white", fontsize=17, weight="bold", va="center")
+    figure.text(0.015, 1 - band - 0.02, who, fontsize=12, weight="bold", va="center", color="#202020")
+    figure.text(0.015, 1 - band - 0.043, what, fontsize=11, va="center", color="#202020")
+
+
+def shorten(text: str, limit: int) -> str:
+    """`text` in at most `limit` characters."""
+    return text if len(text) <= limit else text[: limit - 1].rstrip() + "…"

@@ -1,0 +1,152 @@
+"""The side panel: forward distance against height above the camera, everything pushed onto one vertical sheet."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from core.types import FrameModel
+
+from .frame import Standing, ViewFrame
+from .geometry import elevation_ahead_rad, lowest_free_m
+from .panel import (
+    FREE_COLOR,
+    GROUND_COLOR,
+    UNKNOWN_COLOR,
+    extent_m,
+    far_to_near,
+    inferred,
+    model_missing,
+    nothing_to_draw,
+    plane_rgb,
+)
+
+CORRIDOR_M = 1.5
+"""Planes that come within this lateral distance stand straight ahead and are drawn full, the others faint."""
+
+
+def draw_side(ax: Any, frame: ViewFrame) -> None:
+    """Draws the panel."""
+    ax.set_title("From the side (what stands straight ahead is drawn full)", fontsize=12, loc="left")
+    missing = model_missing(frame)
+    if frame.model is None or missing:
+        nothing_to_draw(ax, missing, blind=frame.standing is Standing.BLIND)
+        return
+    forward = extent_m(frame)
+    low, high = _heights(frame.model)
+    ax.set_facecolor(tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR))
+    ax.set_xlim(-0.03 * forward, forward)
+    ax.set_ylim(low, high)
+    ax.set_xlabel("forward of the camera, m", fontsize=9)
+    ax.set_ylabel("above the camera, m", fontsize=9)
+    ax.tick_params(labelsize=8)
+    _free_ahead(ax, frame.model)
+    _ground(ax, frame.model, forward, low)
+    _planes(ax, frame)
+    _view_edges(ax, frame, forward)
+    ax.plot([0], [0], marker=">", markersize=10, color="black", zorder=8, clip_on=False)
+    _legend(ax, frame.model)
+
+
+def _heights(model: FrameModel) -> tuple[float, float]:
+    """(lowest, highest) height above the camera to show, metres."""
+    low, high = [-1.0], [1.5]
+    if len(model.planes):
+        low.append(-float(np.percentile(model.planes[:, 5], 98)))
+        high.append(-float(np.percentile(model.planes[:, 4], 2)))
+    if model.ground.seen:
+        low.append(-model.ground.height_m)
+    bottom, top = min(low), max(high)
+    air = 0.06 * (top - bottom)
+    return bottom - air, top + air
+
+
+def _free_ahead(ax: Any, model: FrameModel) -> None:
+    """Fills what was seen free straight ahead, layer by layer, above the ground."""
+    edges = model.free.azimuth_edges_rad
+    ahead = int(np.searchsorted(edges, 0.0, side="right")) - 1
+    if not 0 <= ahead < len(edges) - 1:
+        return
+    layers = model.free.layer_edges_m
+    for k in range(len(layers) - 1):
+        near, far = float(model.free.free_from_m[ahead, k]), float(model.free.free_to_m[ahead, k])
+        if far > near:
+            x, top = np.linspace(near, far, 50), float(layers[k])
+            bottom = np.minimum(float(layers[k + 1]), lowest_free_m(model.ground, x))
+            above = bottom > top  # of the ground
+            ax.fill_between(x, -top, -bottom, where=above, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5)
+
+
+def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:
+    """The ground's line with its slope, and from where on low things cannot be told from it."""
+    if not model.ground.seen:
+        ax.text(
+            0.985, 0.06, "no ground seen", transform=ax.transAxes, ha="right", fontsize=9, color=GROUND_COLOR, zorder=9
+        )
+        return
+    g = model.ground
+    x = np.array([0.0, forward])
+    height = -(g.height_m + g.slope_x * x)
+    ax.plot(x, height, color=GROUND_COLOR, linewidth=2.2, zorder=3)
+    ax.fill_between(x, height, low, color=GROUND_COLOR, alpha=0.18, zorder=2)
+    if g.blind_beyond_m < forward:
+        ax.axvline(g.blind_beyond_m, color=GROUND_COLOR, linewidth=1, linestyle=":", zorder=3)
+
+
+def _planes(ax: Any, frame: ViewFrame) -> None:
+    """Each plane as the rectangle it covers seen from the side; a wall across the view is a line."""
+    from matplotlib.patches import Rectangle
+
+    if frame.model is None:
+        return
+    p, colors = frame.model.planes.astype(np.float64), plane_rgb(frame, frame.model.planes) * 0.85
+    dashed = inferred(frame.model.flags)
+    for k in far_to_near(frame.model.planes):
+        ahead = min(p[k, 1], p[k, 3]) < CORRIDOR_M and max(p[k, 1], p[k, 3]) > -CORRIDOR_M
+        x0, x1 = sorted((p[k, 0], p[k, 2]))
+        ax.add_patch(
+            Rectangle(
+                (x0, -p[k, 5]), max(x1 - x0, 1e-3), p[k, 5] - p[k, 4],
+                facecolor=(*colors[k], 0.3 if ahead else 0.12),
+                edgecolor=(*colors[k], 1.0 if ahead else 0.75),
+                linewidth=2.4 if ahead else 1.0,
+                linestyle=(0, (3, 1.8)) if dashed[k] else "-",
+                zorder=5 if ahead else 4,
+            )
+        )  # fmt: skip
+
+
+def _view_edges(ax: Any, frame: ViewFrame, forward: float) -> None:
+    """Lowest and highest line of sight of the image's middle column."""
+    R = frame.R_level_cam_optical
+    if R is None:
+        return
+    for angle in elevation_ahead_rad(frame.info.intrinsics, R):
+        if abs(angle) < math.radians(89):
+            ax.plot(
+                [0, forward], [0, forward * math.tan(angle)], color="#1565c0", linewidth=1.0, linestyle="-.", zorder=3
+            )
+
+
+def _legend(ax: Any, model: FrameModel) -> None:
+    """One row under the panel."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    marks = [
+        (Patch(facecolor="#bdbdbd", edgecolor="#404040", linewidth=2), f"plane within {CORRIDOR_M:g} m left or right"),
+        (Patch(facecolor="#eeeeee", edgecolor="#9e9e9e"), "plane farther aside"),
+        (Patch(facecolor=FREE_COLOR, edgecolor="#a5d6a7"), "seen free straight ahead"),
+        (Line2D([], [], color="#1565c0", linewidth=1, linestyle="-."), "field of view"),
+    ]
+    if model.ground.seen:
+        marks.append((Line2D([], [], color=GROUND_COLOR, linewidth=2.2), "ground"))
+        if model.ground.blind_beyond_m < ax.get_xlim()[1]:
+            marks.append((Line2D([], [], color=GROUND_COLOR, linestyle=":"), "beyond: low things unknown"))
+    ax.legend(
+        *zip(*marks, strict=True),
+        loc="upper left", bbox_to_anchor=(-0.06, -0.17), ncols=3, fontsize=8.5, frameon=False,
+        handlelength=1.8, columnspacing=1.2, borderaxespad=0.2,
+    )  # fmt: skip

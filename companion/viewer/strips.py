@@ -1,0 +1,40 @@
+"""The strips of a logged frame. A log holds what strips became, not the strips: they are found again from the depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from core.extractor import Extractor
+from core.params import Params
+from core.types import ExtractorState, FrameModel
+
+from .frame import Standing, ViewFrame
+
+AGREE_M = 0.01
+"""The planes found again may differ from the logged ones by rounding and by the kind of processor, no more."""
+
+
+class StripFinder:
+    """Finds strips with the parameters of the log; keeps its buffers from frame to frame."""
+
+    def __init__(self, params: Params) -> None:
+        self._extractor = Extractor(replace(params, estimate_noise=False))
+
+    def with_strips(self, frame: ViewFrame, state: ExtractorState) -> ViewFrame:
+        """The frame with the strips behind its planes; unchanged where they cannot be found again: without depth, blind,
+        or when another version or configuration made the logged planes, so that the strips would not be theirs."""
+        R = frame.R_level_cam_optical
+        if frame.standing is not Standing.VALID or frame.depth_mm is None or frame.model is None or R is None:
+            return frame
+        # the noise used is in the log, what it was measured from is not
+        info = replace(frame.info, ke_per_m=frame.model.ke_per_m)
+        found, _ = self._extractor.extract(frame.depth_mm, info, R, state, keep_strips=True)
+        if found.strips is None or not _same(frame.model, found):
+            return frame
+        return replace(frame, model=replace(frame.model, strips=found.strips))
+
+
+def _same(logged: FrameModel, found: FrameModel) -> bool:
+    return logged.planes.shape == found.planes.shape and bool(np.all(np.abs(logged.planes - found.planes) < AGREE_M))

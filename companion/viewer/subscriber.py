@@ -1,0 +1,259 @@
+"""What `companion view --live` knows: the newest of each stream, how old it is, and what a page should draw of it.
+
+A page asks and is answered at once when there is something to draw, else after a moment with the ages alone. One answer
+is under way at a time, so a slow page gets fewer pictures, never old ones. The depth is listened to only while pages
+ask."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import zmq
+from google.protobuf.message import DecodeError, Message
+
+from core.types import CameraInfo
+from drivers.logs.codec import camera_from_message
+from drivers.proto import osape_v1_pb2 as pb
+
+from ..client import STALE_S
+from ..streams.curve_auth import use_client_keys
+from ..streams.receive_time import Ear, age_ns
+from .live_world import LiveWorld
+
+NS = 1_000_000_000
+POLL_S = 0.05
+PICTURE_NS = NS
+"""An older depth image is not shown beside anything."""
+PAIR_NS = round(STALE_S * NS)
+"""A frame is shown with its depth image unless the newest frame is so much newer."""
+PLAIN_NS = NS // 5
+"""Frames without depth images are shown so often."""
+WATCHED_S = 2.0
+"""After a page's last question the depth is listened to for so long."""
+HEALTH_OLD_NS = 3 * NS
+"""Health comes once a second: without it for so long the service is silent."""
+RECENT = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Streams:
+    """Addresses; an empty one is not listened to. keys: folder of a client's keys, for another machine."""
+
+    prisms: str
+    health: str
+    depth: str
+    world: str = ""
+    world_requests: str = ""
+    keys: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What a page draws of a camera. number: of this in the feed; exposed_ns: when, on our clock."""
+
+    number: int
+    info: CameraInfo
+    message: pb.PrismsFrame
+    preview: pb.DepthPreview | None
+    exposed_ns: int
+
+
+@dataclass(slots=True)
+class Camera:
+    """What was heard of one camera; instants on our clock."""
+
+    info: CameraInfo | None = None
+    newest: pb.PrismsFrame | None = None
+    exposed_ns: int = 0
+    heard_ns: int = 0
+    recent: OrderedDict[int, tuple[pb.PrismsFrame, int]] = field(default_factory=OrderedDict)
+    preview: pb.DepthPreview | None = None
+    preview_exposed_ns: int = 0
+    shown: Shown | None = None
+    key: tuple[Any, ...] = ()
+    shown_ns: int = 0
+
+
+class Feed:
+    """Listens in a thread of its own; may be asked from any. hear: called from it with each message and its camera."""
+
+    def __init__(self, streams: Streams, stale_s: float = STALE_S) -> None:
+        self.streams, self.stale_s = streams, stale_s
+        self.changed = threading.Condition()
+        self.cameras: dict[str, Camera] = {}
+        self.health: pb.Health | None = None
+        self.health_ns = 0
+        self.number = 0
+        self.foreign = ""
+        self.hear: Callable[[Message, CameraInfo | None], None] | None = None
+        self.begun_ns = time.monotonic_ns()
+        self._watched_ns = self._depth_since_ns = 0
+        self._stop = threading.Event()
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._ears: dict[zmq.Socket[bytes], tuple[Ear, type[Message]]] = {}
+        self._depth: zmq.Socket[bytes] | None = None
+        self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
+        self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
+
+    def open(self) -> None:
+        """Starts to listen; the service may come later. Raises DriverError for keys that cannot be used."""
+        kinds: dict[str, type[Message]] = {"prisms": pb.PrismsFrame, "health": pb.Health, "depth": pb.DepthPreview}
+        for name, kind in kinds.items():
+            address = getattr(self.streams, name)
+            if not address:
+                continue
+            socket = self._context.socket(zmq.SUB)
+            self._ears[socket] = Ear(socket), kind
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.setsockopt(zmq.RCVHWM, 20)
+            if self.streams.keys is not None:
+                use_client_keys(socket, self.streams.keys)
+            if name == "depth":
+                self._depth = socket
+            else:
+                socket.setsockopt(zmq.SUBSCRIBE, b"")
+            socket.connect(address)
+        self._thread.start()
+        self.world.open()
+
+    def close(self) -> None:
+        """May be called again."""
+        self.world.close()
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+        self._context.destroy(linger=0)
+
+    @property
+    def alive(self) -> bool:
+        """Whether it listens."""
+        return self._thread.is_alive()
+
+    def wait(self, after: int, timeout_s: float) -> None:
+        """Until there is something to draw that has a higher number, or the time is over. Pages are open meanwhile."""
+        self.watch(WATCHED_S)
+        with self.changed:
+            self.changed.wait_for(lambda: self.number > after, timeout_s)
+
+    def vehicle(self) -> tuple[float, float, float] | None:
+        """Where the vehicle is in ned, by the newest frame that knows; None: none does."""
+        posed = [c for c in self.cameras.copy().values() if c.newest is not None and c.newest.HasField("pose")]
+        if not posed:
+            return None
+        newest = max(posed, key=lambda c: c.exposed_ns).newest
+        assert newest is not None
+        p = newest.pose.position_ned_m
+        return p.x, p.y, p.z
+
+    def watch(self, seconds: float) -> None:
+        """Depth images are wanted for so long."""
+        self._watched_ns = time.monotonic_ns() + round(seconds * NS)
+
+    def depth_missing(self, now_ns: int) -> bool:
+        """Whether depth images were asked for and none comes."""
+        seen = any(c.preview is not None and now_ns - c.preview_exposed_ns < 3 * NS for c in self.cameras.values())
+        return not seen and self._depth_since_ns > 0 and now_ns - self._depth_since_ns > 2 * NS
+
+    # ---- listening ----------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        poller = zmq.Poller()
+        for socket in self._ears:
+            poller.register(socket, zmq.POLLIN)
+        while not self._stop.is_set():
+            poller.poll(round(1000 * POLL_S))
+            now_ns = time.monotonic_ns()
+            self._listen_to_depth(now_ns)
+            with self.changed:
+                for ear, kind in self._ears.values():
+                    self._take(ear, kind, now_ns)
+                for camera in self.cameras.values():
+                    self._choose(camera, now_ns)
+
+    def _listen_to_depth(self, now_ns: int) -> None:
+        if self._depth is None or (now_ns < self._watched_ns) == (self._depth_since_ns > 0):
+            return
+        if self._depth_since_ns == 0:
+            self._depth.setsockopt(zmq.SUBSCRIBE, b"")
+            self._depth_since_ns = now_ns
+        else:
+            self._depth.setsockopt(zmq.UNSUBSCRIBE, b"")
+            self._depth_since_ns = 0
+
+    def _take(self, ear: Ear, kind: type[Message], now_ns: int) -> None:
+        """All that has come on a socket. What waited there while this process was held up is as old as it may be."""
+        while (taken := ear.take()) is not None:
+            (data, came_ns), message = taken, kind()
+            try:
+                message.ParseFromString(data)
+                if getattr(message, "schema_version", 0) != 1:
+                    raise DecodeError(f"schema version {getattr(message, 'schema_version', 0)}; this page reads 1")
+            except DecodeError as error:
+                self.foreign = f"{len(data)} bytes that are no {kind.DESCRIPTOR.name} ({error})"
+                continue
+            if isinstance(message, pb.Health):
+                self._health(message, now_ns)
+            elif isinstance(message, pb.PrismsFrame):
+                self._prisms(message, now_ns, came_ns)
+            elif isinstance(message, pb.DepthPreview):
+                camera = self.cameras.setdefault(message.camera, Camera())
+                camera.preview = message
+                camera.preview_exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, came_ns)
+            hear = self.hear
+            if hear is not None:
+                known = self.cameras.get(getattr(message, "camera", ""))
+                hear(message, None if known is None else known.info)
+
+    def _health(self, message: pb.Health, now_ns: int) -> None:
+        self.health, self.health_ns = message, now_ns
+        for told in message.cameras:
+            camera = self.cameras.setdefault(told.camera, Camera())
+            if told.HasField("info"):
+                try:
+                    camera.info = camera_from_message(told.info)
+                except ValueError as error:
+                    self.foreign = f"a description of camera {told.camera} that cannot be ({error})"
+
+    def _prisms(self, message: pb.PrismsFrame, now_ns: int, came_ns: int) -> None:
+        camera = self.cameras.setdefault(message.camera, Camera())
+        camera.newest, camera.heard_ns = message, now_ns
+        camera.exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, came_ns)
+        camera.recent[message.sequence] = message, camera.exposed_ns
+        if len(camera.recent) > RECENT:
+            camera.recent.popitem(last=False)
+
+    def _choose(self, camera: Camera, now_ns: int) -> None:
+        """What to show of it: the frame of the newest depth image where that is young, else the newest. One that turns
+        blind or sees again is shown at once."""
+        m, p = camera.newest, camera.preview
+        if m is None or camera.info is None:
+            return
+        if p is not None and now_ns - camera.preview_exposed_ns <= PICTURE_NS:
+            of_p, exposed_ns = camera.recent.get(p.sequence, (None, 0))
+            same = of_p is not None and (not of_p.valid or of_p.t_exposure_ns == p.t_exposure_ns)
+            if of_p is not None and same and of_p.valid == m.valid and camera.exposed_ns - exposed_ns < PAIR_NS:
+                self._show(camera, of_p, p, exposed_ns, now_ns)
+                return
+        turned = camera.shown is None or camera.shown.message.valid != m.valid
+        if turned or not m.valid or now_ns - camera.shown_ns >= PLAIN_NS:
+            self._show(camera, m, None, camera.exposed_ns, now_ns)
+
+    def _show(
+        self, camera: Camera, message: pb.PrismsFrame, preview: pb.DepthPreview | None, exposed_ns: int, now_ns: int
+    ) -> None:
+        """What says the same as what is shown already is no news: a blind camera's word comes ten times a second."""
+        picture = None if preview is None else (preview.sequence, preview.t_exposure_ns)
+        key = (message.sequence, message.t_exposure_ns if message.valid else message.cause_text, picture, camera.info)
+        if key == camera.key:
+            return
+        assert camera.info is not None
+        self.number += 1
+        camera.key, camera.shown_ns = key, now_ns
+        camera.shown = Shown(self.number, camera.info, message, preview, exposed_ns)
+        self.changed.notify_all()

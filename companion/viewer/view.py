@@ -1,0 +1,255 @@
+"""`companion view`: pictures of a log and one page with its prisms in 3-D."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from core.params import Params
+from drivers.base import BadData
+from drivers.logs.reader import McapRecording
+
+from ..config.loader import ConfigError, config_from_text
+from ..console import fail, progress, say, say_json, warn
+from .frame import Standing, choose
+from .log import read_frames
+from .page import PageBuilder
+from .png import save_frame
+from .strips import StripFinder
+
+PAGE_NAME: Final = "flight.html"
+PAGE_FRAMES: Final = 600
+"""More frames than this are thinned out evenly, so that the page stays small enough to open and to send."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewOptions:
+    """What to draw. every: a picture of each N-th frame; frames: of these sequence numbers; neither: a handful."""
+
+    every: int | None = None
+    frames: tuple[int, ...] = ()
+    png: bool = True
+    page: bool = True
+
+    def __post_init__(self) -> None:
+        if self.every is not None and self.every < 1:
+            raise ValueError(f"every = {self.every}, expected 1 or more")
+
+
+@dataclass(slots=True)
+class Views:
+    """What was drawn. damage: why the log could not be read to its end; "" when it could."""
+
+    pictures: list[Path] = field(default_factory=list)
+    page: Path | None = None
+    frames: int = 0
+    valid: int = 0
+    blind: int = 0
+    without_prisms: int = 0
+    notes: list[str] = field(default_factory=list)
+    damage: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Glance:
+    """What choosing needs to know of a frame."""
+
+    sequence: int
+    t_ns: int
+    planes: int
+    standing: Standing
+
+
+def make_views(
+    path: Path, out_dir: Path, options: ViewOptions | None = None, on_progress: Progress = lambda share: None
+) -> Views:
+    """Draws a log into a folder, made if need be: frame_CAMERA_SEQUENCE.png and flight.html.
+
+    A damaged log is drawn as far as it can be read. Raises DriverError, ViewError, ValueError (a frame asked for is not
+    there, or the log holds none), OSError."""
+    options = options or ViewOptions()
+    with McapRecording(path) as source:
+        glances, damage = _glances(source, lambda share: on_progress(0.4 * share))
+        views = _counted(glances, damage)
+        if not glances:
+            raise ValueError(f"{path}: there is no depth frame in it; nothing to draw. {damage}".strip())
+        pictures = set(_chosen(glances, options)) if options.png else set()
+        stride = -(-len(glances) // PAGE_FRAMES)
+        builder = PageBuilder(path.name, -(-len(glances) // stride)) if options.page else None
+        out_dir.mkdir(parents=True, exist_ok=True)
+        _draw(source, glances, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share))
+        if builder is not None and len(builder):
+            note = f"Shown is every {stride}. frame of {len(glances)}. " if stride > 1 else ""
+            note += "The log is damaged: what came after is missing." if views.damage else ""
+            views.page = out_dir / PAGE_NAME
+            views.page.write_text(builder.page(note), encoding="utf-8")
+    return views
+
+
+def _glances(source: McapRecording, on_progress: Progress) -> tuple[list[_Glance], str]:
+    """One look over the log: (what there is, why it ended early)."""
+    glances: list[_Glance] = []
+    try:
+        for logged in read_frames(source, on_progress):
+            glances.append(_Glance(logged.sequence, logged.t_ns, logged.plane_count, logged.standing))
+    except BadData as error:
+        return glances, str(error)
+    return glances, ""
+
+
+def _counted(glances: list[_Glance], damage: str) -> Views:
+    count = {standing: sum(g.standing is standing for g in glances) for standing in Standing}
+    views = Views(frames=len(glances), damage=damage)
+    views.valid, views.blind = count[Standing.VALID], count[Standing.BLIND]
+    views.without_prisms = count[Standing.NO_PRISMS]
+    if glances and views.without_prisms == len(glances):
+        views.notes.append("no prisms in this log: run companion replay first; the pictures show the depth alone")
+    return views
+
+
+def _chosen(glances: list[_Glance], options: ViewOptions) -> Sequence[int]:
+    """Places in the log of the frames that get a picture. Raises ValueError for one that is not there."""
+    if options.frames:
+        missing = sorted(set(options.frames) - {g.sequence for g in glances})
+        if missing:
+            first, last = min(g.sequence for g in glances), max(g.sequence for g in glances)
+            raise ValueError(f"frame {missing[0]} is not in the log; its frames are {first} .. {last}")
+        return [k for k, g in enumerate(glances) if g.sequence in options.frames]
+    if options.every is not None:
+        return range(0, len(glances), options.every)
+    return choose([g.planes for g in glances], [g.standing is Standing.BLIND for g in glances])
+
+
+def _draw(
+    source: McapRecording,
+    glances: list[_Glance],
+    pictures: set[int],
+    builder: PageBuilder | None,
+    stride: int,
+    out_dir: Path,
+    views: Views,
+    on_progress: Progress,
+) -> None:
+    """The second pass: pictures of the chosen frames, all (or each stride-th) frames into the page."""
+    strips = StripFinder(_params(source, views)) if pictures else None
+    t_start_ns = min(g.t_ns for g in glances)
+    try:
+        for k, logged in enumerate(read_frames(source, on_progress)):
+            on_page = builder is not None and k % stride == 0
+            if k not in pictures and not on_page:
+                continue
+            try:
+                frame = logged.frame()
+            except ValueError as error:
+                views.damage = views.damage or f"{source.path}: frame {logged.sequence} was left out: {error}"
+                continue
+            if strips is not None and k in pictures:
+                target = out_dir / f"frame_{frame.info.camera}_{frame.sequence:06d}.png"
+                save_frame(strips.with_strips(frame, logged.state), target, t_start_ns=t_start_ns)
+                views.pictures.append(target)
+            if builder is not None and on_page:
+                builder.add(frame)
+    except BadData as error:
+        views.damage = str(error)
+
+
+def _params(source: McapRecording, views: Views) -> Params:
+    """The extractor's parameters as the log holds them; the default ones where it does not."""
+    if source.run is None or not source.run.config_json:
+        return Params()
+    try:
+        return config_from_text(source.run.config_json, f"the configuration in {source.path}").extractor
+    except ConfigError as error:
+        views.notes.append(f"no strips are drawn, the configuration in the log cannot be used: {error}")
+        return Params()
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion view`."""
+    parser = subparsers.add_parser("view", help="draw a log: pictures and a page with the prisms in 3-D")
+    parser.add_argument(
+        "input", type=Path, nargs="?", metavar="FILE.mcap", help="a log, usually one that companion replay wrote"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for what is drawn")
+    parser.add_argument("--live", action="store_true", help="serve a page that follows the running service instead")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--every", type=_positive, metavar="N", help="a picture of each N-th frame")
+    which.add_argument(
+        "--frame", type=int, action="append", default=[], metavar="N", help="a picture of frame number N (repeatable)"
+    )
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--no-png", action="store_true", help="the page alone")
+    what.add_argument("--no-page", action="store_true", help="the pictures alone")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    live = parser.add_argument_group("with --live")
+    live.add_argument("-c", "--config", type=Path, metavar="FILE", help="the service's, where it publishes elsewhere")
+    live.add_argument("--keys", type=Path, metavar="DIR", help="this client's keys, for streams of another machine")
+    live.add_argument("--port", type=int, default=8760, metavar="N", help="of the page (8760); 0: a free one")
+    live.add_argument(
+        "--listen", default="127.0.0.1", metavar="HOST", help="127.0.0.1; 0.0.0.0 shows it to the network"
+    )
+    live.add_argument(
+        "--foxglove", type=int, nargs="?", const=8765, metavar="N", help="a WebSocket for Foxglove's viewer, too (8765)"
+    )
+    live.add_argument("--no-depth", action="store_true", help="no depth images, which the service makes for this page")
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("expected 1 or more")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the command; 1 when the log could not be read to its end, 2 for wrong use."""
+    if args.live:
+        if args.input is not None or args.output is not None:
+            fail("--live follows the running service: without FILE.mcap and -o")
+            return 2
+        from .live_server import run as run_live  # a web server: only where it is asked for
+
+        return run_live(args)
+    if args.input is None or args.output is None:
+        fail("give FILE.mcap and -o DIR, or --live")
+        return 2
+    options = ViewOptions(every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page)
+    with progress("view") as on_progress:
+        views = make_views(args.input, args.output, options, on_progress)
+    if args.json:
+        say_json(_report(views, args.input))
+    else:
+        _say(views)
+    for note in views.notes:
+        warn(note)
+    if views.damage:
+        fail(views.damage)
+    return 1 if views.damage else 0
+
+
+def _report(views: Views, path: Path) -> dict[str, Any]:
+    """What `--json` prints."""
+    return {
+        "input": str(path),
+        "frames": views.frames,
+        "valid": views.valid,
+        "blind": views.blind,
+        "without_prisms": views.without_prisms,
+        "pictures": [str(p) for p in views.pictures],
+        "page": None if views.page is None else str(views.page),
+        "notes": views.notes,
+        "damage": views.damage or None,
+    }
+
+
+def _say(views: Views) -> None:
+    say(f"{views.frames} frames: {views.valid} valid, {views.blind} blind, {views.without_prisms} without prisms")
+    for picture in views.pictures:
+        say(f"picture  {picture}")
+    if views.page is not None:
+        say(f"page     {views.page}  (open it in a browser; it needs no network)")

@@ -1,0 +1,1 @@
+"""Three-valued queries: free, occupied or unknown."""

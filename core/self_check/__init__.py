@@ -1,0 +1,1 @@
+"""Checks of the set-up from what the camera measures: its mount, and its exposure stamps."""

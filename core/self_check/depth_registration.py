@@ -1,0 +1,238 @@
+"""Rigid motion between two depth images of one camera: direct alignment of their inverse depth.
+
+Both images are first reduced to a small grid of mean inverse depth. A cell of the first grid is moved by the estimated
+motion and compared with the second grid; the motion that explains the differences best is found by Gauss-Newton steps
+with Cauchy weights. Rotation and translation are separated by the depth: the rotational flow does not depend on it, the
+translational flow is proportional to the inverse depth. Directions that the scene does not determine (the heading above
+a plain without anything on it) keep the guess, and the returned information matrix says so.
+
+Model: a point with ray r = (x, y, 1) and inverse depth d in the first camera lies in the second along q = R r + d t, with
+the inverse depth d / q_z. Noise of the inverse depth is constant (sigma_Z = ke Z^2), and the interpolation between
+cells is uncertain by a share of the step from cell to cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, kernel
+from ..types import CameraInfo
+
+Floats = NDArray[np.float64]
+
+GRID_COLUMNS = 80
+"""Columns of the reduced image, about; cells are square."""
+STEPS_COARSE, STEPS_FINE = 3, 2
+"""Gauss-Newton steps on the grid of half the resolution, and on the full one."""
+NOISE_FACTOR = 1.5
+"""Noise of a cell's mean over that of independent pixels: neighbours of a matched image share their errors."""
+TRANSLATION_PRIOR_M = 0.5
+"""Standard deviation of the translation between two images, about 0."""
+EDGE_SHARE = 0.1
+"""Uncertainty of the interpolation as a share of the difference between neighbouring cells."""
+CAUCHY = 2.5
+"""Residuals beyond this many standard deviations lose most of their weight: what moves, and what was hidden before."""
+LEAST_CELLS = 100
+"""Fewer compared cells are no measurement."""
+
+
+@kernel
+def reduce_depth(depth_mm, cell_px, nearest_mm, farthest_mm, out):
+    """Mean inverse depth of each cell (rows, columns), 1/m, from every second pixel of every second row; NaN where less
+    than half of them are measured."""
+    rows, columns = out.shape
+    half = (cell_px + 1) // 2
+    least = half * half // 2
+    total, count = np.empty(columns), np.empty(columns, np.int64)
+    for r in range(rows):
+        for c in range(columns):
+            total[c] = 0.0
+            count[c] = 0
+        for v in range(r * cell_px, (r + 1) * cell_px, 2):
+            for c in range(columns):
+                for u in range(c * cell_px, (c + 1) * cell_px, 2):
+                    z = depth_mm[v, u]
+                    if nearest_mm <= z <= farthest_mm:
+                        total[c] += 1000.0 / z
+                        count[c] += 1
+        for c in range(columns):
+            out[r, c] = total[c] / count[c] if count[c] > least else np.nan
+
+
+@inner
+def halve(fine, out):
+    """The grid at half the resolution: the mean of each 2 x 2 cells, NaN where one is missing."""
+    for r in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[r, c] = 0.25 * (
+                fine[2 * r, 2 * c] + fine[2 * r, 2 * c + 1] + fine[2 * r + 1, 2 * c] + fine[2 * r + 1, 2 * c + 1]
+            )
+
+
+@kernel
+def _accumulate(first, second, lens, R, t, sigma, H, g):
+    """Normal equations of one Gauss-Newton step: H (6, 6), g (6,) for (rotation, translation), applied on the left of R.
+    lens: fx, fy, cx, cy in cells. Returns the number of cells compared."""
+    rows, columns = first.shape
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    J = np.empty(6)
+    for i in range(6):
+        g[i] = 0.0
+        for j in range(6):
+            H[i, j] = 0.0
+    cells = 0
+    shrink, edge = 1.0 / (CAUCHY * CAUCHY), EDGE_SHARE * EDGE_SHARE
+    for r in range(rows):
+        y = (r - cy) / fy
+        for c in range(columns):
+            d = first[r, c]
+            if not d > 0.0:
+                continue
+            x = (c - cx) / fx
+            qx = R[0, 0] * x + R[0, 1] * y + R[0, 2] + d * t[0]
+            qy = R[1, 0] * x + R[1, 1] * y + R[1, 2] + d * t[1]
+            qz = R[2, 0] * x + R[2, 1] * y + R[2, 2] + d * t[2]
+            if qz < 0.1:
+                continue
+            iz = 1.0 / qz
+            px, py = qx * iz, qy * iz
+            u, v = px * fx + cx, py * fy + cy
+            if not (0.0 <= u < columns - 1 and 0.0 <= v < rows - 1):
+                continue
+            c0, r0 = int(u), int(v)
+            a, b = u - c0, v - r0
+            s00, s01, s10, s11 = second[r0, c0], second[r0, c0 + 1], second[r0 + 1, c0], second[r0 + 1, c0 + 1]
+            top, bottom = s01 - s00, s11 - s10
+            du = top + b * (bottom - top)
+            left, right = s10 - s00, s11 - s01
+            dv = left + a * (right - left)
+            e = s00 + a * top + b * left + a * b * (bottom - top) - d * iz
+            if not e * e >= 0.0:  # a neighbour is not measured
+                continue
+            w = 1.0 / (sigma * sigma + edge * (du * du + dv * dv) + shrink * e * e)
+            gx, gy = du * fx * iz, dv * fy * iz
+            # derivative of e by q, then by the rotation (q x) and the translation (d)
+            ez = d * iz * iz - gx * px - gy * py
+            J[0] = gy * -qz + ez * qy
+            J[1] = gx * qz - ez * qx
+            J[2] = gy * qx - gx * qy
+            J[3], J[4], J[5] = gx * d, gy * d, ez * d
+            for i in range(6):
+                wj = w * J[i]
+                g[i] += wj * e
+                for j in range(i + 1):
+                    H[i, j] += wj * J[j]
+            cells += 1
+    for i in range(6):
+        for j in range(i):
+            H[j, i] = H[i, j]
+    return cells
+
+
+@inner
+def _turn(R, v, out):
+    """out = exp(v) R, v (3,) a rotation vector."""
+    angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    s = math.sin(angle) / angle if angle > 1e-9 else 1.0
+    k = (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-9 else 0.5
+    for j in range(3):
+        x, y, z = R[0, j], R[1, j], R[2, j]
+        ax, ay, az = v[1] * z - v[2] * y, v[2] * x - v[0] * z, v[0] * y - v[1] * x
+        bx, by, bz = v[1] * az - v[2] * ay, v[2] * ax - v[0] * az, v[0] * ay - v[1] * ax
+        out[0, j], out[1, j], out[2, j] = x + s * ax + k * bx, y + s * ay + k * by, z + s * az + k * bz
+
+
+@kernel
+def _align(first, second, lens, R, t, sigma, steps, H):
+    """Improves R (3, 3) and t (3,) in place so that `first`, moved by them, fits `second`; H (6, 6): information of the
+    last step. Returns the number of cells compared; below LEAST_CELLS nothing was improved."""
+    g, turned = np.empty(6), np.empty((3, 3))
+    prior = 1.0 / (TRANSLATION_PRIOR_M * TRANSLATION_PRIOR_M)
+    cells, least = 0, LEAST_CELLS * first.size // 4800
+    for _ in range(steps):
+        cells = _accumulate(first, second, lens, R, t, sigma, H, g)
+        if cells < least:
+            return 0
+        for i in range(3):
+            H[3 + i, 3 + i] += prior
+            g[3 + i] += t[i] * prior
+        for i in range(6):  # keeps a direction that the scene does not determine where it is
+            H[i, i] += 1e-6 * H[i, i] + 1e-3
+        step = np.linalg.solve(H, -g)
+        _turn(R, step[:3], turned)
+        R[:, :] = turned
+        t += step[3:]
+    return cells
+
+
+@kernel
+def _aligned(first, first_half, second, second_half, lens, lens_half, sigma, R, out_information):
+    """Coarse to fine; R (3, 3): the guess, improved in place. out_information (3,): of the rotation's components,
+    1/rad^2, the translation being unknown. Returns whether it could be measured."""
+    t, H = np.zeros(3), np.empty((6, 6))
+    if _align(first_half, second_half, lens_half, R, t, sigma, STEPS_COARSE, H) == 0:
+        return False
+    if _align(first, second, lens, R, t, sigma, STEPS_FINE, H) == 0:
+        return False
+    covariance = np.linalg.inv(H)
+    for i in range(3):
+        out_information[i] = 1.0 / covariance[i, i] if covariance[i, i] > 0.0 else 0.0
+    return True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InverseDepthGrid:
+    """A depth image reduced to mean inverse depth, 1/m, NaN where not measured: `fine` (rows, columns) and `half` its
+    resolution. lens, lens_half: fx, fy, cx, cy in cells; sigma_per_m: noise of a cell."""
+
+    fine: Floats
+    half: Floats
+    lens: Floats
+    lens_half: Floats
+    sigma_per_m: float
+
+
+def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> InverseDepthGrid:
+    """The grid of a depth image (H, W) uint16, mm; depths outside of the camera's range are not measured."""
+    k = info.intrinsics
+    cell = max(2, round(k.width / GRID_COLUMNS))
+    fine = np.empty((k.height // cell // 2 * 2, k.width // cell // 2 * 2))
+    half = np.empty((fine.shape[0] // 2, fine.shape[1] // 2))
+    reduce_depth(depth_mm, cell, round(1000.0 * info.min_range_m), round(1000.0 * info.max_range_m), fine)
+    halve(fine, half)
+    middle = float((cell + 1) // 2 - 1)  # mean offset of the pixels 0, 2, 4 ... of a cell
+    lens = np.array([k.fx / cell, k.fy / cell, (k.cx - middle) / cell, (k.cy - middle) / cell])
+    lens_half = np.array([lens[0] / 2, lens[1] / 2, (lens[2] - 0.5) / 2, (lens[3] - 0.5) / 2])
+    sigma = NOISE_FACTOR * info.ke_per_m / ((cell + 1) // 2)
+    return InverseDepthGrid(fine, half, lens, lens_half, sigma)
+
+
+def rotation_between(
+    first: InverseDepthGrid, second: InverseDepthGrid, R_second_first: Floats
+) -> tuple[Floats, Floats] | None:
+    """Rotation vector of R_second_first (3,), rad in optical axes, with the standard deviation of each component as far
+    as the depth noise goes (3,), rad; None where too little is measured in both images. R_second_first: the guess (3, 3).
+
+    Measured in both directions and averaged: the errors of the interpolation depend on which image is interpolated, and
+    would otherwise turn the result systematically."""
+    forward, information = R_second_first.copy(), np.empty((2, 3))
+    backward = np.ascontiguousarray(R_second_first.T)
+    sigma = first.sigma_per_m
+    for R, a, b, out in ((forward, first, second, information[0]), (backward, second, first, information[1])):
+        if not _aligned(a.fine, a.half, b.fine, b.half, a.lens, a.lens_half, sigma, R, out):
+            return None
+    lower = np.minimum(information[0], information[1])
+    if not (np.all(lower > 0.0) and np.all(np.isfinite(lower))):
+        return None
+    return 0.5 * (rotation_vector(forward) - rotation_vector(backward)), 1.0 / np.sqrt(lower)
+
+
+def rotation_vector(R: Floats) -> Floats:
+    """(3,) rotation vector of a rotation (3, 3) of less than a quarter turn."""
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) * 0.5
+    sine = math.sqrt(float(axis @ axis))
+    return axis if sine < 1e-9 else np.asarray(axis * (math.asin(min(1.0, sine)) / sine))

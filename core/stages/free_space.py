@@ -1,0 +1,360 @@
+"""The free-range profile: which space in front of the camera was seen to be free, and why each free range ends.
+
+Planes alone cannot answer "is it free?": the space between a pole and the wall behind it is unknown. For each direction
+and layer of height the profile walks outward in rings; a ring is free when `free_share` of the cells that look at the
+layer there see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen.
+
+The camera's range is an optical depth Z, while rings are forward distances X in the level frame. A ring is free only where
+the whole of its layer lies within the range, so that a tilted camera calls nothing free that it cannot measure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, inner_inline, kernel
+from ..params import Params
+from ..types import FreeEnd, FreeProfile, Ground
+from .free_cells import count_codes, look_at, looked_at
+from .level import Q_FAR, seen_rows
+from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
+from .view_geometry import ViewGeometry
+
+_MAX_RINGS = 250
+"""Rings are counted in one byte; beyond so many nothing is called free."""
+_NOT_SEEN, _OBSTACLE, _UNKNOWN, _VIEW, _RANGE = (
+    int(FreeEnd.NOT_SEEN), int(FreeEnd.OBSTACLE), int(FreeEnd.UNKNOWN), int(FreeEnd.FIELD_OF_VIEW), int(FreeEnd.MAX_RANGE),
+)  # fmt: skip
+# indices of `walk_settings`: the view, the ground, what counts as free, and the optical depth of a place
+(
+    W_CV, W_F, W_ROWS, W_BLOCK, W_HEIGHT, W_SLOPE_X, W_SLOPE_Y, W_TOLERANCE, W_SPREAD, W_SHARE, W_LEAST, W_BLIND,
+    W_AHEAD, W_RIGHT, W_DOWN, W_CLEAR,
+) = range(16)  # fmt: skip
+
+
+def walk_settings(g: ViewGeometry, ground: Ground, clear_m: float, ke: float, p: Params) -> NDArray[np.float64]:
+    """(16,) float64. Without a ground its height is infinite: what lies low is then an obstacle like any other.
+
+    The optical depth of a point of level_cam is W_AHEAD x + W_RIGHT y + W_DOWN z, the third row of R_optical_level: that of
+    g.H for cells of the view."""
+    height = ground.height_m if ground.seen else math.inf
+    spread = p.ground_sigmas * ke * ground.height_m if ground.seen else 0.0
+    block = p.profile_block_px + p.profile_block_px % 2  # whole pairs of rows, see `look_at`
+    right, down = float(g.H[2, 0]) * g.f_px / float(g.lateral[0]), float(g.H[2, 1]) * g.f_px
+    ahead = float(g.H[2, 0]) * g.cu + float(g.H[2, 1]) * g.cv + float(g.H[2, 2])
+    return np.array(
+        [
+            g.cv, g.f_px, g.rows, block, height, ground.slope_x, ground.slope_y, p.ground_tolerance_m, spread,
+            p.free_share, p.profile_least_m, ground.blind_beyond_m, ahead, right, down, clear_m,
+        ]
+    )  # fmt: skip
+
+
+@inner
+def optical_depth(x, t0, t1, top, bottom, w):
+    """Greatest optical depth Z at forward distance x between the directions t0, t1 (y/x) and the heights z = top, bottom.
+
+    Z is linear in the place: the greatest is that of a corner. w: `walk_settings`."""
+    return x * (w[W_AHEAD] + max(w[W_RIGHT] * t0, w[W_RIGHT] * t1)) + max(w[W_DOWN] * top, w[W_DOWN] * bottom)
+
+
+@inner
+def code_behind(gain, spread, cap, x):
+    """The least code that does not see through distance x: it measures no more than x when it is brought nearer by its
+    noise, min(spread X, cap) X. 2..65536.
+
+    gain: f_px * quantum. Distance less noise rises with distance (cap <= 0.5), so there is one such code. Unknown sees
+    through nothing; what is far sees through all within the range, which `walk_rings` keeps to."""
+    first, last = Q_FAR + 1, 65536
+    for _ in range(17):
+        if first >= last:
+            break
+        q = (first + last) // 2
+        measured = gain / q
+        if measured - min(spread * measured * measured, cap * measured) >= x:
+            first = q + 1
+        else:
+            last = q
+    return first
+
+
+@inner
+def codes_behind(gain, spread, cap, ring_m, edges_t, layers, w, behind):
+    """behind: (L, R) int32 out, `code_behind` of each layer at each ring.
+
+    spread: noise of distance over its square where a ray's optical depth is its forward distance; elsewhere it is Z/X times
+    as much, since sigma_X = ke Z X. The greatest of the layer is taken. ring_m: (R,) float32. w: `walk_settings`."""
+    last = len(edges_t) - 1
+    for layer in range(len(layers) - 1):
+        for r in range(len(ring_m)):
+            x = np.float64(ring_m[r])  # else a comparison without the JIT is in float32
+            per_forward = optical_depth(x, edges_t[0], edges_t[last], layers[layer], layers[layer + 1], w) / x
+            behind[layer, r] = code_behind(gain, spread * max(per_forward, 0.0), cap, x)
+
+
+@inner
+def lowest_clear(t, x, w):
+    """z down to which free space can be told from ground in direction t (y/x) at distance x. w: `walk_settings`.
+
+    What is lower than the ground's tolerance or its noise at that distance was taken for ground: nothing is known
+    about it."""
+    return w[W_HEIGHT] + (w[W_SLOPE_X] + w[W_SLOPE_Y] * t) * x - max(w[W_TOLERANCE], w[W_SPREAD] * x)
+
+
+@inner_inline
+def rows_between(x, top, lower, w):
+    """(first, last) of the rows from z = top down to lower at distance x; -1, -1 where the view does not hold all of them.
+
+    w: `walk_settings`."""
+    v0, v1 = math.floor(w[W_CV] + w[W_F] * top / x + 0.5), math.ceil(w[W_CV] + w[W_F] * lower / x - 0.5)
+    if v0 < 0 or v1 >= w[W_ROWS]:
+        return -1, -1
+    return int(v0), int(v1)
+
+
+@inner
+def rows_of_rings(ring_m, layers, w, rows):
+    """rows: (L, R, 2) int64 out, `rows_between` of each whole layer at each ring: the same in all directions."""
+    for layer in range(len(layers) - 1):
+        for r in range(len(ring_m)):
+            first, last = rows_between(ring_m[r], layers[layer], layers[layer + 1], w)
+            rows[layer, r, 0], rows[layer, r, 1] = first, last
+
+
+@inner
+def rows_in_source(H, u0, u1, src_cols, src_rows, rows):
+    """(first, last) of the rows that lie in the source image in each of the columns u0..u1 - 1; first > last: none.
+
+    What lies outside is unknown in one piece and would hide a thing there, unlike pixels that drop out here and there."""
+    first, last = 0, rows - 1
+    for u in range(u0, u1):
+        begin, end = seen_rows(H, u, src_cols, src_rows, rows)
+        first, last = max(first, begin), min(last, end - 1)
+    return first, last
+
+
+@inner
+def walk_rings(cells, begin, unknown, t0, t1, in_source, ring_m, behind, rows, top, bottom, w):
+    """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
+
+    cells, begin, unknown: see `look_at`, for the direction between t0 and t1; in_source: of `rows_in_source`; behind: (R,) of
+    `codes_behind`; rows: (R, 2) of `rows_of_rings`. The layer reaches from z = top down to bottom, or to what can be told from ground; where that may
+    hide an obstacle of the least height, none of it is free. Nothing is free beyond the range. w: `walk_settings`."""
+    t, block = 0.5 * (t0 + t1), int(w[W_BLOCK])
+    first, last, why = -1, -1, _NOT_SEEN
+    for r in range(len(ring_m)):
+        x, v0, v1 = ring_m[r], rows[r, 0], rows[r, 1]
+        lower = min(bottom, lowest_clear(t, x, w))
+        if lower < bottom and x > w[W_BLIND]:
+            why = _UNKNOWN
+            break
+        if lower - top < w[W_LEAST]:
+            why = _NOT_SEEN if first < 0 else _VIEW
+            if first >= 0:
+                break
+            continue
+        if optical_depth(x, t0, t1, top, lower, w) > w[W_CLEAR]:
+            if first >= 0:
+                why = _RANGE
+            break
+        if lower < bottom:
+            v0, v1 = rows_between(x, top, lower, w)
+        if v0 < in_source[0] or v1 > in_source[1]:
+            if first >= 0:
+                why = _VIEW
+                break
+            continue
+        b0, b1 = v0 // block, v1 // block + 1
+        from_cell, to_cell = begin[b0], begin[b1]
+        total, dark = to_cell - from_cell, unknown[b1] - unknown[b0]
+        known, enough, near_enough = total - dark, w[W_SHARE] * total, (1.0 - w[W_SHARE]) * total
+        if first < 0 and known < enough and known <= near_enough:
+            why = _UNKNOWN  # whatever these cells measure, they neither make the ring free nor end the walk
+            continue
+        seen = count_codes(cells, from_cell, to_cell, Q_FAR, behind[r] - 1)
+        if total > 0 and seen >= enough:
+            if first < 0:
+                first = r
+            last = r
+            why = _RANGE
+            continue
+        near = known - seen
+        if first >= 0 or near > near_enough:
+            why = _OBSTACLE if near >= dark else _UNKNOWN
+            break
+        why = _UNKNOWN
+    return first, last, why
+
+
+@kernel
+def walk_view(codes, cu, f_u, H, source, edges_t, behind, ring_m, layers, w, free_from, free_to, end):
+    """Every direction and layer of a levelled view: free_from, free_to (D, L) float32 forward distances, end (D, L).
+
+    Column u looks in direction (u - cu) / f_u; edges_t: (D + 1,) float64. H: of ViewGeometry; source: width and height of
+    its image. behind: (L, R) of `codes_behind`."""
+    cols, rows = codes.shape
+    block = int(w[W_BLOCK])
+    cells, begin = np.empty(cols * (rows + 1) + 2, np.uint16), np.empty((rows + block - 1) // block + 1, np.int64)
+    dark, unknown = np.empty(begin.shape[0], np.int64), np.empty(rows, np.uint16)
+    looked, layer_rows = np.empty((2, rows), np.uint16), np.empty((len(layers) - 1, len(ring_m), 2), np.int64)
+    looked_at(rows, looked)
+    rows_of_rings(ring_m, layers, w, layer_rows)
+    u1 = 0
+    for d in range(len(edges_t) - 1):
+        u0 = u1
+        while u1 < cols and (d == len(edges_t) - 2 or (u1 - cu) / f_u < edges_t[d + 1]):
+            u1 += 1
+        look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
+        in_source = rows_in_source(H, u0, u1, source[0], source[1], rows)
+        for layer in range(len(layers) - 1):
+            first, last, why = walk_rings(
+                cells, begin, dark, edges_t[d], edges_t[d + 1], in_source, ring_m, behind[layer], layer_rows[layer],
+                layers[layer], layers[layer + 1], w,
+            )  # fmt: skip
+            end[d, layer] = why
+            free_from[d, layer] = ring_m[first] if first >= 0 else 0.0
+            free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
+
+
+@inner
+def hidden_from(x, top, bottom, above, below):
+    """Forward distance from which a plane at x hides a part of the layer z = above..below that it does not stand in; inf:
+    nowhere. top, bottom: of the plane.
+
+    The plane hides what lies behind it between the lines of sight over its top and under its bottom."""
+    if below <= top:
+        return x * below / top if top < 0.0 else math.inf
+    return x * above / bottom if bottom > 0.0 else math.inf
+
+
+@inner
+def stop_at_planes(count, planes, plane_ints, margin, pixel_t, edges_t, layers, free_to, end):
+    """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
+    layer less its margin, and to where a layer comes behind a plane that stands above or below it.
+
+    pixel_t: tangent of a column. The ends of a plane are known to a pixel, whose measurement may be missing: each plane
+    stops a pixel more on either side."""
+    for k in range(count):
+        p = planes[k]
+        if plane_ints[k, P_SUPPORT] < 0:
+            continue
+        for d in range(edges_t.shape[0] - 1):
+            if edges_t[d] > p[T1] + pixel_t or edges_t[d + 1] < p[T0] - pixel_t:
+                continue
+            lo = min(max(edges_t[d], p[T0]), p[T1])
+            hi = max(min(edges_t[d + 1], p[T1]), p[T0])
+            x = min(distance_at(p, lo), distance_at(p, hi))
+            for layer in range(layers.shape[0] - 1):
+                if p[Z0] < layers[layer + 1] and p[Z1] > layers[layer]:
+                    reach, why = max(0.0, x - margin[k]), _OBSTACLE
+                else:
+                    reach, why = hidden_from(x, p[Z0], p[Z1], layers[layer], layers[layer + 1]), _UNKNOWN
+                if reach < free_to[d, layer]:
+                    free_to[d, layer] = reach
+                    end[d, layer] = why
+
+
+def layer_edges(params: Params) -> NDArray[np.float32]:
+    """(L + 1,) float32 edges of the profile's layers in z, one centred on the camera; read-only."""
+    return _layer_edges(params.profile_layers, params.profile_layer_m)
+
+
+@lru_cache(maxsize=16)
+def _layer_edges(layers: int, high_m: float) -> NDArray[np.float32]:
+    edges = (high_m * (np.arange(layers + 1) - 0.5 * layers)).astype(np.float32)
+    edges.setflags(write=False)
+    return edges
+
+
+def nothing_known(params: Params) -> FreeProfile:
+    """The profile of a frame that says nothing: one direction all around, no free range."""
+    layers = layer_edges(params)
+    zero = np.zeros((1, len(layers) - 1), np.float32)
+    return FreeProfile(
+        azimuth_edges_rad=np.array([-math.pi, math.pi], np.float32), layer_edges_m=layers, free_from_m=zero,
+        free_to_m=zero, end=np.full(zero.shape, _NOT_SEEN, np.uint8),
+    )  # fmt: skip
+
+
+@inner
+def as_ranges(edges_t, free_from, free_to):
+    """Forward distances (D, L) to horizontal ranges, in place: by the shorter of both edges of a direction for what is
+    free, by the longer for where that begins."""
+    for d in range(free_to.shape[0]):
+        a, b = abs(edges_t[d]), abs(edges_t[d + 1])
+        near = 0.0 if edges_t[d] * edges_t[d + 1] < 0.0 else min(a, b)
+        for layer in range(free_to.shape[1]):
+            free_from[d, layer] *= math.sqrt(1.0 + max(a, b) ** 2)
+            free_to[d, layer] *= math.sqrt(1.0 + near**2)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SeenFree:
+    """Free ranges by pixels alone, before any plane: forward distances. edges_rad, edges_t: (D + 1,) float64 azimuths and
+    their tangents; pixel_t: tangent of a column of the view; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
+
+    edges_rad: NDArray[np.float64]
+    edges_t: NDArray[np.float64]
+    pixel_t: float
+    layers_m: NDArray[np.float32]
+    free_from_m: NDArray[np.float32]
+    free_to_m: NDArray[np.float32]
+    end: NDArray[np.uint8]
+
+
+def seen_free(
+    codes: NDArray[np.uint16], g: ViewGeometry, source: tuple[int, int], ground: Ground, clear_m: float, ke: float,
+    params: Params,
+) -> SeenFree:  # fmt: skip
+    """What the pixels of a levelled view were seen to be free of. source: width and height of the image; clear_m: optical depth to which a FAR cell is free
+    (classify.clear_range_m)."""
+    p, layers, settings = params, layer_edges(params), walk_settings(g, ground, clear_m, ke, params)
+    edges, edges_t, free_from, free_to, end = see_free(
+        codes, g.cu, g.f_px / float(g.lateral[0]), g.H, source, g.f_px * g.quantum, math.radians(p.profile_step_deg), p.profile_ring_m,
+        clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
+    )  # fmt: skip
+    return SeenFree(
+        edges_rad=edges, edges_t=edges_t, pixel_t=float(g.lateral[0]) / g.f_px, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
+    )  # fmt: skip
+
+
+@kernel
+def see_free(codes, cu, f_u, H, source, gain, step_rad, ring, clear_m, spread, cap, layers, w):
+    """(edges_rad, edges_t, free_from_m, free_to_m, end) of SeenFree by `codes_behind` and `walk_view`.
+
+    Column u looks in direction (u - cu) / f_u; directions are step_rad wide but for the last one. Rings of so many metres up to
+    clear_m. spread, cap: noise of a ring. layers, w: `layer_edges`, `walk_settings`."""
+    first, last = math.atan((-0.5 - cu) / f_u), math.atan((codes.shape[0] - 0.5 - cu) / f_u)
+    n = max(1, int(math.ceil((last - first) / step_rad)))
+    edges, edges_t = np.empty(n + 1), np.empty(n + 1)
+    for d in range(n + 1):
+        edges[d] = first + step_rad * d if d < n else last
+        edges_t[d] = math.tan(edges[d])
+    rings = min(max(0, int(math.ceil((clear_m - ring) / ring))), _MAX_RINGS)
+    ring_m, behind = np.empty(rings, np.float32), np.empty((layers.shape[0] - 1, rings), np.int32)
+    for r in range(rings):
+        ring_m[r] = ring + ring * r
+    codes_behind(gain, spread, cap, ring_m, edges_t, layers, w, behind)
+    shape = (n, layers.shape[0] - 1)
+    free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    walk_view(codes, cu, f_u, H, source, edges_t, behind, ring_m, layers, w, free_from, free_to, end)
+    return edges, edges_t, free_from, free_to, end
+
+
+def free_profile(
+    seen: SeenFree, count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32]
+) -> FreeProfile:
+    """The free-range profile of a frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m. Uses up `seen`."""
+    stop_at_planes(
+        count, planes, plane_ints, margin, seen.pixel_t, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end
+    )
+    as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
+    return FreeProfile.written(
+        azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
+        free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end,
+    )  # fmt: skip

@@ -1,0 +1,380 @@
+"""The horizontal surface under the camera, found once per frame before any density is counted.
+
+Flat ground fills about as many pixels per kernel width at any range while the obstacle threshold falls with range, so
+left in it becomes an obstacle far away. Ours: votes of steep-free pixel pairs for a height, a check that little lies
+below, a bounded plane fit. None found is said, never assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import Rotation
+from ..jit import inner, inner_ieee, kernel
+from ..params import Params
+from ..types import FAR_MM, CameraInfo, Ground
+from .level import Q_FAR, Q_UNKNOWN
+from .strips import BOTTOM, KIND, MERGED, TOP, D, U
+from .support import compact
+from .view_geometry import ViewGeometry
+
+NO_GROUND = Ground(seen=False)
+_STEPS_FROM_M = 0.12
+"""Steps of height are counted from here, whatever the least height considered is: it does not shift them."""
+_FAR = np.uint16(FAR_MM)
+_CLIMB_MOST = 2.0 / 3.0
+"""Of the camera's height: a pair of pixels reaches no farther up. A few centimetres above the ground the least climb of a
+pair would reach over the horizon, and no pair of the ground would vote."""
+# indices of `ground_settings`
+(
+    V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
+    V_SEED_WEIGHT, V_SEED_STEPS, V_TRIES, V_MIN_SAMPLES, V_MIN_SHARE, V_MAX_HEIGHT,
+    F_SIGMAS, F_TOLERANCE, F_CAP, F_ROUNDS, F_MIN_PX, F_FLOOR, F_MAX_SLOPE, F_PRIOR, F_BELOW, F_BELOW_FULL, F_BELOW_SHARE,
+    F_CAP_SIGMAS, F_RECEDE, F_RECEDE_NOISE,
+) = range(31)  # fmt: skip
+
+
+def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
+    """(31,) float64 for pictures of so many rows, by the V_ and F_ indices."""
+    cap = p.ground_tolerance_cap * p.min_obstacle_height_m
+    return np.array(
+        [
+            p.ground_min_height_m, p.ground_height_step, p.ground_pair_climb, p.ground_pair_climb_min_m,
+            p.ground_pair_climb_max_m, p.ground_pair_min_px, rows // p.ground_pair_parts, p.ground_pair_flat,
+            p.ground_pair_sigmas, p.ground_pair_flat_cap, p.ground_pair_level,
+            p.ground_seed_weight, p.ground_seed_steps, p.ground_tries, p.ground_min_samples, p.ground_min_share,
+            p.ground_max_height_m,
+            p.ground_sigmas, min(p.ground_tolerance_m, cap), cap, p.ground_fit_rounds, p.ground_fit_min_px,
+            p.ground_fit_floor_m, p.ground_max_slope, p.ground_slope_prior, p.ground_below_m, p.ground_below_full_m,
+            p.ground_max_below_share, p.ground_fit_sigmas, p.ground_recede_share,
+            p.ground_recede_noise,
+        ],
+        np.float64,
+    )  # fmt: skip
+
+
+def height_bins(p: Params) -> int:
+    """How many steps of height are counted: a few beyond the greatest height considered."""
+    return 4 + math.ceil(math.log(max(p.ground_max_height_m / p.ground_min_height_m, 1.0)) / p.ground_height_step)
+
+
+@inner
+def step_of(height_m, bin_step):
+    """The step of height that holds a height > 0, over log height; below 0 under _STEPS_FROM_M."""
+    return int(math.floor(math.log(height_m / _STEPS_FROM_M) / bin_step))
+
+
+@inner
+def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
+    """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
+
+    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `ground_settings`. votes: (bins,)
+    int32 over log height. points: (N, 7) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
+    of height, and 1 where they voted; then what z/x and 1/x are more than those of the pixel they are paired with, 0 where
+    there is none. A pair of pixels in one source column votes when what lies between them climbs
+    little of what a wall would show over the same rows."""
+    rows, cols = marks.shape
+    least, bin_step = tuning[V_LEAST], tuning[V_STEP]
+    bins, lowest = len(votes), step_of(least, bin_step)
+    votes[:] = 0
+    n = 0
+    sampled = 0
+    for u in range(column_step // 2, cols, column_step):
+        xu = (u - k[2]) / k[0]
+        for v in range(row_step // 2, rows, row_step):
+            mark = marks[v, u]
+            if mark == 0 or mark == _FAR:
+                continue
+            d = np.float32(1000.0) / np.float32(mark)
+            sampled += 1
+            yv = (v - k[3]) / k[1]
+            z = (R[2, 0] * xu + R[2, 1] * yv + R[2, 2]) / d
+            x = (R[0, 0] * xu + R[0, 1] * yv + R[0, 2]) / d
+            if n < points.shape[0]:
+                points[n, 0] = x
+                points[n, 1] = (R[1, 0] * xu + R[1, 1] * yv + R[1, 2]) / d
+                points[n, 2] = z
+                points[n, 3] = d / ke
+                points[n, 4:] = 0.0
+                n += 1
+            if z < least or x <= 0.0:
+                continue
+            # what a wall would climb over the rows that are looked at
+            climb_min = min(tuning[V_CLIMB_MIN], _CLIMB_MOST * z)
+            climb = min(max(tuning[V_CLIMB] * z, climb_min), tuning[V_CLIMB_MAX])
+            v2 = v - int(max(tuning[V_ROWS_MIN], min(tuning[V_ROWS_MAX], climb * k[1] * d)))
+            if v2 < 0:
+                continue
+            mark = marks[v2, u]
+            if mark == 0 or mark == _FAR:
+                continue
+            d2 = np.float32(1000.0) / np.float32(mark)
+            yv2 = (v2 - k[3]) / k[1]
+            z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
+            x2 = (R[0, 0] * xu + R[0, 1] * yv2 + R[0, 2]) / d2
+            if x2 > 0.0:
+                points[n - 1, 5], points[n - 1, 6] = z / x - z2 / x2, 1.0 / x - 1.0 / x2
+            noise = tuning[V_SIGMAS] * ke * (z / d + abs(z2) / d2) * 0.5
+            allowed = min(tuning[V_FLAT] * climb + noise, tuning[V_FLAT_CAP] * climb)
+            if abs(z2 - z) < allowed and z2 > tuning[V_LEVEL] * z:
+                points[n - 1, 4] = 1.0
+                bin_ = step_of(0.5 * (z + z2), bin_step) - lowest
+                if 0 <= bin_ < bins:
+                    votes[bin_] += 1
+    return n, sampled
+
+
+@inner_ieee
+def fill_gate(f_px, quantum, cu, lateral, height, slope_x, slope_y, spread, least, cap, gate, shift):
+    """gate[q] = (h - tolerance(X)) / X + sx at X = f quantum / q = 1 / s, tolerance = spread X between least and cap; (65536,)
+    float32. shift[u] = sy y / X of column u; (cols,) float32."""
+    gain = f_px * quantum
+    for q in range(len(gate)):
+        s = np.int32(q) / gain
+        gate[q] = height * s - min(max(spread, least * s), cap * s) + slope_x
+    for u in range(len(shift)):
+        shift[u] = slope_y * ((np.int32(u) - cu) * lateral / f_px)
+
+
+def ground_gate(
+    ground: Ground, view: ViewGeometry, ke: float, params: Params, gate: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """shift: a cell of code q at row tangent m and column u is ground, or below it, when m - shift[u] > gate[q].
+
+    gate: (65536,) float32 out, shift: (cols,) float32. From z = X m against h + sx X + sy y - tolerance(X), over X."""
+    if not ground.seen:
+        gate[:] = np.inf
+        return np.zeros(view.cols, np.float32)
+    cap, shift = params.ground_tolerance_cap * params.min_obstacle_height_m, np.empty(view.cols, np.float32)
+    fill_gate(
+        view.f_px, view.quantum, view.cu, float(view.lateral[0]), ground.height_m, ground.slope_x, ground.slope_y,
+        params.ground_sigmas * ke * ground.height_m, min(params.ground_tolerance_m, cap), cap, gate, shift,
+    )  # fmt: skip
+    return shift
+
+
+# indices of `doubt_settings`
+N_F, N_QUANTUM, N_SIGMA, N_HEIGHT, N_SLOPE, N_NEAR, N_SLACK, N_NEED, N_TAIL = range(9)
+
+
+def doubt_settings(ground: Ground, view: ViewGeometry, ke: float, p: Params) -> NDArray[np.float64]:
+    """(9,) float64 for `drop_ground_noise`, by the N_ indices; of no meaning where no ground was seen."""
+    if not ground.seen:
+        return np.zeros(9)
+    spread = p.ground_sigmas * ke * ground.height_m
+    sigma = max(ke * view.f_px, p.min_sigma_px)
+    return np.array(
+        [
+            view.f_px, view.quantum, sigma, ground.height_m, ground.slope_x,
+            view.f_px * spread / (p.ground_tolerance_cap * p.min_obstacle_height_m), p.ground_stand_m / ground.height_m,
+            p.ground_stand_sigmas * sigma, p.ground_sigmas * sigma,
+        ],
+        np.float64,
+    )  # fmt: skip
+
+
+@inner
+def drop_ground_noise(ints, floats, n, codes, tan_mid, shift, w, keep):
+    """Removes strips that are no more than the noise of the ground: unknown, neither obstacle nor free; returns how many stay.
+
+    Beyond the range where the noise of height exceeds the cap on the ground's half-thickness, the ground's own pixels stick
+    out above it. What stands there shows in the rows of a strip by the sum of all of them: flat ground, whose noisy half is
+    in the strip, has the other half in the same rows. So the mean disparity of the rows, over what the ground would have
+    there, must be need / sqrt(rows) after ground_stand_m, an error of the fit, is taken off. What is nearer than the
+    strip by its noise does not count; a cell beyond the range clip counts as one sigma behind the ground.
+    codes: (cols, rows) uint16; tan_mid: (rows,) float32; shift: of `ground_gate`; w: `doubt_settings`; keep: (N,) uint8
+    scratch."""
+    f, quantum, sigma, height = w[N_F], w[N_QUANTUM], w[N_SIGMA], w[N_HEIGHT]
+    dropped = 0
+    for i in range(n):
+        d = np.float64(floats[i, D])
+        keep[i] = 1
+        if d >= w[N_NEAR] or ints[i, KIND] == MERGED:
+            continue
+        u = ints[i, U]
+        offset, most = w[N_SLOPE] + shift[u], d + w[N_TAIL]
+        total, count = 0.0, 0
+        for v in range(ints[i, TOP], ints[i, BOTTOM] + 1):
+            code = codes[u, v]
+            seen = code / quantum
+            if code == Q_UNKNOWN or seen > most:
+                continue
+            ground = max(0.0, f * (tan_mid[v] - offset) / height)
+            total += -sigma if code == Q_FAR else seen - ground * (1.0 + w[N_SLACK])
+            count += 1
+        if total < w[N_NEED] * math.sqrt(count):
+            keep[i] = 0
+            dropped += 1
+    return compact(ints, floats, n, keep) if dropped > 0 else n
+
+
+@inner
+def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
+    """(slope_x, slope_y): weighted least squares of z over (x, y) with an intercept, shrunk to 0 where the data do not
+    carry them, no steeper than limit.
+
+    sums: w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr over the pixels, r their height off a plane of slopes slope_x, slope_y
+    that lies height_off too low."""
+    w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = sums
+    r0 = wr + slope_x * wx + slope_y * wy - height_off * w
+    rx = wxr + slope_x * wxx + slope_y * wxy - height_off * wx - r0 * wx / w
+    ry = wyr + slope_x * wxy + slope_y * wyy - height_off * wy - r0 * wy / w
+    xx, xy, yy = wxx + 1.0 / prior**2 - wx * wx / w, wxy - wx * wy / w, wyy + 1.0 / prior**2 - wy * wy / w
+    det = xx * yy - xy * xy
+    x, y = (yy * rx - xy * ry) / det, (xx * ry - xy * rx) / det
+    shrink = min(1.0, limit / max(math.hypot(x, y), 1e-12))
+    return x * shrink, y * shrink
+
+
+@inner
+def fit_cap(sigma, tuning):
+    """Most that a point of the ground lies off it: what cuts deeper into its noise holds a fit where it began."""
+    return max(tuning[F_CAP], tuning[F_CAP_SIGMAS] * sigma)
+
+
+@inner
+def fit_ground(points, height, tuning):
+    """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
+
+    points: (N, 7) of `vote`. Not seen: too few lie on it, or too much below it, or those on it do not recede from row to
+    row as it would. share: of the points that lie on it."""
+    n = len(points)
+    slope_x, slope_y, tolerance_at = 0.0, 0.0, height
+    for _ in range(int(tuning[F_ROUNDS])):
+        on = 0
+        w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        tolerance_at = height
+        for i in range(n):
+            if points[i, 4] == 0.0:  # the foot of a wall is near the ground and not level
+                continue
+            x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
+            sigma = height / points[i, 3]
+            r = points[i, 2] - (height + slope_x * x + slope_y * y)
+            if abs(r) < min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning)):
+                on += 1
+                # inverse variance of height, sigma_h = ke X h
+                weight = 1.0 / (tuning[F_FLOOR] + sigma) ** 2
+                w, wx, wy, wr = w + weight, wx + weight * x, wy + weight * y, wr + weight * r
+                wxx, wxy, wyy = wxx + weight * x * x, wxy + weight * x * y, wyy + weight * y * y
+                wxr, wyr = wxr + weight * x * r, wyr + weight * y * r
+        if on < max(tuning[F_MIN_PX], tuning[V_MIN_SHARE] * n):
+            return False, height, slope_x, slope_y, 0.0
+        height += wr / w
+        if tuning[F_MAX_SLOPE] > 0.0:
+            sums = (w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr)
+            slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, tuning[F_PRIOR], tuning[F_MAX_SLOPE])
+    slack = tuning[F_BELOW] * height / (height + tuning[F_BELOW_FULL])
+    on, below, recedes, recede = 0, 0, 0.0, 0.0
+    for i in range(n):
+        sigma = tolerance_at / points[i, 3]
+        tolerance = min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning))
+        r = points[i, 2] - (height + slope_x * points[i, 0] + slope_y * points[i, 1])
+        below += r > tolerance + slack
+        if abs(r) < tolerance:
+            on += 1
+            # 1/x = (z/x - slopes) / height on the ground, the same in all rows of a wall
+            rows, rise = np.float64(points[i, 5]), np.float64(points[i, 6])
+            if sigma < tuning[F_RECEDE_NOISE] * abs(rows) * points[i, 0]:  # the vote of such a pair is sure
+                rows *= points[i, 4]
+                rise = rows / height
+            recedes, recede = recedes + rows * rise, recede + rows * rows
+    seen = below <= tuning[F_BELOW_SHARE] * n and height >= tuning[V_LEAST]
+    seen = seen and recedes * height >= tuning[F_RECEDE] * recede
+    return seen, height, slope_x, slope_y, on / n
+
+
+@kernel
+def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, votes, points):
+    """`fit_ground` at the first height that holds, from the most voted on; arguments as for `vote`."""
+    n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)
+    points[n:, 4] = 0.0  # rows of an earlier frame
+    bins = len(votes)
+    score = np.zeros(bins, np.float64)
+    for b in range(bins):
+        score[b] = votes[max(b - 1, 0) : b + 2].sum()
+    lowest = step_of(tuning[V_LEAST], tuning[V_STEP])
+    if seed_height > tuning[V_LEAST]:
+        at, reach = step_of(seed_height, tuning[V_STEP]) - lowest, int(tuning[V_SEED_STEPS])
+        score[max(0, at - reach) : at + reach + 1] *= tuning[V_SEED_WEIGHT]
+    tries = int(tuning[V_TRIES]) if sampled >= tuning[V_MIN_SAMPLES] else 0
+    for _ in range(tries):
+        best = np.argmax(score)
+        if score[best] < tuning[V_MIN_SHARE] * sampled:
+            break
+        height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning[V_STEP])
+        score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
+        if height <= tuning[V_MAX_HEIGHT]:
+            found = fit_ground(points[:n], height, tuning)
+            if found[0]:
+                return found
+    return False, 0.0, 0.0, 0.0, 0.0
+
+
+def find_ground(
+    marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, ke: float, seed_height_m: float,
+    params: Params, points: NDArray[np.float32],
+) -> Ground:  # fmt: skip
+    """The ground of one frame, or NO_GROUND.
+
+    seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
+    points: (ground_max_samples, 7) float32 scratch, left for `with_ranges`. The heights are tried from the most voted on; one is taken when
+    enough pixels lie on it and few below."""
+    k, p = info.intrinsics, params
+    across, down = p.ground_column_step, p.ground_row_step
+    # as coarse as it takes for the whole picture to find room: a part of it would say nothing of what lies below
+    step = max(1, math.ceil(math.sqrt((k.width // across + 1) * (k.height // down + 1) / len(points))))
+    seen, height, slope_x, slope_y, share = search_ground(
+        marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), ke, seed_height_m,
+        across * step, down * step, ground_settings(k.height, p), np.zeros(height_bins(p), np.int32), points,
+    )  # fmt: skip
+    if not seen:
+        return NO_GROUND
+    noise_per_m = p.ground_sigmas * ke * height
+    return Ground(
+        seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y, share=share,
+        blind_beyond_m=p.min_obstacle_height_m / noise_per_m, tolerance_m=p.ground_tolerance_m, noise_per_m=noise_per_m,
+    )  # fmt: skip
+
+
+@kernel
+def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edges_t, seen_from, seen_to):
+    """Nearest and farthest horizontal range at which the ground was measured, for each direction.
+
+    points: (N, 7) of `vote`: the level ones that lie within tolerance + noise x of the plane, no farther than blind.
+    edges_t: (D + 1,) float64 tangents of the directions' edges. seen_from, seen_to: (D,) float32 out, 0: none. A
+    direction without a sample between two that have some gets what both have."""
+    directions = len(edges_t) - 1
+    seen_from[:] = 0.0
+    seen_to[:] = 0.0
+    for i in range(len(points)):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        if points[i, 4] == 0.0 or x > blind or abs(z - height - slope_x * x - slope_y * y) > max(tolerance, noise * x):
+            continue
+        d = int(np.searchsorted(edges_t, y / x, side="right")) - 1
+        if d < 0 or d >= directions:
+            continue
+        r = np.float32(math.hypot(x, y))
+        seen_from[d] = r if seen_to[d] == 0.0 else min(seen_from[d], r)
+        seen_to[d] = max(seen_to[d], r)
+    for d in range(1, directions - 1):
+        if seen_to[d] == 0.0 and seen_to[d - 1] > 0.0 and seen_to[d + 1] > 0.0:
+            near, far = max(seen_from[d - 1], seen_from[d + 1]), min(seen_to[d - 1], seen_to[d + 1])
+            if far > near:
+                seen_from[d], seen_to[d] = near, far
+
+
+def with_ranges(ground: Ground, points: NDArray[np.float32], edges_t: NDArray[np.float64]) -> Ground:
+    """The ground with the ranges at which it was measured. points: as `find_ground` left them; edges_t: (D + 1,) tangents
+    of the directions of the frame's free-range profile."""
+    if not ground.seen:
+        return ground
+    seen_from, seen_to = np.empty((2, len(edges_t) - 1), np.float32)
+    ground_ranges(
+        points, ground.height_m, ground.slope_x, ground.slope_y, float(ground.tolerance_m), ground.noise_per_m,
+        ground.blind_beyond_m, edges_t, seen_from, seen_to,
+    )  # fmt: skip
+    return replace(ground, seen_from_m=tuple(seen_from.tolist()), seen_to_m=tuple(seen_to.tolist()))

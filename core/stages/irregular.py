@@ -1,0 +1,100 @@
+"""Section 4.3 for one column: what no window took, in segments; and which of it is a horizontal surface."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inner, inner_inline
+from .row_mask import CODE, ROW
+from .strips import (
+    HORIZONTAL,
+    I_GAP,
+    I_HORIZONTAL,
+    I_PAPER,
+    IRREGULAR,
+    S_CENTRE,
+    S_CORRELATION,
+    S_DEPTH,
+    S_F,
+    S_HD,
+    S_HORIZON,
+    S_JUMP,
+    S_QUANTUM,
+    S_REST_SIGMAS,
+    S_SIGMA_D,
+    emit,
+    emit_paper,
+)
+
+
+@inner
+def is_horizontal(px, first, last, fs):
+    """Eq. 12-14: do disparity and row of the pixels first..last - 1 correlate, and does their line meet the horizon?
+
+    In the levelled view the vanishing row is the horizon whatever the pitch."""
+    n = last - first
+    sd, sv, sdd, svv, sdv = np.int64(0), np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    for i in range(np.uint64(first), np.uint64(last)):
+        d, v = np.int64(px[CODE, i]), np.int64(px[ROW, i])
+        sd, sv, sdd, svv, sdv = sd + d, sv + v, sdd + d * d, svv + v * v, sdv + d * v
+    var_d, var_v, cov = n * sdd - sd * sd, n * svv - sv * sv, n * sdv - sd * sv
+    if var_d <= 0 or var_v <= 0:
+        return False
+    r = cov / (math.sqrt(var_d) * math.sqrt(var_v))
+    centre = (1.0 * sv * sdd - 1.0 * sd * sdv) / var_d
+    return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
+
+
+@inner_inline
+def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally):
+    """Section 4.3: the first n pixels of px, which no window took, in segments.
+
+    line, mark: the column row by row, for the paper's form only.
+
+    A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
+    than irregular_depth_m."""
+    if n == 0:
+        return
+    paper = si[I_PAPER] == 1
+    gap, hd = si[I_GAP], fs[S_HD]
+    q, f, depth = fs[S_QUANTUM], fs[S_F], fs[S_DEPTH]
+    noise = fs[S_REST_SIGMAS] * fs[S_SIGMA_D]
+    first, total = 0, np.int64(px[CODE, 0])
+    before = px[CODE, 0] / q
+    least, most = before, before
+    for i in range(1, n):
+        d = px[CODE, i] / q
+        lo, hi = min(least, d), max(most, d)
+        close = px[ROW, i] - px[ROW, i - 1] > gap
+        tall = px[ROW, i] - px[ROW, first] + 1
+        if paper:
+            close |= tall > hd * most
+        else:
+            close |= (abs(d - before) > max(noise, fs[S_JUMP] * d)) | (tall > hd * hi)
+            # f / lo - f / hi > depth + noise * f / lo^2, without its divisions
+            close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
+        if close:
+            close_irregular(line, mark, px, first, i, total, u, H, area, fs, si, best, ints, floats, tally)
+            first, total = i, np.int64(0)
+            lo, hi = d, d
+        total += px[CODE, i]
+        before, least, most = d, lo, hi
+    close_irregular(line, mark, px, first, n, total, u, H, area, fs, si, best, ints, floats, tally)
+
+
+@inner_inline
+def close_irregular(line, mark, px, first, last, total, u, H, area, fs, si, best, ints, floats, tally):
+    """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
+    count = last - first
+    horizontal = count >= si[I_HORIZONTAL] and is_horizontal(px, first, last, fs)
+    if si[I_PAPER] == 1:
+        if not horizontal:
+            emit_paper(line, mark, px[ROW, first], px[ROW, last - 1], True, u, fs, si, ints, floats, tally)
+        return
+    kind = HORIZONTAL if horizontal else IRREGULAR
+    emit(
+        px[CODE], first, last, count, total, px[ROW, first], px[ROW, last - 1], 0, True, kind, u, H, area, fs, si,
+        best[0], ints, floats, tally,
+    )  # fmt: skip

@@ -1,0 +1,333 @@
+"""Section 4.1, Lemma 1 in exact form: the frame as a gravity-aligned camera would have seen it.
+
+A pure rotation has no parallax, so every pixel keeps its own measurement and only changes its place: columns become
+truly vertical for any roll and pitch, and Eq. 15 holds as it stands. The paper's form (rotate the image by -roll,
+divide by Lemma 1's factor) is `level_paper`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import Rotation
+from ..jit import inline_ieee, inner, inner_ieee, inner_inline, kernel
+from ..types import FAR_MM, CameraInfo
+from .view_geometry import ViewGeometry
+
+Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
+"""Codes of the levelled image: no measurement, free to the maximum, and the least measured value."""
+_TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
+"""Cells that are worked on together: their part of the source fits the nearest cache. Those of a column are written in
+one go, so that memory is asked for lines that follow each other. Places are rounded from the first of _TILE_ROWS cells
+on: the few that lie within 2e-4 px of two pixels may take the other with other tiles."""
+_SAME = 1e-9
+"""Not tuning: how far numbers of a homography may differ by rounding."""
+_LITTLE_ENDIAN = sys.byteorder == "little"
+_FAR = np.uint16(FAR_MM)
+
+
+@inner
+def _rows_inside(a, b, first, last):
+    """The part of rows first..last in which a + b*v >= 0."""
+    # bounded before it becomes an integer: with a slope of rounding errors the crossing lies beyond any integer
+    if b > 0.0:
+        first = max(first, int(math.ceil(min(max(-a / b, -1.0), 1e6))))
+    elif b < 0.0:
+        last = min(last, int(math.floor(min(max(-a / b, -1.0), 1e6))))
+    elif a < 0.0:
+        last = first - 1
+    return first, last
+
+
+@inner
+def seen_rows(H, u, src_cols, src_rows, rows):
+    """(first, end) of the rows of column u of the view whose nearest pixel lies in the source; first = end: none."""
+    a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
+    a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
+    a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
+    first, last = _rows_inside(a2 - 1e-3, b2, 0, rows - 1)
+    first, last = _rows_inside(a0 + 0.4999 * a2, b0 + 0.4999 * b2, first, last)
+    first, last = _rows_inside(a1 + 0.4999 * a2, b1 + 0.4999 * b2, first, last)
+    first, last = _rows_inside((src_cols - 0.5001) * a2 - a0, (src_cols - 0.5001) * b2 - b0, first, last)
+    first, last = _rows_inside((src_rows - 0.5001) * a2 - a1, (src_rows - 0.5001) * b2 - b1, first, last)
+    return first, max(first, last + 1)
+
+
+@inline_ieee
+def codes_of(marks, forward, gain, out):
+    """Codes of pixels: disparity of marks (N,) uint16 times forward (N,) float32, Z_optical / X, in quanta."""
+    for i in range(len(out)):
+        mark = marks[i]
+        d = np.float32(1000.0) / np.float32(mark)
+        code = np.int32(min(d * forward[i] * gain + np.float32(0.5), np.float32(65535.0)))
+        code = max(code, np.int32(Q_MIN))
+        if mark == _FAR:
+            code = np.int32(Q_FAR)
+        if mark == 0:
+            code = np.int32(Q_UNKNOWN)
+        out[i] = np.uint16(code)
+
+
+@inline_ieee
+def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
+    """The nearest source pixel of cells (u, first), (u, first + 1), ...: its index in the flat image and Z_optical / X.
+
+    forward: (N,) float32, at: (N,) uint32, outputs. Pixels are clamped to the image: for cells of `seen_rows` only."""
+    a0, b0 = H[0, 0] * u + H[0, 2], H[0, 1]
+    a1, b1 = H[1, 0] * u + H[1, 2], H[1, 1]
+    a2, b2 = H[2, 0] * u + H[2, 2], H[2, 1]
+    # in float32 from the first of the cells on: within 2e-4 px of the exact place
+    x0, y0, w0 = np.float32(a0 + b0 * first), np.float32(a1 + b1 * first), np.float32(a2 + b2 * first)
+    dx, dy, dw = np.float32(b0), np.float32(b1), np.float32(b2)
+    right, bottom, stride = np.int32(src_cols - 1), np.int32(src_rows - 1), np.int32(src_cols)
+    half = np.float32(0.5)
+    for i in range(len(at)):
+        v = np.float32(np.int32(i))
+        w = w0 + dw * v
+        r = np.float32(1.0) / w
+        x = min(max(np.int32((x0 + dx * v) * r + half), np.int32(0)), right)
+        y = min(max(np.int32((y0 + dy * v) * r + half), np.int32(0)), bottom)
+        at[i] = np.uint32(y * stride + x)
+        forward[i] = w
+
+
+@kernel
+def level_nearest(marks, H, gain, out, picked):
+    """Each cell of the levelled view takes its nearest source pixel. Depth is never interpolated.
+
+    marks: (H, W) uint16 of `classify`. gain: f_px * quantum. out: (cols, rows) uint16 codes, one line per column. picked:
+    (H * W,) uint8 out, which source pixels were taken. A cell outside the source is unknown. In tiles, whose part of the
+    source stays in the nearest cache; arithmetic apart from fetching, so that it is done for many cells at once."""
+    picked[:] = 0
+    seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
+    forward, mark = np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS // 4, np.uint64)
+    fetch_nearest(
+        marks.shape[0], marks.shape[1], marks.ravel(), H, np.float32(gain), out, picked, seen, at, forward, mark,
+        mark.view(np.uint16),
+    )  # fmt: skip
+
+
+@inner
+def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, seen, at, forward, four_marks, mark):
+    """`level_nearest` of a flat image. Scratch: seen (_TILE_COLS, 2) int64; at, forward, mark (_TILE_ROWS,) uint32, float32,
+    uint16; four_marks: the same memory as mark, (_TILE_ROWS / 4,) uint64."""
+    cols, rows = out.shape
+    for u0 in range(0, cols, _TILE_COLS):
+        wide = min(_TILE_COLS, cols - u0)
+        for k in range(wide):
+            seen[k, 0], seen[k, 1] = seen_rows(H, u0 + k, src_cols, src_rows, rows)
+            out[u0 + k, : seen[k, 0]] = Q_UNKNOWN
+            out[u0 + k, seen[k, 1] :] = Q_UNKNOWN
+        for high in range(0, rows, _TILE_HIGH):
+            for k in range(wide):
+                for v0 in range(high, min(rows, high + _TILE_HIGH), _TILE_ROWS):
+                    first, end = max(seen[k, 0], v0), min(seen[k, 1], v0 + _TILE_ROWS)
+                    n = end - first
+                    if n <= 0:
+                        continue
+                    source_of_rows(H, u0 + k, first, src_cols, src_rows, forward, at[:n])
+                    fetch_pixels(flat, at, n, four_marks, mark, picked)
+                    codes_of(mark, forward, gain, out[u0 + k, first:end])
+
+
+@inner_inline
+def fetch_pixels(flat, at, n, four_marks, mark, picked):
+    """The marks of the pixels at[:n] of the flat image, which are now picked. mark, four_marks: see `fetch_nearest`.
+
+    Four at a time: what they wait for is places to store to, of which one store for four marks saves three of eight."""
+    fours = np.uint64(n) >> np.uint64(2) if _LITTLE_ENDIAN else np.uint64(0)
+    for j in range(fours):
+        i = np.uint64(4) * j
+        a, b, c, d = at[i], at[i + np.uint64(1)], at[i + np.uint64(2)], at[i + np.uint64(3)]
+        upper = np.uint64(flat[a]) | np.uint64(flat[b]) << np.uint64(16)
+        four_marks[j] = upper | np.uint64(flat[c]) << np.uint64(32) | np.uint64(flat[d]) << np.uint64(48)
+        picked[a] = 1
+        picked[b] = 1
+        picked[c] = 1
+        picked[d] = 1
+    for k in range(np.uint64(4) * fours, np.uint64(n)):
+        mark[k] = flat[at[k]]
+        picked[at[k]] = 1
+
+
+@kernel
+def level_as_it_is(marks, gain, out):
+    """`level_nearest` for a camera that is level: cells are pixels, lines become columns.
+
+    out: (cols, rows / 4) uint64, four codes each, the upper row in the lowest bits: four rows at a time are packed side
+    by side, so that turning the image over is one store for four cells."""
+    cols, fours = out.shape
+    codes, ones = np.empty((4, _TILE_WIDE), np.uint16), np.ones(_TILE_WIDE, np.float32)
+    packed = np.empty(_TILE_WIDE, np.uint64)
+    gain = np.float32(gain)
+    for u0 in range(0, cols, _TILE_WIDE):
+        wide = min(_TILE_WIDE, cols - u0)
+        c0, c1, c2, c3 = codes[0], codes[1], codes[2], codes[3]
+        for four in range(fours):
+            for j in range(4):
+                codes_of(marks[4 * four + j, u0 : u0 + wide], ones, gain, codes[j, :wide])
+            for i in range(wide):
+                upper = np.uint64(c0[i]) | np.uint64(c1[i]) << np.uint64(16)
+                packed[i] = upper | np.uint64(c2[i]) << np.uint64(32) | np.uint64(c3[i]) << np.uint64(48)
+            for i in range(wide):
+                out[u0 + i, four] = packed[i]
+
+
+@inner_inline
+def left_over(marks, picked, want, found):
+    """Measured pixels that were not picked: writes their places to found, returns how many.
+
+    marks: (N,) uint16, picked: (N,) uint8. want: (M,) uint8 scratch, M a multiple of 8, zero beyond N. found: (M,) int32.
+    Eight flags are looked at as one number, most often all zero; where not, each place is written and kept if it counts."""
+    for u in range(len(marks)):
+        want[u] = np.uint8((picked[u] == 0) & (marks[u] != 0) & (marks[u] != _FAR))
+    n = np.uint64(0)
+    eights = want.view(np.uint64)
+    for k in range(len(eights)):
+        eight = eights[k]
+        if eight != 0:
+            for j in range(8):
+                found[n] = np.int32(8 * k) + np.int32(j)
+                n += (eight >> np.uint64(8 * j)) & np.uint64(1)
+    return np.int64(n)
+
+
+@kernel
+def level_pool(marks, picked, R, k, window, out):
+    """Source pixels that no cell picked reach theirs all the same, the nearest thing winning: no pole is lost
+    where the view minifies, and nothing grows where it does not.
+
+    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. window: (f_px, cu, cv, gain). Adds to `out` of level_nearest.
+    Far never overrules a neighbour of which nothing is known: it would call the cell free."""
+    want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
+    mark = np.empty(_TILE_WIDE, np.uint16)
+    cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
+    cols, rows = out.shape
+    pool_left_over(marks, picked, R, k, window, out.ravel(), cols, rows, want, found, mark, cell, code)
+
+
+@inner_ieee
+def pool_left_over(marks, picked, R, k, window, flat, cols, rows, want, found, mark, cell, code):
+    """`level_pool` on flat codes of (cols, rows). Scratch: want, found (one more), mark, cell, code (_TILE_WIDE,) uint8, int32,
+    uint16, uint32, int32."""
+    src_rows, src_cols = marks.shape
+    f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
+    cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
+    right, bottom, high = np.float32(cols), np.float32(rows), np.int32(rows)
+    dx, dy, dz = np.float32(R[0, 0] / k[0]), np.float32(R[1, 0] / k[0]), np.float32(R[2, 0] / k[0])
+    for u0 in range(0, src_cols, _TILE_WIDE):
+        wide = min(_TILE_WIDE, src_cols - u0)
+        want[wide:] = 0
+        xu = (u0 - k[2]) / k[0]
+        for v in range(src_rows):
+            line = marks[v, u0 : u0 + wide]
+            n = left_over(line, picked[v * src_cols + u0 : v * src_cols + u0 + wide], want, found)
+            for i in range(n):
+                mark[i] = line[found[i]]
+            yv = (v - k[3]) / k[1]
+            x0 = np.float32(R[0, 0] * xu + R[0, 1] * yv + R[0, 2])
+            y0 = np.float32(R[1, 0] * xu + R[1, 1] * yv + R[1, 2])
+            z0 = np.float32(R[2, 0] * xu + R[2, 1] * yv + R[2, 2])
+            for i in range(n):
+                u = np.float32(found[i])
+                forward = x0 + dx * u
+                r = np.float32(1.0) / max(forward, np.float32(1e-3))
+                iu, iv = (y0 + dy * u) * r * f + cu, (z0 + dz * u) * r * f + cv
+                inside = (forward >= np.float32(1e-3)) & (iu >= 0) & (iu < right) & (iv >= 0) & (iv < bottom)
+                disparity = np.float32(1000.0) / np.float32(mark[i]) * r * gain + half
+                disparity = max(min(disparity, np.float32(65535.0)), np.float32(Q_MIN))
+                # what looks outside adds nothing to the first cell
+                at = np.int32(iu) * high + np.int32(iv)
+                cell[i] = np.uint32(at if inside else 0)
+                code[i] = np.int32(disparity) if inside else np.int32(0)
+            for i in range(n):
+                flat[cell[i]] = max(np.int32(flat[cell[i]]), code[i])
+
+
+@kernel
+def level_into(marks, R, k, f_px, cu, cv, quantum, H, out, picked):
+    """`level_nearest` and `level_pool` together, or `level_as_it_is`. k: (4,) fx, fy, cx, cy."""
+    cols, rows = out.shape
+    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(H):
+        level_as_it_is(marks, f_px * quantum, out.view(np.uint64))
+        return
+    level_nearest(marks, H, f_px * quantum, out, picked)
+    level_pool(marks, picked, R, k, (f_px, cu, cv, f_px * quantum), out)
+
+
+@inner
+def is_as_it_is(H):
+    """Whether the cells of the view are the pixels of the source. H: (3, 3)."""
+    most = 0.0
+    for i in range(3):
+        for j in range(3):
+            most = max(most, abs(H[i, j] - (1.0 if i == j else 0.0)))
+    return most < _SAME
+
+
+def level_safe(
+    marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, g: ViewGeometry, out: NDArray[np.uint16],
+    picked: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Fills `out` (cols, rows) uint16 with the codes of the levelled view g. picked: (H * W,) uint8 scratch."""
+    k = info.intrinsics
+    camera = np.array([k.fx, k.fy, k.cx, k.cy])
+    R = np.ascontiguousarray(R_level_optical)
+    level_into(marks, R, camera, g.f_px, g.cu, g.cv, g.quantum, g.H, out, picked)
+
+
+@kernel
+def pool_columns(codes, step, apart, out):
+    """One column for each `step` neighbouring ones: the mean of those that agree with the nearest of them. None is skipped.
+
+    codes: (cols, rows) uint16. apart: what differs by no more agrees. out: (ceil(cols / step), rows) uint16. The nearest of
+    several noisy pixels of one wall is too near, their mean is not; a pole does not agree with the wall behind it."""
+    rows = codes.shape[1]
+    pool_groups(codes, step, np.int32(apart), np.empty(rows, np.int32), np.empty(rows, np.int32), out)
+
+
+@inner_ieee
+def pool_groups(codes, step, apart, total, count, out):
+    """`pool_columns`. Scratch: total, count (rows,) int32."""
+    cols, rows = codes.shape
+    for j in range(len(out)):
+        line, end = out[j], min(cols, (j + 1) * step)
+        first = codes[j * step]
+        for v in range(rows):
+            line[v] = first[v]
+            total[v], count[v] = 0, 0
+        for u in range(j * step + 1, end):
+            column = codes[u]
+            for v in range(rows):
+                line[v] = max(line[v], column[v])
+        for u in range(j * step, end):
+            column = codes[u]
+            for v in range(rows):
+                code = np.int32(column[v])
+                agrees = (code >= np.int32(Q_MIN)) & (code + apart >= np.int32(line[v]))
+                total[v] += code if agrees else np.int32(0)
+                count[v] += np.int32(agrees)
+        for v in range(rows):
+            mean = np.float32(total[v]) / np.float32(max(count[v], np.int32(1)))
+            nearest = line[v]
+            line[v] = np.uint16(mean + np.float32(0.5)) if count[v] > 1 else nearest
+
+
+@inner
+def level_paper(marks, H, lateral, gain, out):
+    """Lemma 1: disparity of the rotated image divided by (cos(theta) - (v - v0)/f sin(theta)); columns stay as they are."""
+    src_rows, src_cols = marks.shape
+    cols, rows = out.shape
+    for u in range(cols):
+        for v in range(rows):
+            x = int(math.floor(H[0, 0] * u + H[0, 1] * v + H[0, 2] + 0.5))
+            y = int(math.floor(H[1, 0] * u + H[1, 1] * v + H[1, 2] + 0.5))
+            out[u, v] = Q_UNKNOWN
+            if 0 <= x < src_cols and 0 <= y < src_rows and marks[y, x] != 0:
+                d = np.float32(1000.0) / np.float32(marks[y, x])
+                far = marks[y, x] == _FAR
+                out[u, v] = Q_FAR if far else max(Q_MIN, min(65535, int(d * lateral[v] * gain)))

@@ -1,0 +1,116 @@
+"""All prisms of a frame in tables; a `Prism` is made when somebody asks for it.
+
+A frame has 50 to 80 prisms, and an object of each takes longer than to find them all. Who moves them, counts them or
+writes them down does so with the tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import Prism, readonly
+
+
+class PrismTable(Sequence[Prism]):
+    """A read-only sequence of prisms.
+
+    cluster: (N,) int32; heights_m: (N, 2) float32 top and bottom, z down; closed: (N,) bool; margin_m: (N,) float32;
+    vertex_begin, edge_begin: (N + 1,) int32, the first vertex and edge of each prism, and the ends; vertices_m: (V, 2) float32;
+    plane: (E,) int32, the plane of each edge. What they mean: see `Prism`.
+
+    Raises:
+        ValueError: a table has the wrong type or size, or a prism's top is not above its bottom.
+    """
+
+    __slots__ = ("closed", "cluster", "edge_begin", "heights_m", "margin_m", "plane", "vertex_begin", "vertices_m")
+
+    def __init__(
+        self, cluster: NDArray[np.int32], heights_m: NDArray[np.float32], closed: NDArray[np.bool_],
+        margin_m: NDArray[np.float32], vertex_begin: NDArray[np.int32], edge_begin: NDArray[np.int32],
+        vertices_m: NDArray[np.float32], plane: NDArray[np.int32],
+    ) -> None:  # fmt: skip
+        n = len(cluster)
+        self.cluster = readonly(cluster, np.int32, (n,), "cluster")
+        self.closed = readonly(closed, np.bool_, (n,), "closed")
+        self.margin_m = readonly(margin_m, np.float32, (n,), "margin_m")
+        self.vertex_begin = readonly(vertex_begin, np.int32, (n + 1,), "vertex_begin")
+        self.edge_begin = readonly(edge_begin, np.int32, (n + 1,), "edge_begin")
+        self.plane = readonly(plane, np.int32, (int(edge_begin[-1]),), "plane")
+        self.heights_m = readonly(heights_m, np.float32, (n, 2), "heights_m")
+        self.vertices_m = readonly(vertices_m, np.float32, (int(vertex_begin[-1]), 2), "vertices_m")
+        if n and not bool((self.heights_m[:, 0] < self.heights_m[:, 1]).all()):
+            raise ValueError("prisms: top must be less than bottom (z is down)")
+
+    @classmethod
+    def written(
+        cls, cluster: NDArray[np.int32], heights_m: NDArray[np.float32], closed: NDArray[np.bool_],
+        margin_m: NDArray[np.float32], vertex_begin: NDArray[np.int32], edge_begin: NDArray[np.int32],
+        vertices_m: NDArray[np.float32], plane: NDArray[np.int32],
+    ) -> PrismTable:  # fmt: skip
+        """Of arrays that our own kernels have just written, which fit; they become read-only."""
+        table = object.__new__(cls)
+        table.cluster, table.heights_m, table.closed, table.margin_m = cluster, heights_m, closed, margin_m
+        table.vertex_begin, table.edge_begin = vertex_begin, edge_begin
+        table.vertices_m, table.plane = vertices_m, plane
+        for array in (cluster, heights_m, closed, margin_m, vertex_begin, edge_begin, vertices_m, plane):
+            array.setflags(write=False)
+        return table
+
+    def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
+        """The same prisms in another place, of arrays that our own kernels have just written, which fit; they become
+        read-only."""
+        table = object.__new__(PrismTable)
+        table.cluster, table.closed, table.margin_m, table.plane = self.cluster, self.closed, self.margin_m, self.plane
+        table.vertex_begin, table.edge_begin = self.vertex_begin, self.edge_begin
+        table.heights_m, table.vertices_m = heights_m, vertices_m
+        heights_m.setflags(write=False)
+        vertices_m.setflags(write=False)
+        return table
+
+    def __len__(self) -> int:
+        return len(self.cluster)
+
+    @overload
+    def __getitem__(self, key: int) -> Prism: ...
+    @overload
+    def __getitem__(self, key: slice) -> tuple[Prism, ...]: ...
+    def __getitem__(self, key: int | slice) -> Prism | tuple[Prism, ...]:
+        if isinstance(key, slice):
+            return tuple(self[k] for k in range(*key.indices(len(self))))
+        n = len(self)
+        if not -n <= key < n:
+            raise IndexError(f"prism {key} of {n}")
+        k = key % n
+        top, bottom = self.heights_m[k].tolist()
+        return Prism(
+            cluster=int(self.cluster[k]), top_m=top, bottom_m=bottom, closed=bool(self.closed[k]),
+            margin_m=float(self.margin_m[k]), vertices_m=self.vertices_m[self.vertex_begin[k] : self.vertex_begin[k + 1]],
+            plane=self.plane[self.edge_begin[k] : self.edge_begin[k + 1]],
+        )  # fmt: skip
+
+
+def prism_table(prisms: Iterable[Prism]) -> PrismTable:
+    """The tables of these prisms; those of a `PrismTable` are its own."""
+    if isinstance(prisms, PrismTable):
+        return prisms
+    every = tuple(prisms)
+    vertices = [np.zeros((0, 2), np.float32), *(prism.vertices_m for prism in every)]
+    edges = [np.zeros(0, np.int32), *(prism.plane for prism in every)]
+    return PrismTable(
+        np.array([prism.cluster for prism in every], np.int32),
+        np.array([(prism.top_m, prism.bottom_m) for prism in every], np.float32).reshape(-1, 2),
+        np.array([prism.closed for prism in every], np.bool_),
+        np.array([prism.margin_m for prism in every], np.float32),
+        np.cumsum([len(part) for part in vertices], dtype=np.int32),
+        np.cumsum([len(part) for part in edges], dtype=np.int32),
+        np.concatenate(vertices),
+        np.concatenate(edges),
+    )
+
+
+NO_PRISMS = prism_table(())
+"""Of a frame without any."""

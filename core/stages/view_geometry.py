@@ -1,0 +1,214 @@
+"""The levelled view as geometry: the virtual camera that looks along level_cam x, and where its cells lie in the source.
+
+The pixels are brought there by level.py.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import Rotation
+from ..jit import inner, kernel
+from ..params import Params
+from ..types import CameraInfo
+
+_MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
+"""Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
+_MIN_CELLS = 2
+"""Along each axis: the distance between two rows is asked for."""
+_BORDER_POINTS = 32
+"""Parts of each side of the image whose ends are looked at for the extent of the view."""
+
+
+def code_quantum(info: CameraInfo, f_px: float) -> float:
+    """Codes per pixel of disparity in a view of focal length f_px."""
+    return min(_MAX_QUANTUM, _MAX_CODE * 0.5 * info.min_range_m / f_px)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ViewGeometry:
+    """The levelled view: a virtual camera looking along level_cam x.
+
+    cols, rows: its size; f_px: focal length; cu, cv: principal point. A cell (u, v) at forward distance X lies at
+    y = X * (u - cu)/f_px * lateral[v] and z = X * tan_edge between its edges tan_edge[v], tan_edge[v + 1] (down).
+    tan_mid: (rows,) float32, the tangents in the middle of rows. quantum: codes per pixel of disparity, code = f_px/X * quantum. H: (3, 3) float64, H (u, v, 1) is the cell's ray in
+    the source's pixels (homogeneous, third component: Z_optical / X)."""
+
+    cols: int
+    rows: int
+    f_px: float
+    cu: float
+    cv: float
+    quantum: float
+    tan_edge: NDArray[np.float32]
+    tan_mid: NDArray[np.float32]
+    lateral: NDArray[np.float32]
+    H: NDArray[np.float64]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether (nearly) all rays of the source are steeper than the view reaches: there is nothing to work on."""
+        return min(self.cols, self.rows) < _MIN_CELLS
+
+
+@inner
+def window_of_border(R, k, width, height, limit):
+    """(least, greatest) y/x and (least, greatest) z/x in level_cam of the outer edge of the image, each within limit.
+
+    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. The edge lies half a pixel beyond the outermost centres; what looks
+    backwards counts as steep as may be."""
+    low_y, high_y, low_z, high_z = limit, -limit, limit, -limit
+    for i in range(_BORDER_POINTS + 1):
+        along_u = -0.5 + width * (i / _BORDER_POINTS)
+        along_v = -0.5 + height * (i / _BORDER_POINTS)
+        for side in range(4):
+            u = along_u if side < 2 else (-0.5 if side == 2 else width - 0.5)
+            v = along_v if side >= 2 else (-0.5 if side == 0 else height - 0.5)
+            a, b = (u - k[2]) / k[0], (v - k[3]) / k[1]
+            x = R[0, 0] * a + R[0, 1] * b + R[0, 2]
+            y = R[1, 0] * a + R[1, 1] * b + R[1, 2]
+            z = R[2, 0] * a + R[2, 1] * b + R[2, 2]
+            y = y / x if x > 1e-6 else math.copysign(limit, y)
+            z = z / x if x > 1e-6 else math.copysign(limit, z)
+            y, z = min(max(y, -limit), limit), min(max(z, -limit), limit)
+            low_y, high_y, low_z, high_z = min(low_y, y), max(high_y, y), min(low_z, z), max(high_z, z)
+    return low_y, high_y, low_z, high_z
+
+
+@inner
+def is_rotation(R, tolerance):
+    """Whether R (3, 3) is finite, each element of R R^T within tolerance of the unit matrix, and no reflection."""
+    for i in range(3):
+        for j in range(3):
+            dot = R[i, 0] * R[j, 0] + R[i, 1] * R[j, 1] + R[i, 2] * R[j, 2]
+            if not abs(dot - (1.0 if i == j else 0.0)) <= tolerance:  # nor is what is not a number
+                return False
+    a = R[0, 0] * (R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1])
+    b = R[0, 1] * (R[1, 0] * R[2, 2] - R[1, 2] * R[2, 0])
+    c = R[0, 2] * (R[1, 0] * R[2, 1] - R[1, 1] * R[2, 0])
+    return a - b + c > 0.0
+
+
+def tilt_rad(R_level_optical: Rotation) -> float:
+    """Angle between the optical axis and the horizontal, >= 0."""
+    return math.asin(min(1.0, abs(float(R_level_optical[2, 2]))))
+
+
+def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
+    """The virtual camera whose window covers every source pixel not steeper than `max_elevation_deg`.
+
+    Keeps the source's focal length unless the window would exceed `max_view_ratio` cells per source pixel. The view
+    `is_empty` where no pixel is left, as with a principal point outside of the image and a steep camera."""
+    k = info.intrinsics
+    limit = math.tan(math.radians(params.max_elevation_deg))
+    camera = np.array([k.fx, k.fy, k.cx, k.cy])
+    cols, rows, f_px, cu, cv, edges, middles, lateral, H = level_view(
+        np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
+    )
+    return ViewGeometry(
+        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px), tan_edge=edges, tan_mid=middles,
+        lateral=lateral, H=H,
+    )  # fmt: skip
+
+
+@kernel
+def level_view(R, k, width, height, limit, ratio):
+    """(cols, rows, f_px, cu, cv, tan_edge, tan_mid, lateral, H) of ViewGeometry. R, k, width, height, limit: see `window_of_border`."""
+    left, right, up, down = window_of_border(R, k, width, height, limit)
+    f_px = min(k[0], k[1])
+    cells = (right - left) * (down - up) * f_px * f_px
+    f_px *= math.sqrt(min(1.0, ratio * width * height / max(cells, 1.0)))
+    cu, cols = _axis(f_px * left, f_px * right, k[2])
+    cv, rows = _axis(f_px * up, f_px * down, k[3])
+    cols, rows = max(cols, 0), max(rows, 0)
+    edges, middles, H = np.empty(rows + 1, np.float32), np.empty(rows, np.float32), np.empty((3, 3))
+    fill_view(R, k, f_px, cu, cv, edges, middles, H)
+    return cols, rows, f_px, cu, cv, edges, middles, np.ones(rows, np.float32), H
+
+
+@inner
+def fill_view(R, k, f_px, cu, cv, edges, middles, H):
+    """Row edges (rows + 1,) and their middles (rows,) float32 as tangents and the homography H (3, 3) of ViewGeometry.
+
+    A cell's ray is (1, (u - cu)/f, (v - cv)/f) in level_cam; R_level_optical, transposed, turns it into optical."""
+    for v in range(len(edges)):
+        edges[v] = (v - 0.5 - cv) / f_px
+    for v in range(len(middles)):
+        middles[v] = np.float32(0.5) * (edges[v + 1] + edges[v])
+    for j in range(3):
+        a, b = R[1, j] / f_px, R[2, j] / f_px
+        H[j, 0], H[j, 1], H[j, 2] = a, b, R[0, j] - a * cu - b * cv
+    for j in range(3):
+        H[0, j] = k[0] * H[0, j] + k[2] * H[2, j]
+        H[1, j] = k[1] * H[1, j] + k[3] * H[2, j]
+
+
+@inner
+def _axis(low_px, high_px, source_centre):
+    """(principal point, cells) of one axis that reaches from low_px to high_px around it.
+
+    The principal point has the source's own fraction of a pixel, so that a level camera's cells are its pixels."""
+    fraction = source_centre - math.floor(source_centre)
+    centre = math.ceil(-low_px - 0.5 - fraction - 1e-6) + fraction
+    return centre, math.ceil(high_px - 0.5 + centre - 1e-6) + 1
+
+
+@inner
+def source_px_per_cell(H, u, v):
+    """Area of a cell of the levelled view in source pixels at (u, v): below 1 cells repeat pixels.
+
+    The Jacobian of the homography, det(H) / w^3."""
+    w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
+    if w <= 1e-6:
+        return 0.0
+    a = H[0, 0] * (H[1, 1] * H[2, 2] - H[1, 2] * H[2, 1])
+    b = H[0, 1] * (H[1, 0] * H[2, 2] - H[1, 2] * H[2, 0])
+    c = H[0, 2] * (H[1, 0] * H[2, 1] - H[1, 1] * H[2, 0])
+    return abs(a - b + c) / (w * w * w)
+
+
+@inner
+def outside_source(H, u, v, cols, rows):
+    """Whether cell (u, v) of the levelled view looks past the edge of the source image (cols x rows)."""
+    w = H[2, 0] * u + H[2, 1] * v + H[2, 2]
+    if w <= 1e-6:
+        return True
+    x = (H[0, 0] * u + H[0, 1] * v + H[0, 2]) / w
+    y = (H[1, 0] * u + H[1, 1] * v + H[1, 2]) / w
+    # a thousandth of a pixel: the outermost pixels themselves are inside, whatever their rounding
+    return x < -1e-3 or y < -1e-3 or x > cols - 1.0 + 1e-3 or y > rows - 1.0 + 1e-3
+
+
+def pooled_geometry(g: ViewGeometry, step: int) -> ViewGeometry:
+    """The geometry of `pool_columns`: a group's strip stands in its middle."""
+    to_full = np.array([[step, 0.0, 0.5 * (step - 1)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return replace(
+        g, cols=-(-g.cols // step), cu=(g.cu - 0.5 * (step - 1)) / step,
+        lateral=(g.lateral * np.float32(step)), H=g.H @ to_full,
+    )  # fmt: skip
+
+
+def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
+    """The paper's view: the source's own window, rotated by -roll beyond `paper_roll_deg`; rows levelled by pitch."""
+    k = info.intrinsics
+    # nose-up pitch and roll of the camera, from R_level_optical = Ry(pitch) Rx(roll) R_camfrd_optical
+    pitch = math.asin(max(-1.0, min(1.0, -float(R_level_optical[2, 2]))))
+    roll = math.atan2(float(R_level_optical[2, 0]), float(R_level_optical[2, 1]))
+    c, s = (math.cos(roll), math.sin(roll)) if abs(roll) > math.radians(params.paper_roll_deg) else (1.0, 0.0)
+    turn = np.array([[c, s, k.cx - c * k.cx - s * k.cy], [-s, c, k.cy + s * k.cx - c * k.cy], [0.0, 0.0, 1.0]])
+    theta = -pitch  # the paper's theta is positive nose down, MAVLink's pitch nose up
+    edge = (np.arange(k.height + 1) - 0.5 - k.cy) / k.fy
+    mid = (np.arange(k.height) - k.cy) / k.fy
+    forward = math.cos(theta) - edge * math.sin(theta)
+    tan_edge = (math.sin(theta) + edge * math.cos(theta)) / np.maximum(forward, 1e-3)
+    lateral = (k.fy / k.fx) / np.maximum(math.cos(theta) - mid * math.sin(theta), 1e-3)
+    quantum = code_quantum(info, k.fy)
+    edges = tan_edge.astype(np.float32)
+    return ViewGeometry(
+        cols=k.width, rows=k.height, f_px=k.fy, cu=k.cx, cv=k.cy, quantum=quantum,
+        tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]), lateral=lateral.astype(np.float32), H=turn,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""The merged world: the models of many frames in one map."""

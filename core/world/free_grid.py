@@ -1,0 +1,305 @@
+"""Free space as it was seen through, remembered: columns of cells, a bit each, in blocks that are found by a hash.
+
+A cell is free when one frame saw all of it free. Each block holds what was seen in this epoch and in the one before; an
+epoch is half of the age after which free space is unknown again, so nothing older is ever called free. Where an obstacle
+is seen, its cells are free no more, at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, kernel
+
+CELL_M = 0.5
+"""Side and height of a cell; docs/world.md tells what other sizes keep and cost."""
+SIDE, TALL = 16, 64
+"""Columns along each side of a block, cells in a column: a block is 8 x 8 x 32 m and takes 4 KiB."""
+_HALF_M = CELL_M * 0.7072
+"""Not tuning: radius of the circle around a cell seen from above."""
+_EDGE_M = 1e-3
+"""Not tuning: more than float32 rounds by; a plane stands in a cell that it nearly touches."""
+_NONE = -1
+IX, IY, IZ, EPOCH, NEXT, TOUCHED = range(6)
+BLOCKS, GONE, TURN, NOW = range(4)
+
+FreeTables = tuple[
+    NDArray[np.uint64], NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.float32]
+]  # fmt: skip
+"""masks (B, 2, 256) uint64: this epoch's and the one's before; ints (B, 6) int32: block indices, epoch, next in list, frame
+that touched it last; heads (H,) int32; state (4,) int64; ground (B, 256, 2) float32: see world_ground.py."""
+GroundPlane = tuple[float, float, float, float, float]
+"""z at the camera's foot (inf: no ground was found), slope_x, slope_y, tolerance_m, noise_per_m, in the world's frame."""
+
+
+def empty_free(most: int) -> FreeTables:
+    """Tables for at most so many blocks."""
+    heads = np.full(1 << max(6, math.ceil(math.log2(most))), _NONE, np.int32)
+    masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
+    ground = np.full((most, SIDE * SIDE, 2), np.nan, np.float32)
+    return masks, np.zeros((most, 6), np.int32), heads, np.zeros(4, np.int64), ground
+
+
+@inner
+def cell(x):
+    """Index of the cell that a coordinate falls into."""
+    return int(math.floor(x / CELL_M))
+
+
+@inner
+def _list_of(ix, iy, iz, size):
+    h = (int(ix) * 73856093) ^ (int(iy) * 19349663) ^ (int(iz) * 83492791)
+    return (h ^ (h >> 15)) & (size - 1)
+
+
+@inner
+def find_block(free, ix, iy, iz):
+    """The slot of a block, -1: there is none."""
+    _masks, ints, heads, _state, _ground = free
+    k = heads[_list_of(ix, iy, iz, heads.shape[0])]
+    for _ in range(ints.shape[0]):
+        if k == _NONE or (ints[k, IX] == ix and ints[k, IY] == iy and ints[k, IZ] == iz):
+            break
+        k = ints[k, NEXT]
+    return k
+
+
+@inner
+def block_for(free, ix, iy, iz):
+    """The slot of a block, made where there is none, its masks brought to this epoch. The one touched longest ago goes
+    where all slots are taken."""
+    masks, ints, heads, state, ground = free
+    k = find_block(free, ix, iy, iz)
+    if k == _NONE:
+        if state[BLOCKS] < ints.shape[0]:
+            k = state[BLOCKS]
+            state[BLOCKS] += 1
+        else:
+            k = 0
+            for m in range(1, ints.shape[0]):
+                if ints[m, TOUCHED] < ints[k, TOUCHED]:
+                    k = m
+            _unhook(free, k)
+            state[GONE] += 1
+        head = _list_of(ix, iy, iz, heads.shape[0])
+        ints[k, IX], ints[k, IY], ints[k, IZ] = ix, iy, iz
+        ints[k, NEXT], ints[k, EPOCH] = heads[head], state[NOW]
+        heads[head] = k
+        for c in range(masks.shape[2]):
+            masks[k, 0, c] = masks[k, 1, c] = 0
+            ground[k, c, 0] = ground[k, c, 1] = np.nan
+    behind = state[NOW] - ints[k, EPOCH]
+    if behind > 0:
+        for c in range(masks.shape[2]):
+            masks[k, 1, c] = masks[k, 0, c] if behind == 1 else 0
+            masks[k, 0, c] = 0
+        ints[k, EPOCH] = state[NOW]
+    ints[k, TOUCHED] = state[TURN]
+    return k
+
+
+@inner
+def _unhook(free, k):
+    _masks, ints, heads, _state, _ground = free
+    head = _list_of(ints[k, IX], ints[k, IY], ints[k, IZ], heads.shape[0])
+    if heads[head] == k:
+        heads[head] = ints[k, NEXT]
+        return
+    m = heads[head]
+    for _ in range(ints.shape[0]):
+        if ints[m, NEXT] == k:
+            ints[m, NEXT] = ints[k, NEXT]
+            return
+        m = ints[m, NEXT]
+
+
+@inner
+def any_free(free, x, y, z):
+    """Whether the cell of a point is known to be free."""
+    masks, ints, _heads, state, _ground = free
+    ix, iy, iz = cell(x), cell(y), cell(z)
+    k = find_block(free, ix >> 4, iy >> 4, iz >> 6)
+    if k == _NONE or state[NOW] - ints[k, EPOCH] > 1:
+        return False
+    c = (ix & 15) * 16 + (iy & 15)
+    seen = masks[k, 0, c]
+    if state[NOW] == ints[k, EPOCH]:
+        seen |= masks[k, 1, c]
+    return (seen >> np.uint64(iz & 63)) & np.uint64(1) != 0
+
+
+@inner
+def bits(first, end):
+    """The bits first..end - 1 of 64, whatever lies outside."""
+    first, end = max(first, 0), min(end, 64)
+    if end <= first:
+        return np.uint64(0)
+    ones = np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - (end - first))
+    return ones << np.uint64(first)
+
+
+@inner
+def direction_of(edges, azimuth):
+    """The direction of a profile that an azimuth between its first and last edge falls into."""
+    low, high = 0, edges.shape[0] - 1
+    for _ in range(32):
+        if high - low <= 1:
+            break
+        middle = (low + high) // 2
+        if edges[middle] <= azimuth:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@inner
+def lowest_free(x, y, r, plane):
+    """z down to which a column at (x, y) from the camera, at range r, can be free above a GroundPlane."""
+    z, slope_x, slope_y, tolerance, noise = plane
+    highest = z + slope_x * x + slope_y * y - math.sqrt(slope_x**2 + slope_y**2) * _HALF_M
+    return highest - max(tolerance, noise * (r + _HALF_M))
+
+
+@inner
+def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
+    """What a profile sees free of a column at (x, y) from the camera: its cells whose circle, seen from above, and whose
+    heights lie in directions and layers that are free there, above the ground. Adds bits to span, from cell low_bin on."""
+    span[0] = span[1] = np.uint64(0)
+    r = math.sqrt(x * x + y * y)
+    if r <= 2.0 * _HALF_M:
+        return
+    half = math.asin(_HALF_M / r)
+    turn = math.atan2(y, x) - half - edges[0]
+    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
+    if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
+        return
+    d0, d1 = direction_of(edges, azimuth), direction_of(edges, azimuth + 2.0 * half)
+    lowest = lowest_free(x, y, r, plane)
+    begin = -1
+    for k in range(layers.shape[0]):
+        ok = k < layers.shape[0] - 1
+        if ok:
+            for d in range(d0, d1 + 1):
+                if near_m[d, k] > r - _HALF_M or far_m[d, k] < r + _HALF_M:
+                    ok = False
+                    break
+        if ok and begin < 0:
+            begin = k
+        if not ok and begin >= 0:
+            first = int(math.ceil(layers[begin] / CELL_M)) - low_bin
+            end = int(math.floor(min(layers[k], lowest) / CELL_M)) - low_bin
+            span[0] |= bits(first, end)
+            span[1] |= bits(first - 64, end - 64)
+            begin = -1
+
+
+@inner
+def ground_cell(free, k, c):
+    """Index, from the block's first on, of the cell that holds the ground of column c of slot k; -1: none is known."""
+    z = free[4][k, c, 0]
+    return -1 if math.isnan(z) else min(max(cell(z - _EDGE_M) - free[1][k, IZ] * TALL, 0), TALL - 1)
+
+
+@inner
+def beside_ground(free, bx, by, low, c, found, span):
+    """Settles what a frame sees free of a column of blocks low and low + 1 with the ground that is remembered there.
+
+    found: whether the frame found its own ground, see `see_free`."""
+    below = False
+    for part in range(-1, 2):
+        k = find_block(free, bx, by, low + part)
+        at = ground_cell(free, k, c) if k != _NONE else -1
+        if at >= 0 and found and part >= 0 and (span[part] >> np.uint64(at)) & np.uint64(1) != 0:
+            free[4][k, c, 0] = free[4][k, c, 1] = np.nan
+            free[1][k, TOUCHED] = free[3][TURN]
+        if found:
+            continue
+        if part >= 0 and below:
+            span[part] = np.uint64(0)
+        elif part >= 0 and at >= 0:
+            span[part] &= ~bits(at, TALL)
+        below = below or at >= 0
+
+
+@kernel
+def see_free(free, x, y, edges, layers, near_m, far_m, plane):
+    """Remembers what a profile saw free from (x, y). edges (D + 1,), layers (L + 1,) float64 in the world's frame;
+    near_m, far_m (D, L) float32; plane: GroundPlane of the same frame.
+
+    A frame that found no ground frees nothing at or below ground that is remembered: it may have overlooked it. One that
+    found its ground and sees the cell of a remembered surface free takes that surface away."""
+    masks = free[0]
+    span = np.zeros(2, np.uint64)
+    reach = 0.0
+    for d in range(far_m.shape[0]):
+        for k in range(far_m.shape[1]):
+            reach = max(reach, far_m[d, k])
+    low = int(math.floor(layers[0] / CELL_M)) >> 6
+    for bx in range(cell(x - reach) >> 4, (cell(x + reach) >> 4) + 1):
+        for by in range(cell(y - reach) >> 4, (cell(y + reach) >> 4) + 1):
+            first, second = _NONE, _NONE
+            for c in range(SIDE * SIDE):
+                cx, cy = (bx * SIDE + (c >> 4) + 0.5) * CELL_M - x, (by * SIDE + (c & 15) + 0.5) * CELL_M - y
+                if cx * cx + cy * cy > reach * reach:
+                    continue
+                column_free(cx, cy, edges, layers, near_m, far_m, plane, low * TALL, span)
+                if span[0] | span[1] != 0:
+                    beside_ground(free, bx, by, low, c, math.isfinite(plane[0]), span)
+                if span[0] != 0:
+                    if first == _NONE:
+                        first = block_for(free, bx, by, low)
+                    masks[first, 0, c] |= span[0]
+                if span[1] != 0:
+                    if second == _NONE:
+                        second = block_for(free, bx, by, low + 1)
+                    masks[second, 0, c] |= span[1]
+
+
+@inner
+def stand_in(free, ax, ay, bx, by, top, bottom):
+    """Takes the cells that a plane crosses out of what is known to be free."""
+    masks, ints, _heads, state, _ground = free
+    if bx < ax:
+        ax, ay, bx, by = bx, by, ax, ay
+    slope = (by - ay) / (bx - ax) if bx - ax > _EDGE_M else 0.0
+    low, high = cell(top - _EDGE_M), cell(bottom + _EDGE_M)
+    for ix in range(cell(ax - _EDGE_M), cell(bx + _EDGE_M) + 1):
+        if slope == 0.0:
+            y0, y1 = ay, by
+        else:
+            y0 = ay + slope * (min(max(ix * CELL_M - _EDGE_M, ax), bx) - ax)
+            y1 = ay + slope * (min(max((ix + 1) * CELL_M + _EDGE_M, ax), bx) - ax)
+        for iy in range(cell(min(y0, y1) - _EDGE_M), cell(max(y0, y1) + _EDGE_M) + 1):
+            for iz in range(low >> 6, (high >> 6) + 1):
+                k = find_block(free, ix >> 4, iy >> 4, iz)
+                if k != _NONE:
+                    gone = ~bits(low - iz * TALL, high + 1 - iz * TALL)
+                    c = (ix & 15) * 16 + (iy & 15)
+                    if (masks[k, 0, c] | masks[k, 1, c]) & ~gone != 0:
+                        masks[k, 0, c] &= gone
+                        masks[k, 1, c] &= gone
+                        ints[k, TOUCHED] = state[TURN]
+
+
+def seen_blocks(
+    free: FreeTables, now: int, since: int = -1
+) -> tuple[NDArray[np.int32], NDArray[np.uint64], NDArray[np.float32]]:
+    """(indices (B, 3), masks (B, 256), ground (B, 256, 2)) of the blocks with anything known free in epoch `now`, or any
+    ground, ordered by index.
+
+    since: 0 or more: only those that a later turn touched, also where nothing is known any more."""
+    masks, ints, _, state, ground = free
+    used = int(state[BLOCKS])
+    behind = now - ints[:used, EPOCH].astype(np.int64)
+    on = np.arange(used) if since < 0 else np.flatnonzero(ints[:used, TOUCHED] > since)
+    seen = np.where((behind[on] == 0)[:, None], masks[on, 0] | masks[on, 1], masks[on, 0])
+    seen[(behind[on] < 0) | (behind[on] > 1)] = 0
+    if since < 0:
+        some = seen.any(axis=1) | ~np.isnan(ground[on, :, 0]).all(axis=1)
+        on, seen = on[some], seen[some]
+    order = np.lexsort(ints[on, :3].T[::-1])
+    return np.ascontiguousarray(ints[on[order], :3]), np.ascontiguousarray(seen[order]), ground[on[order]]

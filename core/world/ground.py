@@ -1,0 +1,112 @@
+"""The ground in the merged world: for each column of cells the height at which it was measured last, and its noise.
+
+It is kept in the blocks of free space (world_free.py), ground (B, 256, 2) float32: z of its highest point in the column,
+and its noise, both in metres; nan where none is known. It does not age. A newer measurement replaces it, but for one of
+more noise that agrees with it. Below it no cell stays free.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inner, kernel
+from ..types import FrameModel
+from .free_grid import (
+    _EDGE_M,
+    _HALF_M,
+    _NONE,
+    CELL_M,
+    SIDE,
+    TALL,
+    TOUCHED,
+    TURN,
+    GroundPlane,
+    bits,
+    block_for,
+    cell,
+    direction_of,
+    find_block,
+)
+
+
+def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
+    """The ground of a frame whose camera is at that z."""
+    g = model.ground
+    if not g.seen:
+        return math.inf, 0.0, 0.0, 0.0, 0.0
+    return float(place_z_m + g.height_m), float(g.slope_x), float(g.slope_y), float(g.tolerance_m), float(g.noise_per_m)
+
+
+@inner
+def clear_below(free, ix, iy, z):
+    """Takes the cells of a column at z and below, down through the next block, out of what is known to be free."""
+    masks, ints, _heads, state, _ground = free
+    first, c = cell(z - _EDGE_M), (ix & 15) * SIDE + (iy & 15)
+    for iz in range(first >> 6, (first >> 6) + 2):
+        k = find_block(free, ix >> 4, iy >> 4, iz)
+        if k == _NONE:
+            continue
+        gone = bits(first - iz * TALL, TALL)
+        if (masks[k, 0, c] | masks[k, 1, c]) & gone != 0:
+            masks[k, 0, c] &= ~gone
+            masks[k, 1, c] &= ~gone
+            ints[k, TOUCHED] = state[TURN]
+
+
+@inner
+def put_ground(free, ix, iy, z, noise):
+    """Remembers the ground of a column, unless what is remembered agrees with it and has less noise; returns its z."""
+    ground, c = free[4], (ix & 15) * SIDE + (iy & 15)
+    at = cell(z - _EDGE_M) >> 6
+    for iz in range(at - 1, at + 2):  # noise may lift it across the border of two blocks
+        k = find_block(free, ix >> 4, iy >> 4, iz)
+        if k == _NONE or math.isnan(ground[k, c, 0]):
+            continue
+        apart, slack = abs(ground[k, c, 0] - z), ground[k, c, 1] + noise
+        if apart <= slack and ground[k, c, 1] < noise:
+            return np.float64(ground[k, c, 0])
+        if iz != at and apart <= slack + CELL_M:
+            ground[k, c, 0] = ground[k, c, 1] = np.nan
+            free[1][k, TOUCHED] = free[3][TURN]
+    k = block_for(free, ix >> 4, iy >> 4, at)
+    ground[k, c, 0], ground[k, c, 1] = z, noise
+    return np.float64(ground[k, c, 0])
+
+
+@inner
+def measured_at(x, y, edges, seen_from, seen_to):
+    """Whether all directions that a column at (x, y) from the camera reaches into measured the ground there."""
+    r = math.sqrt(x * x + y * y)
+    if r <= 2.0 * _HALF_M:
+        return False
+    half = math.asin(_HALF_M / r)
+    turn = math.atan2(y, x) - half - edges[0]
+    azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
+    if azimuth + 2.0 * half >= edges[edges.shape[0] - 1]:
+        return False
+    for d in range(direction_of(edges, azimuth), direction_of(edges, azimuth + 2.0 * half) + 1):
+        if seen_from[d] > r - _HALF_M or seen_to[d] < r + _HALF_M:
+            return False
+    return True
+
+
+@kernel
+def see_ground(free, x, y, edges, seen_from, seen_to, plane):
+    """Remembers the ground that a frame measured from (x, y), and frees nothing at or below it.
+
+    edges (D + 1,) float64 azimuths in the world's frame; seen_from, seen_to (D,) float64 ranges; plane: GroundPlane."""
+    z, slope_x, slope_y, _tolerance, noise = plane
+    reach = 0.0
+    for d in range(len(seen_to)):
+        reach = max(reach, seen_to[d])
+    lift = math.sqrt(slope_x**2 + slope_y**2) * _HALF_M
+    for ix in range(cell(x - reach), cell(x + reach) + 1):
+        for iy in range(cell(y - reach), cell(y + reach) + 1):
+            cx, cy = (ix + 0.5) * CELL_M - x, (iy + 0.5) * CELL_M - y
+            r2 = cx * cx + cy * cy
+            if r2 > reach * reach or not measured_at(cx, cy, edges, seen_from, seen_to):
+                continue
+            highest = z + slope_x * cx + slope_y * cy - lift
+            clear_below(free, ix, iy, put_ground(free, ix, iy, highest, noise * (math.sqrt(r2) + _HALF_M)))

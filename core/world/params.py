@@ -1,0 +1,70 @@
+"""Every constant of the merged world: a name, a default, a range, a unit and what it means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..param_field import check, critical, number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorldParams:
+    """Parameters of the world. Raises ValueError naming the field, its value and its range."""
+
+    # When two planes are one (section 5.3)
+    plane_angle_deg: float = number(20.0, 1.0, 60.0, "deg", "planes within this angle may be one [phi0]")
+    passable_width_m: float = critical(
+        2.0, 0.2, 20.0, "m", "gap between facing ends below which planes may be one [Ws]; never across seen free space"
+    )
+    join_m: float = number(0.3, 0.05, 2.0, "m", "ends lie no farther than this from a joined plane, noise apart")
+    join_sigmas: float = number(2.0, 0.0, 6.0, "sigma", "and this much noise of the farther one")
+    join_noise_cap_m: float = number(0.5, 0.0, 2.0, "m", "noise allows at most this much more")
+    join_corner_m: float = number(0.5, 0.1, 3.0, "m", "a joined plane takes in no empty corner of this side")
+    short_m: float = number(1.0, 0.0, 5.0, "m", "shorter planes have no angle of their own: a half turn of facing")
+    longest_m: float = number(100.0, 5.0, 400.0, "m", "no joined plane is longer")
+
+    # How much an observation weighs
+    pose_sigma_m: float = critical(0.1, 0.0, 5.0, "m", "error of the position and attitude, common to one frame")
+    memory_frames: float = critical(
+        40.0, 1.0, 10000.0, "", "what was seen before weighs at most so many times a new look: drift is followed"
+    )
+
+    # What goes again
+    clear_after: int = critical(5, 1, 1000, "", "looks through a plane, more than onto it, that take it away")
+    clear_trust: int = critical(
+        15, 0, 1000, "", "and one more for every four looks onto it before, but at most so many more"
+    )
+    clear_hit: int = critical(2, 1, 100, "", "a look onto a plane takes back so many looks through it")
+    clear_behind_m: float = critical(0.5, 0.0, 5.0, "m", "free space is seen this far behind a plane, and its margin")
+    clear_sigmas: float = critical(3.0, 0.0, 10.0, "sigma", "and this much noise of its distance")
+    clear_share: float = critical(0.5, 0.05, 1.0, "", "least share of a plane's height that is seen through")
+    clear_step_m: float = critical(0.25, 0.05, 2.0, "m", "steps along a plane in which looks through it are counted")
+
+    # Free space that is remembered
+    free_age_s: float = critical(
+        60.0,
+        1.0,
+        3600.0,
+        "s",
+        "free space not seen again for this long is unknown, at the latest (half of it: at the soonest)",
+    )
+    most_free_blocks: int = number(
+        4096, 64, 262144, "", "blocks of 8 x 8 x 32 m of free space held; those not seen longest go"
+    )
+
+    # Bounds, jumps
+    most_planes: int = critical(65536, 64, 4194304, "", "planes held; those not seen longest go, and are counted")
+    jump_m: float = critical(1.0, 0.05, 100.0, "m", "a position that steps by more than this,")
+    jump_speed_m_s: float = critical(30.0, 1.0, 500.0, "m/s", "and this speed, has jumped: a new section begins")
+    jump_gap_s: float = critical(5.0, 0.1, 3600.0, "s", "without a position for longer, a new section begins")
+    restart_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back by more mean a restart: a new section begins")
+    most_sections: int = number(4, 0, 64, "", "sections of before a jump that are kept apart; the oldest go, counted")
+
+    # Without a position
+    level_memory_s: float = critical(1.0, 0.0, 10.0, "s", "without a position planes are remembered for so long")
+    level_speed_m_s: float = critical(
+        5.0, 0.0, 50.0, "m/s", "and their margins grow by this: the way flown meanwhile is not known"
+    )
+
+    def __post_init__(self) -> None:
+        check("world", self)

@@ -1,0 +1,175 @@
+"""A world as bytes: 55 a plane on disk, 35 on the wire; and two saved worlds made one.
+
+Coordinates are centimetres as integers, ends counted from the plane's middle; moments are float32 about it. Rounding makes
+no plane lower than it was. Parts of a file carry their length and a checksum, so that of a file cut or damaged anywhere the
+whole parts are read, and where it ends is told. Free space is not saved: what was free then is not known to be free now.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .snapshot import WorldPicture
+
+MAGIC = b"OSAPE world 1\n"
+NS = 1_000_000_000
+_CM = 100.0
+_MOST_PLANES = 4096
+"""Planes of one part of a file: so many are lost where it is cut, at the most."""
+_PART = struct.Struct("<4sII")
+_SECTION = struct.Struct("<IIqq")
+_PLACE = [
+    ("x_cm", "<i4"), ("y_cm", "<i4"), ("ends_cm", "<i2", (4,)), ("top_cm", "<i4"), ("height_cm", "<u2"),
+    ("margin_mm", "<u2"), ("flags", "u1"), ("hits", "<u2"), ("age_s", "<u4"),
+]  # fmt: skip
+ON_WIRE = np.dtype([*_PLACE, ("slot", "<u4")])
+ON_DISK = np.dtype([*_PLACE, ("moments", "<f4", (6,))])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SavedSection:
+    """One section's planes, in ned: box (N, 6) float64, moments (N, 6) float64 about the middle of each, margin_m (N,),
+    flags (N,) uint8, hits (N,) int32, age_s (N,) since it was last seen, at newest_ns."""
+
+    number: int
+    reset_counter: int
+    begun_ns: int
+    newest_ns: int
+    box: NDArray[np.float64]
+    moments: NDArray[np.float64]
+    margin_m: NDArray[np.float64]
+    flags: NDArray[np.uint8]
+    hits: NDArray[np.int32]
+    age_s: NDArray[np.float64]
+
+
+def packed(kind: np.dtype[Any], box: Any, margin_m: Any, flags: Any, hits: Any, age_s: Any) -> NDArray[np.void]:
+    """(N,) records of a kind with all but slot or moments filled in."""
+    out = np.zeros(len(box), kind)
+    box = box.astype(np.float64)
+    x, y = np.rint(50.0 * (box[:, 0] + box[:, 2])), np.rint(50.0 * (box[:, 1] + box[:, 3]))
+    out["x_cm"], out["y_cm"] = x, y
+    ends = np.rint(_CM * box[:, :4]) - np.column_stack([x, y, x, y])
+    out["ends_cm"] = np.clip(ends, -32768, 32767)
+    top, bottom = np.floor(_CM * box[:, 4] + 1e-3), np.ceil(_CM * box[:, 5] - 1e-3)
+    out["top_cm"], out["height_cm"] = top, np.clip(bottom - top, 1, 65535)
+    out["margin_mm"] = np.clip(np.ceil(1000.0 * margin_m.astype(np.float64) - 1e-3), 0, 65535)
+    out["flags"], out["hits"] = flags, np.minimum(hits, 65535)
+    out["age_s"] = np.clip(age_s, 0, 4294967295)
+    return out
+
+
+def box_of_records(records: NDArray[np.void]) -> NDArray[np.float64]:
+    """(N, 6) metres."""
+    x, y = records["x_cm"].astype(np.float64), records["y_cm"].astype(np.float64)
+    top = records["top_cm"].astype(np.float64)
+    ends = records["ends_cm"] + np.column_stack([x, y, x, y])
+    return np.column_stack([ends, top, top + records["height_cm"]]) / _CM
+
+
+def bytes_of(sections: tuple[SavedSection, ...]) -> bytes:
+    """The file of a world."""
+    out = [MAGIC]
+    for s in sections:
+        head = _SECTION.pack(s.number, s.reset_counter & 0xFFFFFFFF, s.begun_ns, s.newest_ns)
+        out.append(_part(b"SECT", head))
+        records = packed(ON_DISK, s.box, s.margin_m, s.flags, s.hits, s.age_s)
+        records["moments"] = s.moments
+        for begin in range(0, len(records), _MOST_PLANES):
+            out.append(_part(b"PLAN", records[begin : begin + _MOST_PLANES].tobytes()))
+    out.append(_part(b"END ", b""))
+    return b"".join(out)
+
+
+def sections_of(data: bytes) -> tuple[tuple[SavedSection, ...], str]:
+    """(sections, trouble) of a file: what was whole, and in words where it ends too early; empty: it is complete.
+
+    Raises ValueError for what is no world at all."""
+    if not data.startswith(MAGIC):
+        raise ValueError(f"no saved world: it begins with {data[: len(MAGIC)]!r}, expected {MAGIC!r}")
+    heads: list[tuple[int, int, int, int]] = []
+    parts: list[list[NDArray[np.void]]] = []
+    at, trouble, done = len(MAGIC), "", False
+    while not done and not trouble:
+        tag, payload, after, trouble = _read_part(data, at)
+        if trouble:
+            break
+        if tag == b"SECT" and len(payload) == _SECTION.size:
+            heads.append(_SECTION.unpack(payload))
+            parts.append([])
+        elif tag == b"PLAN" and heads and len(payload) % ON_DISK.itemsize == 0:
+            parts[-1].append(np.frombuffer(payload, ON_DISK))
+        elif tag == b"END ":
+            done = True
+        else:
+            trouble = f"byte {at}: a part {tag!r} of {len(payload)} bytes that does not belong there"
+        at = after
+    if done and at != len(data):
+        trouble = f"byte {at}: {len(data) - at} bytes after its end"
+    return tuple(_section(h, p) for h, p in zip(heads, parts, strict=True)), trouble
+
+
+def _part(tag: bytes, payload: bytes) -> bytes:
+    return _PART.pack(tag, len(payload), zlib.crc32(tag + payload)) + payload
+
+
+def _read_part(data: bytes, at: int) -> tuple[bytes, bytes, int, str]:
+    """(tag, payload, place after it, trouble)."""
+    if at + _PART.size > len(data):
+        return b"", b"", at, f"byte {at}: it is cut in the head of a part"
+    tag, length, checksum = _PART.unpack_from(data, at)
+    begin = at + _PART.size
+    if begin + length > len(data):
+        return b"", b"", at, f"byte {at}: it is cut in a part of {length} bytes, of which {len(data) - begin} are there"
+    payload = data[begin : begin + length]
+    if zlib.crc32(tag + payload) != checksum:
+        return b"", b"", at, f"byte {at}: a part of {length} bytes is damaged"
+    return tag, payload, begin + length, ""
+
+
+def _section(head: tuple[int, int, int, int], parts: list[NDArray[np.void]]) -> SavedSection:
+    records = np.concatenate([np.zeros(0, ON_DISK), *parts])
+    number, reset_counter, begun_ns, newest_ns = head
+    return SavedSection(
+        number=number, reset_counter=reset_counter, begun_ns=begun_ns, newest_ns=newest_ns, box=box_of_records(records),
+        moments=records["moments"].astype(np.float64), margin_m=records["margin_mm"] / 1000.0, flags=records["flags"],
+        hits=records["hits"].astype(np.int32), age_s=records["age_s"].astype(np.float64),
+    )  # fmt: skip
+
+
+def moved(section: SavedSection, yaw_rad: float, translation_m: tuple[float, float, float]) -> SavedSection:
+    """The section in another frame: p' = Rz(yaw) p + translation. Raises ValueError for what is no number."""
+    if not all(math.isfinite(v) for v in (yaw_rad, *translation_m)):
+        raise ValueError(f"a world cannot be moved by {yaw_rad} rad and {translation_m}: not finite")
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    tx, ty, tz = translation_m
+    b, m = section.box, section.moments
+    box = np.column_stack(
+        [c * b[:, 0] - s * b[:, 1] + tx, s * b[:, 0] + c * b[:, 1] + ty, c * b[:, 2] - s * b[:, 3] + tx,
+         s * b[:, 2] + c * b[:, 3] + ty, b[:, 4] + tz, b[:, 5] + tz]
+    )  # fmt: skip
+    xx, xy, yy = m[:, 3], m[:, 4], m[:, 5]
+    moments = np.column_stack(
+        [m[:, 0], c * m[:, 1] - s * m[:, 2], s * m[:, 1] + c * m[:, 2], c * c * xx - 2 * c * s * xy + s * s * yy,
+         c * s * (xx - yy) + (c * c - s * s) * xy, s * s * xx + 2 * c * s * xy + c * c * yy]
+    )  # fmt: skip
+    return SavedSection(
+        number=section.number, reset_counter=section.reset_counter, begun_ns=section.begun_ns,
+        newest_ns=section.newest_ns, box=box, moments=moments, margin_m=section.margin_m, flags=section.flags,
+        hits=section.hits, age_s=section.age_s,
+    )  # fmt: skip
+
+
+def wire_records(picture: WorldPicture, now_ns: int) -> bytes:
+    """The planes of a picture as they go over the wire."""
+    age_s = np.maximum(0, now_ns - picture.seen_ns) // NS
+    records = packed(ON_WIRE, picture.planes, picture.margin_m, picture.flags, picture.hits, age_s)
+    records["slot"] = picture.slots
+    return records.tobytes()

@@ -1,0 +1,55 @@
+"""What the world knows at one moment, as plain arrays: made by the world, sent to planners, and asked. Only numpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import readonly
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class WorldPicture:
+    """Planes and free space of one section, in ned, metres.
+
+    slots: (N,) int32, the number of each plane for as long as it lives; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top,
+    bottom, free space on the right of a -> b seen from above; margin_m: (N,) float32; flags: (N,) uint8 PlaneFlags; hits:
+    (N,) int32 looks onto it; seen_ns: (N,) int64 the newest one. blocks: (B, 3) int32 indices of blocks of 8 x 8 x 32 m;
+    masks: (B, 256) uint64, a bit for each of the 64 cells of 0.5 m in a column: known to be free (world_free.py).
+    ground: (B, 256, 2) float32 z of the ground's highest point in each column and its noise, nan where none is known
+    (world_ground.py); None: known nowhere."""
+
+    section: int
+    slots: NDArray[np.int32]
+    planes: NDArray[np.float32]
+    margin_m: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    hits: NDArray[np.int32]
+    seen_ns: NDArray[np.int64]
+    blocks: NDArray[np.int32]
+    masks: NDArray[np.uint64]
+    ground: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        n, b, put = len(self.slots), len(self.blocks), object.__setattr__
+        put(self, "slots", readonly(self.slots, np.int32, (n,), "slots"))
+        put(self, "planes", readonly(self.planes, np.float32, (n, 6), "planes"))
+        put(self, "margin_m", readonly(self.margin_m, np.float32, (n,), "margin_m"))
+        put(self, "flags", readonly(self.flags, np.uint8, (n,), "flags"))
+        put(self, "hits", readonly(self.hits, np.int32, (n,), "hits"))
+        put(self, "seen_ns", readonly(self.seen_ns, np.int64, (n,), "seen_ns"))
+        put(self, "blocks", readonly(self.blocks, np.int32, (b, 3), "blocks"))
+        put(self, "masks", readonly(self.masks, np.uint64, (b, 256), "masks"))
+        if self.ground is not None:
+            put(self, "ground", readonly(self.ground, np.float32, (b, 256, 2), "ground"))
+
+    @classmethod
+    def empty(cls) -> WorldPicture:
+        """Nothing is known."""
+        return cls(
+            section=0, slots=np.zeros(0, np.int32), planes=np.zeros((0, 6), np.float32), margin_m=np.zeros(0, np.float32),
+            flags=np.zeros(0, np.uint8), hits=np.zeros(0, np.int32), seen_ns=np.zeros(0, np.int64),
+            blocks=np.zeros((0, 3), np.int32), masks=np.zeros((0, 256), np.uint64),
+        )  # fmt: skip

@@ -1,0 +1,272 @@
+"""The merged world: what all frames of a flight say together.
+
+Planes and free space in ned, as the autopilot's estimate has it. Where that estimate jumps, a new section begins; the one
+before is kept apart, for it cannot be told where it lies now. Without a position there is no such frame: then there is
+the newest frame and a short memory (world_level.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import FrameModel
+from .free_grid import BLOCKS, GONE, NOW, TURN, FreeTables, GroundPlane, empty_free, see_free, seen_blocks
+from .ground import ground_plane, see_ground
+from .params import WorldParams
+from .plane_index import (
+    ANCHOR_X,
+    ANCHOR_Y,
+    CHANGED,
+    CLEARED,
+    DROPPED,
+    FLAGS,
+    FRAME,
+    HITS,
+    JOINED,
+    LIVE,
+    MARGIN,
+    OVERFLOW,
+    USED,
+    Tables,
+    empty_tables,
+)
+from .serialize import SavedSection
+from .snapshot import WorldPicture
+from .update import looks_of, put_rows, rules_of, see
+
+NS = 1_000_000_000
+FARTHEST_M = 1e6
+"""Not tuning: farther from the origin float32 resolves no centimetres; an estimate that says so is broken."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sight:
+    """What one frame says, in ned, and from where. place_m: of the camera; reset_counter: of the position's estimate.
+
+    Raises ValueError for a place that is no number, or beyond FARTHEST_M."""
+
+    model: FrameModel
+    place_m: tuple[float, float, float]
+    t_ns: int
+    reset_counter: int = 0
+
+    def __post_init__(self) -> None:
+        if not all(abs(c) <= FARTHEST_M for c in self.place_m):
+            raise ValueError(
+                f"world: the place of the camera at {self.t_ns} ns is {self.place_m}: expected numbers within "
+                f"{FARTHEST_M:g} m; is the autopilot's position right?"
+            )
+
+
+@dataclass(slots=True, kw_only=True)
+class Section:
+    """What was seen between two jumps: its planes, its free space. number: of the sections of this world."""
+
+    number: int
+    tables: Tables
+    free: FreeTables
+    begun_ns: int
+    reset_counter: int
+    newest_ns: int
+    place_m: tuple[float, float, float]
+    vouched: bool = False
+    """Begun with saved planes: the next frame goes into it, wherever it is."""
+
+    @property
+    def planes(self) -> int:
+        """How many planes it holds."""
+        return int(self.tables[7][LIVE])
+
+
+@dataclass(slots=True)
+class WorldCounts:
+    """What happened. blind: frames that said nothing; bad_planes: planes with numbers that are none, or no length."""
+
+    frames: int = 0
+    blind: int = 0
+    bad_planes: int = 0
+    sections: int = 0
+    sections_dropped: int = 0
+    why: dict[str, int] = field(default_factory=dict)
+
+
+class World:
+    """Frames in, one model out. The same frames in the same order make the same world, bit for bit."""
+
+    def __init__(self, params: WorldParams | None = None) -> None:
+        self.params = params or WorldParams()
+        self._rules = rules_of(self.params)
+        self.section: Section | None = None
+        self.past: deque[Section] = deque()
+        self.counts = WorldCounts()
+        self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
+
+    def add(self, sight: Sight) -> None:
+        """Takes one frame in. One that says nothing changes nothing, but that time goes on."""
+        self.counts.frames += 1
+        if not sight.model.valid:
+            self.counts.blind += 1
+            return
+        section = self._section_for(sight)
+        tables, free = section.tables, section.free
+        tables[7][FRAME] += 1
+        free[3][TURN] += 1
+        # of several cameras one may be a little behind: an epoch never goes back
+        free[3][NOW] = max(int(free[3][NOW]), sight.t_ns // self._epoch_ns)
+        looks = looks_of(sight.model, sight.place_m, self.params)
+        self.counts.bad_planes += len(sight.model.planes) - len(looks)
+        profile, (x, y, _) = sight.model.free, sight.place_m
+        edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
+        plane = ground_plane(sight.model, sight.place_m[2])
+        bad = np.isnan(profile.free_to_m).any() or np.isnan(plane).any()
+        if bool(np.isfinite(edges).all() and np.isfinite(layers).all() and not bad):
+            see_free(free, x, y, edges, layers, profile.free_from_m, profile.free_to_m, plane)
+            self._see_ground(free, sight, edges, plane)
+        see(
+            tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers,
+            profile.free_from_m, profile.free_to_m, profile.end,
+        )  # fmt: skip
+        section.newest_ns = max(section.newest_ns, sight.t_ns)
+        section.place_m = sight.place_m
+
+    def _see_ground(self, free: FreeTables, sight: Sight, edges: NDArray[np.float64], plane: GroundPlane) -> None:
+        ground, (x, y, _) = sight.model.ground, sight.place_m
+        fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(edges) - 1
+        if ground.seen and fits and bool(np.isfinite([*plane, *ground.seen_from_m, *ground.seen_to_m]).all()):
+            see_ground(free, x, y, edges, np.array(ground.seen_from_m), np.array(ground.seen_to_m), plane)
+
+    def picture(self, now_ns: int) -> WorldPicture:
+        """What is known now, to be asked and drawn. now_ns: free space that is too old by then is left out."""
+        return self._picture(now_ns, -1, -1)
+
+    def changes(self, now_ns: int, since: int) -> tuple[WorldPicture, NDArray[np.int32]]:
+        """(what changed after frame `since` of this section, slots whose planes are gone since). A block is in it whose
+        free space changed, but for what merely grew old: at each epoch a picture is due."""
+        if self.section is None:
+            return WorldPicture.empty(), np.zeros(0, np.int32)
+        ints, state = self.section.tables[3], self.section.tables[7]
+        used = ints[: int(state[USED])]
+        gone = np.flatnonzero((used[:, CHANGED] > since) & (used[:, HITS] == 0)).astype(np.int32)
+        return self._picture(now_ns, since, since), gone
+
+    @property
+    def frame(self) -> int:
+        """How many frames are in this section."""
+        return 0 if self.section is None else int(self.section.tables[7][FRAME])
+
+    def epoch(self, now_ns: int) -> int:
+        """Of the free space's age: at each new one the oldest becomes unknown."""
+        newest_ns = 0 if self.section is None else self.section.newest_ns
+        return max(now_ns, newest_ns) // self._epoch_ns
+
+    def _picture(self, now_ns: int, frames: int, turns: int) -> WorldPicture:
+        if self.section is None:
+            return WorldPicture.empty()
+        box, _, floats, ints, seen_ns, _, _, state = self.section.tables
+        used = ints[: int(state[USED])]
+        slots = np.flatnonzero((used[:, HITS] > 0) & (used[:, CHANGED] > frames)).astype(np.int32)
+        blocks, masks, ground = seen_blocks(self.section.free, self.epoch(now_ns), turns)
+        return WorldPicture(
+            section=self.section.number, slots=slots, planes=box[slots], margin_m=floats[slots, MARGIN],
+            flags=ints[slots, FLAGS].astype(np.uint8), hits=ints[slots, HITS], seen_ns=seen_ns[slots],
+            blocks=blocks, masks=masks, ground=ground,
+        )  # fmt: skip
+
+    def saved(self) -> tuple[SavedSection, ...]:
+        """All sections, the newest last, to be written (world_saved.bytes_of)."""
+        return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
+
+    def begin_with(self, sections: tuple[SavedSection, ...]) -> None:
+        """Begins a section with the planes of others, what is one being joined; the next frame goes into it. Whoever calls
+        vouches that they lie in the frame that is to come (world_saved.moved). Nothing of them is free."""
+        self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
+        assert self.section is not None
+        self.section.vouched = True
+        for k, s in enumerate(sections):
+            order = np.argsort(-s.age_s, kind="stable")
+            seen_ns = np.rint(-s.age_s[order] * NS).astype(np.int64)  # before the first frame, whatever its stamp
+            put_rows(
+                self.section.tables, self.section.free, s.box[order], s.moments[order], s.margin_m[order],
+                s.flags[order].astype(np.int64), s.hits[order].astype(np.int64), seen_ns, self._rules, k > 0,
+            )  # fmt: skip
+
+    def numbers(self) -> dict[str, int]:
+        """Counts for the log and the health report."""
+        found = {
+            "frames": self.counts.frames, "blind": self.counts.blind, "bad_planes": self.counts.bad_planes,
+            "sections": self.counts.sections, "sections_dropped": self.counts.sections_dropped,
+        }  # fmt: skip
+        if self.section is not None:
+            state, free = self.section.tables[7], self.section.free[3]
+            found |= {
+                "planes": int(state[LIVE]), "dropped": int(state[DROPPED]), "cleared": int(state[CLEARED]),
+                "joined": int(state[JOINED]), "overflow": int(state[OVERFLOW]), "free_blocks": int(free[BLOCKS]),
+                "free_blocks_dropped": int(free[GONE]),
+            }  # fmt: skip
+        return found
+
+    def _section_for(self, sight: Sight) -> Section:
+        section = self.section
+        if section is not None and section.vouched:
+            section.vouched = False
+            section.begun_ns, section.newest_ns = sight.t_ns, sight.t_ns
+            section.reset_counter, section.place_m = sight.reset_counter, sight.place_m
+            section.tables[4][:] += sight.t_ns
+            return section
+        why = "first" if section is None else self._jump(section, sight)
+        if section is not None and not why:
+            return section
+        return self._begin(why, sight.t_ns, sight.reset_counter, sight.place_m)
+
+    def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
+        """A new section; the one before is kept apart."""
+        if self.section is not None:
+            self.past.append(self.section)
+            while len(self.past) > self.params.most_sections:
+                self.past.popleft()
+                self.counts.sections_dropped += 1
+        self.counts.sections += 1
+        self.counts.why[why] = self.counts.why.get(why, 0) + 1
+        self.section = Section(
+            number=self.counts.sections, tables=empty_tables(self.params.most_planes),
+            free=empty_free(self.params.most_free_blocks), begun_ns=t_ns, reset_counter=reset_counter, newest_ns=t_ns,
+            place_m=place_m,
+        )  # fmt: skip
+        return self.section
+
+    def _jump(self, section: Section, sight: Sight) -> str:
+        """Why a frame cannot stand in the section, in words; empty: it can."""
+        p, dt_s = self.params, (sight.t_ns - section.newest_ns) / NS
+        if sight.reset_counter != section.reset_counter:
+            return "the estimate of the position was reset"
+        if dt_s < -p.restart_s:
+            return "the clock went back"
+        if dt_s > p.jump_gap_s:
+            return "there was no position for too long"
+        if math.dist(sight.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
+            return "the position stepped"
+        return ""
+
+
+def _saved(section: Section) -> SavedSection:
+    """A section's planes, moments moved to the middle of each."""
+    box, moments, floats, ints, seen_ns, _, _, state = section.tables
+    on = np.flatnonzero(ints[: int(state[USED]), HITS] > 0)
+    rows, w = box[on].astype(np.float64), moments[on]
+    # whole centimetres, as the file has them: moments are about the middle that will be read
+    middle = 0.01 * np.rint(50.0 * (rows[:, 0:2] + rows[:, 2:4]))
+    ox, oy = (floats[on, ANCHOR_X : ANCHOR_Y + 1].astype(np.float64) - middle).T
+    moved = np.column_stack(
+        [w[:, 0], w[:, 1] + w[:, 0] * ox, w[:, 2] + w[:, 0] * oy, w[:, 3] + 2 * ox * w[:, 1] + w[:, 0] * ox * ox,
+         w[:, 4] + ox * w[:, 2] + oy * w[:, 1] + w[:, 0] * ox * oy, w[:, 5] + 2 * oy * w[:, 2] + w[:, 0] * oy * oy]
+    )  # fmt: skip
+    return SavedSection(
+        number=section.number, reset_counter=section.reset_counter, begun_ns=section.begun_ns,
+        newest_ns=section.newest_ns, box=rows, moments=moved, margin_m=floats[on, MARGIN].astype(np.float64),
+        flags=ints[on, FLAGS].astype(np.uint8), hits=ints[on, HITS], age_s=(section.newest_ns - seen_ns[on]) / NS,
+    )  # fmt: skip

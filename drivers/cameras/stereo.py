@@ -1,0 +1,128 @@
+"""Depth from two images by OpenCV: rectification, semi-global matching, left-right check, speckles out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.param_field import check, number
+from core.types import UNKNOWN_MM, Intrinsics
+
+from .zed_calibration import StereoCalibration
+
+Gray = NDArray[np.uint8]
+_SUBPIXEL = 16.0
+"""The matcher counts in sixteenths of a pixel."""
+_MOST_MM = 65_000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchParams:
+    """Cost and filters of the matching."""
+
+    disparities: int = number(
+        96, 16, 512, "px", "searched, rounded up to a multiple of 16: the nearest depth is f B over it"
+    )
+    block_px: int = number(5, 1, 15, "px", "side of the matched block, odd")
+    uniqueness: int = number(8, 0, 50, "%", "the best match must be better than the next by so much")
+    check_px: int = number(1, 0, 8, "px", "left to right and right to left agree within")
+    speckle_px: int = number(120, 0, 5000, "px", "smaller patches are no thing of their own")
+    speckle_range: int = number(2, 1, 32, "px", "steps of disparity inside one patch")
+    edge_px: int = number(4, 0, 64, "px", "border of the rectified image that is not trusted")
+
+    def __post_init__(self) -> None:
+        check("stereo", self)
+
+
+class StereoDepth:
+    """Makes depth of raw pairs of one calibration. Not for two threads at once."""
+
+    def __init__(self, calibration: StereoCalibration, params: MatchParams | None = None) -> None:
+        c, self._params = calibration, params or MatchParams()
+        size = (c.width, c.height)
+        # T as a column: newer OpenCV refuses it flat
+        R1, R2, P1, P2, _, _, _ = cv2.stereoRectify(
+            c.left.matrix, c.left.distortion, c.right.matrix, c.right.distortion, size, c.R, c.T.reshape(3, 1), alpha=0
+        )
+        self._left = cv2.initUndistortRectifyMap(c.left.matrix, c.left.distortion, R1, P1, size, cv2.CV_16SC2)
+        self._right = cv2.initUndistortRectifyMap(c.right.matrix, c.right.distortion, R2, P2, size, cv2.CV_16SC2)
+        self.R_rectified_raw: NDArray[np.float64] = np.asarray(R1)
+        """The rectified left view is turned by this (about a degree) from the raw eye: the mount is that of the view."""
+        self.baseline_m = float(-P2[0, 3] / P2[0, 0])
+        self.intrinsics = Intrinsics(
+            c.width, c.height, float(P1[0, 0]), float(P1[1, 1]), float(P1[0, 2]), float(P1[1, 2])
+        )
+        self._matcher = matcher(self._params)
+
+    def rectified(self, left: Gray, right: Gray) -> tuple[Gray, Gray]:
+        """Both images with their rows along the epipolar lines."""
+        return (
+            np.asarray(cv2.remap(left, *self._left, cv2.INTER_LINEAR), np.uint8),
+            np.asarray(cv2.remap(right, *self._right, cv2.INTER_LINEAR), np.uint8),
+        )
+
+    def depth(self, left: Gray, right: Gray) -> NDArray[np.uint16]:
+        """(H, W) uint16 mm of a raw pair of gray images, in the rectified left one."""
+        return depth_mm(self.disparity(*self.rectified(left, right)), self.intrinsics.fx, self.baseline_m)
+
+    def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
+        """(H, W) float32 px of a rectified pair; negative: no match."""
+        disparity = disparity_of(self._matcher, left, right, self._params)
+        edge = self._params.edge_px
+        if edge:
+            disparity[:edge], disparity[-edge:], disparity[:, :edge], disparity[:, -edge:] = -1, -1, -1, -1
+        return disparity
+
+
+def matcher(params: MatchParams) -> cv2.StereoSGBM:
+    """The semi-global matcher of these parameters.
+
+    The penalties of a step are a quarter and a half of what the library's examples take, and the gradients are cut
+    late: the stronger smoothing is against the contrast, the more subpixels are pulled to whole ones. Measured on drawn
+    walls: median error 0.08-0.11 px instead of 0.17-0.23, nine tenths below 0.2 instead of 0.33, the same pixels found."""
+    block = params.block_px | 1
+    return cv2.StereoSGBM.create(
+        minDisparity=0, numDisparities=-(-params.disparities // 16) * 16, blockSize=block, P1=2 * block * block,
+        P2=16 * block * block, preFilterCap=63, disp12MaxDiff=params.check_px, uniquenessRatio=params.uniqueness,
+        speckleWindowSize=params.speckle_px, speckleRange=params.speckle_range, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )  # fmt: skip
+
+
+def disparity_of(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
+    """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none."""
+    found = np.asarray(sgbm.compute(left, right), np.float32) / np.float32(_SUBPIXEL)
+    # the same search from the right: mirrored, so that it looks the same way
+    back = np.asarray(sgbm.compute(right[:, ::-1].copy(), left[:, ::-1].copy()), np.float32)[:, ::-1] / _SUBPIXEL
+    columns = np.arange(left.shape[1], dtype=np.float32)[None, :]
+    there = np.rint(columns - found).astype(np.int32)
+    inside = (found >= 0.0) & (there >= 0)
+    other = np.take_along_axis(back, np.clip(there, 0, left.shape[1] - 1), axis=1)
+    agreed = inside & (other >= 0.0) & (np.abs(other - found) <= params.check_px)
+    return np.where(agreed, found, np.float32(-1.0))
+
+
+def depth_mm(disparity: NDArray[np.float32], f_px: float, baseline_m: float) -> NDArray[np.uint16]:
+    """Z = f B / d as uint16 mm; no match, and what lies beyond 65 m, is unknown."""
+    with np.errstate(divide="ignore"):
+        mm = np.float32(1000.0 * f_px * baseline_m) / disparity
+    good = (disparity > 0.0) & (mm < _MOST_MM)
+    return np.where(good, mm + np.float32(0.5), np.float32(UNKNOWN_MM)).astype(np.uint16)
+
+
+def vertical_disparity_px(left: Gray, right: Gray) -> tuple[float, int]:
+    """(median of the row difference of matched corners, their number) of a rectified pair: 0 when the calibration fits."""
+    finder = cv2.ORB.create(nfeatures=800)
+    points_l, words_l = finder.detectAndCompute(left, np.empty(0))
+    points_r, words_r = finder.detectAndCompute(right, np.empty(0))
+    if words_l is None or words_r is None:
+        return float("nan"), 0
+    matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(words_l, words_r)
+    rows = [
+        points_r[m.trainIdx].pt[1] - points_l[m.queryIdx].pt[1]
+        for m in matches
+        if m.distance < 40 and -4.0 < points_l[m.queryIdx].pt[0] - points_r[m.trainIdx].pt[0] < 0.3 * left.shape[1]
+    ]
+    return (float(np.median(rows)), len(rows)) if rows else (float("nan"), 0)

@@ -1,0 +1,181 @@
+"""A ZED as a plain USB video device: side-by-side images through OpenCV, matched here on the processor.
+
+No vendor's library is needed, only the camera's own calibration file. What it delivers is not rectified."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import CameraInfo, DepthFrame
+
+from ..base import BadData, DeviceLost, DeviceNotFound
+from .stereo import MatchParams, StereoDepth, vertical_disparity_px
+from .zed_calibration import StereoCalibration, load_zed_calibration
+
+DISPARITY_SIGMA_PX = 0.3
+"""Prior of the matching's noise; the extractor measures the true one."""
+MOST_VERTICAL_PX = 1.5
+LEAST_CORNERS = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZedSettings:
+    """device: best under /dev/v4l/by-id. width, height: of one eye. calibration: SN<serial>.conf. exposure_latency_s:
+    from the middle of the exposure to the kernel's stamp."""
+
+    camera: str
+    device: str
+    calibration: Path
+    width: int = 672
+    height: int = 376
+    fps: float = 30.0
+    exposure_latency_s: float = 0.0
+    min_range_m: float = 0.5
+    max_range_m: float = 15.0
+    match: MatchParams = field(default_factory=MatchParams)
+
+
+class Video(Protocol):
+    """What is used of cv2.VideoCapture."""
+
+    def isOpened(self) -> bool: ...
+    def read(self) -> tuple[bool, Any]: ...
+    def get(self, prop: int) -> float: ...
+    def set(self, prop: int, value: float) -> bool: ...
+    def release(self) -> None: ...
+
+
+def open_video(settings: ZedSettings) -> Video:
+    """The device, or a video file in its place."""
+    is_device = settings.device.startswith("/dev/")
+    return cv2.VideoCapture(settings.device, cv2.CAP_V4L2 if is_device else cv2.CAP_FFMPEG)
+
+
+class ZedSource:
+    """A DepthSource. `connect` opens the video; tests give a file or a device of their own."""
+
+    def __init__(
+        self,
+        settings: ZedSettings,
+        connect: Callable[[ZedSettings], Video] = open_video,
+        calibration: StereoCalibration | None = None,
+    ) -> None:
+        self._settings, self._connect, self._given = settings, connect, calibration
+        self._video: Video | None = None
+        self._stereo: StereoDepth | None = None
+        self._sequence = 0
+        self._first: NDArray[np.uint8] | None = None
+        self._first_ns = 0
+        self.vertical_px = math.nan
+        self.warning = ""
+
+    @property
+    def info(self) -> CameraInfo:
+        """Known after open(). Raises DeviceNotFound before."""
+        stereo, s = self._stereo, self._settings
+        if stereo is None:
+            raise DeviceNotFound(f"camera {s.camera}: not open; call open() first")
+        ke = DISPARITY_SIGMA_PX / (stereo.intrinsics.fx * stereo.baseline_m)
+        return CameraInfo(
+            s.camera,
+            stereo.intrinsics,
+            min_range_m=s.min_range_m,
+            max_range_m=s.max_range_m,
+            ke_per_m=min(max(ke, 1e-4), 0.05),
+        )
+
+    def open(self) -> None:
+        """Opens the device, reads a first image and checks with it that the calibration is this camera's. Raises
+        DeviceNotFound, DeviceLost and BadData; what was opened is closed again."""
+        s = self._settings
+        calibration = self._given or load_zed_calibration(s.calibration, s.width, s.height)
+        self._stereo = StereoDepth(calibration, s.match)
+        self._video = self._connect(s)
+        try:
+            if not self._video.isOpened():
+                raise DeviceNotFound(
+                    f"camera {s.camera}: {s.device} cannot be opened; is it plugged in (ls /dev/v4l/by-id), does another "
+                    "program hold it, is the user in the group video?"
+                )
+            if s.device.startswith("/dev/"):
+                for prop, value in (
+                    (cv2.CAP_PROP_FRAME_WIDTH, 2.0 * s.width), (cv2.CAP_PROP_FRAME_HEIGHT, float(s.height)),
+                    (cv2.CAP_PROP_FPS, s.fps), (cv2.CAP_PROP_BUFFERSIZE, 1.0),
+                ):  # fmt: skip
+                    self._video.set(prop, value)
+            self._first, self._first_ns = self._image()
+            self._check(self._first)
+        except (DeviceNotFound, DeviceLost, BadData):
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """May be called again."""
+        video, self._video = self._video, None
+        if video is not None:
+            video.release()
+
+    def read(self, timeout_s: float) -> DepthFrame | None:
+        """The next frame: the device itself paces this, the driver keeps one image. Raises DeviceLost and BadData."""
+        if self._first is not None:
+            image, stamp_ns = self._first, self._first_ns
+            self._first = None
+        else:
+            image, stamp_ns = self._image()
+        assert self._stereo is not None
+        left, right = halves(image)
+        depth = self._stereo.depth(left, right)
+        self._sequence += 1
+        return DepthFrame(
+            camera=self._settings.camera,
+            sequence=self._sequence,
+            t_exposure_ns=stamp_ns - round(self._settings.exposure_latency_s * 1e9),
+            t_arrival_ns=time.monotonic_ns(),
+            depth_mm=depth,
+        )
+
+    def _image(self) -> tuple[NDArray[np.uint8], int]:
+        """(image, kernel's stamp) of the next pair."""
+        s, video = self._settings, self._video
+        if video is None:
+            raise DeviceNotFound(f"camera {s.camera}: not open; call open() first")
+        good, image = video.read()
+        now_ns = time.monotonic_ns()
+        if not good or image is None:
+            raise DeviceLost(f"camera {s.camera}: {s.device} delivers no image any more; was it unplugged?")
+        if image.shape[:2] != (s.height, 2 * s.width):
+            raise BadData(
+                f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} (both eyes "
+                "side by side); set width_px and height_px to what the camera delivers"
+            )
+        stamp_ns = round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        # the kernel's monotonic stamp; a file has its own time, and some drivers have none
+        return image, stamp_ns if now_ns - 2_000_000_000 < stamp_ns <= now_ns else now_ns
+
+    def _check(self, image: NDArray[np.uint8]) -> None:
+        """Corners of both eyes must lie on the same rows once rectified. Raises BadData."""
+        assert self._stereo is not None
+        self.vertical_px, corners = vertical_disparity_px(*self._stereo.rectified(*halves(image)))
+        if corners < LEAST_CORNERS:
+            self.warning = f"too few corners in view ({corners}) to check the calibration"
+        elif abs(self.vertical_px) > MOST_VERTICAL_PX:
+            raise BadData(
+                f"camera {self._settings.camera}: both eyes are {self.vertical_px:+.1f} px apart in height after "
+                f"rectification; {self._settings.calibration} is another camera's, or this one was bent"
+            )
+
+
+def halves(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Left and right eye in gray, of a side-by-side image."""
+    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
+    middle = gray.shape[1] // 2
+    return np.ascontiguousarray(gray[:, :middle]), np.ascontiguousarray(gray[:, middle:])

@@ -1,0 +1,1 @@
+"""Reading MCAP files and the codecs of their messages."""

@@ -1,0 +1,1 @@
+"""The MAVLink link: transport, session, clock synchronisation, signing, telemetry logs."""

@@ -1,0 +1,103 @@
+"""Others on the line who speak as the autopilot, as us, or tell it of obstacles too. Nobody can keep them from it without
+signatures; they are noticed, so that no vehicle flies with two that contradict each other and nobody knows."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from typing import Any
+
+from .clock_sync import NS
+from .dialect import MAV_COMP_ID_AUTOPILOT1
+
+RECENT_NS = 10 * NS
+"""So long after its last word a stranger is told."""
+OBSTACLES = frozenset({330, 11037})
+"""OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
+_SENT, _MOST = 256, 16
+
+
+class Strangers:
+    """`sent` with what we send, `heard` with what comes, `troubles` for words."""
+
+    def __init__(self, component_id: int) -> None:
+        self._component = component_id
+        self._sent: deque[bytes] = deque(maxlen=_SENT)
+        self._rivals: OrderedDict[tuple[int, int], int] = OrderedDict()
+        self._doubles_ns: int | None = None
+        self._left_out: OrderedDict[int, int] = OrderedDict()
+        self._kind = ""
+        self._contradiction_ns: int | None = None
+        self._contradicting = ""
+
+    def sent(self, frame: bytes) -> None:
+        """A frame of ours; a router may bring it back."""
+        self._sent.append(frame)
+
+    def heard(self, message: Any, system: int, now_ns: int) -> None:
+        """A message that came. system: the vehicle's; 0: not known yet."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if source[1] == MAV_COMP_ID_AUTOPILOT1 or not system or source[0] != system:
+            return
+        ours = source[1] == self._component
+        if not ours and message.get_msgId() not in OBSTACLES:
+            return
+        if ours and bytes(message.get_msgbuf()) in self._sent:
+            return
+        if ours:
+            self._doubles_ns = now_ns
+        else:
+            _remember(self._rivals, source, now_ns)
+
+    def left_out(self, system: int, now_ns: int) -> None:
+        """An autopilot that is not listened to, since its system id is not the configured one."""
+        _remember(self._left_out, system, now_ns)
+
+    def kind(self, kind: str, now_ns: int) -> str:
+        """What to call an autopilot whose heartbeat says `kind`: both names while heartbeats contradict each other, so that
+        it is told what is safe for either."""
+        if self._kind and kind != self._kind:
+            self._contradiction_ns, self._contradicting = now_ns, " or ".join(sorted({kind, self._kind}))
+        self._kind = kind
+        return self._contradicting if _recent(self._contradiction_ns, now_ns) else kind
+
+    def another(self) -> None:
+        """Another vehicle is listened to from now on."""
+        self._kind, self._contradiction_ns = "", None
+
+    def troubles(self, now_ns: int, configured: int, *, heard: bool) -> dict[str, str]:
+        """Topic -> what is wrong, in words. configured: the only system id listened to, 0: any; heard: an autopilot is."""
+        said: dict[str, str] = {}
+        if _recent(self._contradiction_ns, now_ns):
+            said["two autopilots"] = (
+                f"{self._contradicting}: heartbeats contradict each other: somebody else speaks as the autopilot; it is told "
+                "what is safe for both; sign the line, or give each vehicle its own system id"
+            )
+        for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
+            said["two companions"] = (
+                f"component {component} tells it of obstacles too: what one sees clear wipes out what the other sees near; "
+                f"switch off one of the two (system {system})"
+            )
+        if _recent(self._doubles_ns, now_ns):
+            said["two of us"] = (
+                f"another speaks as component {self._component}: a second companion with our ids; switch it off, or give it "
+                "another [autopilot] component_id"
+            )
+        others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
+        if configured and others and not heard:
+            said["system id"] = (
+                f"only system {others[0]} is heard: [autopilot] system_id = {configured} leaves it out; set it to 0, or to the "
+                "vehicle's"
+            )
+        return said
+
+
+def _remember(seen: OrderedDict[Any, int], key: Any, now_ns: int) -> None:
+    """The newest few alone: whoever makes up ids must not fill the memory."""
+    seen.pop(key, None)
+    seen[key] = now_ns
+    if len(seen) > _MOST:
+        seen.popitem(last=False)
+
+
+def _recent(at_ns: int | None, now_ns: int) -> bool:
+    return at_ns is not None and now_ns - at_ns < RECENT_NS

@@ -1,0 +1,253 @@
+"""A MAVLink session on a line, in a thread of its own: reads, writes, and opens the line again when it is lost.
+
+To wake for each message costs ten times what its reading takes. Once the clocks are synchronised, messages therefore lie
+for a while and are read together, the last time shortly before a frame is expected; whoever needs the newest, since one has
+come, calls `catch_up`."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from core.types import AttitudeSample, PoseSample
+
+from ..base import DriverError
+from ..watched_thread import WatchedThread
+from .bandwidth import LinkBudget
+from .session import LinkStatus, MavlinkSession
+from .transport import Address, Chunk, Transport, open_transport
+
+NS = 1_000_000_000
+READ_S = 0.01
+"""Longest wait for bytes while each is read as it comes."""
+PAUSE_S = 0.042
+"""Between two looks at a line whose messages may lie: so late, at most, they are read and so late is what the session sends
+by itself. What is posted goes at once. Half a frame's time at 12 Hz and a little more."""
+LONGEST_PAUSE_S = 0.11
+"""So long while little comes, where somebody is about to catch up anyway: to look takes more than what little it brings."""
+LEAD_NS = 3_000_000
+"""So long before a frame is expected the line is looked at, so that little is left to read when it comes."""
+LEAST_APART_NS = 5_000_000
+"""Whoever catches up more often has no rhythm that could be met."""
+MUCH_BYTES = 2048
+"""Read at once: more may wait, a serial line's buffer is 4096."""
+LITTLE_BYTES = 1024
+"""Read at once: however the pauses change, what waits next stays well below such a buffer."""
+FEW_BYTES, MOST_WAIT_S = 4096, 0.005
+"""Of the line, and so long for it, whoever catches up takes upon himself; an autopilot sends a tenth of it in a pause."""
+FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class LineState:
+    """open: whether there is a line; error: why not, in words; losses: how often it was lost; alive_ns: when the
+    thread last went round."""
+
+    open: bool
+    error: str
+    warning: str
+    losses: int
+    alive_ns: int
+
+
+class Rhythm:
+    """When it will be asked again what lies on the line, by when it was asked the last two times."""
+
+    def __init__(self) -> None:
+        self._last_ns = self._apart_ns = 0
+
+    def asked(self, now_ns: int) -> None:
+        """Somebody catches up."""
+        self._last_ns, self._apart_ns = now_ns, now_ns - self._last_ns
+
+    def pause_s(self, now_ns: int, *, little: bool = False) -> float:
+        """Until the next look: PAUSE_S or less, so that one of those that follow comes LEAD_NS before it is asked, and
+        never less than half of it. little: little comes, and LONGEST_PAUSE_S or less will do."""
+        last_ns, apart_ns = self._last_ns, self._apart_ns
+        if not LEAST_APART_NS <= apart_ns <= NS or now_ns - last_ns > 2 * apart_ns:
+            return PAUSE_S
+        ahead_s = (last_ns + apart_ns - LEAD_NS - now_ns) / NS
+        while ahead_s < 0.5 * PAUSE_S:
+            ahead_s += apart_ns / NS
+        return ahead_s / math.ceil(ahead_s / (LONGEST_PAUSE_S if little else PAUSE_S))
+
+
+class MavlinkLink:
+    """Runs a session until closed. `deliver` is called with the samples of each read that brought any bytes, in order of
+    arrival, from the link's thread or that of who calls `catch_up`; it must not block."""
+
+    def __init__(
+        self,
+        address: Address,
+        session: MavlinkSession,
+        deliver: Callable[[list[AttitudeSample | PoseSample]], None],
+    ) -> None:
+        self._address = address
+        self._session = session
+        self._deliver = deliver
+        self._lock = threading.Lock()
+        self._turn = threading.Lock()
+        self._transport: Transport | None = None
+        self._left: list[Chunk] = []
+        self._rhythm = Rhythm()
+        self._stop = threading.Event()
+        self._news = threading.Event()
+        self.budget: LinkBudget | None = None
+        self._state = LineState(False, "not opened yet", "", 0, time.monotonic_ns())
+        self._thread = WatchedThread(self._run, "mavlink")
+
+    def open(self) -> None:
+        """Starts the thread; the line itself may come later."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stops the thread and closes the line. May be called twice. Where an exception has ended the thread, what was posted
+        since goes out from here: the autopilot is to know that nothing is seen any more."""
+        self._stop.set()
+        self._news.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+        if self._thread.failure and self._transport is not None:
+            with self._turn:
+                transport, self._transport = self._transport, None
+                try:
+                    self._send_posted(transport)
+                finally:
+                    transport.close()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
+
+    @property
+    def line(self) -> LineState:
+        """How the line is."""
+        return self._state
+
+    def post(self, message: Any) -> None:
+        """Sends a message as soon as the thread comes round, if an autopilot is there to hear it."""
+        with self._lock:
+            self._session.post(message)
+        self._news.set()
+
+    def catch_up(self) -> None:
+        """Reads and delivers what has arrived by now, in the caller's thread. Without a line it does nothing, and what is
+        wrong with one is the link's own affair: its thread meets it, too. So is more than comes in a moment: noise takes
+        long to look through, and no frame may wait for that."""
+        self._rhythm.asked(time.monotonic_ns())
+        if not self._turn.acquire(timeout=MOST_WAIT_S):
+            return
+        try:
+            if self._transport is None or self._left:
+                return
+            self._left = self._transport.read()
+            if _bytes(self._left) > FEW_BYTES:
+                self._news.set()
+            elif self._left:
+                self._round(self._transport)
+        except DriverError:
+            return
+        finally:
+            self._turn.release()
+
+    def set_system_status(self, status: int) -> None:
+        """The MAV_STATE of our heartbeat: how the pipeline is."""
+        with self._lock:
+            self._session.system_status = status
+
+    def status(self) -> LinkStatus:
+        """What the session knows, and how many datagrams were dropped as a flood since the line was opened."""
+        transport = self._transport
+        dropped = transport.flood.dropped if transport is not None and transport.flood is not None else 0
+        with self._lock:
+            status = self._session.status(time.monotonic_ns())
+        return replace(status, counts=status.counts | {"datagrams dropped as a flood": dropped}) if dropped else status
+
+    def _run(self) -> None:
+        backoff_s, losses, error = FIRST_BACKOFF_S, 0, ""
+        while not self._stop.is_set():
+            transport: Transport | None = None
+            try:
+                transport = open_transport(self._address)
+                self.budget = self._session.budget(transport.bytes_per_s)
+                warning = self.budget.warning() if self.budget is not None else ""
+                self._state = LineState(True, "", warning, losses, time.monotonic_ns())
+                opened_ns = time.monotonic_ns()
+                self._talk(transport, warning, losses)
+            except DriverError as failure:
+                error = str(failure)
+                if transport is not None:
+                    losses += 1
+                    if time.monotonic_ns() - opened_ns > LONGEST_BACKOFF_S * NS:
+                        backoff_s = FIRST_BACKOFF_S
+            # not after another exception: `close` then needs the line for what is said last
+            if transport is not None:
+                with self._turn:
+                    self._transport, self._left = None, []
+                    transport.close()
+            if not self._stop.is_set():
+                self._wait(backoff_s, error, losses)
+                backoff_s = min(2.0 * backoff_s, LONGEST_BACKOFF_S)
+
+    def _talk(self, transport: Transport, warning: str, losses: int) -> None:
+        with self._lock:
+            self._session.new_line()
+        with self._turn:
+            self._transport = transport
+        size = 0
+        while not self._stop.is_set():
+            if size < MUCH_BYTES:
+                self._await(transport, little=size < LITTLE_BYTES)
+            with self._turn:
+                size = self._round(transport)
+            now_ns = time.monotonic_ns()
+            flood = transport.flood.text(now_ns) if transport.flood is not None else ""
+            self._state = LineState(True, "", "; ".join(filter(None, (flood, warning))), losses, now_ns)
+        self._send_posted(transport)
+
+    def _send_posted(self, transport: Transport) -> None:
+        """What was posted before the link is closed."""
+        with self._lock:
+            if self._session.has_posted:
+                for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
+                    transport.write(data)
+
+    def _await(self, transport: Transport, *, little: bool) -> None:
+        """Until there is something to do: for a pause, or while instants count until the first byte. little: came the last
+        time."""
+        now_ns = time.monotonic_ns()
+        if self._session.patient(now_ns):
+            self._news.wait(self._rhythm.pause_s(now_ns, little=little))
+            self._news.clear()
+        elif not self._session.has_posted:
+            transport.wait(READ_S)
+
+    def _round(self, transport: Transport) -> int:
+        """Takes what was left or reads what is there, delivers, sends what is due; the number of bytes. One thread at a
+        time."""
+        chunks, self._left = self._left or transport.read(), []
+        with self._lock:
+            samples = self._session.receive(chunks, transport.sources)
+        if chunks:
+            self._deliver(samples)  # before anything is sent: a line that breaks then takes nothing along
+        with self._lock:
+            if self._session.spoke_in is not None:
+                transport.answer(self._session.spoke_in)
+            for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
+                transport.write(data)
+        return _bytes(chunks)
+
+    def _wait(self, seconds: float, error: str, losses: int) -> None:
+        """Waits and stays alive: a missing line is a state, not a hang."""
+        until_ns = time.monotonic_ns() + round(seconds * NS)
+        while time.monotonic_ns() < until_ns and not self._stop.wait(0.1):
+            self._state = LineState(False, error, "", losses, time.monotonic_ns())
+
+
+def _bytes(chunks: list[Chunk]) -> int:
+    return sum(len(data) for data, _ in chunks)

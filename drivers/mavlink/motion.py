@@ -1,0 +1,165 @@
+"""What an autopilot says of its motion, as samples on our clock. Nothing that is not a number gets through."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from typing import Any
+
+from core.frames import quaternion_from_euler, rotation_from_quaternion
+from core.types import AttitudeSample, PoseSample
+
+from .clock_sync import NS, ClockEstimate, ClockFilter, ClockSource
+from .parser import Frame
+
+MS = 1_000_000
+HALF_MS = 500_000
+"""time_boot_ms is rounded down: on average the measurement is half a millisecond later."""
+PREFER_FOR_NS = NS // 2
+"""A better kind of message silences a poorer one for this long."""
+UNIX_NS = 10**17
+"""Stamps beyond 3 years are no time since boot: some senders put unix time into time_usec."""
+ATTITUDE_ID = 30
+MOTION = frozenset({ATTITUDE_ID, 31, 32, 331})
+"""ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY."""
+_FIELDS = {ATTITUDE_ID: struct.Struct("<I6f"), 31: struct.Struct("<I7f"), 32: struct.Struct("<I6f")}
+"""Of those that come a hundred times a second, what is read here: time_boot_ms and numbers, as they lie in the payload. The
+dialect's decoding takes as long as all else that a sample needs on its way."""
+LOCAL_FRAMES = frozenset({1, 20})
+"""MAV_FRAME_LOCAL_NED, MAV_FRAME_LOCAL_FRD."""
+BODY_FRAMES = frozenset({8, 12})
+"""MAV_FRAME_BODY_NED, MAV_FRAME_BODY_FRD: the velocity of ODOMETRY turns with the vehicle."""
+
+
+class MotionDecoder:
+    """Turns ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED and ODOMETRY into samples.
+
+    `counts`: messages that were refused, by cause. Of two kinds that tell the same the better one is taken: the
+    quaternion (no gimbal lock) and ODOMETRY (it tells when the estimate jumped)."""
+
+    def __init__(self, clock: ClockFilter) -> None:
+        self._clock = clock
+        self._quaternion_ns: int | None = None
+        self._odometry_ns: int | None = None
+        self.counts: Counter[str] = Counter()
+
+    def wants(self, message_id: int, arrival_ns: int) -> bool:
+        """Whether such a message would be read now: one of motion, and not silenced by a better kind."""
+        if message_id == ATTITUDE_ID:
+            return not _recent(self._quaternion_ns, arrival_ns)
+        return message_id in MOTION
+
+    def decode(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        """The sample in a message of motion, or None."""
+        fields = motion_fields(frame)
+        if fields is None:
+            message = frame.message()
+            if message is None:
+                self.counts["messages that cannot be decoded"] += 1
+                return None
+            return self._odometry(message, arrival_ns)
+        return _READERS[frame.id](self, int(fields[0]), fields[1:], arrival_ns)
+
+    def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
+        """When something of the autopilot's boot time happened on our clock; never after it arrived."""
+        if not self._clock.arrival(boot_ns, arrival_ns):
+            self.counts["far behind the others"] += 1
+            return None
+        estimate: ClockEstimate = self._clock.estimate
+        if estimate.source is ClockSource.NONE:
+            return None
+        t_ns = estimate.local_ns(boot_ns + rounded_ns)
+        if t_ns > arrival_ns:
+            self.counts["stamped after its arrival"] += t_ns > arrival_ns + MS  # less is rounding on a quick line
+            t_ns = arrival_ns
+        return t_ns
+
+    def _attitude(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> AttitudeSample | None:
+        roll, pitch, yaw = numbers[:3]
+        if not all(map(math.isfinite, numbers[:3])) or max(map(abs, numbers[:3])) > 2.0 * math.pi + 1e-3:
+            self.counts["attitude is not a number"] += 1
+            return None
+        t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
+        if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
+            return None
+        return AttitudeSample(t_ns, arrival_ns, quaternion_from_euler(roll, pitch, yaw), _three(numbers[3:]))
+
+    def _attitude_quaternion(
+        self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int
+    ) -> AttitudeSample | None:
+        w, x, y, z = numbers[:4]
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        if not abs(norm - 1.0) < 0.05:  # also NaN
+            self.counts["attitude is not a number"] += 1
+            return None
+        t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
+        if t_ns is None:
+            return None
+        self._quaternion_ns = arrival_ns
+        return AttitudeSample(t_ns, arrival_ns, (w / norm, x / norm, y / norm, z / norm), _three(numbers[4:]))
+
+    def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
+        position = _three(numbers[:3])
+        if position is None:
+            self.counts["position is not a number"] += 1
+            return None
+        t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
+        if t_ns is None or _recent(self._odometry_ns, arrival_ns):
+            return None
+        return PoseSample(t_ns, arrival_ns, position, _three(numbers[3:]))
+
+    def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
+        position = (float(m.x), float(m.y), float(m.z))
+        if int(m.frame_id) not in LOCAL_FRAMES or int(m.quality) < 0:
+            self.counts["odometry of another frame or failed"] += 1
+            return None
+        if not all(map(math.isfinite, position)):
+            self.counts["position is not a number"] += 1
+            return None
+        boot_ns = int(m.time_usec) * 1000
+        if boot_ns > UNIX_NS:
+            self.counts["odometry with unix time"] += 1
+            return None
+        t_ns = self._stamp(boot_ns, 0, arrival_ns)
+        if t_ns is None:
+            return None
+        self._odometry_ns = arrival_ns
+        return PoseSample(t_ns, arrival_ns, position, _odometry_velocity(m), int(m.reset_counter))
+
+
+def motion_fields(frame: Frame) -> tuple[float, ...] | None:
+    """time_boot_ms and the numbers of a message of motion that are read here; None for other messages."""
+    fields = _FIELDS.get(frame.id)
+    return frame.fields(fields) if fields is not None else None
+
+
+def _recent(heard_ns: int | None, now_ns: int) -> bool:
+    return heard_ns is not None and now_ns - heard_ns < PREFER_FOR_NS
+
+
+def _three(numbers: tuple[float, ...]) -> tuple[float, float, float] | None:
+    """Rates or a velocity; None where one of them is no number."""
+    x, y, z = numbers
+    return (x, y, z) if math.isfinite(x) and math.isfinite(y) and math.isfinite(z) else None
+
+
+def _odometry_velocity(m: Any) -> tuple[float, float, float] | None:
+    """Velocity in ned: ODOMETRY gives it in child_frame_id."""
+    v = (float(m.vx), float(m.vy), float(m.vz))
+    if not all(map(math.isfinite, v)):
+        return None
+    if int(m.child_frame_id) in LOCAL_FRAMES:
+        return v
+    q = (float(m.q[0]), float(m.q[1]), float(m.q[2]), float(m.q[3]))
+    if int(m.child_frame_id) not in BODY_FRAMES or not abs(math.sqrt(sum(c * c for c in q)) - 1.0) < 0.05:
+        return None
+    ned = rotation_from_quaternion(q) @ v
+    return float(ned[0]), float(ned[1]), float(ned[2])
+
+
+_READERS = {
+    ATTITUDE_ID: MotionDecoder._attitude,
+    31: MotionDecoder._attitude_quaternion,
+    32: MotionDecoder._local_position,
+}

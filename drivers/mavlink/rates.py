@@ -1,0 +1,129 @@
+"""Which messages we want how often: asked for, measured, asked for again.
+
+What counts is the rate that arrives, not the acknowledgement: other stations reset intervals, reboots forget them."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from .clock_sync import NS
+from .dialect import dialect
+
+WINDOW_NS = 2 * NS
+"""Over which a rate is measured."""
+FIRST_WAIT_NS, LONGEST_WAIT_NS = 2 * NS, 30 * NS
+"""After a request, before the next one; doubled each time."""
+ENOUGH = 0.8
+"""Share of the wanted rate that is enough."""
+MAV_CMD_SET_MESSAGE_INTERVAL = 511
+MAV_RESULT_UNSUPPORTED = 3
+STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
+"""Message -> data stream of the old request: MAV_DATA_STREAM_EXTRA1, MAV_DATA_STREAM_POSITION."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """A message we want. instead_of: asked for only while that other message does not come."""
+
+    message_id: int
+    name: str
+    hz: float
+    instead_of: int | None = None
+
+
+class RateKeeper:
+    """Measures arrivals and says what to ask for."""
+
+    def __init__(self, wishes: tuple[Wish, ...]) -> None:
+        self.wishes = wishes
+        self._arrivals: dict[int, deque[int]] = {w.message_id: deque() for w in wishes}
+        self._next_ns: dict[int, int] = {}
+        self._wait_ns: dict[int, int] = {}
+        self._first_asked_ns: dict[int, int] = {}
+        self._streams_asked = False
+        self.knows_intervals = True
+        self.asked = 0
+
+    def heard(self, message_id: int, now_ns: int) -> None:
+        """A message arrived."""
+        arrivals = self._arrivals.get(message_id)
+        if arrivals is not None:
+            arrivals.append(now_ns)
+            _forget_old(arrivals, now_ns)
+
+    def rate_hz(self, message_id: int, now_ns: int) -> float:
+        """Arrivals a second over the last two seconds."""
+        arrivals = self._arrivals[message_id]
+        _forget_old(arrivals, now_ns)
+        return len(arrivals) * NS / WINDOW_NS
+
+    def acknowledged(self, command: int, result: int) -> None:
+        """A COMMAND_ACK: an autopilot that does not know SET_MESSAGE_INTERVAL is asked in the old way, once."""
+        if command == MAV_CMD_SET_MESSAGE_INTERVAL and result == MAV_RESULT_UNSUPPORTED:
+            self.knows_intervals = False
+
+    def restart(self) -> None:
+        """The autopilot is another one, or has booted: it has forgotten what we asked for."""
+        self._next_ns.clear()
+        self._wait_ns.clear()
+        self._first_asked_ns.clear()
+        self._streams_asked = False
+        self.knows_intervals = True
+
+    def due(self, now_ns: int, system: int, component: int) -> list[Any]:
+        """The requests to send now."""
+        wanted = [w for w in self.wishes if self._wanting(w, now_ns)]
+        if not wanted:
+            return []
+        if not self.knows_intervals:
+            return self._old_request(wanted, system, component)
+        out = []
+        for w in wanted:
+            wait = self._wait_ns.get(w.message_id, FIRST_WAIT_NS)
+            self._next_ns[w.message_id] = now_ns + wait
+            self._wait_ns[w.message_id] = min(2 * wait, LONGEST_WAIT_NS)
+            self._first_asked_ns.setdefault(w.message_id, now_ns)
+            self.asked += 1
+            out.append(_interval(w, system, component))
+        return out
+
+    def _wanting(self, w: Wish, now_ns: int) -> bool:
+        if now_ns < self._next_ns.get(w.message_id, 0):
+            return False
+        if self.rate_hz(w.message_id, now_ns) >= ENOUGH * w.hz:
+            self._wait_ns.pop(w.message_id, None)
+            return False
+        if w.instead_of is None:
+            return True
+        # give the better message its chance before asking for its substitute
+        asked_ns = self._first_asked_ns.get(w.instead_of)
+        if asked_ns is None or now_ns - asked_ns < FIRST_WAIT_NS:
+            return False
+        return self.rate_hz(w.instead_of, now_ns) == 0.0
+
+    def _old_request(self, wanted: list[Wish], system: int, component: int) -> list[Any]:
+        if self._streams_asked:
+            return []
+        self._streams_asked = True
+        rates: dict[int, int] = {}
+        for w in wanted:
+            stream = STREAMS[w.message_id]
+            rates[stream] = max(rates.get(stream, 0), round(w.hz))
+        self.asked += len(rates)
+        return [
+            dialect.MAVLink_request_data_stream_message(system, component, stream, hz, 1)
+            for stream, hz in rates.items()
+        ]
+
+
+def _interval(w: Wish, system: int, component: int) -> Any:
+    return dialect.MAVLink_command_long_message(
+        system, component, MAV_CMD_SET_MESSAGE_INTERVAL, 0, w.message_id, 1e6 / w.hz, 0, 0, 0, 0, 0
+    )
+
+
+def _forget_old(arrivals: deque[int], now_ns: int) -> None:
+    while arrivals and arrivals[0] <= now_ns - WINDOW_NS:
+        arrivals.popleft()

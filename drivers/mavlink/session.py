@@ -1,0 +1,385 @@
+"""One companion's side of a MAVLink conversation, without input, output or clock: bytes and instants in, samples and
+bytes out. `drivers.mavlink.link` puts it on a line.
+
+Nothing but a hello (on lines whose other end waits for one) is sent before the autopilot's own heartbeat was seen.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from core.param_field import check, number
+from core.types import AttitudeSample, PoseSample
+
+from .bandwidth import FACE, OBSTACLES, POINT, LinkBudget, link_budget
+from .clock_sync import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
+from .conflicts import Strangers
+from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
+from .motion import MOTION, MotionDecoder
+from .parser import MAVLINK1, Frame, MessageSplitter
+from .rates import RateKeeper, Wish
+from .signing import Signing, for_the_log
+from .timesync import TimeSync
+from .transport import Chunk, Source
+
+MAV_TYPE_ONBOARD_CONTROLLER = 18
+MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
+MAV_MODE_FLAG_SAFETY_ARMED = 128
+AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
+SILENT_NS = 3 * NS
+"""An autopilot that said nothing for this long is gone; another one may take its place."""
+HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
+ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
+_READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
+MOST_SOURCES = 16
+DISTANCE_SENSOR_ID, STATUSTEXT_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 253, 330, 11037
+_SURROUNDINGS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
+_TOLD = _SURROUNDINGS | {DISTANCE_SENSOR_ID}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MavlinkParams:
+    """Who we are and what we ask for. Raises ValueError naming the field, its value and its range."""
+
+    system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
+    component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
+    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
+    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+    obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
+    obstacle_points: int = number(0, 0, 104, "", "as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around")
+    distance_sensors: int = number(0, 0, 2, "", "and so many DISTANCE_SENSOR with them")
+
+    def __post_init__(self) -> None:
+        check("mavlink", self)
+
+    def wishes(self) -> tuple[Wish, ...]:
+        """The messages we ask for."""
+        return (
+            Wish(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
+            Wish(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
+            Wish(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The autopilot we listen to, as its newest heartbeat says."""
+
+    system_id: int
+    autopilot: str
+    vehicle_type: int
+    armed: bool
+    custom_mode: int
+    heartbeat_ns: int
+    mavlink_1: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkStatus:
+    """What the health report tells of the link. Rates in Hz over two seconds; ages of None: never."""
+
+    vehicle: Vehicle | None
+    clock: ClockEstimate
+    clock_restarts: int
+    attitude_hz: float
+    position_hz: float
+    received: int
+    counts: dict[str, int]
+    signed: bool = False
+    """The autopilot's messages are signed with our key."""
+    signing_trouble: str = ""
+    strangers: dict[str, str] = field(default_factory=dict)
+    """Topic -> what is wrong with others on the line, in words."""
+
+
+class MavlinkSession:
+    """Feed it with `receive` and `due`, in the order in which things happen; one thread at a time."""
+
+    def __init__(
+        self,
+        params: MavlinkParams | None = None,
+        clock: ClockParams | None = None,
+        on_frame: Callable[[bytes, int], None] | None = None,
+        on_message: Callable[[Any, int], None] | None = None,
+        signing: Signing | None = None,
+        reads: frozenset[int] | None = None,
+    ) -> None:
+        """on_frame: is given every good frame as it came (but without a signature), with its arrival, for the log.
+        on_message: every good message of the autopilot of these kinds (reads; None: of all but its motion), decoded, which
+        is most of the work. signing: with our key; without it nothing is signed, and everything is believed."""
+        self.params = params or MavlinkParams()
+        self.clock = ClockFilter(clock)
+        self.system_status = MAV_STATE_STANDBY
+        self.vehicle: Vehicle | None = None
+        self.counts: Counter[str] = Counter()
+        self.received = 0
+        self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
+        self._timesync = TimeSync(self.clock)
+        self._motion = MotionDecoder(self.clock)
+        self.rates = RateKeeper(self.params.wishes())
+        self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
+        self._splitter_counts: Counter[str] = Counter()
+        self._signing = signing or Signing()
+        self._strangers = Strangers(self.params.component_id)
+        self._place = 0
+        self.spoke_in: int | None = None
+        self._encoder = dialect.MAVLink(None)
+        self._encoder.srcComponent = self.params.component_id
+        self._next_heartbeat_ns = 0
+        self._heard_ns = 0
+        self._clock_restarts = 0
+        self._outbox: deque[Any] = deque(maxlen=256)
+
+    # ---- in -----------------------------------------------------------------------------------------------------
+
+    def receive(
+        self, chunks: list[Chunk], sources: Sequence[Source] | None = None
+    ) -> list[AttitudeSample | PoseSample]:
+        """The samples in what arrived, in its order. sources: who sent each chunk, None: one for all; half a message of one
+        must not swallow the whole ones of another. `spoke_in` then tells in which of the chunks the autopilot spoke last,
+        None: in none."""
+        samples: list[AttitudeSample | PoseSample] = []
+        self.spoke_in = None
+        for self._place, (data, arrival_ns) in enumerate(chunks):
+            splitter = self._splitter(None if sources is None else sources[self._place])
+            for frame in splitter.frames(data):
+                sample = self._take(frame, arrival_ns)
+                if sample is not None:
+                    samples.append(sample)
+        return samples
+
+    def new_line(self) -> None:
+        """The line was opened anew: half a message of the old one must not spoil the first of the new."""
+        self._splitters.clear()
+
+    def _splitter(self, source: Source) -> MessageSplitter:
+        """Of one sender; of the newest few, since anybody may make up addresses."""
+        splitter = self._splitters.get(source)
+        if splitter is None:
+            splitter = self._splitters[source] = MessageSplitter(self._splitter_counts)
+            if len(self._splitters) > MOST_SOURCES:
+                self._splitters.popitem(last=False)
+        else:
+            self._splitters.move_to_end(source)
+        return splitter
+
+    def _take(self, frame: Frame, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        self.received += 1
+        vehicle = self.vehicle
+        if not self._signing.believes(frame, arrival_ns, vehicle.system_id if vehicle else self.params.system_id):
+            return None
+        if self._on_frame is not None and (logged := for_the_log(frame)) is not None:
+            self._on_frame(logged, arrival_ns)
+        own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
+        if not own:
+            self._strangers.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
+        kind = frame.id
+        if kind in MOTION:
+            return self._moves(frame, kind, arrival_ns) if own else None
+        if kind == TIMESYNC_ID:
+            self._timesync.take(frame, arrival_ns, from_autopilot=own)
+            self._follow_clock()
+        if not self._is_read(kind):
+            if own:
+                self._speaks(kind, arrival_ns)
+            return None
+        message = frame.message()
+        if message is None:
+            self.counts["messages that cannot be decoded"] += 1
+        else:
+            self._read(kind, message, arrival_ns)
+        return None
+
+    def _is_read(self, kind: int) -> bool:
+        """Whether anybody reads such a message, which is not one of motion: decoding takes by far most of the time."""
+        return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
+
+    def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
+        self._speaks(kind, arrival_ns)
+        if not self._motion.wants(kind, arrival_ns):
+            return None
+        sample = self._motion.decode(frame, arrival_ns)
+        self._follow_clock()
+        return sample
+
+    def _read(self, kind: int, message: Any, arrival_ns: int) -> None:
+        if kind == HEARTBEAT_ID:
+            self._heartbeat(message, arrival_ns)
+        if not self._from_autopilot(message):
+            return
+        self._speaks(kind, arrival_ns)
+        if kind == COMMAND_ACK_ID:
+            self.rates.acknowledged(int(message.command), int(message.result))
+        if self._on_message is not None and (self._reads is None or kind in self._reads):
+            self._on_message(message, arrival_ns)
+        self._follow_clock()
+
+    def _follow_clock(self) -> None:
+        """A clock that began anew belongs to an autopilot that booted: it has forgotten what we asked for."""
+        if self.clock.restarts != self._clock_restarts:
+            self._clock_restarts = self.clock.restarts
+            self._begin_anew()
+
+    def _speaks(self, kind: int, arrival_ns: int) -> None:
+        """The autopilot said something."""
+        self._heard_ns, self.spoke_in = arrival_ns, self._place
+        self.rates.heard(kind, arrival_ns)
+
+    def _from_autopilot(self, message: Any) -> bool:
+        v = self.vehicle
+        return (
+            v is not None
+            and message.get_srcSystem() == v.system_id
+            and message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1
+        )
+
+    def _heartbeat(self, m: Any, arrival_ns: int) -> None:
+        system = m.get_srcSystem()
+        if m.autopilot == MAV_AUTOPILOT_INVALID or m.get_srcComponent() != MAV_COMP_ID_AUTOPILOT1:
+            return
+        if self.params.system_id not in (0, system):
+            self._strangers.left_out(system, arrival_ns)
+            self.counts["heartbeats of other vehicles"] += 1
+            return
+        old = self.vehicle
+        if old is not None and old.system_id != system:
+            if self.heard(arrival_ns):
+                self.counts["heartbeats of other vehicles"] += 1
+                return
+            self._strangers.another()
+            self.clock.restart()  # another autopilot, another clock
+            self._clock_restarts = self.clock.restarts
+            self._begin_anew()
+        self.vehicle = Vehicle(
+            system,
+            self._strangers.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
+            int(m.type),
+            bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
+            int(m.custom_mode),
+            arrival_ns,
+            m.get_msgbuf()[0] == MAVLINK1,
+        )
+
+    def _begin_anew(self) -> None:
+        self._timesync.restart()
+        self.rates.restart()
+
+    def patient(self, now_ns: int) -> bool:
+        """Whether what comes may lie for a moment before it is read. Not while the clock is found by the instants of
+        arrivals, nor while an answer to TIMESYNC is awaited: the time that it lies would count as the line's."""
+        return self.clock.estimate.source is ClockSource.TIMESYNC and not self._timesync.awaits(now_ns)
+
+    # ---- out ----------------------------------------------------------------------------------------------------
+
+    def heard(self, now_ns: int) -> bool:
+        """Whether the autopilot, known by a heartbeat, said anything lately: on a bad line heartbeats alone are soon lost."""
+        return self.vehicle is not None and now_ns - self._heard_ns < SILENT_NS
+
+    def fell_silent(self, now_ns: int) -> bool:
+        """Whether the autopilot was armed when it was heard last: it may fly and hear us on a line that works one way only."""
+        return self.vehicle is not None and self.vehicle.armed and not self.heard(now_ns)
+
+    def post(self, message: Any) -> None:
+        """A message to send with the next `due`; without an autopilot that is heard it is dropped and counted, but for
+        obstacles told to one that fell silent. Of distances to obstacles the newest alone waits: after a gap of the line
+        older ones would tell of what is true no more."""
+        if message.get_msgId() in _TOLD and not (self._outbox and _one_scan(self._outbox[-1], message)):
+            waiting = [m for m in self._outbox if not _replaced(m, message)]
+            self._outbox.clear()
+            self._outbox.extend(waiting)
+        self._outbox.append(message)
+
+    @property
+    def has_posted(self) -> bool:
+        """Whether a message waits to be sent."""
+        return bool(self._outbox)
+
+    def due(self, now_ns: int, speaks_first: bool = False) -> list[bytes]:
+        """What to send now, ready for the line. speaks_first: the other end waits for a hello."""
+        messages: list[Any] = []
+        if not self.heard(now_ns):
+            unbelieved = self._signing.unbelieved_autopilot(now_ns)
+            kinds = {STATUSTEXT_ID} if unbelieved else _TOLD if self.fell_silent(now_ns) else set()
+            words = [m for m in self._outbox if m.get_msgId() in kinds]
+            self.counts["messages without an autopilot to hear them"] += len(self._outbox) - len(words)
+            self._outbox.clear()
+            if (speaks_first or unbelieved) and now_ns >= self._next_heartbeat_ns:
+                messages.append(self._own_heartbeat(now_ns))
+            return [self._pack(m) for m in messages + words]
+        assert self.vehicle is not None
+        if now_ns >= self._next_heartbeat_ns:
+            messages.append(self._own_heartbeat(now_ns))
+        messages.extend(self.rates.due(now_ns, self.vehicle.system_id, MAV_COMP_ID_AUTOPILOT1))
+        while self._outbox:
+            messages.append(self._outbox.popleft())
+        messages.extend(self._timesync.due(now_ns))
+        return [self._pack(m) for m in messages]
+
+    def _own_heartbeat(self, now_ns: int) -> Any:
+        self._next_heartbeat_ns = now_ns + NS
+        return dialect.MAVLink_heartbeat_message(
+            MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID, 0, 0, self.system_status, 3
+        )
+
+    def _pack(self, message: Any) -> bytes:
+        # a companion shares the vehicle's system id; before it is known, 1 is what autopilots are delivered with
+        system = self.vehicle.system_id if self.vehicle else self.params.system_id or self._signing.claimed_system
+        self._encoder.srcSystem = system or 1
+        self._signing.prepare(self._encoder)
+        data = bytes(message.pack(self._encoder))
+        self._encoder.seq = (self._encoder.seq + 1) % 256
+        self._strangers.sent(data)
+        return data
+
+    # ---- what is told of it -------------------------------------------------------------------------------------
+
+    def budget(self, bytes_per_s: float | None) -> LinkBudget | None:
+        """What is asked for and sent against what a line carries; None for a line without a bound."""
+        return budget_of(self.params, bytes_per_s, signed=self._signing.on)
+
+    def status(self, now_ns: int) -> LinkStatus:
+        """For the health report."""
+        rate = self.rates.rate_hz
+        counts = {"timesync answers to nobody": self._timesync.unpaired}
+        for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
+            for what, often in some.items():
+                counts[what] = counts.get(what, 0) + often
+        return LinkStatus(
+            vehicle=self.vehicle,
+            clock=self.clock.estimate,
+            clock_restarts=self.clock.restarts,
+            attitude_hz=max(rate(ATTITUDE_ID, now_ns), rate(ATTITUDE_QUATERNION_ID, now_ns)),
+            position_hz=rate(LOCAL_POSITION_ID, now_ns),
+            received=self.received,
+            counts={what: often for what, often in counts.items() if often},
+            signed=self._signing.good(now_ns),
+            strangers=self._strangers.troubles(now_ns, self.params.system_id, heard=self.heard(now_ns)),
+            signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
+        )
+
+
+def _one_scan(a: Any, b: Any) -> bool:
+    """Whether two messages are of one scan of points, which all messages of one time are."""
+    return a.get_msgId() == b.get_msgId() == OBSTACLE_DISTANCE_3D_ID and bool(a.time_boot_ms == b.time_boot_ms)
+
+
+def _replaced(waiting: Any, new: Any) -> bool:
+    """Whether a message tells of obstacles as they were before a new one."""
+    old_id, new_id = waiting.get_msgId(), new.get_msgId()
+    if old_id in _SURROUNDINGS and new_id in _SURROUNDINGS:
+        return not _one_scan(waiting, new)
+    return old_id == new_id == DISTANCE_SENSOR_ID and bool(waiting.orientation == new.orientation)
+
+
+def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
+    """What a conversation with these parameters needs of a line; None for a line without a bound."""
+    if bytes_per_s is None:
+        return None
+    told = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
+    told += (FACE,) * params.distance_sensors
+    return link_budget(
+        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=told
+    )

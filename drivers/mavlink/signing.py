@@ -1,0 +1,183 @@
+"""Signatures of MAVLink 2 on one line: ours on all that we send, and what to believe of what comes.
+
+The library signs and checks too, with two faults that are kept out here. Its timestamp advances by one a packet, which is
+not the time: here each packet gets one of `SigningClock`. And it notes the timestamp of a packet before it looks at its
+signature, so that one forged packet with a far timestamp locks out all true ones: here the signature comes first.
+
+With a key only what is signed with it is believed. An autopilot that is not believed is still told that we are there:
+it may have been off for long and hold an old time, and learns ours by our signed heartbeat.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections import Counter
+from enum import Enum
+from typing import Any
+
+from .clock_sync import NS
+from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+from .signing_clock import TICKS_PER_S, SigningClock
+from .signing_key import SigningKey
+
+SIGNED_FLAG, BLOCK_BYTES, MAVLINK2 = 1, 13, 0xFD
+NEW_STREAM_TICKS = 60 * TICKS_PER_S
+"""A sender that was not heard before may be behind our time by so much."""
+RECENT_NS = 5 * NS
+"""What the autopilot's messages were like, so long back, decides what is said."""
+SETUP_SIGNING_ID, HEARTBEAT_ID = 256, 0
+
+
+class Verdict(Enum):
+    """What a message's signature is worth."""
+
+    UNSIGNED = "unsigned"
+    UNCHECKED = "signed, and we have no key"
+    GOOD = "signed with our key"
+    FORGED = "signed with another key"
+    OLD = "signed with our key, but not newer than others before"
+
+
+NOT_BELIEVED = frozenset({Verdict.UNSIGNED, Verdict.FORGED, Verdict.OLD})
+"""By those who have a key."""
+
+
+class Signing:
+    """key None: nothing is signed and everything is believed. Messages are those of the dialect, as they came."""
+
+    def __init__(self, key: SigningKey | None = None, clock: SigningClock | None = None) -> None:
+        self._key, self._clock = key, clock or SigningClock()
+        self._streams: dict[tuple[int, int, int], int] = {}
+        self._autopilot_ns: dict[Verdict, int] = {}
+        self._good_since_ns = 0
+        self.claimed_system = 0
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def on(self) -> bool:
+        """Whether we have a key."""
+        return self._key is not None
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the keeping of timestamps, in words; empty: none did."""
+        return self._clock.failure
+
+    def close(self) -> None:
+        """Ends the keeping of timestamps."""
+        self._clock.close()
+
+    # ---- in ---------------------------------------------------------------------------------------------------------
+
+    def believes(self, message: Any, arrival_ns: int, vehicle: int = 0) -> bool:
+        """Whether a message may count. Those that may not are counted. vehicle: the system id of ours; 0: any may be it."""
+        if self._key is None and not _signed(message.get_msgbuf()):
+            return True  # and tells nobody anything who has no key
+        verdict = self._verdict(message)
+        believed = self._key is None or verdict not in NOT_BELIEVED
+        if not believed:
+            self.counts[f"not believed: {verdict.value}"] += 1
+        system = message.get_srcSystem()
+        # without a key only a heartbeat makes an autopilot known, and nobody can be told before
+        counts = verdict is not Verdict.UNCHECKED or message.get_msgId() == HEARTBEAT_ID
+        if counts and message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and vehicle in (0, system):
+            if verdict is Verdict.GOOD and not self._recent(verdict, arrival_ns):
+                self._good_since_ns = arrival_ns
+            self._autopilot_ns[verdict] = arrival_ns
+            if not believed:
+                self.claimed_system = system
+        return believed
+
+    def _verdict(self, message: Any) -> Verdict:
+        frame = message.get_msgbuf()
+        if not _signed(frame):
+            return Verdict.UNSIGNED
+        if self._key is None:
+            return Verdict.UNCHECKED
+        if not hmac.compare_digest(self._key.signature(bytes(frame[:-6])), bytes(frame[-6:])):
+            return Verdict.FORGED
+        ticks = int.from_bytes(frame[-12:-6], "little")
+        stream = (frame[-13], message.get_srcSystem(), message.get_srcComponent())
+        last = self._streams.get(stream)
+        if ticks + NEW_STREAM_TICKS < self._clock.now() if last is None else ticks <= last:
+            return Verdict.OLD
+        self._streams[stream] = ticks
+        self._clock.heard(ticks)
+        return Verdict.GOOD
+
+    # ---- out --------------------------------------------------------------------------------------------------------
+
+    def prepare(self, encoder: Any) -> None:
+        """Makes the library sign the next packet with a timestamp of ours."""
+        if self._key is None:
+            return
+        encoder.signing.secret_key = self._key.secret
+        encoder.signing.sign_outgoing = True
+        encoder.signing.timestamp = self._clock.next()
+
+    def unbelieved_autopilot(self, now_ns: int) -> bool:
+        """Whether an autopilot speaks that is not believed: it is told that we are there, and nothing else."""
+        return self._key is not None and any(self._recent(v, now_ns) for v in NOT_BELIEVED)
+
+    # ---- what is said of it -----------------------------------------------------------------------------------------
+
+    def good(self, now_ns: int) -> bool:
+        """Whether the autopilot's signatures are right at present."""
+        return self._recent(Verdict.GOOD, now_ns)
+
+    def trouble(self, now_ns: int, *, answered: bool) -> str:
+        """What is wrong, with its remedy; empty: nothing. answered: the autopilot answers what we ask, so it takes what
+        we send."""
+        said = self._with_key(now_ns, answered) if self.on else self._without_key(now_ns, answered)
+        return said or self._clock.trouble
+
+    def _recent(self, verdict: Verdict, now_ns: int) -> bool:
+        at_ns = self._autopilot_ns.get(verdict)
+        return at_ns is not None and now_ns - at_ns < RECENT_NS
+
+    def _without_key(self, now_ns: int, answered: bool) -> str:
+        if not self._recent(Verdict.UNCHECKED, now_ns):
+            return ""
+        does = "what it says may be forged" if answered else "it drops what we send, heartbeats aside"
+        return f"the autopilot signs and we have no key: {does}; name the file of its key in [autopilot] signing_key"
+
+    def _with_key(self, now_ns: int, answered: bool) -> str:
+        if self._recent(Verdict.GOOD, now_ns):
+            if not answered:
+                return "the autopilot takes nothing that we sign: its key is ours; is this machine's clock behind?"
+            # what the autopilot itself said before it had the key is nobody else's
+            wrong = [
+                v
+                for v in (Verdict.FORGED, Verdict.UNSIGNED)
+                if self._recent(v, now_ns) and self._autopilot_ns[v] > self._good_since_ns + NS
+            ]
+            return f"somebody else speaks as the autopilot: {wrong[0].value}; that is dropped" if wrong else ""
+        ignored = "nothing it says is believed, and it is told of no obstacles"
+        if self._recent(Verdict.FORGED, now_ns):
+            return f"the autopilot signs with another key than ours: {ignored}; give both the same key"
+        if self._recent(Verdict.OLD, now_ns):
+            return f"the autopilot's signatures are of the past: {ignored} before it has taken the time from us"
+        if self._recent(Verdict.UNSIGNED, now_ns):
+            return (
+                f"the autopilot does not sign and we have a key: {ignored}; give it the key from the ground station, or "
+                "leave [autopilot] signing_key empty"
+            )
+        return ""
+
+
+def for_the_log(message: Any) -> bytes | None:
+    """A message's frame as a log may hold it: without its signature, which is food for those who look for the key; None
+    for the one message that holds the key itself."""
+    if message.get_msgId() == SETUP_SIGNING_ID:
+        return None
+    frame = bytes(message.get_msgbuf())
+    if not _signed(frame):
+        return frame
+    plain = bytearray(frame[: -BLOCK_BYTES - 2])
+    plain[2] &= ~SIGNED_FLAG
+    checked = dialect.x25crc(bytes(plain[1:]) + bytes([message.crc_extra]))
+    return bytes(plain) + int(checked.crc).to_bytes(2, "little")
+
+
+def _signed(frame: bytes | bytearray) -> bool:
+    return frame[0] == MAVLINK2 and frame[2] & SIGNED_FLAG != 0

@@ -1,0 +1,123 @@
+"""The timestamps of our signatures: the wall clock in units of 10 us since 2015, and never back.
+
+A receiver refuses what is not newer than what it had from us before, so neither a wall clock that is set back nor a
+crash may bring an old timestamp again. A file holds one that is ahead of all that were used: it is written before they
+are needed, in a thread of its own, since a disk may hang and the line must not.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+from ..watched_thread import WatchedThread
+
+TICKS_PER_S = 100_000
+EPOCH_UNIX_S = 1_420_070_400
+"""2015-01-01."""
+LAST_TICK = (1 << 48) - 1
+AHEAD = 10 * TICKS_PER_S
+"""So far beyond the wall clock the file reaches. Ground stations must be within a minute of it to be heard."""
+AHEAD_OF_LAST = TICKS_PER_S // 10
+"""And at least so many packets beyond the last timestamp: what restarts in a row can bring us ahead of the wall clock."""
+AGAIN_S = 1.0
+"""After a failure to write."""
+
+
+def wall_ticks(unix_ns: int) -> int:
+    """The timestamp of a wall clock; 0 for one that was never set, or shows an instant no timestamp can."""
+    ticks = (unix_ns - EPOCH_UNIX_S * 10**9) // 10_000
+    return ticks if 0 <= ticks < LAST_TICK else 0
+
+
+class SigningClock:
+    """`next` for each packet; `heard` with each verified timestamp of others, which ours must not be behind of.
+
+    trouble: why timestamps cannot be kept, in words; empty: they are. file None: for this run alone."""
+
+    def __init__(self, file: Path | None = None, wall_ns: Callable[[], int] = time.time_ns) -> None:
+        self._file, self._wall_ns = file, wall_ns
+        self.trouble = ""
+        self._last = self._reserved = 0
+        self._wanted, self._stop = threading.Event(), threading.Event()
+        self._thread: WatchedThread | None = None
+        if file is not None:
+            self._last = self._reserved = self._read(file)
+            self._reserve(file)
+            self._thread = WatchedThread(self._keep, "signing clock", (file,))
+            self._thread.start()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the keeping of timestamps, in words; empty: none did."""
+        return self._thread.failure if self._thread is not None else ""
+
+    def next(self) -> int:
+        """A timestamp that was never used, and never will be again."""
+        self._last = max(self._last + 1, self.now())
+        self._want()
+        return self._last
+
+    def now(self) -> int:
+        """The newest timestamp there is, by the wall clock or by what was said and heard."""
+        return max(self._last, wall_ticks(self._wall_ns()))
+
+    def heard(self, ticks: int) -> None:
+        """A timestamp whose signature is right."""
+        self._last = max(self._last, ticks)
+        self._want()
+
+    def close(self) -> None:
+        """Ends the thread. May be called twice."""
+        self._stop.set()
+        self._wanted.set()
+        if self._thread is not None:
+            self._thread.join(2.0)
+
+    def _want(self) -> None:
+        """Has the file written where half of what it reaches ahead is used up."""
+        wall = wall_ticks(self._wall_ns())
+        if self._reserved < max(self._last + AHEAD_OF_LAST // 2, wall + AHEAD // 2):
+            self._wanted.set()
+
+    def _keep(self, file: Path) -> None:
+        while not self._stop.is_set():
+            self._wanted.wait()
+            self._wanted.clear()
+            if self._stop.is_set():
+                return
+            self._reserve(file)
+            if self.trouble:
+                self._stop.wait(AGAIN_S)
+
+    def _reserve(self, file: Path) -> None:
+        ticks = min(LAST_TICK, max(self._last + AHEAD_OF_LAST, wall_ticks(self._wall_ns()) + AHEAD))
+        new = file.with_name(file.name + ".new")
+        text = str(ticks).encode()
+        try:
+            with new.open("wb") as stream:
+                stream.write(b"%s %08x\n" % (text, zlib.crc32(text)))
+                stream.flush()
+                os.fsync(stream.fileno())
+            new.replace(file)
+        except OSError as error:
+            self.trouble = (
+                f"the timestamps of signatures cannot be kept in {file} ({error.strerror}): after the next start with a "
+                "clock set back the autopilot would take what we say for old; make room or correct its rights"
+            )
+            return
+        self._reserved, self.trouble = ticks, ""
+
+    def _read(self, file: Path) -> int:
+        """What the file holds; 0 where there is none, or nothing that we wrote."""
+        try:
+            text, _, check = file.read_bytes().strip().partition(b" ")
+            if int(check, 16) == zlib.crc32(text) and 0 <= int(text) <= LAST_TICK:
+                return int(text)
+        except (OSError, ValueError):
+            pass
+        return 0

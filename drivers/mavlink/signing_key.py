@@ -1,0 +1,73 @@
+"""The key of MAVLink 2 signatures: 32 bytes in a file of mode 0600. It is never logged and never on a command line."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import secrets
+from pathlib import Path
+
+from ..base import BadData, DeviceNotFound
+
+KEY_BYTES = 32
+_HEX = re.compile(rb"^[0-9A-Fa-f]{64}$")
+_REMEDY = "`companion keys --signing FILE` makes one"
+
+
+class SigningKey:
+    """A key that shows itself in no message and no trace."""
+
+    __slots__ = ("secret",)
+
+    def __init__(self, secret: bytes) -> None:
+        """Raises ValueError for other than 32 bytes, and for zeros alone, which to autopilots mean no signing."""
+        if len(secret) != KEY_BYTES or not any(secret):
+            raise ValueError(f"a signing key has {KEY_BYTES} bytes, not all of them 0; {_REMEDY}")
+        self.secret = bytes(secret)
+
+    def __repr__(self) -> str:
+        return "SigningKey(...)"
+
+    def signature(self, signed: bytes) -> bytes:
+        """The 6 bytes that end a frame. signed: the frame up to them (MAVLink 2: the first 48 bits of SHA-256 of key and
+        frame)."""
+        return hashlib.sha256(self.secret + signed).digest()[:6]
+
+
+def load_key(path: Path) -> SigningKey:
+    """The key in a file: 64 hexadecimal digits, or 32 bytes. Raises DeviceNotFound and BadData, also for a file that
+    others can read; what is in it is never told."""
+    try:
+        mode = path.stat().st_mode
+        content = path.read_bytes()
+    except OSError as error:
+        raise DeviceNotFound(
+            f"signing key {path}: {error.strerror}; {_REMEDY}, as the user who runs the service"
+        ) from error
+    if mode & 0o077:
+        raise BadData(
+            f"signing key {path}: others can read it (mode {mode & 0o777:o}); chmod 600 it, better make a new one"
+        )
+    if len(content) == KEY_BYTES:
+        secret = content
+    elif _HEX.match(content.strip()):
+        secret = bytes.fromhex(content.strip().decode())
+    else:
+        raise BadData(f"signing key {path}: neither 64 hexadecimal digits nor {KEY_BYTES} bytes; {_REMEDY}")
+    try:
+        return SigningKey(secret)
+    except ValueError as error:
+        raise BadData(f"signing key {path}: {error}") from error
+
+
+def make_key(path: Path, passphrase: str = "") -> None:
+    """Writes a new key: a random one, or, as ground stations make theirs, SHA-256 of a passphrase. Raises ValueError
+    where the file is there already, OSError where it cannot be written."""
+    secret = hashlib.sha256(passphrase.encode()).digest() if passphrase else secrets.token_bytes(KEY_BYTES)
+    try:
+        fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError as error:
+        raise ValueError(f"{path}: there is a file; delete it first, or name another") from error
+    with os.fdopen(fd, "wb") as stream:
+        stream.write(secret.hex().encode() + b"\n")

@@ -1,0 +1,297 @@
+"""MAVLink telemetry logs (.tlog): 8 bytes of big-endian microseconds, then a raw MAVLink frame, repeated.
+
+Two clocks meet in such a file: the stamp of each record is when the recording host had the message (unix time), and
+`time_boot_ms` inside the message is when the autopilot measured. A message is never recorded before it was sent, so
+the line under all points (time_boot, stamp) is the best guess of how one clock runs against the other: the lower
+envelope. `map_boot_clock` finds it, per boot of the autopilot.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import Counter
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from statistics import median_low
+from typing import Any
+
+from ..base import BadData, DeviceNotFound
+from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
+
+MAVLINK1, MAVLINK2 = 0xFE, 0xFD
+_MARK = re.compile(b"[\xfd\xfe]")
+MAX_DRIFT = 200e-6
+"""Crystals differ by up to about 75 ppm: a fitted drift beyond this is noise, and the drift is then taken as 0."""
+DRIFT_SPAN_MS = 30_000
+"""Over less than this a drift cannot be told from the 1 ms resolution of time_boot_ms."""
+TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
+STRANGE_US = 10_000_000
+"""A record stamp this far from where the others of its boot put it is damaged: it has no checksum."""
+BOOT_STEP_MS = 1_000
+"""time_boot going back by more than this is a reboot of the autopilot; by less, messages that overtook each other."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TlogRecord:
+    """One good message of pymavlink, who sent it, and when the recorder had it (unix microseconds)."""
+
+    stamp_us: int
+    system: int
+    component: int
+    message: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tlog:
+    """A parsed log. bad_frames: framed but with a wrong checksum; skipped_bytes: noise between frames; truncated:
+    the file ends within a record."""
+
+    path: Path
+    records: list[TlogRecord]
+    bad_frames: int
+    unknown_messages: int
+    skipped_bytes: int
+    truncated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Timed:
+    """When something was measured and when the recorder had it, both unix microseconds on the recorder's clock."""
+
+    t_us: float
+    stamp_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class TlogAttitude(Timed):
+    """q_ned_frd (w, x, y, z) or None where euler_rad (roll, pitch, yaw) is what was sent; body rates in frd, rad/s."""
+
+    q_wxyz: tuple[float, float, float, float] | None
+    euler_rad: tuple[float, float, float] | None
+    rates_rad_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class TlogPose(Timed):
+    """Position and velocity in ned, metres and m/s."""
+
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VehicleLog:
+    """What one vehicle's autopilot said. kind: the message the attitudes are from; boots: how often it (re)started;
+    drift: of its clock against the recorder's, largest of all boots; strange: messages left out because their record stamp is damaged."""
+
+    system: int
+    kind: str
+    attitudes: list[TlogAttitude]
+    poses: list[TlogPose]
+    boots: int
+    drift: float
+    strange: int
+
+
+def read_tlog(path: Path) -> Tlog:
+    """All messages of a log in file order. Noise, bad checksums and a cut end are counted, never raised.
+
+    Raises DeviceNotFound when there is no such file and BadData when it holds no MAVLink message at all."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    decoder = dialect.MAVLink(None)
+    records: list[TlogRecord] = []
+    bad = unknown = skipped = at = 0
+    truncated = False
+    while at < len(data):
+        end = _record_end(data, at)
+        if end is not None and end <= len(data):
+            message = _decode(decoder, data[at + 8 : end])
+            if message is not None and message.get_type().startswith("UNKNOWN_"):
+                unknown += 1  # no checksum can be computed for it; only its framing is known
+                if _starts_record(data, end):
+                    at = end
+                    continue
+            elif message is not None:
+                stamp = int(struct.unpack_from(">Q", data, at)[0])
+                records.append(TlogRecord(stamp, message.get_srcSystem(), message.get_srcComponent(), message))
+                at = end
+                continue
+            elif _starts_record(data, end):
+                bad += 1
+                at = end
+                continue
+        if (end is None and len(data) - at < 11) or (end is not None and end > len(data) and not _more(data, at + 1)):
+            truncated = True
+            break
+        step = _next_start(data, at + 1)
+        skipped += step - at
+        at = step
+    if not records:
+        raise BadData(
+            f"{path}: no MAVLink message in it; expected a .tlog (8 bytes of time, a MAVLink frame, repeated)"
+        )
+    return Tlog(path, records, bad, unknown, skipped, truncated)
+
+
+def _record_end(data: bytes, at: int) -> int | None:
+    """Where the record at `at` would end; None when no frame starts behind its stamp."""
+    frame = at + 8
+    if frame + 3 > len(data):
+        return None
+    if data[frame] == MAVLINK2:
+        return frame + 12 + data[frame + 1] + (13 if data[frame + 2] & 1 else 0)
+    if data[frame] == MAVLINK1:
+        return frame + 8 + data[frame + 1]
+    return None
+
+
+def _starts_record(data: bytes, at: int) -> bool:
+    return at == len(data) or (at + 8 < len(data) and data[at + 8] in (MAVLINK1, MAVLINK2))
+
+
+def _next_start(data: bytes, at: int) -> int:
+    """The next place at which a record may start, or the end of the data."""
+    mark = _MARK.search(data, at + 8)
+    return mark.start() - 8 if mark is not None else len(data)
+
+
+def _more(data: bytes, at: int) -> bool:
+    """Whether a whole record may still start at or behind `at` (a damaged length byte must not end the reading)."""
+    while at < len(data):
+        at = _next_start(data, at)
+        end = _record_end(data, at)
+        if end is not None and end <= len(data):
+            return True
+        at += 1
+    return False
+
+
+def _decode(decoder: Any, frame: bytes) -> Any:
+    """pymavlink's message, or None when its checksum or length is wrong."""
+    try:
+        return decoder.decode(bytearray(frame))
+    except (dialect.MAVError, struct.error):
+        return None
+
+
+def vehicle_log(log: Tlog, system: int | None = None) -> VehicleLog:
+    """Attitudes and poses of the autopilot (component 1) of one vehicle, on the recorder's clock.
+
+    ATTITUDE_QUATERNION is preferred when it comes at least half as often as ATTITUDE. Messages of other components
+    (gimbals, cameras, ground stations) never count. Raises BadData without an attitude or with several vehicles."""
+    system = _vehicle(log, system)
+    own = [r for r in log.records if r.system == system and r.component == MAV_COMP_ID_AUTOPILOT1]
+    timed = [r for r in own if r.message.get_type() in TIMED]
+    counts = Counter(r.message.get_type() for r in timed)
+    kind = "ATTITUDE_QUATERNION" if 2 * counts["ATTITUDE_QUATERNION"] > counts["ATTITUDE"] else "ATTITUDE"
+    if not counts[kind]:
+        raise BadData(f"{log.path}: system {system} sent no attitude; record ATTITUDE or ATTITUDE_QUATERNION")
+    attitudes: list[TlogAttitude] = []
+    poses: list[TlogPose] = []
+    boots = _boots(timed)
+    drift, strange = 0.0, 0
+    for records in boots:
+        clock = map_boot_clock([(int(r.message.time_boot_ms), r.stamp_us) for r in records])
+        drift = max(drift, clock[0], key=abs)
+        good = [r for r in records if abs(r.stamp_us - _boot_us(r, clock)) <= STRANGE_US]
+        strange += len(records) - len(good)
+        attitudes.extend(_attitude(r, clock) for r in good if r.message.get_type() == kind)
+        poses.extend(_pose(r, clock) for r in good if r.message.get_type() == "LOCAL_POSITION_NED")
+    return VehicleLog(system, kind, attitudes, poses, len(boots), drift, strange)
+
+
+def _vehicle(log: Tlog, system: int | None) -> int:
+    autopilots = {
+        r.system
+        for r in log.records
+        if r.component == MAV_COMP_ID_AUTOPILOT1
+        and r.message.get_type() == "HEARTBEAT"
+        and r.message.autopilot != MAV_AUTOPILOT_INVALID
+    }
+    # a log cut out of the middle may hold no heartbeat: whoever sends attitudes as component 1 is an autopilot too
+    found = autopilots or {
+        r.system
+        for r in log.records
+        if r.component == MAV_COMP_ID_AUTOPILOT1 and r.message.get_type().startswith("ATTITUDE")
+    }
+    if system is not None and system in found:
+        return system
+    names = ", ".join(str(s) for s in sorted(found)) or "none"
+    if system is not None:
+        raise BadData(f"{log.path}: no autopilot with system id {system}; found: {names}")
+    if len(found) != 1:
+        raise BadData(f"{log.path}: expected one vehicle, found system ids: {names}; choose with --system-id")
+    return found.pop()
+
+
+def _boots(records: list[TlogRecord]) -> list[list[TlogRecord]]:
+    """The records of each boot of the autopilot, in order."""
+    boots: list[list[TlogRecord]] = []
+    for r in records:
+        if not boots or r.message.time_boot_ms < boots[-1][-1].message.time_boot_ms - BOOT_STEP_MS:
+            boots.append([])
+        boots[-1].append(r)
+    return boots
+
+
+def map_boot_clock(points: list[tuple[int, int]]) -> tuple[float, float]:
+    """(drift, offset_us): stamp_us ~ time_boot_ms * 1000 * (1 + drift) + offset_us, the line under all points with the
+    least sum of distances: the edge of the lower convex hull above which the mean of time_boot lies.
+
+    points: (time_boot_ms, stamp_us); those STRANGE_US off their median delay do not count. Over a short span, or with an impossible slope, drift is 0."""
+    delays: dict[int, int] = {}
+    usual = median_low(stamp - boot_ms * 1000 for boot_ms, stamp in points)
+    for boot_ms, stamp in points:
+        delay = stamp - boot_ms * 1000
+        if abs(delay - usual) > STRANGE_US:
+            continue
+        delays[boot_ms] = min(delay, delays.get(boot_ms, delay))
+    flat = 0.0, float(min(delays.values()))
+    if max(delays) - min(delays) < DRIFT_SPAN_MS:
+        return flat
+    hull: list[tuple[int, int]] = []
+    for point in sorted(delays.items()):
+        while len(hull) >= 2 and _turns_right(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    mean = sum(delays) / len(delays)
+    for (x0, d0), (x1, d1) in pairwise(hull):
+        if x0 <= mean <= x1:
+            drift = (d1 - d0) / ((x1 - x0) * 1000.0)
+            if abs(drift) <= MAX_DRIFT:
+                return drift, d0 - drift * x0 * 1000.0
+    return flat
+
+
+def _turns_right(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> bool:
+    """Whether b does not lie below the chord a -> c."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0
+
+
+def _boot_us(r: TlogRecord, clock: tuple[float, float]) -> float:
+    return int(r.message.time_boot_ms) * 1000.0 * (1.0 + clock[0]) + clock[1]
+
+
+def _measured_us(r: TlogRecord, clock: tuple[float, float]) -> float:
+    """The envelope is a fit: never let a message arrive before it was measured."""
+    return min(_boot_us(r, clock), float(r.stamp_us))
+
+
+def _attitude(r: TlogRecord, clock: tuple[float, float]) -> TlogAttitude:
+    m = r.message
+    t_us = _measured_us(r, clock)
+    rates = (float(m.rollspeed), float(m.pitchspeed), float(m.yawspeed))
+    if m.get_type() == "ATTITUDE":
+        return TlogAttitude(t_us, r.stamp_us, None, (float(m.roll), float(m.pitch), float(m.yaw)), rates)
+    return TlogAttitude(t_us, r.stamp_us, (float(m.q1), float(m.q2), float(m.q3), float(m.q4)), None, rates)
+
+
+def _pose(r: TlogRecord, clock: tuple[float, float]) -> TlogPose:
+    m = r.message
+    position = (float(m.x), float(m.y), float(m.z))
+    return TlogPose(_measured_us(r, clock), r.stamp_us, position, (float(m.vx), float(m.vy), float(m.vz)))

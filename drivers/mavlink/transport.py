@@ -1,0 +1,341 @@
+"""The lines on which an autopilot speaks: serial, UDP in and out, TCP. Bytes with the instant of their arrival.
+
+    serial:/dev/serial/by-id/usb-...:921600      (the rate may be left out: 921600)
+    udpin:0.0.0.0:14540                          waits for the autopilot; answers go to where it spoke from
+    udpout:127.0.0.1:14550                       speaks first, to a router or a ground station
+    tcp:127.0.0.1:5760
+
+A transport knows nothing of MAVLink. Every failure is a DriverError that names the line, the cause and the remedy; the
+one who holds it closes it and opens a new one after a while.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import serial
+
+from ..base import BadData, DeviceLost, DeviceNotFound
+from .udp_flood import FloodFilter
+
+DEFAULT_BAUD = 921_600
+_READ_BYTES = 65_536
+_MOST_DATAGRAMS = 1024
+"""Taken in one read. What is dropped as a flood costs some microseconds each; the socket's buffer holds about as many."""
+_LONGEST_NS = 10_000_000
+"""No read spends longer on a flood: a frame may wait for it."""
+_BUFFER_BYTES = 1 << 20
+"""Of a UDP socket, as far as the system allows: room for the autopilot beside a flood until the next read."""
+Chunk = tuple[bytes, int]
+"""Bytes and the instant of their arrival, monotonic ns."""
+Source = tuple[str, int] | None
+"""Who sent them: host and port; None: a line with one other end."""
+
+
+class Transport(Protocol):
+    """An open line."""
+
+    @property
+    def bytes_per_s(self) -> float | None:
+        """What the line carries; None: no bound worth speaking of."""
+        ...
+
+    @property
+    def speaks_first(self) -> bool:
+        """Whether the other end waits for a word of ours before it sends anything."""
+        ...
+
+    @property
+    def sources(self) -> list[Source] | None:
+        """Who sent each chunk of the newest `read`; None: always the one other end."""
+        ...
+
+    @property
+    def flood(self) -> FloodFilter | None:
+        """What drops floods from foreign addresses; None: the line has one other end."""
+        ...
+
+    def wait(self, timeout_s: float) -> None:
+        """Until something has arrived, at most timeout_s. Raises DeviceLost."""
+        ...
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        """What has arrived, waiting at most timeout_s for it. Raises DeviceLost."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Sends at once; what the line cannot take now is lost (a message cut short fails its checksum). Raises
+        DeviceLost."""
+        ...
+
+    def answer(self, chunk: int) -> None:
+        """What is written from now on is for the one who sent this chunk of the newest `read`: others may send to our
+        port, too."""
+        ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where an autopilot is. kind: serial, udpin, udpout or tcp; place: device or host; number: baud or port."""
+
+    kind: str
+    place: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.place}:{self.number}"
+
+
+def parse_address(text: str) -> Address:
+    """The address in `text`. Raises ValueError with the forms there are."""
+    kind, _, rest = text.partition(":")
+    forms = "serial:/dev/serial/by-id/NAME[:BAUD], udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
+    place, _, number = rest.rpartition(":")
+    if kind == "serial" and rest.startswith("/"):
+        if not place:
+            return Address(kind, rest, DEFAULT_BAUD)
+        # by-path names hold colons of their own
+        return Address(kind, place, int(number)) if number.isdecimal() else Address(kind, rest, DEFAULT_BAUD)
+    if kind in ("udpin", "udpout", "tcp") and place and number.isdecimal() and 0 < int(number) < 65536:
+        return Address(kind, place, int(number))
+    raise ValueError(f"autopilot address {text!r}: expected {forms}")
+
+
+def open_transport(address: Address) -> Transport:
+    """Opens the line. Raises DeviceNotFound or BadData."""
+    if address.kind == "serial":
+        return SerialLine(address)
+    if address.kind == "tcp":
+        return TcpLine(address)
+    return UdpLine(address)
+
+
+class SerialLine:
+    """A serial port or a pty."""
+
+    speaks_first = False
+    sources = None
+    flood = None
+
+    def __init__(self, address: Address) -> None:
+        self._address = address
+        try:
+            self._port = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
+        except serial.SerialException as error:
+            raise DeviceNotFound(f"{address}: {_reason(error)}; {_serial_remedy(error, address.place)}") from error
+        except ValueError as error:
+            raise BadData(f"{address}: {error}; choose a rate the port knows, such as 921600 or 57600") from error
+
+    @property
+    def bytes_per_s(self) -> float | None:
+        return self._address.number / 10.0  # 8 bits, start and stop
+
+    def wait(self, timeout_s: float) -> None:
+        try:
+            select.select([self._port.fileno()], [], [], timeout_s)
+        except (OSError, serial.SerialException, TypeError) as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        try:
+            # asked each time: of an empty line a read brings the same nothing as of one that hung up
+            ready, _, _ = select.select([self._port.fileno()], [], [], timeout_s)
+            if not ready:
+                return []
+            arrival_ns = time.monotonic_ns()
+            data = os.read(self._port.fileno(), _READ_BYTES)
+        except (OSError, serial.SerialException, TypeError) as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+        if not data:
+            raise DeviceLost(f"{self._address}: the device hung up; was it unplugged?")
+        return [(data, arrival_ns)]
+
+    def write(self, data: bytes) -> None:
+        try:
+            os.write(self._port.fileno(), data)
+        except BlockingIOError:
+            return  # the line is full: what is lost here will be sent anew, later, with newer content
+        except (OSError, serial.SerialException, TypeError) as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
+
+    def answer(self, chunk: int) -> None:
+        pass  # a serial line has one other end
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class UdpLine:
+    """A UDP socket. udpin speaks to whoever spoke last until `answer` says who is meant; udpout to its host always."""
+
+    bytes_per_s = None
+
+    def __init__(self, address: Address) -> None:
+        self._address = address
+        self.flood = FloodFilter()
+        self._room = memoryview(bytearray(_READ_BYTES))
+        self.speaks_first = address.kind == "udpout"
+        place = _resolve(address)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+        self._more = select.poll()
+        self._more.register(self._socket, select.POLLIN)
+        self._peer: tuple[str, int] | None = place if self.speaks_first else None
+        self.sources: list[Source] = []
+        self._chosen = self.speaks_first
+        try:
+            self._socket.bind(("0.0.0.0", 0) if self.speaks_first else place)
+        except OSError as error:
+            self._socket.close()
+            raise DeviceNotFound(f"{address}: {_reason(error)}; is another program bound to this port?") from error
+
+    @property
+    def port(self) -> int:
+        """The local port."""
+        return int(self._socket.getsockname()[1])
+
+    def wait(self, timeout_s: float) -> None:
+        select.select([self._socket], [], [], timeout_s)
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        if timeout_s > 0.0:
+            self.wait(timeout_s)
+        chunks: list[Chunk] = []
+        self.sources = []
+        begun_ns, dropped = time.monotonic_ns(), False
+        for _ in range(_MOST_DATAGRAMS):  # then the rest of the loop has its turn
+            # asked, since after a pause an empty socket's exception takes three times as long; in a flood more is there
+            if not dropped and not self._more.poll(0):
+                break
+            try:
+                size, peer = self._socket.recvfrom_into(self._room)
+            except BlockingIOError:
+                break
+            except ConnectionRefusedError:
+                continue  # nobody listened to our last word; that is no failure of ours
+            except OSError as error:
+                raise DeviceLost(f"{self._address}: {_reason(error)}") from error
+            arrival_ns = time.monotonic_ns()
+            dropped = not self.flood.passes(peer, arrival_ns)
+            if dropped:
+                if arrival_ns - begun_ns > _LONGEST_NS:
+                    break
+                continue
+            chunks.append((bytes(self._room[:size]), arrival_ns))
+            self.sources.append(peer)
+            if not self._chosen:
+                self._peer = peer
+        return chunks
+
+    def write(self, data: bytes) -> None:
+        if self._peer is None:
+            return
+        try:
+            self._socket.sendto(data, self._peer)
+        except (BlockingIOError, ConnectionRefusedError):
+            return
+        except OSError as error:
+            # a network that is down for a moment (no route) is as good as a lost datagram
+            if error.errno not in _NETWORK_DOWN:
+                raise DeviceLost(f"{self._address}: {_reason(error)}") from error
+
+    def answer(self, chunk: int) -> None:
+        source = self.sources[chunk]
+        if source is not None:
+            self.flood.trust(source, time.monotonic_ns())
+        if not self.speaks_first:
+            self._peer, self._chosen = source, True
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class TcpLine:
+    """A TCP connection to an autopilot or a router."""
+
+    bytes_per_s = None
+    speaks_first = False
+    sources = None
+    flood = None
+
+    def __init__(self, address: Address, timeout_s: float = 2.0) -> None:
+        self._address = address
+        try:
+            self._socket = socket.create_connection(_resolve(address), timeout=timeout_s)
+        except OSError as error:
+            raise DeviceNotFound(f"{address}: {_reason(error)}; does anything listen there?") from error
+        self._socket.setblocking(False)
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def wait(self, timeout_s: float) -> None:
+        select.select([self._socket], [], [], timeout_s)
+
+    def read(self, timeout_s: float = 0.0) -> list[Chunk]:
+        if timeout_s > 0.0:
+            self.wait(timeout_s)
+        try:
+            data = self._socket.recv(_READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}") from error
+        if not data:
+            raise DeviceLost(f"{self._address}: the other end closed the connection")
+        return [(data, time.monotonic_ns())]
+
+    def write(self, data: bytes) -> None:
+        try:
+            sent = self._socket.send(data)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise DeviceLost(f"{self._address}: {_reason(error)}") from error
+        if sent < len(data):
+            raise DeviceLost(f"{self._address}: the connection is stuck")
+
+    def answer(self, chunk: int) -> None:
+        pass  # a connection has one other end
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+_NETWORK_DOWN = frozenset({errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTUNREACH, errno.EPERM})
+"""EPERM: a firewall."""
+
+
+def _resolve(address: Address) -> tuple[str, int]:
+    try:
+        found = socket.getaddrinfo(address.place, address.number, socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise DeviceNotFound(f"{address}: {_reason(error)}; use an address such as 127.0.0.1") from error
+    host, port = found[0][4][:2]
+    return str(host), int(port)
+
+
+def _reason(error: BaseException) -> str:
+    """The system's words for the cause; pyserial wraps them into a sentence of its own."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error) or type(error).__name__
+
+
+def _serial_remedy(error: BaseException, place: str) -> str:
+    number = getattr(error, "errno", None)
+    if number == errno.EACCES:
+        return "add the user to the group that owns the port (dialout)"
+    if number == errno.ENOENT:
+        return "plug it in, and name it as in /dev/serial/by-id"
+    if number in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error):
+        return f"another program holds {place}: stop it, or put mavlink-router between"
+    return "check the name of the port"

@@ -1,0 +1,1 @@
+"""The simulator: scenes, ray caster, sensor model, flights, simulated camera and autopilot."""

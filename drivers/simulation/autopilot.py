@@ -1,0 +1,316 @@
+"""An autopilot that is not there: it answers as PX4 or as ArduPilot does on the wire, for tests and for the demo.
+
+`SimulatedAutopilot` holds no socket and no clock: bytes and instants in, bytes out. `drivers.simulation.autopilot_link`
+puts it on a UDP port or a pty. What it does is what was measured on the real ones: PX4 streams by itself and asks for
+TIMESYNC at 10 Hz; ArduPilot sends nothing but heartbeats until it is asked and refuses 400 Hz.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..mavlink.dialect import dialect
+from ..mavlink.parser import MessageSplitter
+from .firmware_models.ardupilot import ArduPilotReader
+from .firmware_models.ardupilot_layers import ArduPilotHeights, ArduPilotLayers
+from .firmware_models.px4 import UNKNOWN, Px4Reader
+from .flight_path import VehicleState
+
+NS = 1_000_000_000
+PX4, ARDUPILOT = "PX4", "ArduPilot"
+AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
+_SET_MESSAGE_INTERVAL = 511
+_INT32, _REAL32 = 6, 9
+_HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
+_DISTANCE_SENSOR, _OBSTACLE_DISTANCE = 132, 330
+_ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
+_STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
+_TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
+"""By one that signs: heartbeats (PX4 alone), radios, and what may save from a collision."""
+_STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_POSITION: 30.0}, ARDUPILOT: {}}
+_MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
+_LOOK_NS = 1_000_000
+"""Between two looks while a message is held back: it hides its attitude, or is silent."""
+
+
+def hovering(_: int) -> VehicleState:
+    """Level, two metres up, still."""
+    still = (0.0, 0.0, 0.0)
+    return VehicleState(position_ned_m=(0.0, 0.0, -2.0), velocity_ned_m_s=still, euler_rad=still, rates_frd_rad_s=still)
+
+
+def never(_: int) -> bool:
+    """At no instant."""
+    return False
+
+
+@dataclass(kw_only=True)
+class Personality:
+    """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
+    knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
+    which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
+    time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it speaks the old version alone."""
+
+    kind: str = PX4
+    system_id: int = 1
+    component_id: int = 1
+    drift: float = 0.0
+    boot_at_ns: int = 0
+    streams: dict[int, float] | None = None
+    knows_intervals: bool = True
+    answers_timesync: bool = True
+    timesync_asks_hz: float = 10.0
+    armed: bool = False
+    custom_mode: int = 0
+    motion: Callable[[int], VehicleState] = field(default=hovering)
+    hides_attitude: Callable[[int], bool] = field(default=never)
+    key: bytes | None = None
+    signing_ticks: int = 0
+    mavlink_1: bool = False
+
+
+class SimulatedAutopilot:
+    """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
+
+    parameters: name -> value, told when asked for and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
+    ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
+    not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
+    each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them;
+    mute: it hears, and is not heard."""
+
+    def __init__(self, personality: Personality | None = None) -> None:
+        self.personality = personality or Personality()
+        self.parameters: dict[str, float] = {}
+        self.received: list[Any] = []
+        self.obstacles: Px4Reader | ArduPilotReader = (
+            ArduPilotReader() if self.personality.kind == ARDUPILOT else Px4Reader()
+        )
+        self.obstacle_times_ns: list[int] = []
+        self.layers: ArduPilotLayers | None = None
+        self.heights = ArduPilotHeights()
+        self.stubborn: set[str] = set()
+        self.silent = self.deaf = self.mute = False
+        self._next_ns: dict[int, int] = {}
+        self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
+        self._intervals: dict[int, float] = {}
+        self._answers: list[bytes] = []
+        self._mavlink = dialect.MAVLink(None, self.personality.system_id, self.personality.component_id)
+        self._splitter = MessageSplitter()
+        self.dropped: list[Any] = []
+        self.sign(self.personality.key)
+        self.reboot(self.personality.boot_at_ns)
+
+    def reboot(self, now_ns: int) -> None:
+        """Boot time starts from 0 and all intervals are forgotten."""
+        p = self.personality
+        p.boot_at_ns = now_ns
+        self._intervals = dict(_STREAMED_UNASKED[p.kind] if p.streams is None else p.streams)
+        self._next_ns.clear()
+        self._answers.clear()
+
+    def sign(self, key: bytes | None) -> None:
+        """With this key from now on; None: no more. It knows of no signatures from before."""
+        self.personality.key = key
+        signing = self._mavlink.signing
+        signing.secret_key, signing.sign_outgoing = key, key is not None
+        signing.timestamp = self.personality.signing_ticks
+        signing.stream_timestamps.clear()
+
+    def boot_ns(self, now_ns: int) -> int:
+        """Time since boot on its own crystal."""
+        return max(0, round((now_ns - self.personality.boot_at_ns) * (1.0 + self.personality.drift)))
+
+    # ---- in -----------------------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """What the companion sent."""
+        for message in self._splitter.feed(data):
+            kind = message.get_type()
+            if not self._takes(message):
+                self.dropped.append(message)
+                continue
+            self.received.append(message)
+            if kind == "TIMESYNC" and message.tc1 == 0 and self.personality.answers_timesync:
+                self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
+            elif kind == "COMMAND_LONG" and message.command == _SET_MESSAGE_INTERVAL:
+                self._set_interval(int(message.param1), float(message.param2))
+            elif kind == "REQUEST_DATA_STREAM":
+                for number in _STREAMS.get(int(message.req_stream_id), ()):
+                    self._intervals[number] = float(message.req_message_rate)
+            elif kind == "PARAM_REQUEST_READ":
+                self._read_parameter(message)
+            elif kind == "PARAM_SET":
+                self._set_parameter(message)
+            elif kind == "OBSTACLE_DISTANCE":
+                self.obstacle_times_ns.append(now_ns)
+                if not self.deaf:
+                    self.obstacles.read(message, now_ns)
+            elif kind == "OBSTACLE_DISTANCE_3D" and not self.deaf and isinstance(self.obstacles, ArduPilotReader):
+                self._layers_of(self.obstacles).read(message, now_ns)
+            elif kind == "DISTANCE_SENSOR" and not self.deaf:
+                self.heights.read(message, now_ns)
+
+    def _layers_of(self, fence: ArduPilotReader) -> ArduPilotLayers:
+        """Those that tell this fence."""
+        self.layers = self.layers or ArduPilotLayers(fence)
+        return self.layers
+
+    def _takes(self, message: Any) -> bool:
+        """By the library's own check, which knows the time by what it hears, too."""
+        frame = message.get_msgbuf()
+        if self.personality.key is None:
+            return True
+        if frame[0] != 0xFD or not frame[2] & 1:
+            return message.get_msgId() in _TAKEN_UNSIGNED[self.personality.kind]
+        return bool(self._mavlink.check_signature(frame, message.get_srcSystem(), message.get_srcComponent()))
+
+    def of_kind(self, kind: str) -> list[Any]:
+        """The messages of one kind that came."""
+        return [m for m in self.received if m.get_type() == kind]
+
+    def _set_interval(self, number: int, interval_us: float) -> None:
+        result = 0
+        if not self.personality.knows_intervals:
+            result = 3
+        elif interval_us > 0 and 1e6 / interval_us > _MOST_HZ[self.personality.kind]:
+            result = 2
+        elif interval_us > 0:
+            self._intervals[number] = 1e6 / interval_us
+        elif interval_us < 0:
+            self._intervals.pop(number, None)
+        self._answer(dialect.MAVLink_command_ack_message(_SET_MESSAGE_INTERVAL, result))
+
+    def _read_parameter(self, request: Any) -> None:
+        name = request.param_id
+        if name not in self.parameters:
+            return
+        value, kind = self.parameters[name], _REAL32
+        if self.personality.kind == PX4 and isinstance(value, int):
+            value, kind = struct.unpack("<f", struct.pack("<i", value))[0], _INT32
+        index = list(self.parameters).index(name)
+        self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
+
+    def _set_parameter(self, message: Any) -> None:
+        """Takes a value and tells the parameter, as it then is."""
+        name, value = message.param_id, float(message.param_value)
+        if name not in self.parameters:
+            return
+        if self.personality.kind == PX4 and message.param_type == _INT32:
+            value = struct.unpack("<i", struct.pack("<f", value))[0]
+        if name not in self.stubborn:
+            self.parameters[name] = value
+        self._read_parameter(message)
+
+    def relay(self, data: bytes) -> None:
+        """Somebody else's bytes, which a router brings to the companion with the next words."""
+        self._answers.append(data)
+
+    def _answer(self, message: Any) -> None:
+        self._answers.append(self._pack(message))
+
+    # ---- out ----------------------------------------------------------------------------------------------------
+
+    def due(self, now_ns: int) -> list[bytes]:
+        """What to send now."""
+        out, self._answers = self._answers, []
+        if self.silent or self.mute:
+            return []
+        if self._is_due(_HEARTBEAT, 1.0, now_ns):
+            out.append(self._pack(self._heartbeat()))
+        hidden = _ATTITUDES if self.personality.hides_attitude(now_ns) else ()
+        for number, hz in list(self._intervals.items()):
+            if number > 255 and self.personality.mavlink_1:
+                continue
+            if number in _SENDERS and number not in hidden and self._is_due(number, hz, now_ns):
+                out += [self._pack(message) for message in _SENDERS[number](self, now_ns)]
+        hz = self.personality.timesync_asks_hz if self.personality.kind == PX4 else 0.1
+        if self._is_due(_TIMESYNC, hz, now_ns):
+            out.append(self._pack(dialect.MAVLink_timesync_message(0, self.boot_ns(now_ns))))
+        return out
+
+    def next_due_ns(self, now_ns: int) -> int:
+        """When to ask `due` again, after it was asked at now_ns: the next message's instant, or soon where one is held back."""
+        own = (_HEARTBEAT, _TIMESYNC)
+        awaited = [t_ns for number, t_ns in self._next_ns.items() if number in self._intervals or number in own]
+        return max(min(awaited, default=now_ns), now_ns + _LOOK_NS)
+
+    def _is_due(self, number: int, hz: float, now_ns: int) -> bool:
+        if hz <= 0.0 or now_ns < self._next_ns.get(number, 0):
+            return False
+        step = round(NS / hz)
+        # keeps the rate over late calls, without a burst after a long pause
+        self._next_ns[number] = max(self._next_ns.get(number, now_ns) + step, now_ns)
+        return True
+
+    def _heartbeat(self) -> Any:
+        p = self.personality
+        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, p.custom_mode, 4, 3)
+
+    def _state(self, now_ns: int) -> VehicleState:
+        """Once for all messages of an instant: it takes longer than they do."""
+        if self._moved[0] != now_ns:
+            self._moved = (now_ns, self.personality.motion(now_ns))
+        return self._moved[1]
+
+    def _attitude(self, now_ns: int) -> list[Any]:
+        m = self._state(now_ns)
+        return [dialect.MAVLink_attitude_message(self.boot_ns(now_ns) // 1_000_000, *m.euler_rad, *m.rates_frd_rad_s)]
+
+    def _attitude_quaternion(self, now_ns: int) -> list[Any]:
+        m = self._state(now_ns)
+        boot_ms = self.boot_ns(now_ns) // 1_000_000
+        return [dialect.MAVLink_attitude_quaternion_message(boot_ms, *m.q_ned_frd_wxyz, *m.rates_frd_rad_s)]
+
+    def _local_position(self, now_ns: int) -> list[Any]:
+        m = self._state(now_ns)
+        boot_ms = self.boot_ns(now_ns) // 1_000_000
+        return [dialect.MAVLink_local_position_ned_message(boot_ms, *m.position_ned_m, *m.velocity_ned_m_s)]
+
+    def _fused_obstacles(self, now_ns: int) -> list[Any]:
+        """PX4's own map, once it has heard of any obstacle."""
+        if not isinstance(self.obstacles, Px4Reader) or not self.obstacles.has_data(now_ns):
+            return []
+        bins, step = self.obstacles.bins_cm(now_ns), self.obstacles.bin_deg
+        values = bins + [UNKNOWN] * (72 - len(bins))
+        return [
+            dialect.MAVLink_obstacle_distance_message(
+                now_ns // 1000,
+                0,
+                values,
+                step,
+                self.obstacles.min_cm,
+                max(self.obstacles.ranges_cm),
+                float(step),
+                0.0,
+                12,
+            )
+        ]
+
+    def _face_distances(self, now_ns: int) -> list[Any]:
+        """One DISTANCE_SENSOR for each of ArduPilot's faces that holds something."""
+        if not isinstance(self.obstacles, ArduPilotReader):
+            return []
+        return [
+            dialect.MAVLink_distance_sensor_message(
+                self.boot_ns(now_ns) // 1_000_000, 20, 1200, round(100 * m), 0, 10 + face, face, 0
+            )
+            for face, m in enumerate(self.obstacles.faces_m(now_ns))
+            if m < 1e6
+        ]
+
+    def _pack(self, message: Any) -> bytes:
+        data = bytes(message.pack(self._mavlink, force_mavlink1=self.personality.mavlink_1))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return data
+
+
+_SENDERS: dict[int, Callable[[SimulatedAutopilot, int], list[Any]]] = {
+    _ATTITUDE: SimulatedAutopilot._attitude,
+    _ATTITUDE_QUATERNION: SimulatedAutopilot._attitude_quaternion,
+    _LOCAL_POSITION: SimulatedAutopilot._local_position,
+    _OBSTACLE_DISTANCE: SimulatedAutopilot._fused_obstacles,
+    _DISTANCE_SENSOR: SimulatedAutopilot._face_distances,
+}

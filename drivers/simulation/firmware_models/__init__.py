@@ -1,0 +1,1 @@
+"""How PX4 and ArduPilot read obstacle messages, for tests and simulation."""

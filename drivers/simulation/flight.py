@@ -1,0 +1,195 @@
+"""A simulated flight as a recording; `drivers.simulation.camera` is a camera that flies it on a clock.
+
+from drivers.simulation.flight import SimulatedFlight
+flight = SimulatedFlight("demo", width=320, height=240)
+for event in flight.events(): ...   # DepthFrame, AttitudeSample, PoseSample in order of arrival
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_frd_optical
+from core.types import UNKNOWN_MM, AttitudeSample, CameraInfo, DepthFrame, PoseSample
+
+from ..base import Event
+from .flight_path import VehicleState
+from .flights import FlightPlan, Span, flight_plan
+from .sensor_model import generator, measure
+from .source import Floats, Truth, camera_info, look
+
+_STREAMS = {"attitude": 1_000_001, "pose": 1_000_002, "depth": 1_000_003}
+"""Frame numbers that no frame has: they key the jitter of the arrivals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rates:
+    """How often things are sampled and how long they take to arrive: latency plus 0..jitter, seconds."""
+
+    depth_hz: float = 10.0
+    attitude_hz: float = 50.0
+    pose_hz: float = 30.0
+    depth_latency_s: float = 0.045
+    attitude_latency_s: float = 0.006
+    pose_latency_s: float = 0.012
+    jitter_s: float = 0.006
+
+    def __post_init__(self) -> None:
+        for name in ("depth_hz", "attitude_hz", "pose_hz"):
+            if not 0.1 <= getattr(self, name) <= 1000.0:
+                raise ValueError(f"simulated flight: {name}={getattr(self, name):g}, expected 0.1..1000")
+        for name in ("depth_latency_s", "attitude_latency_s", "pose_latency_s", "jitter_s"):
+            if not 0.0 <= getattr(self, name) <= 10.0:
+                raise ValueError(f"simulated flight: {name}={getattr(self, name):g}, expected 0..10")
+
+
+class SimulatedFlight:
+    """A flight whose events come in the order of their arrival on board (EventSource), with truth at any
+    instant.
+
+    Same arguments, same events, bit for bit. Frames are rendered when they are asked for."""
+
+    def __init__(
+        self,
+        plan: FlightPlan | str = "demo",
+        *,
+        width: int = 640,
+        height: int = 480,
+        cameras: tuple[CameraInfo, ...] | None = None,
+        seed: int = 0,
+        rates: Rates | None = None,
+        start_ns: int = 10_000_000_000,
+        duration_s: float | None = None,
+    ) -> None:
+        """plan: a flight or its name. cameras: several of them, or one of another kind than width x height,
+        forward. start_ns: the instant of the start. duration_s: ends the flight earlier. Raises
+        ValueError."""
+        self.plan = flight_plan(plan, seed) if isinstance(plan, str) else plan
+        ke = max(self.plan.sensor.ke_per_m, 1e-5)
+        self._cameras = cameras or (camera_info(width, height, ke_per_m=ke),)
+        if len({c.camera for c in self._cameras}) != len(self._cameras):
+            raise ValueError("simulated flight: two cameras bear the same name")
+        self._seed, self._rates, self.start_ns = seed, rates or Rates(), start_ns
+        self.duration_s = self.plan.path.duration_s if duration_s is None else duration_s
+        if not self.duration_s > 0.0:
+            raise ValueError(f"simulated flight: duration_s={self.duration_s:g}, expected more than 0")
+
+    @property
+    def cameras(self) -> tuple[CameraInfo, ...]:
+        """All cameras of the vehicle."""
+        return self._cameras
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def state(self, t_ns: int) -> VehicleState:
+        """The true state of the vehicle at an instant."""
+        return self.plan.path.at((t_ns - self.start_ns) * 1e-9)
+
+    def camera_pose(self, camera: CameraInfo, t_ns: int) -> tuple[Floats, Floats]:
+        """(R_ned_optical (3, 3), position_ned_m (3,)) of a camera at an instant."""
+        state, mount = self.state(t_ns), camera.mount
+        R = state.R_ned_frd
+        at = np.array(state.position_ned_m) + R @ np.array([mount.x_m, mount.y_m, mount.z_m])
+        return R @ rotation_frd_optical(mount), at
+
+    def truth(self, camera: CameraInfo, t_ns: int) -> Truth:
+        """What the camera would see at an instant without any fault."""
+        R, at = self.camera_pose(camera, t_ns)
+        return look(self.plan.scene, camera, R, at)
+
+    def frame_count(self) -> int:
+        """Exposures of each camera, among them those that never arrive."""
+        return int(self.duration_s * self._rates.depth_hz) + 1
+
+    def arrival_ns(self, index: int, camera_number: int = 0) -> int:
+        """When frame `index` of a camera arrives, in nanoseconds."""
+        rng = generator(self._seed * 64 + camera_number, _STREAMS["depth"] + 16 * index)
+        return self._exposure_ns(index) + _ns(self._rates.depth_latency_s + rng.uniform(0, self._rates.jitter_s))
+
+    def frame(self, index: int, camera_number: int = 0) -> DepthFrame | None:
+        """Frame `index` of a camera, or None where the flight plan says that it never arrives."""
+        t_ns, info = self._exposure_ns(index), self._cameras[camera_number]
+        since, failures = (t_ns - self.start_ns) * 1e-9, self.plan.failures
+        if _span(failures.no_frames, since):
+            return None
+        frozen = _span(failures.frozen, since)
+        shown = index
+        if frozen is not None:
+            shown = int(np.ceil(frozen[0] * self._rates.depth_hz - 1e-9))
+        if _span(failures.blind, since):
+            k = info.intrinsics
+            depth: NDArray[np.uint16] = np.full((k.height, k.width), UNKNOWN_MM, np.uint16)
+        else:
+            truth = self.truth(info, self._exposure_ns(shown))
+            sensor = self.plan.sensor.scaled_to(info.intrinsics.width)
+            depth = measure(truth.depth_m, info, sensor, self._seed * 64 + camera_number, shown)
+        return DepthFrame(
+            camera=info.camera,
+            sequence=index,
+            t_exposure_ns=t_ns,
+            t_arrival_ns=self.arrival_ns(index, camera_number),
+            depth_mm=depth,
+        )
+
+    def attitudes(self) -> list[AttitudeSample]:
+        """All attitude samples in order of arrival."""
+        samples = []
+        for t_ns, arrival_ns in self._stamps("attitude", self._rates.attitude_hz, self._rates.attitude_latency_s):
+            if not _span(self.plan.failures.no_attitude, (t_ns - self.start_ns) * 1e-9):
+                s = self.state(t_ns)
+                samples.append(AttitudeSample(t_ns, arrival_ns, s.q_ned_frd_wxyz, s.rates_frd_rad_s))
+        return samples
+
+    def poses(self) -> list[PoseSample]:
+        """All pose samples in order of arrival."""
+        samples = []
+        for t_ns, arrival_ns in self._stamps("pose", self._rates.pose_hz, self._rates.pose_latency_s):
+            s = self.state(t_ns)
+            samples.append(PoseSample(t_ns, arrival_ns, s.position_ned_m, s.velocity_ned_m_s))
+        return samples
+
+    def events(self) -> Iterator[Event]:
+        """Everything in order of arrival."""
+        samples: list[AttitudeSample | PoseSample] = [*self.attitudes(), *self.poses()]
+        # the second entry keeps the order of equal arrivals the same on every machine
+        schedule: list[tuple[int, int, AttitudeSample | PoseSample | tuple[int, int]]] = [
+            (s.t_arrival_ns, i, s) for i, s in enumerate(samples)
+        ]
+        for camera in range(len(self._cameras)):
+            for index in range(self.frame_count()):
+                schedule.append((self.arrival_ns(index, camera), len(schedule), (index, camera)))
+        for _, _, item in sorted(schedule, key=lambda entry: entry[:2]):
+            if not isinstance(item, tuple):
+                yield item
+                continue
+            frame = self.frame(*item)
+            if frame is not None:
+                yield frame
+
+    def _exposure_ns(self, index: int) -> int:
+        return self.start_ns + _ns(index / self._rates.depth_hz)
+
+    def _stamps(self, stream: str, rate_hz: float, latency_s: float) -> list[tuple[int, int]]:
+        """(t_ns, t_arrival_ns) from one period before the start to one after the end; a later sample never
+        overtakes an earlier one, as on a serial line."""
+        rng = generator(self._seed, _STREAMS[stream])
+        count, last, stamps = int(self.duration_s * rate_hz) + 3, 0, []
+        for i, jitter in enumerate(rng.uniform(0.0, self._rates.jitter_s, count)):
+            t_ns = self.start_ns + _ns((i - 1) / rate_hz)
+            last = max(last + 1, t_ns + _ns(latency_s + float(jitter)))
+            stamps.append((t_ns, last))
+        return stamps
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def _span(spans: tuple[Span, ...], t_s: float) -> Span | None:
+    """The span that holds t_s."""
+    return next((s for s in spans if s[0] <= t_s < s[1]), None)
