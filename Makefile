@@ -13,7 +13,7 @@ SOURCES := $(wildcard core drivers companion tests benchmarks examples)
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help env demo test bench soak vm-test golden golden-recordings proto lint lock config-docs clean
+.PHONY: help env demo check test nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
@@ -40,6 +40,10 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
+check: $(STAMP) lint ## lint, types and the tests that a change affects (two minutes; REVISION=HEAD~3: since then)
+	@tests="$$($(BIN)/python .ci/affected_tests.py $(or $(REVISION),HEAD))"; \
+	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "not soak and not vm" $$tests; else echo "no test is affected"; fi
+
 # The core runs twice more: without the JIT and with bounds checks (their kernels are cached apart, a cached kernel
 # without checks must not stand in for one with them). The whole suite comes last: its summary closes the run; a file of
 # it stays with one worker, which so renders and compiles what its tests share but once.
@@ -50,6 +54,11 @@ test: lint ## all checks, some 15 minutes on two cores
 	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
 	@echo "== everything"
 	@$(BIN)/pytest -n 2 --dist loadfile -m "not soak and not vm" tests
+
+SEED ?= $(shell date +%s)
+nightly: $(STAMP) ## property tests with new examples; SEED=N repeats those of a run
+	@echo "hypothesis seed: $(SEED)"
+	@$(BIN)/pytest -n 2 --hypothesis-profile=nightly --hypothesis-seed=$(SEED) -m "not soak and not vm" tests/core tests/drivers tests/companion
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt

@@ -9,18 +9,16 @@ from types import ModuleType
 
 import pytest
 from hypothesis import settings
-from hypothesis.internal.conjecture import providers
 
 from companion.kernels.jit_cache import use_own_cache
 
 use_own_cache()  # before any test imports numba: kernels of these very sources, the same that the commands have
 
-# the same examples on every run; no example is failed for a machine that is busy
-settings.register_profile("house", deadline=None, derandomize=True)
-settings.load_profile("house")
-# it also draws numbers that it finds in our modules, in those that are loaded by then: others when one file runs alone
-if hasattr(providers, "_get_local_constants"):
-    providers._get_local_constants = providers.Constants
+# `fixed`: the same examples on every run. `nightly`: new examples on every run, from a seed that `make nightly` prints.
+# No example fails because the machine is busy.
+settings.register_profile("fixed", deadline=None, derandomize=True)
+settings.register_profile("nightly", deadline=None, derandomize=False, print_blob=True, max_examples=500)
+settings.load_profile("fixed")
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 

@@ -175,8 +175,8 @@ def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
 @pytest.fixture
 def unit(tmp_path: Path) -> Path:
     """The unit as it is installed, with a command that every machine has."""
-    text = shipped("systemd", "osape-companion.live.service").read_text()
-    file = tmp_path / "osape-companion.live.service"
+    text = shipped("systemd", "osape-companion.service").read_text()
+    file = tmp_path / "osape-companion.service"
     file.write_text(text.replace("@COMPANION@", "/bin/true").replace("@DOCS@", "/etc/hostname"))
     return file
 

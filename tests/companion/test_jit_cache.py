@@ -127,7 +127,7 @@ def test_modules_of_the_same_name_in_two_packages_are_told_apart(tmp_path: Path)
     (root / "core" / "outer.py").write_text(
         "from numba import njit\n\n@njit(cache=True)\ndef outer(x):\n    return x\n"
     )
-    run = KEYED.format(root=str(root)) + RUN.format(root=str(root)).replace("core.outer", "core.world.world.outer")
+    run = KEYED.format(root=str(root)) + RUN.format(root=str(root)).replace("core.outer", "core.world.outer")
     assert python(run + "import core.outer as o; o.outer(1)", cache) == "21"
     sources(root, factor=3)
     assert python(run, cache) == "31"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import companion.kernels.warmup as warmup
-from companion.kernels.jit_cache import seed
+from companion.kernels.jit_cache import KERNELS_OUTSIDE_CORE, seed
 from companion.kernels.manifest import MANIFEST, copy_entries, damaged_kernels, delete_kernels, write_manifest
 
 KERNELS = """
@@ -113,7 +113,9 @@ def test_a_seeded_directory_is_checked(tmp_path: Path) -> None:
     for place in ("core", "drivers"):
         (root / place).mkdir(parents=True)
     (root / "core" / "a.py").write_text("")
-    (root / "drivers" / "raycast.py").write_text("")
+    for name in KERNELS_OUTSIDE_CORE:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
     base = tmp_path / "base"
     old, new = base / ("kernels-" + "0" * 16), base / ("kernels-" + "1" * 16)
     files = made(old)

@@ -54,8 +54,8 @@ def test_told_to_end_while_kernels_are_compiled_it_ends_with_its_children(tmp_pa
 
     def compiles_and_films() -> bool:
         theirs.update(children(process.pid))
-        return {"run_child", "camera_process"} <= {
-            w for w in ("run_child", "camera_process") for c in theirs.values() if w in c
+        return {"run_child", "cameras.worker"} <= {
+            w for w in ("run_child", "cameras.worker") for c in theirs.values() if w in c
         }
 
     try:

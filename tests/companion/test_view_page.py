@@ -26,7 +26,7 @@ from core.types import Ground
 
 from .view_scenes import INFO, blind, frame, tilted
 
-VIEWER = Path(companion.__file__).parent / "viewer"
+VIEWER = Path(companion.__file__).parent / "viewer" / "static"
 
 
 def page_of(*frames: ViewFrame, note: str = "") -> str:

@@ -1,7 +1,8 @@
-"""Hypothesis draws the same examples on every run and keeps nothing between runs."""
+"""Hypothesis draws the same examples on every run and keeps nothing between runs, unless another profile is chosen."""
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
@@ -12,4 +13,8 @@ settings.register_profile(
     database=None,
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.load_profile("core")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not config.getoption("--hypothesis-profile"):
+        settings.load_profile("core")
