@@ -20,7 +20,7 @@ from core.frames import rotation_frd_optical
 from core.types import CameraInfo, FrameModel
 
 from ..config.avoidance import AvoidParams
-from .view_free import View, ended_by_obstacle, ground_z_m, points_free
+from .view_free import GROUND_TOLERANCE_M, View, ended_by_obstacle, ground_z_m, points_free
 
 SECTORS = 72
 STEP_RAD = math.tau / SECTORS
@@ -151,6 +151,16 @@ def seen_free(
     for view in valid:
         share = must_m.repeat(avoid.rays)[ray] / ranges[k]
         seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
+    # a direction of the profile that reaches into the next sector ends at the plane that stands there
+    beside_m = np.minimum(np.roll(plane_m, 1), np.roll(plane_m, -1))
+    beside_must_m = _must_be_seen_m(valid, beside_m).repeat(avoid.rays)
+    i, ray = np.nonzero(~seen & (np.isinf(plane_m) & np.isfinite(beside_m)).repeat(avoid.rays))
+    k = reached[i, ray]
+    for view in valid:
+        at_x, at_y = x[ray, k], y[ray, k]
+        above_ground = z[i] <= ground_z_m(view, at_x, at_y) - GROUND_TOLERANCE_M
+        ended = ended_by_obstacle(view, at_x, at_y, z[i], beside_must_m[ray] / ranges[k])
+        seen[i, ray] |= ended & above_ground & (ranges[k] >= beside_must_m[ray])
     if recall is not None:
         share = _by_sector(seen).mean(axis=1)
         enough = np.repeat((share >= avoid.seen_share) & (share < 1.0), avoid.rays)
