@@ -27,7 +27,7 @@ from core.world.local_memory import LevelMemory
 from drivers.proto import osape_v1_pb2 as pb
 
 from .paths import folders
-from .pipeline.encode import model_from_message
+from .pipeline.encode import cause_code, model_from_message
 from .streams.curve_auth import use_client_keys
 from .streams.receive_time import Ear, age_ns
 
@@ -63,6 +63,12 @@ class News:
         if isinstance(self.message, pb.PrismsFrame):
             return str(self.message.cause_text)
         return "; ".join(f"{c.camera}: {c.cause_text}" for c in self.message.cameras if not c.valid)
+
+    @property
+    def cause_codes(self) -> dict[str, str]:
+        """Camera -> code of why it is blind, for programs (docs/messages.md); empty: none is."""
+        parts = [self.message] if isinstance(self.message, pb.PrismsFrame) else self.message.cameras
+        return {part.camera: cause_code(part.cause) for part in parts if not part.valid}
 
     @property
     def age_s(self) -> float:

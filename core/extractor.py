@@ -106,7 +106,7 @@ class Extractor:
         told = told_planes(count, planes, plane_ints, moments, ground, view, self.params)
         if told is None:
             stats = pixel_stats(counts, depth_mm.size)
-            return blind_model(info, InvalidCause.NO_NUMBERS, self.params, stats), state
+            return blind_model(info, InvalidCause.NON_FINITE, self.params, stats), state
         return self._model(
             told, seen, ground, ke, n, planes, plane_ints, keep_strips, counts, depth_mm.size, ground_px=ground_px, strips=n,
             dropped_strips=found - n, overflow=overflow,

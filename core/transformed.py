@@ -19,7 +19,7 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
     """The model turned clockwise from above by this angle, then shifted. Ranges and the ground's height stay counted from
     the camera; strips, which are drawn over the image, are left out.
 
-    Where what it tells is not all finite, before or after, one comes out that says nothing (InvalidCause.NO_NUMBERS): such a
+    Where what it tells is not all finite, before or after, one comes out that says nothing (InvalidCause.NON_FINITE): such a
     plane stands nowhere, and one that cannot be compared with anything may hide all others."""
     cos, sin, (x, y, z) = math.cos(yaw_rad), math.sin(yaw_rad), shift_m
     free, ground = model.free, model.ground
@@ -33,7 +33,7 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
         edges, layers,
     )  # fmt: skip
     if lacking:
-        return invalid_model(model, InvalidCause.NO_NUMBERS)
+        return invalid_model(model, InvalidCause.NON_FINITE)
     return FrameModel.written(
         valid=model.valid, cause=model.cause, planes=planes, support_px=model.support_px, margin_m=model.margin_m,
         flags=model.flags, cluster=model.cluster, prisms=table.moved(heights, vertices),

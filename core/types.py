@@ -11,11 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum, IntFlag, StrEnum
+from enum import IntEnum, IntFlag
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .codes import Code
 
 UNKNOWN_MM = 0
 """A depth pixel without a measurement: nothing is known about its ray."""
@@ -184,16 +186,19 @@ class PoseSample:
             raise ValueError(f"pose at {self.t_ns} ns: velocity is not finite")
 
 
-class InvalidCause(StrEnum):
+class InvalidCause(Code):
     """Why a frame says nothing. NONE: it does say something."""
 
-    NONE = ""
-    NO_MEASUREMENT = "too few pixels hold a measurement"
-    TOO_STEEP = "the camera is tilted too far for vertical columns to have a meaning"
-    BAD_ROTATION = "the attitude is not a rotation"
-    NO_NUMBERS = "what was found is no numbers"
-    MOUNT_ERROR = "mount wrong: the camera's roll or pitch differs from its configuration"
-    MOUNT_UNVERIFIED = "mount unverified, turn the vehicle: the ground appears inclined by terrain or a wrong mount"
+    NONE = "", ""
+    NO_MEASUREMENT = "no_measurement", "too few pixels hold a measurement"
+    TOO_STEEP = "too_steep", "the camera is tilted too far for vertical columns to have a meaning"
+    BAD_ROTATION = "bad_rotation", "the attitude is not a rotation"
+    NON_FINITE = "non_finite", "the result holds values that are not finite"
+    MOUNT_ERROR = "mount_error", "mount wrong: the camera's roll or pitch differs from its configuration"
+    MOUNT_UNVERIFIED = (
+        "mount_unverified",
+        "mount unverified, turn the vehicle: the ground appears inclined by terrain or a wrong mount",
+    )
 
 
 class PlaneFlags(IntFlag):

@@ -96,7 +96,7 @@ def _decided(decision: FrameDecision) -> Result:
     return {
         "sequence": decision.sequence,
         "used": decision.used,
-        "dropped": str(decision.cause),
+        "dropped": decision.cause.text,
         "attitude": decision.attitude.name,
         "attitude_cutoff_us": None if decision.attitude_cutoff_ns is None else decision.attitude_cutoff_ns // 1000,
         "pose": decision.pose.name,

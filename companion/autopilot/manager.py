@@ -17,8 +17,10 @@ from ..cameras.masks import Mask
 from ..cameras.supervisor import CameraCondition, CameraSupervisor
 from ..config.avoidance import AvoidParams
 from ..config.loader import Config
-from ..pipeline.latency import Latencies
+from ..diagnostic import Diagnostic, DiagnosticCode
+from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import PrismsResult
+from .conflict_codes import CONFLICT_CODES
 from .feedback_check import EchoCheck, likely_cause
 from .flight_modes import mode_trouble
 from .margin_file import MarginFile
@@ -36,9 +38,6 @@ READS = frozenset({PARAM_VALUE, *ECHOES.values()})
 """The autopilot's messages that `message` has to be given."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
-EXPOSURE_TO_TOLD = "exposure to told"
-STRANGERS = ("two autopilots", "two companions", "two of us", "system id")
-"""Topics of `LinkStatus.strangers`."""
 
 
 class Avoidance:
@@ -61,7 +60,7 @@ class Avoidance:
         self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
         self._lock = threading.Lock()
-        self._latencies = Latencies((EXPOSURE_TO_TOLD,))
+        self._latencies = Latencies((LatencyStage.EXPOSURE_TO_AUTOPILOT,))
         self._exposed_ns: dict[str, int] = {}
         self._before_ns: dict[str, int] = {}
         self.parameters = ParameterReader()
@@ -152,7 +151,7 @@ class Avoidance:
         """Topic -> trouble, in words, for the ground station; all topics there are, so that the end of each is told."""
         strangers = self._link.strangers if self._link is not None else {}
         vehicle = self._vehicle()
-        notes = dict.fromkeys(STRANGERS, "") | strangers
+        notes = dict.fromkeys(CONFLICT_CODES, "") | strangers
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
         notes["mode"] = mode_trouble(vehicle, self.parameters.values()) if vehicle is not None else ""
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
@@ -173,28 +172,32 @@ class Avoidance:
             return {}
         return {c: told.blind.get(c, "") for c in self._cameras}
 
-    def troubles(self, now_ns: int) -> list[str]:
-        """What keeps the vehicle from braking, in words."""
+    def diagnostics(self, now_ns: int) -> list[Diagnostic]:
+        """What keeps the vehicle from braking."""
         vehicle = self._vehicle()
         if vehicle is None:
             return []
-        trouble = self._echo_trouble(vehicle, now_ns)
         values, silent = self.parameters.values(), self.parameters.silent()
-        said = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
-        said += delay_advice(vehicle.autopilot, values, self.latency())
-        said += self.parameters.contradictions(now_ns)
-        said += filter(None, [mode_trouble(vehicle, values)])
-        if self.told is not None and self.told.fault:
-            said.insert(0, self.told.fault)
-        if self.told is not None and self.told.policy == "stop" and "AVOID_MARGIN" in silent:
+        told = self.told
+        advised = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
+        advised += delay_advice(vehicle.autopilot, values, self.latency())
+        texts = [
+            (DiagnosticCode.OBSTACLES_NOT_ACCEPTED, self._echo_trouble(vehicle, now_ns)),
+            (DiagnosticCode.AVOIDANCE_FAULT, told.fault if told is not None else ""),
+            *((DiagnosticCode.PARAMETER_ADVICE, text) for text in advised),
+            *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.parameters.contradictions(now_ns)),
+            (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, mode_trouble(vehicle, values)),
+        ]
+        if told is not None and told.policy == "stop" and "AVOID_MARGIN" in silent:
             margin_m = self._margin_m(vehicle) or self._avoid.avoid_margin_m
-            said.append(
+            text = (
                 f"AVOID_MARGIN is not known: when blind, the wall stands at {margin_m:g} m and more; set "
                 "[avoid] avoid_margin_m to the autopilot's"
             )
-        return [trouble, *said] if trouble else said
+            texts.append((DiagnosticCode.AVOID_MARGIN_UNKNOWN, text))
+        return [Diagnostic(code, "", text) for code, text in texts if text]
 
-    def latency(self) -> tuple[str, float, float, float] | None:
+    def latency(self) -> tuple[LatencyStage, float, float, float] | None:
         """(stage, p50, p95, p99) in ms: how old the newest exposure of the slowest seeing camera is when obstacles are
         told; None before there were any."""
         with self._lock:
@@ -229,7 +232,7 @@ class Avoidance:
             seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in told.blind]
             if seeing:
                 with self._lock:
-                    self._latencies.add(EXPOSURE_TO_TOLD, time.monotonic_ns() - min(seeing))
+                    self._latencies.add(LatencyStage.EXPOSURE_TO_AUTOPILOT, time.monotonic_ns() - min(seeing))
         self._post(message)
 
 

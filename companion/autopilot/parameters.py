@@ -11,6 +11,8 @@ from typing import Any
 
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 
+from ..pipeline.latency import LatencyStage
+
 NS = 1_000_000_000
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 WANTED = {
@@ -213,7 +215,9 @@ def _ardupilot_advice(v: dict[str, float], max_distance_m: float) -> list[str]:
     return said
 
 
-def delay_advice(kind: str, values: dict[str, float], latency: tuple[str, float, float, float] | None) -> list[str]:
+def delay_advice(
+    kind: str, values: dict[str, float], latency: tuple[LatencyStage, float, float, float] | None
+) -> list[str]:
     """What to say of CP_DELAY by what was measured. latency: (stage, p50, p95, p99) in ms from exposure to telling; it and
     the line's own time, some milliseconds, are what PX4 cannot know."""
     if kind != PX4 or latency is None or "CP_DELAY" not in values:

@@ -15,6 +15,7 @@ from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig
 from ..console import fail, progress, say, say_json, warn
 from ..kernels.warmup import WarmupError, warm_up
+from ..live.message_json import message_json
 from ..live.status import status_lines
 from ..replay.replay import Options, replay
 from ..replay.replay_report import Replay
@@ -159,7 +160,7 @@ def _say(done: Demo) -> None:
     say(f"A planner in another process got {heard.messages} messages: {heard.valid} with obstacles and free space,")
     said = f"{heard.age_ms[0]:.0f} ms after the exposure in the median, {heard.age_ms[1]:.0f} ms at most of 99 in 100"
     say(f"{said};")
-    blind = ", ".join(f"{n} x {cause}" for cause, n in sorted(heard.causes.items())) or "none"
+    blind = ", ".join(f"{n} x {heard.texts[code]}" for code, n in sorted(heard.causes.items())) or "none"
     say(f"and blind ones before the service saw: {blind}.")
     say(
         f"On average {tally.planes / valid:.0f} vertical planes, joined to {tally.prisms / valid:.0f} prisms, stood in an image."
@@ -198,6 +199,7 @@ def _json(done: Demo, problems: list[str]) -> dict[str, Any]:
         "duration_s": done.live.duration_s,
         "subscriber": dataclasses.asdict(done.live.heard),
         "troubles": list(done.live.health.troubles),
+        "diagnostics": [message_json(d) for d in done.live.health.diagnostics],
         **done.replay.tally.as_json(),
         "problems": problems,
     }

@@ -15,6 +15,8 @@ import zmq
 
 from drivers.proto import osape_v1_pb2 as pb
 
+from ..pipeline.encode import cause_code
+
 POLL_MS = 100
 
 
@@ -28,6 +30,9 @@ class Heard:
     bytes: int = 0
     age_ms: tuple[float, float] = (0.0, 0.0)
     causes: dict[str, int] = field(default_factory=dict)
+    """How often each cause came, by code."""
+    texts: dict[str, str] = field(default_factory=dict)
+    """Of these causes, for people."""
 
 
 def listen(address: str) -> Heard:
@@ -48,7 +53,9 @@ def listen(address: str) -> Heard:
         heard.messages += 1
         heard.bytes += len(data)
         if not message.valid:
-            heard.causes[message.cause_text] = heard.causes.get(message.cause_text, 0) + 1
+            code = cause_code(message.cause)
+            heard.causes[code] = heard.causes.get(code, 0) + 1
+            heard.texts[code] = message.cause_text
             continue
         heard.valid += 1
         heard.planes += len(message.planes.margin_m)

@@ -26,6 +26,7 @@ from drivers.mavlink.session import LinkStatus, MavlinkSession
 from drivers.mavlink.transport import parse_address
 from drivers.proto import osape_v1_pb2 as pb
 
+from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.parameter_writer import Change, apply
 from ..autopilot.parameters import ParameterReader, advice
 from ..autopilot.session_factory import params_of, signing_of
@@ -34,6 +35,7 @@ from ..config.camera import CameraConfig
 from ..config.differences import PAPER_NOTE, safety_lines
 from ..config.loader import Config, load_config
 from ..console import say, say_json
+from ..diagnostic import DiagnosticCode
 from ..kernels.warmup import COMPILED_S, discard_damaged, run_kernels
 from ..live.diagnostics import LEAST_ATTITUDE_HZ, attitude_rate_low, template_intrinsics
 from ..live.status import newest_health, somebody_publishes
@@ -51,11 +53,13 @@ ATTITUDE_SHARE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at. good: as it should be; words: what was found, and what to do where it is not."""
+    """One thing that was looked at. good: as it should be; words: what was found, and what to do where it is not;
+    code: of DiagnosticCode, empty where all is well."""
 
     part: str
     good: bool
     words: str
+    code: str = ""
 
 
 def examine(config: Config, patience_s: float) -> Iterator[Finding]:
@@ -67,7 +71,12 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
     else:
         yield Finding("service", True, "does not run; its parts are tried here")
         if not config.cameras:
-            yield Finding("cameras", False, "none is configured: add a [[camera]] to the configuration")
+            yield Finding(
+                "cameras",
+                False,
+                "none is configured: add a [[camera]] to the configuration",
+                DiagnosticCode.NO_CAMERA_CONFIGURED,
+            )
         for camera in config.cameras:
             yield camera_finding(camera, config, patience_s)
         yield from autopilot_findings(config, patience_s)
@@ -78,9 +87,9 @@ def config_findings(config: Config) -> Iterator[Finding]:
     """The changed safety keys, and the research mode. A changed key is reported and is no fault: some must fit the
     camera and the vehicle."""
     if config.extractor.paper:
-        yield Finding("mode", False, f'{PAPER_NOTE}; set mode = "safe"')
+        yield Finding("mode", False, f'{PAPER_NOTE}; set mode = "safe"', DiagnosticCode.RESEARCH_MODE)
     for found in template_intrinsics(config.cameras):
-        yield Finding(f"camera {found.camera}", False, found.words())
+        yield Finding(f"camera {found.camera}", False, found.words(), found.code)
     lines = safety_lines(config)
     yield Finding("safety keys", True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 
@@ -95,13 +104,15 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
         health = _past_its_start(address, patience_s)
     except PermissionError:
         words = f"one may run, but {address} is closed to this user: ask with sudo, or as a member of its group"
-        return [Finding("service", False, words)]
+        return [Finding("service", False, words, DiagnosticCode.SERVICE_UNREACHABLE)]
     except DriverError:
         words = f"one holds {address}, but told nothing within {patience_s:g} s: does it hang? (systemctl status osape-companion)"
-        return [Finding("service", False, words)]
-    if not health.troubles:
+        return [Finding("service", False, words, DiagnosticCode.SERVICE_UNREACHABLE)]
+    if not health.diagnostics and not health.troubles:
         return [Finding("service", True, "runs, and nothing is wrong (`companion status` tells more)")]
-    return [Finding("service", False, trouble) for trouble in health.troubles]
+    if health.diagnostics:
+        return [Finding("service", False, f"{d.code}: {d.text}", d.code) for d in health.diagnostics]
+    return [Finding("service", False, text) for text in health.troubles]  # an older service
 
 
 def _past_its_start(address: str, patience_s: float) -> pb.Health:
@@ -117,7 +128,8 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     """Whether a camera opens, how fast its frames come and how much of them is measured."""
     part = f"camera {section.name}"
     if section.kind == "mcap":
-        return Finding(part, False, 'kind = "mcap" is for recordings; name the live one: oak, zed, v4l2 or simulated')
+        words = 'kind = "mcap" is for recordings; name the live one: oak, zed, v4l2 or simulated'
+        return Finding(part, False, words, DiagnosticCode.NOT_A_LIVE_CAMERA)
     frames: list[DepthFrame] = []
     supervisor = CameraSupervisor(section, lambda info: None, frames.append, config.supervision)
     supervisor.open()
@@ -128,7 +140,7 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
         supervisor.close()
     if not frames:
         words = status.last_loss or status.cause or "it opened and gave no frame"
-        return Finding(part, False, f"no frame: {words}")
+        return Finding(part, False, f"no frame: {words}", DiagnosticCode.CAMERA_UNAVAILABLE)
     span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
     hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
     depth = frames[-1].depth_mm
@@ -137,11 +149,17 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     words = f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {late_ms:.0f} ms from exposure to here, {100 * measured:.0f} % measured"
     if measured < LEAST_MEASURED:
         return Finding(
-            part, False, f"{words}: almost nothing; is the lens covered, is it too dark, is all out of range?"
+            part,
+            False,
+            f"{words}: almost nothing; is the lens covered, is it too dark, is all out of range?",
+            DiagnosticCode.CAMERA_FEW_MEASURED,
         )
     if hz < 0.8 * section.fps:
         return Finding(
-            part, False, f"{words}: fps = {section.fps:g} was asked for; is it on USB 3, does another process use it?"
+            part,
+            False,
+            f"{words}: fps = {section.fps:g} was asked for; is it on USB 3, does another process use it?",
+            DiagnosticCode.CAMERA_RATE_LOW,
         )
     return Finding(part, True, words)
 
@@ -150,12 +168,14 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     """The line, the autopilot's heartbeat, attitude and clock, and its parameters."""
     a = config.autopilot
     if not a.address:
-        yield Finding("autopilot", False, "none is configured: set [autopilot] address")
+        yield Finding(
+            "autopilot", False, "none is configured: set [autopilot] address", DiagnosticCode.NO_AUTOPILOT_CONFIGURED
+        )
         return
     try:
         signing = signing_of(a, folders().state)
     except DriverError as error:
-        yield Finding("signing", False, str(error))
+        yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return
     reader = ParameterReader()
     session = MavlinkSession(params_of(config), on_message=reader.take, signing=signing)
@@ -167,22 +187,24 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         link.close()
         signing.close()
     if status.signing_trouble:
-        yield Finding("signing", False, status.signing_trouble)
+        yield Finding("signing", False, status.signing_trouble, DiagnosticCode.SIGNING_FAULT)
     elif status.signed:
         yield Finding("signing", True, "both ends sign with the same key")
     if link.budget is not None:
         words, warning = link.budget.words(), link.budget.warning()
-        yield Finding("line", not warning, f"{words}: {warning}" if warning else words)
+        code = DiagnosticCode.LINK_SLOW if warning else ""
+        yield Finding("line", not warning, f"{words}: {warning}" if warning else words, code)
     yield from _link_findings(config, link, status)
-    for words in status.strangers.values():
-        yield Finding("autopilot", False, words)
+    for conflict in conflict_diagnostics(status.strangers):
+        yield Finding("autopilot", False, conflict.text, conflict.code)
     if status.vehicle is not None:
         known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"
-        yield Finding("parameters", bool(reader.values()), known)
+        code = "" if reader.values() else DiagnosticCode.PARAMETERS_UNKNOWN
+        yield Finding("parameters", bool(reader.values()), known, code)
         for line in advice(status.vehicle.autopilot, reader.values(), reader.silent(), config.avoid.max_distance_m):
-            yield Finding("parameters", not config.avoid.send, line)
+            yield Finding("parameters", not config.avoid.send, line, DiagnosticCode.PARAMETER_ADVICE)
         for line in reader.contradictions(time.monotonic_ns()):
-            yield Finding("parameters", False, line)
+            yield Finding("parameters", False, line, DiagnosticCode.PARAMETER_CONTRADICTION)
 
 
 def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> LinkStatus:
@@ -206,12 +228,15 @@ def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> 
 def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iterator[Finding]:
     line, wanted_hz = link.line, config.autopilot.attitude_hz
     if line.error or not (line.open or status.received):
-        yield Finding("autopilot", False, f"no line: {line.error}")
+        yield Finding("autopilot", False, f"no line: {line.error}", DiagnosticCode.LINK_CLOSED)
         return
     if status.vehicle is None:
         other = f" ({status.received} messages came, none an autopilot's heartbeat)" if status.received else ""
         yield Finding(
-            "autopilot", False, f"no heartbeat on {config.autopilot.address}{other}: is it on, and sending here?"
+            "autopilot",
+            False,
+            f"no heartbeat on {config.autopilot.address}{other}: is it on, and sending here?",
+            DiagnosticCode.NO_HEARTBEAT,
         )
         return
     v = status.vehicle
@@ -219,15 +244,20 @@ def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Ite
     rate = f"{status.attitude_hz:.0f} Hz of {wanted_hz:g} wanted, position {status.position_hz:.0f} Hz"
     enough = status.attitude_hz >= ATTITUDE_SHARE * wanted_hz
     if 0.0 < status.attitude_hz < LEAST_ATTITUDE_HZ:
-        yield Finding("attitude", False, attitude_rate_low(status.attitude_hz, wanted_hz).words())
+        low = attitude_rate_low(status.attitude_hz, wanted_hz)
+        yield Finding("attitude", False, low.words(), low.code)
     else:
-        yield Finding("attitude", enough, rate if enough else f"{rate}: is the line fast enough (921600 baud)?")
+        words = rate if enough else f"{rate}: is the line fast enough (921600 baud)?"
+        yield Finding("attitude", enough, words, "" if enough else DiagnosticCode.ATTITUDE_RATE_LOW)
     clock = status.clock
     if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
         yield Finding("clock", True, f"known to {clock.bound_ns / 1e6:.2f} ms")
     else:
         yield Finding(
-            "clock", False, "the autopilot does not answer TIMESYNC: attitudes are late by their delay on the line"
+            "clock",
+            False,
+            "the autopilot does not answer TIMESYNC: attitudes are late by their delay on the line",
+            DiagnosticCode.NO_TIMESYNC,
         )
 
 
@@ -239,13 +269,17 @@ def machine_findings(config: Config) -> Iterator[Finding]:
     else:
         yield _log_finding(Path(record.folder) if record.folder else folders().state / "logs", record.least_free_mb)
     if discarded := discard_damaged():
-        yield Finding("kernel cache", False, f"{discarded} damaged files were deleted, and are compiled again now")
+        words = f"{discarded} damaged files were deleted, and are compiled again now"
+        yield Finding("kernel cache", False, words, DiagnosticCode.KERNEL_CACHE_DAMAGED)
     begun_s = time.process_time()  # a machine that is busy with other things compiles nothing
     run_kernels((config.extractor.mode,), metres=False)
     took_s = time.process_time() - begun_s
     if took_s > COMPILED_S:
         yield Finding(
-            "kernels", False, f"had to be compiled now ({took_s:.0f} s); run `companion warmup` as the service's user"
+            "kernels",
+            False,
+            f"had to be compiled now ({took_s:.0f} s); run `companion warmup` as the service's user",
+            DiagnosticCode.KERNELS_NOT_COMPILED,
         )
     else:
         yield Finding("kernels", True, f"compiled; ready in {took_s:.1f} s")
@@ -256,11 +290,15 @@ def _log_finding(folder: Path, least_mb: float) -> Finding:
     while not place.exists():
         place = place.parent
     if not os.access(place, os.W_OK):
-        return Finding("log", False, f"{folder} cannot be written by this user; name another in [record] folder")
+        words = f"{folder} cannot be written by this user; name another in [record] folder"
+        return Finding("log", False, words, DiagnosticCode.LOG_NOT_WRITABLE)
     free_mb = free_bytes(place) / 1e6
     if free_mb < least_mb:
         return Finding(
-            "log", False, f"{free_mb:.0f} MB free for {folder}, least_free_mb = {least_mb:g}: nothing would be recorded"
+            "log",
+            False,
+            f"{free_mb:.0f} MB free for {folder}, least_free_mb = {least_mb:g}: nothing would be recorded",
+            DiagnosticCode.DISK_LOW,
         )
     return Finding("log", True, f"{folder}, {free_mb / 1000:.1f} GB free")
 
@@ -277,13 +315,13 @@ def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding
         return
     if running_service(config, patience_s) is not None:
         words = "nothing is written: the service has the line; stop it first (systemctl stop osape-companion)"
-        yield Finding("apply", False, words)
+        yield Finding("apply", False, words, DiagnosticCode.PARAMETERS_NOT_WRITTEN)
         return
     try:
         for good, words in apply(config, patience_s, (lambda wanted: True) if yes else _typed_yes):
-            yield Finding("apply", good, words)
+            yield Finding("apply", good, words, "" if good else DiagnosticCode.PARAMETERS_NOT_WRITTEN)
     except DriverError as error:
-        yield Finding("apply", False, f"nothing is written: {error}")
+        yield Finding("apply", False, f"nothing is written: {error}", DiagnosticCode.PARAMETERS_NOT_WRITTEN)
 
 
 def _typed_yes(wanted: list[Change]) -> bool:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import PurePath
 
-from drivers.proto import osape_v1_pb2 as pb
-
 from ..config.camera import CameraConfig
+from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.pipeline import PrismsResult
 
 NS = 1_000_000_000
@@ -26,23 +24,6 @@ TEMPLATE_ZED_CALIBRATION = "SN12345678.conf"
 """Of configs/zed.toml."""
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnostic:
-    """code: snake_case, stable; camera: empty where it concerns none; text: measured value, likely cause, remedy."""
-
-    code: str
-    camera: str
-    text: str
-
-    def words(self) -> str:
-        """Code and text, as troubles show them."""
-        return f"{self.code}: {self.text}"
-
-    def message(self) -> pb.Diagnostic:
-        """As it stands in the health report."""
-        return pb.Diagnostic(code=self.code, camera=self.camera, text=self.text)
-
-
 def template_intrinsics(cameras: Iterable[CameraConfig]) -> list[Diagnostic]:
     """Cameras whose intrinsics are those of the shipped configuration, unchanged. An OAK reports its own."""
     found = []
@@ -56,7 +37,7 @@ def template_intrinsics(cameras: Iterable[CameraConfig]) -> list[Diagnostic]:
         else:
             continue
         text = f"camera {c.name}: {what}; positions and heights of obstacles are wrong with those of another camera: {remedy}"
-        found.append(Diagnostic("template_intrinsics", c.name, text))
+        found.append(Diagnostic(DiagnosticCode.TEMPLATE_INTRINSICS, c.name, text))
     return found
 
 
@@ -67,7 +48,7 @@ def attitude_rate_low(rate_hz: float, wanted_hz: float) -> Diagnostic:
         "requested; likely cause: the stream rate of this port is low, another station resets it, or the link is too slow. "
         "ArduPilot: raise SRx_EXTRA1 (MAVx_EXTRA1 in newer versions); PX4: raise MAV_x_RATE; use 921600 baud"
     )
-    return Diagnostic("attitude_rate_low", "", text)
+    return Diagnostic(DiagnosticCode.ATTITUDE_RATE_LOW, "", text)
 
 
 class AttitudeRateCheck:
@@ -114,7 +95,7 @@ class GroundCheck:
     def check(self) -> list[Diagnostic]:
         """Of all cameras."""
         return [
-            Diagnostic("ground_never_seen", camera, _ground_text(camera, count))
+            Diagnostic(DiagnosticCode.GROUND_NEVER_SEEN, camera, _ground_text(camera, count))
             for camera, count in self._without.items()
             if count >= GROUND_FRAMES and camera not in self._seen
         ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,9 +14,12 @@ from drivers.mavlink.link import LineState
 from drivers.mavlink.session import LinkStatus
 from drivers.proto import osape_v1_pb2 as pb
 
+from ..autopilot.conflict_codes import conflict_diagnostics
 from ..cameras.supervisor import CameraStatus
+from ..diagnostic import Diagnostic, DiagnosticCode
 from ..log.recorder import RecordStatus
 from ..pipeline.encode import SCHEMA_VERSION
+from ..pipeline.latency import LatencyStage
 from ..self_check.exposure_offset import ExposureOffset
 
 NS = 1_000_000_000
@@ -81,6 +84,7 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
         camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
         blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, last_loss=s.last_loss, hz=view.hz,
         info=None if s.info is None else wire.camera_message(s.info), mount=view.mount,
+        condition_enum=f"CONDITION_{s.condition.name}",
     )  # fmt: skip
     if view.age_ns is not None:
         message.age_ns = view.age_ns
@@ -91,7 +95,13 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
 
 def exposure_offset_message(offset: ExposureOffset) -> pb.ExposureOffset:
     """The measured offset of a camera's stamps; without a value unless it is measured."""
-    message = pb.ExposureOffset(state=str(offset.state), text=offset.text, pairs=offset.pairs, warns=offset.warns)
+    message = pb.ExposureOffset(
+        state=str(offset.state),
+        text=offset.text,
+        pairs=offset.pairs,
+        warns=offset.warns,
+        state_enum=f"STATE_{offset.state.name}",
+    )
     if offset.offset_s is not None and offset.sigma_s is not None:
         message.offset_ms, message.sigma_ms = 1000.0 * offset.offset_s, 1000.0 * offset.sigma_s
     return message
@@ -101,7 +111,7 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
     """The autopilot and the line to it."""
     link, vehicle = view.link, view.link.vehicle
     message = pb.AutopilotHealth(
-        address=view.address, line_open=view.line.open, line_error=view.line.error, line_warning=view.line.warning,
+        address=view.address, line_open=view.line.open, line_error=view.line.error, line_warning="; ".join(filter(None, (view.line.flood, view.line.warning))),
         autopilot=vehicle.autopilot if vehicle else "", system_id=vehicle.system_id if vehicle else 0,
         armed=vehicle.armed if vehicle else False, attitude_hz=link.attitude_hz, position_hz=link.position_hz,
         clock=clock_message(link.clock, link.clock_restarts), counts=link.counts,
@@ -109,6 +119,18 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
     if view.attitude_age_ns is not None:
         message.attitude_age_ns = view.attitude_age_ns
     return message
+
+
+def latency_message(stage: LatencyStage, p50_ms: float, p95_ms: float, p99_ms: float) -> pb.Latency:
+    """The percentiles of one stage."""
+    return pb.Latency(
+        stage=stage.value,
+        p50_ms=p50_ms,
+        p95_ms=p95_ms,
+        p99_ms=p99_ms,
+        stage_enum=f"STAGE_{stage.name}",
+        text=stage.text,
+    )
 
 
 def recording_message(status: RecordStatus) -> pb.RecordingHealth:
@@ -119,54 +141,68 @@ def recording_message(status: RecordStatus) -> pb.RecordingHealth:
     )  # fmt: skip
 
 
-def troubles_of(
+def diagnostics_of(
     cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, hung: str
-) -> list[str]:
-    """What is wrong, each with its cause, the worst first."""
+) -> list[Diagnostic]:
+    """What is wrong, each with its cause, the worst first. hung: which thread does not respond; empty: none."""
     views = list(cameras)
-    said = [f"{hung} hangs"] if hung else []
+    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", f"{hung} hangs")] if hung else []
     if not views:
-        said.append("no camera is configured: add a [[camera]] to the configuration")
-    said += [f"camera {v.status.camera} is blind: {v.blind}" for v in views if v.blind and v.required]
-    said += [
-        f"camera {v.status.camera} (not required) is blind: {v.blind}" for v in views if v.blind and not v.required
-    ]
-    said += _autopilot_troubles(autopilot)
+        text = "no camera is configured: add a [[camera]] to the configuration"
+        found.append(Diagnostic(DiagnosticCode.NO_CAMERA_CONFIGURED, "", text))
+    for view in sorted((v for v in views if v.blind), key=lambda v: not v.required):
+        found.append(_unavailable(view))
+    found += _autopilot_diagnostics(autopilot)
     if recording is not None and recording.trouble:
-        said.append(recording.trouble)
-    return said
+        found.append(Diagnostic(DiagnosticCode.RECORDING_FAULT, "", recording.trouble))
+    return found
 
 
-def _autopilot_troubles(view: AutopilotView | None) -> list[str]:
+def _unavailable(view: CameraView) -> Diagnostic:
+    camera = view.status.camera
+    if view.required:
+        return Diagnostic(DiagnosticCode.CAMERA_UNAVAILABLE, camera, f"camera {camera} is blind: {view.blind}")
+    text = f"camera {camera} (not required) is blind: {view.blind}"
+    return Diagnostic(DiagnosticCode.OPTIONAL_CAMERA_UNAVAILABLE, camera, text)
+
+
+def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
+    def of(code: DiagnosticCode, text: str) -> Diagnostic:
+        return Diagnostic(code, "", text)
+
     if view is None:
-        return ["no autopilot is configured: set [autopilot] address"]
+        return [of(DiagnosticCode.NO_AUTOPILOT_CONFIGURED, "no autopilot is configured: set [autopilot] address")]
     if not view.line.open:
-        return [f"no line to the autopilot: {view.line.error}"]
-    said = [view.line.warning] if view.line.warning else []
-    named = [view.link.signing_trouble] if view.link.signing_trouble else []
-    said += [*named, *view.link.strangers.values()]
+        return [of(DiagnosticCode.LINK_CLOSED, f"no line to the autopilot: {view.line.error}")]
+    found = [of(DiagnosticCode.UDP_FLOOD, view.line.flood)] if view.line.flood else []
+    if view.line.warning:
+        found.append(of(DiagnosticCode.LINK_SLOW, view.line.warning))
+    signing = view.link.signing_trouble
+    if signing:
+        found.append(of(DiagnosticCode.SIGNING_FAULT, signing))
+    found += conflict_diagnostics(view.link.strangers)
     if view.link.vehicle is None:
-        return (
-            said
-            if named or "system id" in view.link.strangers
-            else [*said, f"no heartbeat of an autopilot on {view.address}"]
-        )
+        if not signing and "system id" not in view.link.strangers:
+            found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
+        return found
     if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
         age = "never came" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
-        said.append(f"the attitude {age}: the autopilot is silent or does not send it")
+        text = f"the attitude {age}: the autopilot is silent or does not send it"
+        found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
     if view.link.clock.source is ClockSource.ENVELOPE:
-        said.append("the autopilot does not answer TIMESYNC: its stamps are judged by their arrival, late by its delay")
-    return said
+        text = "the autopilot does not answer TIMESYNC: its stamps are judged by their arrival, late by its delay"
+        found.append(of(DiagnosticCode.NO_TIMESYNC, text))
+    return found
 
 
-def state_of(cameras: Iterable[CameraView], troubles: list[str], started: bool) -> pb.Health.State:
+def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], started: bool) -> pb.Health.State:
     """One word for all. Blind: a required camera is, or all are."""
     views = list(cameras)
     if not started:
         return pb.Health.STATE_STARTING
     if not views or all(v.blind for v in views) or any(v.blind and v.required for v in views):
         return pb.Health.STATE_BLIND
-    return pb.Health.STATE_DEGRADED if troubles else pb.Health.STATE_ACTIVE
+    return pb.Health.STATE_DEGRADED if diagnostics else pb.Health.STATE_ACTIVE
 
 
 class Machine:

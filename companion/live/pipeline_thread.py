@@ -22,7 +22,7 @@ from drivers.watched_thread import WatchedThread
 from ..log.recorder import Recorder
 from ..pipeline.encode import prisms_bytes
 from ..pipeline.events import Item, Note, Overtaken, RawFrame, Sample
-from ..pipeline.latency import Latencies
+from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset
@@ -217,18 +217,18 @@ class PipelineLoop:
             if decision.used:
                 self.used[decision.camera] += 1
             else:
-                self.dropped[str(decision.cause)] += 1
+                self.dropped[decision.cause.value] += 1
 
     def _measure(self, frame: DepthFrame, begun_ns: int, done_ns: int, cpu_ns: int) -> None:
         published_ns = time.monotonic_ns()
         with self.lock:
             add = self.latencies.add
-            add("exposure to arrival", frame.t_arrival_ns - frame.t_exposure_ns)
-            add("waiting", begun_ns - frame.t_arrival_ns)
-            add("extracting", done_ns - begun_ns)
-            add("extracting, processor's time", cpu_ns)
-            add("publishing", published_ns - done_ns)
-            add("exposure to published", published_ns - frame.t_exposure_ns)
+            add(LatencyStage.CAMERA, frame.t_arrival_ns - frame.t_exposure_ns)
+            add(LatencyStage.WAIT, begun_ns - frame.t_arrival_ns)
+            add(LatencyStage.EXTRACT, done_ns - begun_ns)
+            add(LatencyStage.EXTRACT_CPU, cpu_ns)
+            add(LatencyStage.PUBLISH, published_ns - done_ns)
+            add(LatencyStage.EXPOSURE_TO_PUBLISH, published_ns - frame.t_exposure_ns)
 
     # ---- recording ----------------------------------------------------------------------------------------------------
 

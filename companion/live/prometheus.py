@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer
@@ -15,6 +16,7 @@ from typing import Any
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.watched_thread import WatchedThread
 
+from ..cameras.supervisor import CameraCondition
 from .health import STATES
 
 NS = 1_000_000_000
@@ -144,7 +146,12 @@ def _families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
         "1 for the present state",
         [({"state": word}, float(h.state == value)) for value, word in STATES.items()],
     )
-    yield "troubles", "gauge", "How many things are wrong", [({}, float(len(h.troubles)))]
+    yield "troubles", "gauge", "How many things are wrong", [({}, float(len(h.diagnostics)))]
+    active: dict[tuple[str, str], int] = Counter((d.code, d.camera) for d in h.diagnostics)
+    diagnostics: list[Sample] = [
+        ({"code": code, "camera": camera}, float(n)) for (code, camera), n in sorted(active.items())
+    ]
+    yield "diagnostic", "gauge", "Active diagnostics, by code and camera", diagnostics
     yield "uptime_seconds", "gauge", "Since the service started", [({}, h.uptime_ns / NS)]
     yield "frames_used_total", "counter", "Frames turned into a model", [({}, float(h.frames_used))]
     dropped: list[Sample] = [({"cause": cause}, float(n)) for cause, n in sorted(h.frames_dropped.items())]
@@ -171,6 +178,10 @@ def _families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
 def _cameras(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
     each = [({"camera": c.camera}, c) for c in h.cameras]
     yield "camera_blind", "gauge", "1: nothing of it may be taken as seen", [(n, float(c.blind)) for n, c in each]
+    conditions: list[Sample] = [
+        ({**n, "condition": code}, float(c.condition == code)) for n, c in each for code in map(str, CameraCondition)
+    ]
+    yield "camera_condition", "gauge", "1 for the present condition", conditions
     yield "camera_frames_total", "counter", "Frames that arrived", [(n, float(c.frames)) for n, c in each]
     yield "camera_overtaken_total", "counter", "A newer one was there", [(n, float(c.dropped)) for n, c in each]
     yield "camera_starts_total", "counter", "Of its process", [(n, float(c.starts)) for n, c in each]
@@ -197,7 +208,7 @@ def _autopilot(a: pb.AutopilotHealth) -> Iterator[tuple[str, str, str, list[Samp
     bound: list[Sample] = [({}, a.clock.bound_ns / NS)] if a.clock.HasField("bound_ns") else []
     yield "clock_bound_seconds", "gauge", "The autopilot's clock is known within", bound
     yield "clock_restarts_total", "counter", "Reboots and steps of its clock", [({}, float(a.clock.restarts))]
-    odd: list[Sample] = [({"what": what}, float(n)) for what, n in sorted(a.counts.items())]
+    odd: list[Sample] = [({"code": code}, float(n)) for code, n in sorted(a.counts.items())]
     yield "autopilot_oddities_total", "counter", "What was odd about its messages", odd
 
 

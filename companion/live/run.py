@@ -76,9 +76,10 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
                 notifier.needs_longer(60.0)  # kernels are being compiled
             if not hung:
                 notifier.alive()
-        _tell_changes(service.troubles, said)
+        now = [d.words() for d in service.diagnostics]
+        _tell_changes(now, said)
         notifier.status("; ".join(service.troubles) or "all well")
-        said = list(service.troubles)
+        said = now
     return 0
 
 

@@ -28,22 +28,22 @@ from ..cameras.supervisor import CameraSupervisor
 from ..config.differences import PAPER_NOTE, safety_lines
 from ..config.loader import Config, refused_for_flight
 from ..config.service import STREAMS
+from ..diagnostic import Diagnostic, DiagnosticCode
 from ..log.provenance import run_info
-from ..log.recorder import Recorder
+from ..log.recorder import Recorder, RecordStatus
 from ..paths import Folders
 from ..pipeline.encode import blind_message, wire_bytes
 from ..pipeline.events import Note, RawFrame
 from ..pipeline.multi_camera import SurroundKeeper, surround_message
 from ..pipeline.pipeline import Pipeline, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
-from ..self_check.exposure_offset import CODE as EXPOSURE_TIME_OFFSET
 from ..self_check.exposure_offset import ExposureOffset, warning_text
 from ..self_check.mount_watch import MountWatch
 from ..streams.curve_auth import AllowList, load_keys
 from ..streams.publisher import Publisher, Stream, boot_id
 from .counts import FrameRates, Losses
 from .depth_preview import DepthPreviews
-from .diagnostics import AttitudeRateCheck, Diagnostic, GroundCheck, template_intrinsics
+from .diagnostics import AttitudeRateCheck, GroundCheck, template_intrinsics
 from .event_queue import Inbox
 from .health import (
     AutopilotView,
@@ -51,10 +51,11 @@ from .health import (
     Machine,
     autopilot_message,
     camera_message,
+    diagnostics_of,
+    latency_message,
     new_report,
     recording_message,
     state_of,
-    troubles_of,
 )
 from .onboard_computer_status import ComputerStatus
 from .pipeline_thread import Clockwork, PipelineLoop
@@ -123,7 +124,6 @@ class Service:
         self._rates, self._losses = FrameRates(), Losses()
         self._next_health_ns = self._next_computer_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
-        self.troubles: list[str] = []
 
     # ---- parts --------------------------------------------------------------------------------------------------------
 
@@ -267,18 +267,22 @@ class Service:
         parts |= {f"the supervision of camera {name}": camera.failure for name, camera in self.cameras.items()}
         return "; ".join(f"{part} has ended: {failure}" for part, failure in parts.items() if failure)
 
-    def _degraded(self) -> list[str]:
-        """What has ended that a flight can do without, in words; recording and the merged world speak for themselves."""
-        signing = self.signing.failure
-        said = [
-            self.metrics.trouble if self.metrics is not None else "",
-            self._previews.trouble,
-            f"timestamps of signatures are kept no more ({signing})" if signing else "",
-            "no new subscriber is let in: the check of keys has ended"
-            if self._allow and not self._allow.running
-            else "",
-        ]
-        return [s for s in said if s]
+    @property
+    def troubles(self) -> list[str]:
+        """The texts of the diagnostics."""
+        return [d.text for d in self.diagnostics]
+
+    def _degraded(self) -> list[Diagnostic]:
+        """What has ended that a flight can do without; recording and the merged world are reported elsewhere."""
+        texts: dict[DiagnosticCode, str] = {}
+        if self.metrics is not None:
+            texts[DiagnosticCode.METRICS_FAULT] = self.metrics.trouble
+        texts[DiagnosticCode.DEPTH_PREVIEW_FAULT] = self._previews.trouble
+        if signing := self.signing.failure:
+            texts[DiagnosticCode.SIGNATURE_CLOCK_FAULT] = f"timestamps of signatures are kept no more ({signing})"
+        if self._allow and not self._allow.running:
+            texts[DiagnosticCode.KEY_CHECK_FAULT] = "no new subscriber is let in: the check of keys has ended"
+        return [Diagnostic(code, "", text) for code, text in texts.items() if text]
 
     def hung(self) -> str:
         """Which loop has not gone round for hang_s, in words; empty: all live. A slow disk hangs only the log, which is
@@ -311,43 +315,46 @@ class Service:
             self._publish_surround(now_ns)
         autopilot = self._autopilot_view(now_ns)
         recording = self.recorder.status if self.recorder is not None else None
-        self.troubles = troubles_of(views, autopilot, recording, self.hung())
-        self.troubles += self._degraded()
-        with self.loop.lock:
-            self.troubles += self._mounts.troubles((view.status.camera, view.status.info) for view in views)
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
-            self.troubles += self.avoidance.troubles(now_ns)
-        # what is lost while the kernels are compiled is no trouble: nothing sees yet
-        if self._losses.of_late(self.inbox.lost, now_ns, counts=self.started):
-            self.troubles.append(
-                f"{self.inbox.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
-            )
-        if self.world is not None:
-            self.troubles += self.world.troubles(now_ns, self.config.service.hang_s)
-        self.diagnostics = self._diagnosed(views, autopilot, now_ns)
-        self.troubles += [d.words() for d in self.diagnostics]
-        if not self.started:
-            self.troubles = ["starting: the kernels are loaded, or compiled when they never were"]
-        state = state_of(views, self.troubles, self.started)
+        self.diagnostics = self._diagnosed(views, autopilot, recording, now_ns)
+        state = state_of(views, self.diagnostics, self.started)
         if state != self.state or now_ns >= self._next_health_ns:
             self.state, self._next_health_ns = state, now_ns + HEALTH_NS
             if self.link is not None:
                 self.link.set_system_status(HEARTBEAT_STATES[state])
             self._publish_health(views, autopilot)
 
-    def _diagnosed(self, views: list[CameraView], autopilot: AutopilotView | None, now_ns: int) -> list[Diagnostic]:
-        rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
+    def _diagnosed(
+        self, views: list[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, now_ns: int
+    ) -> list[Diagnostic]:
+        """Everything that is wrong, the worst first."""
+        found = diagnostics_of(views, autopilot, recording, self.hung())
+        found += self._degraded()
         with self.loop.lock:
+            found += self._mounts.diagnostics((view.status.camera, view.status.info) for view in views)
             ground = self._ground.check()
+        if self.avoidance is not None:
+            found += self.avoidance.diagnostics(now_ns)
+        # what is lost while the kernels are compiled is no fault: nothing is detected yet
+        if self._losses.of_late(self.inbox.lost, now_ns, counts=self.started):
+            text = f"{self.inbox.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
+            found.append(Diagnostic(DiagnosticCode.AUTOPILOT_SAMPLES_LOST, "", text))
+        if self.world is not None:
+            found += self.world.diagnostics(now_ns, self.config.service.hang_s)
+        rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
         rate = self._attitude_rate.check(rate_hz, now_ns)
-        return [*self._template, *rate, *ground, *self._offset_warnings(views)]
+        found += [*self._template, *rate, *ground, *self._offset_warnings(views)]
+        if not self.started:
+            text = "starting: the kernels are loaded, or compiled when they never were"
+            return [Diagnostic(DiagnosticCode.STARTING, "", text)]
+        return found
 
     def _offset_warnings(self, views: list[CameraView]) -> list[Diagnostic]:
         """Of cameras whose exposure stamps do not fit the attitude."""
         offsets = [view.exposure_offset for view in views if view.exposure_offset is not None]
         texts = {o.camera: warning_text(o, self.config.camera(o.camera).exposure_offset_ms) for o in offsets}
-        return [Diagnostic(EXPOSURE_TIME_OFFSET, camera, text) for camera, text in texts.items() if text]
+        return [Diagnostic(DiagnosticCode.EXPOSURE_TIME_OFFSET, camera, text) for camera, text in texts.items() if text]
 
     def _views(self, now_ns: int) -> list[CameraView]:
         views = []
@@ -444,7 +451,7 @@ class Service:
         with self.loop.lock:
             told = self.avoidance.latency() if self.avoidance is not None else None
             for stage, p50, p95, p99 in [*self.loop.latencies.percentiles(), *([told] if told is not None else [])]:
-                report.latencies.append(pb.Latency(stage=stage, p50_ms=p50, p95_ms=p95, p99_ms=p99))
+                report.latencies.append(latency_message(stage, p50, p95, p99))
             report.frames_used = sum(self.loop.used.values())
             for cause, count in self.loop.dropped.items():
                 report.frames_dropped[cause] = count

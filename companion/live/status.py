@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import zmq
-from google.protobuf.json_format import MessageToDict
 
+from core.codes import text_of, texts_of
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_from_message
+from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.proto import osape_v1_pb2 as pb
 
 from ..config.loader import load_config
@@ -19,7 +20,9 @@ from ..config.obstacle_range import obstacle_range_m
 from ..console import say, say_json
 from ..paths import run_folder
 from ..pipeline.mount_messages import mount_words
+from ..pipeline.sync import DropCause
 from .health import STATES
+from .message_json import message_json
 
 MS, S = 1e6, 1e9
 PROBE_S = 1.0
@@ -68,7 +71,8 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
 def status_lines(h: pb.Health) -> list[str]:
     """A report for people."""
     lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
-    lines += [f"  ! {trouble}" for trouble in h.troubles] or ["  nothing is wrong"]
+    wrong = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older versions: texts alone
+    lines += [f"  ! {line}" for line in wrong] or ["  nothing is wrong"]
     lines += [f"  note: {note}" for note in h.notes]
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
@@ -94,19 +98,26 @@ def status_lines(h: pb.Health) -> list[str]:
         lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
     if r.repairing:
         lines.append(f"log: repairing {r.repairing}, which a killed run left")
-    dropped = ", ".join(f"{count} {cause}" for cause, count in sorted(h.frames_dropped.items()))
+    dropped = ", ".join(f"{count} {text_of(code, DropCause)}" for code, count in sorted(h.frames_dropped.items()))
     lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
     if h.samples_lost:
         lines.append(f"samples of the autopilot that were lost: {h.samples_lost}")
     for latency in h.latencies:
         lines.append(
-            f"  {latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
+            f"  {latency.text or latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
         )
     heat = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
     lines.append(
         f"machine: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB" + (f", {heat}" if heat else "")
     )
     return lines
+
+
+def health_json(h: pb.Health) -> dict[str, Any]:
+    """The object of `--json`: the report with enum values as their codes, and beside the codes that are keys their texts."""
+    found = message_json(h)
+    found["texts"] = texts_of(h.frames_dropped, DropCause) | texts_of(h.autopilot.counts, LinkAnomaly)
+    return found
 
 
 def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
@@ -120,7 +131,7 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
         f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude {a.attitude_hz:.0f} Hz, "
         f"position {a.position_hz:.0f} Hz, clock {source}{bound}, restarts {a.clock.restarts}"
     ]
-    odd = ", ".join(f"{count} {what}" for what, count in sorted(a.counts.items()))
+    odd = ", ".join(f"{count} {text_of(code, LinkAnomaly)}" for code, count in sorted(a.counts.items()))
     return [*lines, f"  {odd}"] if odd else lines
 
 
@@ -144,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
     default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
     report = newest_health(default.replace("{run}", str(run_folder())), args.timeout)
     if args.json:
-        say_json(MessageToDict(report, preserving_proto_field_name=True, always_print_fields_with_no_presence=True))
+        say_json(health_json(report))
     else:
         for line in status_lines(report):
             say(line)

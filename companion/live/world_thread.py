@@ -21,6 +21,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from drivers.watched_thread import WatchedThread
 
 from ..config.loader import Config
+from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.pipeline import PrismsResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream
@@ -67,12 +68,15 @@ class WorldService:
                 self.dropped += 1
             self._waiting.append(result)
 
-    def troubles(self, now_ns: int, hang_s: float) -> list[str]:
-        """What is wrong with it, in words."""
+    def diagnostics(self, now_ns: int, hang_s: float) -> list[Diagnostic]:
+        """What is wrong with it."""
         if self._thread.failure:
-            return [f"the merged world has ended ({self._thread.failure}): planners must not use it"]
-        still = now_ns - self.alive_ns > hang_s * NS
-        return ["the merged world stands still: planners must not use it"] if still else []
+            text = f"the merged world has ended ({self._thread.failure}): planners must not use it"
+            return [Diagnostic(DiagnosticCode.WORLD_FAULT, "", text)]
+        if now_ns - self.alive_ns > hang_s * NS:
+            text = "the merged world stands still: planners must not use it"
+            return [Diagnostic(DiagnosticCode.WORLD_STALLED, "", text)]
+        return []
 
     def close(self) -> None:
         """Ends the thread and closes its sockets. May be called twice."""
@@ -146,8 +150,9 @@ class WorldService:
         age_ns = None if self._newest_ns is None else now_ns - self._newest_ns
         message.valid = age_ns is not None and age_ns <= NO_POSITION_NS
         if age_ns is None:
-            message.cause_text = "no frame with a position yet"
+            message.cause, message.cause_text = pb.WorldUpdate.CAUSE_NO_POSITION, "no frame with a position yet"
         elif not message.valid:
+            message.cause = pb.WorldUpdate.CAUSE_POSITION_STALE
             message.cause_text = f"no frame with a position for {age_ns / NS:.1f} s"
         message.t_ns = self._newest_ns or 0
         for name, count in (

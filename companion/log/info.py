@@ -12,7 +12,8 @@ from typing import Any, Final
 
 from google.protobuf.message import DecodeError
 
-from core.types import CameraInfo
+from core.codes import text_of
+from core.types import CameraInfo, InvalidCause
 from drivers.logs.codec import camera_from_message
 from drivers.logs.reader import open_scan, our_channel
 from drivers.logs.record_scanner import Damage, Logged
@@ -20,6 +21,8 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, say, say_json
+from ..pipeline.encode import cause_code
+from ..pipeline.sync import DropCause
 
 _GAP_MEDIANS: Final = 3.0
 """An interval longer than this many times the usual one is a gap."""
@@ -126,22 +129,18 @@ def _read(facts: Facts, key: str | None, data: bytes) -> None:
         facts.run = facts.run or pb.RunInfo.FromString(data)
     elif key == "decision":
         decision = pb.FrameDecision.FromString(data)
-        facts.decisions["used" if decision.used else _words(decision.cause)] += 1
+        facts.decisions["used" if decision.used else cause_code(decision.cause)] += 1
     elif key == "prisms":
         prisms = pb.PrismsFrame.FromString(data)
         if prisms.valid:
             facts.valid += 1
         else:
-            facts.invalid[prisms.cause_text] += 1
+            facts.invalid[cause_code(prisms.cause)] += 1
 
 
-def _words(cause: int) -> str:
-    """CAUSE_GAP_TOO_WIDE -> gap too wide."""
-    try:
-        name: str = pb.Cause.Name(cause)
-    except ValueError:
-        return f"cause {cause}"
-    return name.removeprefix("CAUSE_").replace("_", " ").lower()
+def _text(code: str) -> str:
+    """For people; what is no cause ("used") stays as it is."""
+    return text_of(text_of(code, InvalidCause), DropCause)
 
 
 def as_json(facts: Facts) -> dict[str, Any]:
@@ -158,6 +157,7 @@ def as_json(facts: Facts) -> dict[str, Any]:
         "cameras": [_camera_json(info) for info in facts.cameras],
         "decisions": dict(sorted(facts.decisions.items())),
         "prisms": {"valid": facts.valid, "invalid": dict(sorted(facts.invalid.items()))},
+        "texts": {code: _text(code) for code in sorted({*facts.decisions, *facts.invalid} - {"used"})},
         "damage": facts.damages,
     }
 
@@ -214,9 +214,9 @@ def say_facts(facts: Facts) -> None:
     for topic in facts.topics.values():
         _say_odd(topic, start_ns)
     if facts.decisions:
-        say("decisions: " + ", ".join(f"{n} {what}" for what, n in sorted(facts.decisions.items())))
+        say("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(facts.decisions.items())))
     if facts.valid or facts.invalid:
-        blind = "".join(f"; {n} blind: {cause}" for cause, n in sorted(facts.invalid.items()))
+        blind = "".join(f"; {n} blind: {_text(code)}" for code, n in sorted(facts.invalid.items()))
         say(f"prisms: {facts.valid} frames say something{blind}")
 
 

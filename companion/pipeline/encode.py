@@ -42,11 +42,11 @@ CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
     InvalidCause.NO_MEASUREMENT: pb.CAUSE_NO_MEASUREMENT,
     InvalidCause.TOO_STEEP: pb.CAUSE_TOO_STEEP,
     InvalidCause.BAD_ROTATION: pb.CAUSE_BAD_ROTATION,
-    InvalidCause.NO_NUMBERS: pb.CAUSE_NO_NUMBERS,
+    InvalidCause.NON_FINITE: pb.CAUSE_NON_FINITE,
     InvalidCause.MOUNT_ERROR: pb.CAUSE_MOUNT_ERROR,
     InvalidCause.MOUNT_UNVERIFIED: pb.CAUSE_MOUNT_UNVERIFIED,
     DropCause.NO_ATTITUDE: pb.CAUSE_NO_ATTITUDE,
-    DropCause.ATTITUDE_TOO_OLD: pb.CAUSE_ATTITUDE_TOO_OLD,
+    DropCause.ATTITUDE_STALE: pb.CAUSE_ATTITUDE_STALE,
     DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,
     DropCause.GAP_TOO_WIDE: pb.CAUSE_GAP_TOO_WIDE,
     DropCause.NO_RATES: pb.CAUSE_NO_RATES,
@@ -91,9 +91,21 @@ def cause_message(cause: InvalidCause | DropCause) -> pb.Cause:
     return CAUSES[cause] if cause else pb.CAUSE_NONE
 
 
+def cause_code(number: int) -> str:
+    """The code of an osape.v1.Cause: CAUSE_GAP_TOO_WIDE is gap_too_wide; "" for CAUSE_NONE, unknown_NUMBER for one of a
+    newer version."""
+    if number == pb.CAUSE_NONE:
+        return ""
+    try:
+        name: str = pb.Cause.Name(number)
+    except ValueError:
+        return f"unknown_{number}"
+    return name.removeprefix("CAUSE_").lower()
+
+
 def _cause(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCause | DropCause:
     if number == pb.CAUSE_NONE:
-        return kind("")
+        return kind.NONE
     for cause, known in CAUSES.items():
         if known == number and isinstance(cause, kind):
             return cause

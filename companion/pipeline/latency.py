@@ -4,24 +4,44 @@ from __future__ import annotations
 
 from collections import deque
 
-STAGES = (
-    "exposure to arrival", "waiting", "extracting", "extracting, processor's time", "publishing", "exposure to published"
-)  # fmt: skip
-"""Extracting takes longer than its processor's time where other programs, or other threads, have the processor."""
+from core.codes import Code
+
+
+class LatencyStage(Code):
+    """What is timed, in the order of a frame's way. EXTRACT takes longer than EXTRACT_CPU where other programs, or other
+    threads, have the processor."""
+
+    CAMERA = "camera", "exposure to arrival"
+    WAIT = "wait", "waiting"
+    EXTRACT = "extract", "extracting"
+    EXTRACT_CPU = "extract_cpu", "extracting, processor's time"
+    PUBLISH = "publish", "publishing"
+    EXPOSURE_TO_PUBLISH = "exposure_to_publish", "exposure to published"
+    EXPOSURE_TO_AUTOPILOT = "exposure_to_autopilot", "exposure to told"
+
+
+FRAME_STAGES = (
+    LatencyStage.CAMERA,
+    LatencyStage.WAIT,
+    LatencyStage.EXTRACT,
+    LatencyStage.EXTRACT_CPU,
+    LatencyStage.PUBLISH,
+    LatencyStage.EXPOSURE_TO_PUBLISH,
+)
 _HELD = 512
 
 
 class Latencies:
     """`add` in nanoseconds; `percentiles` in milliseconds."""
 
-    def __init__(self, stages: tuple[str, ...] = STAGES) -> None:
-        self._held: dict[str, deque[int]] = {stage: deque(maxlen=_HELD) for stage in stages}
+    def __init__(self, stages: tuple[LatencyStage, ...] = FRAME_STAGES) -> None:
+        self._held: dict[LatencyStage, deque[int]] = {stage: deque(maxlen=_HELD) for stage in stages}
 
-    def add(self, stage: str, took_ns: int) -> None:
+    def add(self, stage: LatencyStage, took_ns: int) -> None:
         """One frame's time in a stage."""
         self._held[stage].append(took_ns)
 
-    def percentiles(self) -> list[tuple[str, float, float, float]]:
+    def percentiles(self) -> list[tuple[LatencyStage, float, float, float]]:
         """(stage, p50, p95, p99) of the stages with frames; the p-th is the least that p % do not exceed."""
         found = []
         for stage, held in self._held.items():

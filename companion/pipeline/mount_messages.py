@@ -9,7 +9,8 @@ from core.self_check.mount_filter import FilterState, N
 from core.types import CameraMount
 from drivers.proto import osape_v1_pb2 as pb
 
-ERROR_CODE, DEGRADED_CODE, UNVERIFIED_CODE = "mount_error", "mount_degraded", "mount_unverified"
+from ..diagnostic import Diagnostic, DiagnosticCode
+
 VERDICTS = {
     MountVerdict.UNKNOWN: pb.MountState.VERDICT_UNKNOWN,
     MountVerdict.VERIFIED: pb.MountState.VERDICT_VERIFIED,
@@ -69,25 +70,28 @@ def mount_lines(health: pb.MountHealth) -> str:
     return f"roll_deg = {health.roll_deg:.1f}, pitch_deg = {health.pitch_deg:.1f}"
 
 
-def mount_trouble(camera: str, health: pb.MountHealth) -> str:
-    """What is wrong with a mount and what to do about it; empty: nothing is known to be wrong."""
+def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
+    """What is wrong with a mount and what to do about it; None: nothing is known to be wrong."""
     error = f"roll {health.roll_error_deg:+.1f} deg, pitch {health.pitch_error_deg:+.1f} deg"
     if health.verdict == pb.MountState.VERDICT_ERROR:
-        return (
-            f"camera {camera}: {ERROR_CODE}: the mount differs from its configuration by {error}; its frames are invalid; "
+        text = (
+            f"camera {camera}: the mount differs from its configuration by {error}; its frames are invalid; "
             f"set {mount_lines(health)} (check with `companion doctor --mount`)"
         )
+        return Diagnostic(DiagnosticCode.MOUNT_ERROR, camera, text)
     if health.verdict == pb.MountState.VERDICT_DEGRADED:
-        return (
-            f"camera {camera}: {DEGRADED_CODE}: the mount differs from its configuration by {error}; set "
+        text = (
+            f"camera {camera}: the mount differs from its configuration by {error}; set "
             f"{mount_lines(health)} (check with `companion doctor --mount`)"
         )
+        return Diagnostic(DiagnosticCode.MOUNT_DEGRADED, camera, text)
     if health.verdict == pb.MountState.VERDICT_UNVERIFIED_SLOPE:
-        return (
-            f"camera {camera}: {UNVERIFIED_CODE}: the ground appears inclined by {health.slope_deg:.1f} deg, by the terrain or by "
+        text = (
+            f"camera {camera}: the ground appears inclined by {health.slope_deg:.1f} deg, by the terrain or by "
             "a wrong mount; its frames are invalid until the vehicle has turned by 45 degrees or walls are in view"
         )
-    return ""
+        return Diagnostic(DiagnosticCode.MOUNT_UNVERIFIED, camera, text)
+    return None
 
 
 def mount_words(health: pb.MountHealth) -> str:

@@ -89,9 +89,14 @@ class PrismsResult:
         return self.model is not None and self.model.valid
 
     @property
+    def cause(self) -> DropCause | InvalidCause:
+        """Why it is not valid; NONE when it is."""
+        return self.drop if self.model is None else self.model.cause
+
+    @property
     def cause_text(self) -> str:
-        """Why it is not valid, in words; empty when it is."""
-        return str(self.drop) if self.model is None else str(self.model.cause)
+        """The text of `cause`, for people; empty when it is valid."""
+        return self.cause.text
 
 
 Output = FrameDecision | PrismsResult

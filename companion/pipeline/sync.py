@@ -10,9 +10,10 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import Generic, Protocol, TypeVar
 
+from core.codes import Code
 from core.types import AttitudeSample, PoseSample
 
 from ..config.sync import SyncParams
@@ -34,19 +35,19 @@ class Source(IntEnum):
     EXTRAPOLATED = 3
 
 
-class DropCause(StrEnum):
+class DropCause(Code):
     """Why a frame was not used. NONE: it was."""
 
-    NONE = ""
-    NO_ATTITUDE = "no attitude had arrived"
-    ATTITUDE_TOO_OLD = "the newest attitude is too old to be carried forward to the exposure"
-    FRAME_TOO_OLD = "the exposure lies before all attitudes still held"
-    GAP_TOO_WIDE = "the attitudes before and after the exposure are too far apart"
-    NO_RATES = "a single attitude without body rates cannot be carried to the exposure"
-    DUPLICATE_FRAME = "a frame with this exposure was handled already"
-    LATE_FRAME = "a frame exposed later was handled already"
-    WRONG_SIZE = "the image has another size than the camera's description says"
-    BUSY = "a newer frame was waiting (live only)"
+    NONE = "", ""
+    NO_ATTITUDE = "no_attitude", "no attitude had arrived"
+    ATTITUDE_STALE = "attitude_stale", "the newest attitude is too old to be carried forward to the exposure"
+    FRAME_TOO_OLD = "frame_too_old", "the exposure lies before all attitudes still held"
+    GAP_TOO_WIDE = "gap_too_wide", "the attitudes before and after the exposure are too far apart"
+    NO_RATES = "no_rates", "a single attitude without body rates cannot be carried to the exposure"
+    DUPLICATE_FRAME = "duplicate_frame", "a frame with this exposure was handled already"
+    LATE_FRAME = "late_frame", "a frame exposed later was handled already"
+    WRONG_SIZE = "wrong_size", "the image has another size than the camera's description says"
+    BUSY = "busy", "a newer frame was waiting (live only)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +163,7 @@ class Synchroniser:
         if distance_ns > self.params.max_extrapolation_s * NS:
             if before is None:
                 return DropCause.FRAME_TOO_OLD
-            return DropCause.ATTITUDE_TOO_OLD if after is None else DropCause.GAP_TOO_WIDE
+            return DropCause.ATTITUDE_STALE if after is None else DropCause.GAP_TOO_WIDE
         rates = _possible(nearest.rates_frd_rad_s) or _possible(self._turn(nearest))
         if rates is None:
             return DropCause.NO_RATES

@@ -99,12 +99,14 @@ class Comparison:
 def first_difference(
     logged: pb.PrismsFrame, computed: pb.PrismsFrame, tolerance: float = 0.0
 ) -> tuple[str, str, str] | None:
-    """(field, value in the log, value now) of the first difference, None when equal; publication is left aside."""
+    """(field, value in the log, value now) of the first difference, None when equal. Left aside: publication, and
+    cause_text, which is for people and may change between versions (cause is compared)."""
     a, b = pb.PrismsFrame(), pb.PrismsFrame()
     a.CopyFrom(logged)
     b.CopyFrom(computed)
-    a.ClearField("publication")
-    b.ClearField("publication")
+    for name in ("publication", "cause_text"):
+        a.ClearField(name)
+        b.ClearField(name)
     if wire_bytes(a) == wire_bytes(b):
         return None
     found = _walk(a, b, "", tolerance)

@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from core.codes import text_of
+from core.types import InvalidCause
+
 from ..console import say
 from ..pipeline.pipeline import UNSEEN, FrameDecision
 from ..pipeline.sync import DropCause
@@ -50,9 +53,9 @@ def _as_in_flight(comparison: Comparison | None) -> bool:
 
 
 def _drop_problem(tally: Tally, first: FrameDecision) -> str:
-    causes = ", ".join(f"{n} x {cause}" for cause, n in sorted(tally.dropped.items()))
-    passed_over = sum(tally.dropped[str(cause)] for cause in UNSEEN)
-    wrong_size = tally.dropped[str(DropCause.WRONG_SIZE)]
+    causes = ", ".join(f"{n} x {text_of(code, DropCause)}" for code, n in sorted(tally.dropped.items()))
+    passed_over = sum(tally.dropped[cause.value] for cause in UNSEEN)
+    wrong_size = tally.dropped[DropCause.WRONG_SIZE.value]
     blind = tally.dropped.total() - passed_over
     remedies = []
     if blind > wrong_size:
@@ -137,10 +140,10 @@ def say_report(result: Replay, output: Path | None) -> None:
         say(
             f"{camera}: obstacles are found up to {result.obstacle_range_m[camera]:.1f} m, with the last noise ke {ke:.4f}/m"
         )
-    for cause, n in sorted(t.blind.items()):
-        say(f"{n} frames say nothing: {cause}")
-    for cause, n in sorted(t.dropped.items()):
-        say(f"{n} frames dropped: {cause}")
+    for code, n in sorted(t.blind.items()):
+        say(f"{n} frames say nothing: {text_of(code, InvalidCause)}")
+    for code, n in sorted(t.dropped.items()):
+        say(f"{n} frames dropped: {text_of(code, DropCause)}")
     for offset in result.exposure_offsets:
         warning = _offset_warning(offset, result)
         say(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")

@@ -6,15 +6,17 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from core.types import DepthFrame
+from core.codes import texts_of
+from core.types import DepthFrame, InvalidCause
 from drivers.base import Event
 
 from ..pipeline.pipeline import FrameDecision, Output
+from ..pipeline.sync import DropCause
 
 
 @dataclass(slots=True)
 class Tally:
-    """What came out, counted."""
+    """What came out, counted. blind and dropped: by the code of the cause."""
 
     frames: int = 0
     samples: int = 0
@@ -43,14 +45,14 @@ class Tally:
             if output.used:
                 self.attitude[output.attitude.name.lower()] += 1
             else:
-                self.dropped[str(output.cause)] += 1
+                self.dropped[output.cause.value] += 1
                 self.first_dropped = self.first_dropped or output
             return
         self.frames_in[output.frame] += 1
         if output.model is None:
             return
         if not output.valid:
-            self.blind[output.cause_text] += 1
+            self.blind[output.cause.value] += 1
             return
         self.valid += 1
         self.ke_per_m[output.camera] = output.model.ke_per_m
@@ -66,6 +68,7 @@ class Tally:
             "valid": self.valid,
             "says_nothing": dict(sorted(self.blind.items())),
             "dropped": dict(sorted(self.dropped.items())),
+            "texts": texts_of(sorted(self.blind), InvalidCause) | texts_of(sorted(self.dropped), DropCause),
             "attitude": dict(sorted(self.attitude.items())),
             "published_in": dict(sorted(self.frames_in.items())),
             "planes": self.planes,

@@ -179,7 +179,7 @@ class _Camera:
         if float(np.max(np.ptp(predicted, axis=0))) < LEAST_SPREAD_RAD:
             self._still += 1
             if self.offset.state is OffsetState.NO_ATTITUDE:
-                self.offset = ExposureOffset(camera=self.info.camera, state=OffsetState.NO_MOTION)
+                self.offset = ExposureOffset(camera=self.info.camera, state=OffsetState.NOT_ENOUGH_MOTION)
             return
         if np.array_equal(a.grid.fine, b.grid.fine, equal_nan=True):
             return  # a frozen image
@@ -191,7 +191,7 @@ class _Camera:
         self._sigma.append(found[1])
         self._predicted.append(predicted)
         self._fresh += 1
-        if self.offset.state in (OffsetState.NO_ATTITUDE, OffsetState.NO_MOTION):
+        if self.offset.state in (OffsetState.NO_ATTITUDE, OffsetState.NOT_ENOUGH_MOTION):
             self._tell(OffsetState.COLLECTING)
         if self._fresh >= EVERY_PAIRS and len(self._measured) >= GUESS_PAIRS:
             self._fresh = 0

@@ -7,8 +7,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-CODE = "exposure_time_offset"
-"""Code of the diagnostic."""
 WARN_S = 0.004
 """A measured offset beyond this is reported: at 60 degrees a second it turns the model by a quarter of a degree."""
 
@@ -17,7 +15,7 @@ class OffsetState(StrEnum):
     """Whether the offset is measured; if not, why."""
 
     NO_ATTITUDE = "no_attitude"
-    NO_MOTION = "not_enough_motion"
+    NOT_ENOUGH_MOTION = "not_enough_motion"
     COLLECTING = "collecting"
     UNCERTAIN = "uncertain"
     MEASURED = "measured"
@@ -25,7 +23,7 @@ class OffsetState(StrEnum):
 
 STATE_TEXTS = {
     OffsetState.NO_ATTITUDE: "not measured: no attitude around the exposures",
-    OffsetState.NO_MOTION: "not measured: the vehicle has not turned enough; turn left and right for 20 s",
+    OffsetState.NOT_ENOUGH_MOTION: "not measured: the vehicle has not turned enough; turn left and right for 20 s",
     OffsetState.COLLECTING: "not measured yet: collecting motion",
     OffsetState.UNCERTAIN: "not measured: images and attitude do not determine it; turn left and right for 20 s near obstacles",
     OffsetState.MEASURED: "measured",

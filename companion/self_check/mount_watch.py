@@ -10,14 +10,14 @@ from core.self_check.mount_check import MountState
 from core.types import CameraInfo
 from drivers.proto import osape_v1_pb2 as pb
 
-from ..pipeline.mount_messages import mount_health, mount_trouble
+from ..diagnostic import Diagnostic, DiagnosticCode
+from ..pipeline.mount_messages import mount_diagnostic, mount_health
 from ..pipeline.pipeline import PrismsResult
 
 AT_LIMIT = 0.98
 """Share of the steepest slope that ground may have at which the fit of the ground is taken to be held by that limit."""
 LEAST_MEASURED = 0.5
 """Share of the pixels that must be measured for a ground that is not found to be reported as lost."""
-SLOPE_LIMIT_CODE, GROUND_LOST_CODE = "ground_slope_limit", "ground_lost"
 
 
 @dataclass(slots=True)
@@ -50,29 +50,31 @@ class MountWatch:
             return None
         return mount_health(newest.state, info.mount)
 
-    def troubles(self, infos: Iterable[tuple[str, CameraInfo | None]]) -> list[str]:
-        """What is wrong with mounts and ground, in words, each with its code."""
-        said: list[str] = []
+    def diagnostics(self, infos: Iterable[tuple[str, CameraInfo | None]]) -> list[Diagnostic]:
+        """What is wrong with mounts and ground."""
+        found: list[Diagnostic] = []
         for camera, info in infos:
             health = self.health(camera, info)
-            if health is not None and (trouble := mount_trouble(camera, health)):
-                said.append(trouble)
-            said += self._ground_troubles(camera)
-        return said
+            if health is not None and (mount := mount_diagnostic(camera, health)):
+                found.append(mount)
+            found += self._ground_diagnostics(camera)
+        return found
 
-    def _ground_troubles(self, camera: str) -> list[str]:
+    def _ground_diagnostics(self, camera: str) -> list[Diagnostic]:
         newest = self._newest.get(camera)
         if newest is None:
             return []
         if newest.slope >= AT_LIMIT * self._max_slope > 0.0:
-            return [
-                f"camera {camera}: {SLOPE_LIMIT_CODE}: the slope of the ground is at its limit ({100 * self._max_slope:.0f} %): "
+            text = (
+                f"camera {camera}: the slope of the ground is at its limit ({100 * self._max_slope:.0f} %): "
                 "steep terrain, or a wrong mount"
-            ]
+            )
+            return [Diagnostic(DiagnosticCode.GROUND_SLOPE_LIMIT, camera, text)]
         if newest.lost:
             slope_deg = math.degrees(newest.state.slope_rad)
-            return [
-                f"camera {camera}: {GROUND_LOST_CODE}: no ground is found though most pixels are measured; the lowest large "
+            text = (
+                f"camera {camera}: no ground is found though most pixels are measured; the lowest large "
                 f"surface is inclined by {slope_deg:.1f} deg: steep terrain, or a wrong mount"
-            ]
+            )
+            return [Diagnostic(DiagnosticCode.GROUND_LOST, camera, text)]
         return []

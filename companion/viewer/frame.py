@@ -60,7 +60,7 @@ class ViewFrame:
         if self.dropped:
             return f"frame not used: {self.dropped}"
         if self.model is not None and not self.model.valid:
-            return str(self.model.cause) or "no cause given"
+            return self.model.cause.text or "no cause given"
         return ""
 
     @property

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..live.health import STATES
+from ..live.message_json import message_json
 from ..live.status import status_lines
-from ..pipeline.encode import prisms_from_message
+from ..pipeline.encode import cause_code, prisms_from_message
 from ..streams.publisher import boot_id
 from .colors import depth_index, palette
 from .frame import ViewFrame
@@ -96,11 +97,15 @@ def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
     return data
 
 
+NO_CURRENT_MESSAGE = "no_current_message"
+"""Code of a camera whose newest message is missing, old or cannot be drawn, as seen by the viewer."""
+
+
 def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: int) -> dict[str, Any]:
-    """How a camera is: blind says why; age_s: of its newest word's exposure; shown_s: of what the page draws of it. flaw:
+    """How a camera is: blind says why, code is its code for programs (both empty: it is not blind); age_s: of its newest word's exposure; shown_s: of what the page draws of it. flaw:
     why that cannot be drawn; empty: it can."""
     camera = feed.cameras[name]
-    m = camera.newest
+    m, code = camera.newest, ""
     age_s = (now_ns - camera.exposed_ns) / NS
     if m is None:
         blind, age = silence(feed, now_ns) or "nothing has been heard of it yet", None
@@ -109,6 +114,7 @@ def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: 
         blind, age = silence(feed, now_ns) or f"nothing has been heard of it for {quiet_s:.1f} s", age_s
     elif not m.valid:
         blind, age = m.cause_text or "no cause given", age_s
+        code = cause_code(m.cause)
     else:
         blind, age = (f"its newest exposure is {age_s:.1f} s old" if age_s > feed.stale_s else ""), age_s
     if not blind and flaw:
@@ -117,7 +123,9 @@ def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: 
         blind = "its description has not come yet (health report), so nothing can be drawn"
     shown_s = None if shown is None else (now_ns - shown.exposed_ns) / NS
     info = None if camera.info is None else camera_data(camera.info)
-    return {"name": name, "blind": blind, "age_s": age, "shown_s": shown_s, "info": info}
+    if blind and not code:
+        code = NO_CURRENT_MESSAGE
+    return {"name": name, "blind": blind, "code": code, "age_s": age, "shown_s": shown_s, "info": info}
 
 
 def silence(feed: Feed, now_ns: int) -> str:
@@ -152,5 +160,6 @@ def service_words(feed: Feed, now_ns: int) -> dict[str, Any]:
         "state": "" if h is None else STATES.get(h.state, "unknown"),
         "age_s": None if h is None else (now_ns - feed.health_ns) / NS,
         "lines": [] if h is None else status_lines(h),
+        "diagnostics": [] if h is None else [message_json(d) for d in h.diagnostics],
         "missing": missing,
     }

@@ -17,6 +17,7 @@ from core.types import AttitudeSample, PoseSample
 
 from ..base import DriverError
 from ..watched_thread import WatchedThread
+from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget
 from .session import LinkStatus, MavlinkSession
 from .transport import Address, Chunk, Transport, open_transport
@@ -44,7 +45,8 @@ FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
 
 @dataclass(frozen=True, slots=True)
 class LineState:
-    """open: whether there is a line; error: why not, in words; losses: how often it was lost; alive_ns: when the
+    """open: whether there is a line; error: why not, in words; warning: that it is slow, in words; flood: that datagrams are
+    dropped, in words; losses: how often it was lost; alive_ns: when the
     thread last went round."""
 
     open: bool
@@ -52,6 +54,7 @@ class LineState:
     warning: str
     losses: int
     alive_ns: int
+    flood: str = ""
 
 
 class Rhythm:
@@ -166,7 +169,7 @@ class MavlinkLink:
         dropped = transport.flood.dropped if transport is not None and transport.flood is not None else 0
         with self._lock:
             status = self._session.status(time.monotonic_ns())
-        return replace(status, counts=status.counts | {"datagrams dropped as a flood": dropped}) if dropped else status
+        return replace(status, counts=status.counts | {LinkAnomaly.FLOOD_DROPPED.value: dropped}) if dropped else status
 
     def _run(self) -> None:
         backoff_s, losses, error = FIRST_BACKOFF_S, 0, ""
@@ -207,7 +210,7 @@ class MavlinkLink:
                 size = self._round(transport)
             now_ns = time.monotonic_ns()
             flood = transport.flood.text(now_ns) if transport.flood is not None else ""
-            self._state = LineState(True, "", "; ".join(filter(None, (flood, warning))), losses, now_ns)
+            self._state = LineState(True, "", warning, losses, now_ns, flood)
         self._send_posted(transport)
 
     def _send_posted(self, transport: Transport) -> None:

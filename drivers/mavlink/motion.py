@@ -10,6 +10,7 @@ from typing import Any
 from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
+from .anomalies import LinkAnomaly
 from .clock_sync import NS, ClockEstimate, ClockFilter, ClockSource
 from .parser import Frame
 
@@ -42,7 +43,7 @@ class MotionDecoder:
         self._clock = clock
         self._quaternion_ns: int | None = None
         self._odometry_ns: int | None = None
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[LinkAnomaly] = Counter()
 
     def wants(self, message_id: int, arrival_ns: int) -> bool:
         """Whether such a message would be read now: one of motion, and not silenced by a better kind."""
@@ -56,7 +57,7 @@ class MotionDecoder:
         if fields is None:
             message = frame.message()
             if message is None:
-                self.counts["messages that cannot be decoded"] += 1
+                self.counts[LinkAnomaly.UNDECODABLE_MESSAGE] += 1
                 return None
             return self._odometry(message, arrival_ns)
         return _READERS[frame.id](self, int(fields[0]), fields[1:], arrival_ns)
@@ -64,21 +65,21 @@ class MotionDecoder:
     def _stamp(self, boot_ns: int, rounded_ns: int, arrival_ns: int) -> int | None:
         """When something of the autopilot's boot time happened on our clock; never after it arrived."""
         if not self._clock.arrival(boot_ns, arrival_ns):
-            self.counts["far behind the others"] += 1
+            self.counts[LinkAnomaly.STAMP_BEHIND] += 1
             return None
         estimate: ClockEstimate = self._clock.estimate
         if estimate.source is ClockSource.NONE:
             return None
         t_ns = estimate.local_ns(boot_ns + rounded_ns)
         if t_ns > arrival_ns:
-            self.counts["stamped after its arrival"] += t_ns > arrival_ns + MS  # less is rounding on a quick line
+            self.counts[LinkAnomaly.STAMP_AFTER_ARRIVAL] += t_ns > arrival_ns + MS  # less is rounding on a quick line
             t_ns = arrival_ns
         return t_ns
 
     def _attitude(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> AttitudeSample | None:
         roll, pitch, yaw = numbers[:3]
         if not all(map(math.isfinite, numbers[:3])) or max(map(abs, numbers[:3])) > 2.0 * math.pi + 1e-3:
-            self.counts["attitude is not a number"] += 1
+            self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
         t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
         if t_ns is None or _recent(self._quaternion_ns, arrival_ns):
@@ -91,7 +92,7 @@ class MotionDecoder:
         w, x, y, z = numbers[:4]
         norm = math.sqrt(w * w + x * x + y * y + z * z)
         if not abs(norm - 1.0) < 0.05:  # also NaN
-            self.counts["attitude is not a number"] += 1
+            self.counts[LinkAnomaly.ATTITUDE_NON_FINITE] += 1
             return None
         t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
         if t_ns is None:
@@ -102,7 +103,7 @@ class MotionDecoder:
     def _local_position(self, time_boot_ms: int, numbers: tuple[float, ...], arrival_ns: int) -> PoseSample | None:
         position = _three(numbers[:3])
         if position is None:
-            self.counts["position is not a number"] += 1
+            self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
         t_ns = self._stamp(time_boot_ms * MS, HALF_MS, arrival_ns)
         if t_ns is None or _recent(self._odometry_ns, arrival_ns):
@@ -112,14 +113,14 @@ class MotionDecoder:
     def _odometry(self, m: Any, arrival_ns: int) -> PoseSample | None:
         position = (float(m.x), float(m.y), float(m.z))
         if int(m.frame_id) not in LOCAL_FRAMES or int(m.quality) < 0:
-            self.counts["odometry of another frame or failed"] += 1
+            self.counts[LinkAnomaly.ODOMETRY_UNUSABLE] += 1
             return None
         if not all(map(math.isfinite, position)):
-            self.counts["position is not a number"] += 1
+            self.counts[LinkAnomaly.POSITION_NON_FINITE] += 1
             return None
         boot_ns = int(m.time_usec) * 1000
         if boot_ns > UNIX_NS:
-            self.counts["odometry with unix time"] += 1
+            self.counts[LinkAnomaly.ODOMETRY_UNIX_TIME] += 1
             return None
         t_ns = self._stamp(boot_ns, 0, arrival_ns)
         if t_ns is None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from fastcrc.crc16 import mcrf4xx
 
+from .anomalies import LinkAnomaly
 from .dialect import dialect
 
 MAVLINK1, MAVLINK2 = 0xFE, 0xFD
@@ -62,11 +63,11 @@ class Frame:
 class MessageSplitter:
     """`feed` it as bytes come. counts: bytes of noise, messages unknown to the dialect (nobody can check them)."""
 
-    def __init__(self, counts: Counter[str] | None = None) -> None:
+    def __init__(self, counts: Counter[LinkAnomaly] | None = None) -> None:
         """counts: those of several splitters together."""
         self._held = b""
         self._unknown_end = 0
-        self.counts: Counter[str] = Counter() if counts is None else counts
+        self.counts: Counter[LinkAnomaly] = Counter() if counts is None else counts
 
     def feed(self, data: bytes) -> list[Any]:
         """The messages completed by these bytes, in order."""
@@ -88,7 +89,7 @@ class MessageSplitter:
                     at = end
                     continue
             if at >= self._unknown_end:
-                self.counts["bytes of noise"] += 1
+                self.counts[LinkAnomaly.NOISE_BYTES] += 1
             at += 1
         self._held = held[at:]
         if self._unknown_end:
@@ -106,7 +107,7 @@ class MessageSplitter:
         kind = dialect.mavlink_map.get(message_id)
         if kind is None:
             if at >= self._unknown_end:
-                self.counts["unknown messages"] += 1
+                self.counts[LinkAnomaly.UNKNOWN_MESSAGE] += 1
                 self._unknown_end = at + len(data)
             return None
         if mcrf4xx(data[1:end] + bytes((kind.crc_extra,))) != data[end] | data[end + 1] << 8:

@@ -14,6 +14,7 @@ from typing import Any
 from core.param_field import check, number
 from core.types import AttitudeSample, PoseSample
 
+from .anomalies import LinkAnomaly
 from .bandwidth import FACE, OBSTACLES, POINT, LinkBudget, link_budget
 from .clock_sync import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
 from .conflicts import Strangers
@@ -114,14 +115,14 @@ class MavlinkSession:
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
         self.vehicle: Vehicle | None = None
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[LinkAnomaly] = Counter()
         self.received = 0
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
         self._timesync = TimeSync(self.clock)
         self._motion = MotionDecoder(self.clock)
         self.rates = RateKeeper(self.params.wishes())
         self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
-        self._splitter_counts: Counter[str] = Counter()
+        self._splitter_counts: Counter[LinkAnomaly] = Counter()
         self._signing = signing or Signing()
         self._strangers = Strangers(self.params.component_id)
         self._place = 0
@@ -188,7 +189,7 @@ class MavlinkSession:
             return None
         message = frame.message()
         if message is None:
-            self.counts["messages that cannot be decoded"] += 1
+            self.counts[LinkAnomaly.UNDECODABLE_MESSAGE] += 1
         else:
             self._read(kind, message, arrival_ns)
         return None
@@ -242,12 +243,12 @@ class MavlinkSession:
             return
         if self.params.system_id not in (0, system):
             self._strangers.left_out(system, arrival_ns)
-            self.counts["heartbeats of other vehicles"] += 1
+            self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
             return
         old = self.vehicle
         if old is not None and old.system_id != system:
             if self.heard(arrival_ns):
-                self.counts["heartbeats of other vehicles"] += 1
+                self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
                 return
             self._strangers.another()
             self.clock.restart()  # another autopilot, another clock
@@ -304,7 +305,7 @@ class MavlinkSession:
             unbelieved = self._signing.unbelieved_autopilot(now_ns)
             kinds = {STATUSTEXT_ID} if unbelieved else _TOLD if self.fell_silent(now_ns) else set()
             words = [m for m in self._outbox if m.get_msgId() in kinds]
-            self.counts["messages without an autopilot to hear them"] += len(self._outbox) - len(words)
+            self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += len(self._outbox) - len(words)
             self._outbox.clear()
             if (speaks_first or unbelieved) and now_ns >= self._next_heartbeat_ns:
                 messages.append(self._own_heartbeat(now_ns))
@@ -343,10 +344,9 @@ class MavlinkSession:
     def status(self, now_ns: int) -> LinkStatus:
         """For the health report."""
         rate = self.rates.rate_hz
-        counts = {"timesync answers to nobody": self._timesync.unpaired}
+        counts: Counter[LinkAnomaly] = Counter({LinkAnomaly.TIMESYNC_UNPAIRED: self._timesync.unpaired})
         for some in (self.counts, self._motion.counts, self._splitter_counts, self._signing.counts):
-            for what, often in some.items():
-                counts[what] = counts.get(what, 0) + often
+            counts.update(some)
         return LinkStatus(
             vehicle=self.vehicle,
             clock=self.clock.estimate,
@@ -354,7 +354,7 @@ class MavlinkSession:
             attitude_hz=max(rate(ATTITUDE_ID, now_ns), rate(ATTITUDE_QUATERNION_ID, now_ns)),
             position_hz=rate(LOCAL_POSITION_ID, now_ns),
             received=self.received,
-            counts={what: often for what, often in counts.items() if often},
+            counts={what.value: often for what, often in counts.items() if often},
             signed=self._signing.good(now_ns),
             strangers=self._strangers.troubles(now_ns, self.params.system_id, heard=self.heard(now_ns)),
             signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),

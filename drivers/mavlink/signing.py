@@ -15,6 +15,7 @@ from collections import Counter
 from enum import Enum
 from typing import Any
 
+from .anomalies import LinkAnomaly
 from .clock_sync import NS
 from .dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from .signing_clock import TICKS_PER_S, SigningClock
@@ -38,7 +39,12 @@ class Verdict(Enum):
     OLD = "signed with our key, but not newer than others before"
 
 
-NOT_BELIEVED = frozenset({Verdict.UNSIGNED, Verdict.FORGED, Verdict.OLD})
+ANOMALIES = {
+    Verdict.UNSIGNED: LinkAnomaly.UNSIGNED,
+    Verdict.FORGED: LinkAnomaly.SIGNATURE_WRONG_KEY,
+    Verdict.OLD: LinkAnomaly.SIGNATURE_REPLAYED,
+}
+NOT_BELIEVED = frozenset(ANOMALIES)
 """By those who have a key."""
 
 
@@ -51,7 +57,7 @@ class Signing:
         self._autopilot_ns: dict[Verdict, int] = {}
         self._good_since_ns = 0
         self.claimed_system = 0
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[LinkAnomaly] = Counter()
 
     @property
     def on(self) -> bool:
@@ -76,7 +82,7 @@ class Signing:
         verdict = self._verdict(message)
         believed = self._key is None or verdict not in NOT_BELIEVED
         if not believed:
-            self.counts[f"not believed: {verdict.value}"] += 1
+            self.counts[ANOMALIES[verdict]] += 1
         system = message.get_srcSystem()
         # without a key only a heartbeat makes an autopilot known, and nobody can be told before
         counts = verdict is not Verdict.UNCHECKED or message.get_msgId() == HEARTBEAT_ID

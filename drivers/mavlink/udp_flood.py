@@ -71,6 +71,6 @@ class FloodFilter:
     def _words(self, dropped: int) -> str:
         rate = round(dropped * NS / WINDOW_NS)
         return (
-            f"udp_flood: about {rate} datagrams a second from {self._from} or others are dropped unread: they are not the "
+            f"about {rate} datagrams a second from {self._from} or others are dropped unread: they are not the "
             "autopilot's; close the port to them, or stop their sender"
         )

@@ -13,10 +13,12 @@ class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CAUSE_NO_MEASUREMENT: _ClassVar[Cause]
     CAUSE_TOO_STEEP: _ClassVar[Cause]
     CAUSE_BAD_ROTATION: _ClassVar[Cause]
+    CAUSE_NON_FINITE: _ClassVar[Cause]
     CAUSE_NO_NUMBERS: _ClassVar[Cause]
     CAUSE_MOUNT_ERROR: _ClassVar[Cause]
     CAUSE_MOUNT_UNVERIFIED: _ClassVar[Cause]
     CAUSE_NO_ATTITUDE: _ClassVar[Cause]
+    CAUSE_ATTITUDE_STALE: _ClassVar[Cause]
     CAUSE_ATTITUDE_TOO_OLD: _ClassVar[Cause]
     CAUSE_FRAME_TOO_OLD: _ClassVar[Cause]
     CAUSE_GAP_TOO_WIDE: _ClassVar[Cause]
@@ -30,10 +32,12 @@ CAUSE_NONE: Cause
 CAUSE_NO_MEASUREMENT: Cause
 CAUSE_TOO_STEEP: Cause
 CAUSE_BAD_ROTATION: Cause
+CAUSE_NON_FINITE: Cause
 CAUSE_NO_NUMBERS: Cause
 CAUSE_MOUNT_ERROR: Cause
 CAUSE_MOUNT_UNVERIFIED: Cause
 CAUSE_NO_ATTITUDE: Cause
+CAUSE_ATTITUDE_STALE: Cause
 CAUSE_ATTITUDE_TOO_OLD: Cause
 CAUSE_FRAME_TOO_OLD: Cause
 CAUSE_GAP_TOO_WIDE: Cause
@@ -489,7 +493,23 @@ class ClockEstimate(_message.Message):
     def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
 
 class CameraHealth(_message.Message):
-    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset")
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset", "condition_enum")
+    class Condition(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        CONDITION_UNKNOWN: _ClassVar[CameraHealth.Condition]
+        CONDITION_STARTING: _ClassVar[CameraHealth.Condition]
+        CONDITION_RUNNING: _ClassVar[CameraHealth.Condition]
+        CONDITION_SILENT: _ClassVar[CameraHealth.Condition]
+        CONDITION_FROZEN: _ClassVar[CameraHealth.Condition]
+        CONDITION_LOST: _ClassVar[CameraHealth.Condition]
+        CONDITION_STOPPED: _ClassVar[CameraHealth.Condition]
+    CONDITION_UNKNOWN: CameraHealth.Condition
+    CONDITION_STARTING: CameraHealth.Condition
+    CONDITION_RUNNING: CameraHealth.Condition
+    CONDITION_SILENT: CameraHealth.Condition
+    CONDITION_FROZEN: CameraHealth.Condition
+    CONDITION_LOST: CameraHealth.Condition
+    CONDITION_STOPPED: CameraHealth.Condition
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     CONDITION_FIELD_NUMBER: _ClassVar[int]
     CAUSE_FIELD_NUMBER: _ClassVar[int]
@@ -504,6 +524,7 @@ class CameraHealth(_message.Message):
     INFO_FIELD_NUMBER: _ClassVar[int]
     MOUNT_FIELD_NUMBER: _ClassVar[int]
     EXPOSURE_OFFSET_FIELD_NUMBER: _ClassVar[int]
+    CONDITION_ENUM_FIELD_NUMBER: _ClassVar[int]
     camera: str
     condition: str
     cause: str
@@ -518,23 +539,40 @@ class CameraHealth(_message.Message):
     info: CameraInfo
     mount: MountHealth
     exposure_offset: ExposureOffset
-    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ...) -> None: ...
+    condition_enum: CameraHealth.Condition
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ..., condition_enum: _Optional[_Union[CameraHealth.Condition, str]] = ...) -> None: ...
 
 class ExposureOffset(_message.Message):
-    __slots__ = ("state", "text", "offset_ms", "sigma_ms", "pairs", "warns")
+    __slots__ = ("state", "text", "offset_ms", "sigma_ms", "pairs", "warns", "state_enum")
+    class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        STATE_UNKNOWN: _ClassVar[ExposureOffset.State]
+        STATE_NO_ATTITUDE: _ClassVar[ExposureOffset.State]
+        STATE_NOT_ENOUGH_MOTION: _ClassVar[ExposureOffset.State]
+        STATE_COLLECTING: _ClassVar[ExposureOffset.State]
+        STATE_UNCERTAIN: _ClassVar[ExposureOffset.State]
+        STATE_MEASURED: _ClassVar[ExposureOffset.State]
+    STATE_UNKNOWN: ExposureOffset.State
+    STATE_NO_ATTITUDE: ExposureOffset.State
+    STATE_NOT_ENOUGH_MOTION: ExposureOffset.State
+    STATE_COLLECTING: ExposureOffset.State
+    STATE_UNCERTAIN: ExposureOffset.State
+    STATE_MEASURED: ExposureOffset.State
     STATE_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     OFFSET_MS_FIELD_NUMBER: _ClassVar[int]
     SIGMA_MS_FIELD_NUMBER: _ClassVar[int]
     PAIRS_FIELD_NUMBER: _ClassVar[int]
     WARNS_FIELD_NUMBER: _ClassVar[int]
+    STATE_ENUM_FIELD_NUMBER: _ClassVar[int]
     state: str
     text: str
     offset_ms: float
     sigma_ms: float
     pairs: int
     warns: bool
-    def __init__(self, state: _Optional[str] = ..., text: _Optional[str] = ..., offset_ms: _Optional[float] = ..., sigma_ms: _Optional[float] = ..., pairs: _Optional[int] = ..., warns: bool = ...) -> None: ...
+    state_enum: ExposureOffset.State
+    def __init__(self, state: _Optional[str] = ..., text: _Optional[str] = ..., offset_ms: _Optional[float] = ..., sigma_ms: _Optional[float] = ..., pairs: _Optional[int] = ..., warns: bool = ..., state_enum: _Optional[_Union[ExposureOffset.State, str]] = ...) -> None: ...
 
 class AutopilotHealth(_message.Message):
     __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns")
@@ -588,16 +626,38 @@ class RecordingHealth(_message.Message):
     def __init__(self, recording: bool = ..., file: _Optional[str] = ..., bytes: _Optional[int] = ..., dropped: _Optional[int] = ..., trouble: _Optional[str] = ..., repairing: _Optional[str] = ...) -> None: ...
 
 class Latency(_message.Message):
-    __slots__ = ("stage", "p50_ms", "p95_ms", "p99_ms")
+    __slots__ = ("stage", "p50_ms", "p95_ms", "p99_ms", "stage_enum", "text")
+    class Stage(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        STAGE_UNKNOWN: _ClassVar[Latency.Stage]
+        STAGE_CAMERA: _ClassVar[Latency.Stage]
+        STAGE_WAIT: _ClassVar[Latency.Stage]
+        STAGE_EXTRACT: _ClassVar[Latency.Stage]
+        STAGE_EXTRACT_CPU: _ClassVar[Latency.Stage]
+        STAGE_PUBLISH: _ClassVar[Latency.Stage]
+        STAGE_EXPOSURE_TO_PUBLISH: _ClassVar[Latency.Stage]
+        STAGE_EXPOSURE_TO_AUTOPILOT: _ClassVar[Latency.Stage]
+    STAGE_UNKNOWN: Latency.Stage
+    STAGE_CAMERA: Latency.Stage
+    STAGE_WAIT: Latency.Stage
+    STAGE_EXTRACT: Latency.Stage
+    STAGE_EXTRACT_CPU: Latency.Stage
+    STAGE_PUBLISH: Latency.Stage
+    STAGE_EXPOSURE_TO_PUBLISH: Latency.Stage
+    STAGE_EXPOSURE_TO_AUTOPILOT: Latency.Stage
     STAGE_FIELD_NUMBER: _ClassVar[int]
     P50_MS_FIELD_NUMBER: _ClassVar[int]
     P95_MS_FIELD_NUMBER: _ClassVar[int]
     P99_MS_FIELD_NUMBER: _ClassVar[int]
+    STAGE_ENUM_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
     stage: str
     p50_ms: float
     p95_ms: float
     p99_ms: float
-    def __init__(self, stage: _Optional[str] = ..., p50_ms: _Optional[float] = ..., p95_ms: _Optional[float] = ..., p99_ms: _Optional[float] = ...) -> None: ...
+    stage_enum: Latency.Stage
+    text: str
+    def __init__(self, stage: _Optional[str] = ..., p50_ms: _Optional[float] = ..., p95_ms: _Optional[float] = ..., p99_ms: _Optional[float] = ..., stage_enum: _Optional[_Union[Latency.Stage, str]] = ..., text: _Optional[str] = ...) -> None: ...
 
 class Temperature(_message.Message):
     __slots__ = ("sensor", "celsius")
@@ -671,17 +731,133 @@ class Health(_message.Message):
     def __init__(self, schema_version: _Optional[int] = ..., boot_id: _Optional[str] = ..., number: _Optional[int] = ..., t_ns: _Optional[int] = ..., state: _Optional[_Union[Health.State, str]] = ..., troubles: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[CameraHealth, _Mapping]]] = ..., autopilot: _Optional[_Union[AutopilotHealth, _Mapping]] = ..., recording: _Optional[_Union[RecordingHealth, _Mapping]] = ..., latencies: _Optional[_Iterable[_Union[Latency, _Mapping]]] = ..., temperatures: _Optional[_Iterable[_Union[Temperature, _Mapping]]] = ..., frames_used: _Optional[int] = ..., frames_dropped: _Optional[_Mapping[str, int]] = ..., cpu_share: _Optional[float] = ..., memory_bytes: _Optional[int] = ..., uptime_ns: _Optional[int] = ..., samples_lost: _Optional[int] = ..., notes: _Optional[_Iterable[str]] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ..., diagnostics: _Optional[_Iterable[_Union[Diagnostic, _Mapping]]] = ...) -> None: ...
 
 class Diagnostic(_message.Message):
-    __slots__ = ("code", "camera", "text")
+    __slots__ = ("code", "camera", "text", "code_enum")
+    class Code(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        CODE_UNKNOWN: _ClassVar[Diagnostic.Code]
+        CODE_STARTING: _ClassVar[Diagnostic.Code]
+        CODE_THREAD_STALLED: _ClassVar[Diagnostic.Code]
+        CODE_SERVICE_UNREACHABLE: _ClassVar[Diagnostic.Code]
+        CODE_RESEARCH_MODE: _ClassVar[Diagnostic.Code]
+        CODE_NO_CAMERA_CONFIGURED: _ClassVar[Diagnostic.Code]
+        CODE_NOT_A_LIVE_CAMERA: _ClassVar[Diagnostic.Code]
+        CODE_CAMERA_UNAVAILABLE: _ClassVar[Diagnostic.Code]
+        CODE_OPTIONAL_CAMERA_UNAVAILABLE: _ClassVar[Diagnostic.Code]
+        CODE_CAMERA_FEW_MEASURED: _ClassVar[Diagnostic.Code]
+        CODE_CAMERA_RATE_LOW: _ClassVar[Diagnostic.Code]
+        CODE_TEMPLATE_INTRINSICS: _ClassVar[Diagnostic.Code]
+        CODE_EXPOSURE_TIME_OFFSET: _ClassVar[Diagnostic.Code]
+        CODE_MOUNT_ERROR: _ClassVar[Diagnostic.Code]
+        CODE_MOUNT_DEGRADED: _ClassVar[Diagnostic.Code]
+        CODE_MOUNT_UNVERIFIED: _ClassVar[Diagnostic.Code]
+        CODE_GROUND_SLOPE_LIMIT: _ClassVar[Diagnostic.Code]
+        CODE_GROUND_LOST: _ClassVar[Diagnostic.Code]
+        CODE_GROUND_NEVER_SEEN: _ClassVar[Diagnostic.Code]
+        CODE_NO_AUTOPILOT_CONFIGURED: _ClassVar[Diagnostic.Code]
+        CODE_LINK_CLOSED: _ClassVar[Diagnostic.Code]
+        CODE_LINK_SLOW: _ClassVar[Diagnostic.Code]
+        CODE_UDP_FLOOD: _ClassVar[Diagnostic.Code]
+        CODE_SIGNING_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_DUPLICATE_AUTOPILOT: _ClassVar[Diagnostic.Code]
+        CODE_DUPLICATE_OBSTACLE_SOURCE: _ClassVar[Diagnostic.Code]
+        CODE_DUPLICATE_COMPONENT: _ClassVar[Diagnostic.Code]
+        CODE_SYSTEM_ID_MISMATCH: _ClassVar[Diagnostic.Code]
+        CODE_NO_HEARTBEAT: _ClassVar[Diagnostic.Code]
+        CODE_ATTITUDE_STALE: _ClassVar[Diagnostic.Code]
+        CODE_ATTITUDE_RATE_LOW: _ClassVar[Diagnostic.Code]
+        CODE_NO_TIMESYNC: _ClassVar[Diagnostic.Code]
+        CODE_AUTOPILOT_SAMPLES_LOST: _ClassVar[Diagnostic.Code]
+        CODE_AVOIDANCE_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_OBSTACLES_NOT_ACCEPTED: _ClassVar[Diagnostic.Code]
+        CODE_FLIGHT_MODE_UNPROTECTED: _ClassVar[Diagnostic.Code]
+        CODE_PARAMETERS_UNKNOWN: _ClassVar[Diagnostic.Code]
+        CODE_PARAMETER_ADVICE: _ClassVar[Diagnostic.Code]
+        CODE_PARAMETER_CONTRADICTION: _ClassVar[Diagnostic.Code]
+        CODE_PARAMETERS_NOT_WRITTEN: _ClassVar[Diagnostic.Code]
+        CODE_AVOID_MARGIN_UNKNOWN: _ClassVar[Diagnostic.Code]
+        CODE_RECORDING_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_LOG_NOT_WRITABLE: _ClassVar[Diagnostic.Code]
+        CODE_DISK_LOW: _ClassVar[Diagnostic.Code]
+        CODE_METRICS_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_DEPTH_PREVIEW_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_SIGNATURE_CLOCK_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_KEY_CHECK_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_WORLD_FAULT: _ClassVar[Diagnostic.Code]
+        CODE_WORLD_STALLED: _ClassVar[Diagnostic.Code]
+        CODE_KERNEL_CACHE_DAMAGED: _ClassVar[Diagnostic.Code]
+        CODE_KERNELS_NOT_COMPILED: _ClassVar[Diagnostic.Code]
+    CODE_UNKNOWN: Diagnostic.Code
+    CODE_STARTING: Diagnostic.Code
+    CODE_THREAD_STALLED: Diagnostic.Code
+    CODE_SERVICE_UNREACHABLE: Diagnostic.Code
+    CODE_RESEARCH_MODE: Diagnostic.Code
+    CODE_NO_CAMERA_CONFIGURED: Diagnostic.Code
+    CODE_NOT_A_LIVE_CAMERA: Diagnostic.Code
+    CODE_CAMERA_UNAVAILABLE: Diagnostic.Code
+    CODE_OPTIONAL_CAMERA_UNAVAILABLE: Diagnostic.Code
+    CODE_CAMERA_FEW_MEASURED: Diagnostic.Code
+    CODE_CAMERA_RATE_LOW: Diagnostic.Code
+    CODE_TEMPLATE_INTRINSICS: Diagnostic.Code
+    CODE_EXPOSURE_TIME_OFFSET: Diagnostic.Code
+    CODE_MOUNT_ERROR: Diagnostic.Code
+    CODE_MOUNT_DEGRADED: Diagnostic.Code
+    CODE_MOUNT_UNVERIFIED: Diagnostic.Code
+    CODE_GROUND_SLOPE_LIMIT: Diagnostic.Code
+    CODE_GROUND_LOST: Diagnostic.Code
+    CODE_GROUND_NEVER_SEEN: Diagnostic.Code
+    CODE_NO_AUTOPILOT_CONFIGURED: Diagnostic.Code
+    CODE_LINK_CLOSED: Diagnostic.Code
+    CODE_LINK_SLOW: Diagnostic.Code
+    CODE_UDP_FLOOD: Diagnostic.Code
+    CODE_SIGNING_FAULT: Diagnostic.Code
+    CODE_DUPLICATE_AUTOPILOT: Diagnostic.Code
+    CODE_DUPLICATE_OBSTACLE_SOURCE: Diagnostic.Code
+    CODE_DUPLICATE_COMPONENT: Diagnostic.Code
+    CODE_SYSTEM_ID_MISMATCH: Diagnostic.Code
+    CODE_NO_HEARTBEAT: Diagnostic.Code
+    CODE_ATTITUDE_STALE: Diagnostic.Code
+    CODE_ATTITUDE_RATE_LOW: Diagnostic.Code
+    CODE_NO_TIMESYNC: Diagnostic.Code
+    CODE_AUTOPILOT_SAMPLES_LOST: Diagnostic.Code
+    CODE_AVOIDANCE_FAULT: Diagnostic.Code
+    CODE_OBSTACLES_NOT_ACCEPTED: Diagnostic.Code
+    CODE_FLIGHT_MODE_UNPROTECTED: Diagnostic.Code
+    CODE_PARAMETERS_UNKNOWN: Diagnostic.Code
+    CODE_PARAMETER_ADVICE: Diagnostic.Code
+    CODE_PARAMETER_CONTRADICTION: Diagnostic.Code
+    CODE_PARAMETERS_NOT_WRITTEN: Diagnostic.Code
+    CODE_AVOID_MARGIN_UNKNOWN: Diagnostic.Code
+    CODE_RECORDING_FAULT: Diagnostic.Code
+    CODE_LOG_NOT_WRITABLE: Diagnostic.Code
+    CODE_DISK_LOW: Diagnostic.Code
+    CODE_METRICS_FAULT: Diagnostic.Code
+    CODE_DEPTH_PREVIEW_FAULT: Diagnostic.Code
+    CODE_SIGNATURE_CLOCK_FAULT: Diagnostic.Code
+    CODE_KEY_CHECK_FAULT: Diagnostic.Code
+    CODE_WORLD_FAULT: Diagnostic.Code
+    CODE_WORLD_STALLED: Diagnostic.Code
+    CODE_KERNEL_CACHE_DAMAGED: Diagnostic.Code
+    CODE_KERNELS_NOT_COMPILED: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
+    CODE_ENUM_FIELD_NUMBER: _ClassVar[int]
     code: str
     camera: str
     text: str
-    def __init__(self, code: _Optional[str] = ..., camera: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
+    code_enum: Diagnostic.Code
+    def __init__(self, code: _Optional[str] = ..., camera: _Optional[str] = ..., text: _Optional[str] = ..., code_enum: _Optional[_Union[Diagnostic.Code, str]] = ...) -> None: ...
 
 class WorldUpdate(_message.Message):
-    __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "ground", "counts", "publication")
+    __slots__ = ("schema_version", "snapshot", "sequence", "section", "valid", "cause_text", "t_ns", "planes", "removed", "blocks", "masks", "ground", "counts", "publication", "cause")
+    class Cause(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        CAUSE_NONE: _ClassVar[WorldUpdate.Cause]
+        CAUSE_NO_POSITION: _ClassVar[WorldUpdate.Cause]
+        CAUSE_POSITION_STALE: _ClassVar[WorldUpdate.Cause]
+    CAUSE_NONE: WorldUpdate.Cause
+    CAUSE_NO_POSITION: WorldUpdate.Cause
+    CAUSE_POSITION_STALE: WorldUpdate.Cause
     class CountsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -703,6 +879,7 @@ class WorldUpdate(_message.Message):
     GROUND_FIELD_NUMBER: _ClassVar[int]
     COUNTS_FIELD_NUMBER: _ClassVar[int]
     PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     snapshot: bool
     sequence: int
@@ -717,7 +894,8 @@ class WorldUpdate(_message.Message):
     ground: bytes
     counts: _containers.ScalarMap[str, int]
     publication: Publication
-    def __init__(self, schema_version: _Optional[int] = ..., snapshot: bool = ..., sequence: _Optional[int] = ..., section: _Optional[int] = ..., valid: bool = ..., cause_text: _Optional[str] = ..., t_ns: _Optional[int] = ..., planes: _Optional[bytes] = ..., removed: _Optional[_Iterable[int]] = ..., blocks: _Optional[_Iterable[int]] = ..., masks: _Optional[bytes] = ..., ground: _Optional[bytes] = ..., counts: _Optional[_Mapping[str, int]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+    cause: WorldUpdate.Cause
+    def __init__(self, schema_version: _Optional[int] = ..., snapshot: bool = ..., sequence: _Optional[int] = ..., section: _Optional[int] = ..., valid: bool = ..., cause_text: _Optional[str] = ..., t_ns: _Optional[int] = ..., planes: _Optional[bytes] = ..., removed: _Optional[_Iterable[int]] = ..., blocks: _Optional[_Iterable[int]] = ..., masks: _Optional[bytes] = ..., ground: _Optional[bytes] = ..., counts: _Optional[_Mapping[str, int]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ..., cause: _Optional[_Union[WorldUpdate.Cause, str]] = ...) -> None: ...
 
 class DepthPreview(_message.Message):
     __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "width_px", "height_px", "depth_mm", "publication")

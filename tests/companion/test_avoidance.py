@@ -13,6 +13,7 @@ from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_me
 from companion.autopilot.parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice, delay_advice
 from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, shortened
 from companion.config.avoidance import AvoidParams
+from companion.pipeline.latency import LatencyStage
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import Vehicle
@@ -97,7 +98,7 @@ def test_what_keeps_the_vehicle_from_braking_is_said(kind: str, values: dict[str
 
 
 def test_a_delay_shorter_than_what_was_measured_is_said_with_the_one_to_set() -> None:
-    measured = ("exposure to told", 120.0, 190.0, 231.0)
+    measured = (LatencyStage.EXPOSURE_TO_AUTOPILOT, 120.0, 190.0, 231.0)
     assert delay_advice(PX4, {"CP_DELAY": 0.25}, measured) == []
     (said,) = delay_advice(PX4, {"CP_DELAY": 0.2}, measured)
     assert "older than 0.23 s" in said

@@ -212,8 +212,8 @@ def test_ardupilot_stops_before_the_wall_that_is_told_as_points_and_knows_the_gr
         kinds = {m.get_type() for m in told}
         assert "OBSTACLE_DISTANCE_3D" in kinds
         assert "OBSTACLE_DISTANCE" not in kinds
-        said = companion.autopilot.manager.troubles(time.monotonic_ns())
-        assert not any("does not take" in words for words in said)  # its echoes are those of OBSTACLE_DISTANCE
+        said = companion.autopilot.manager.diagnostics(time.monotonic_ns())
+        assert "obstacles_not_accepted" not in [d.code for d in said]  # its echoes are those of OBSTACLE_DISTANCE
         down = [m.current_distance for m in told if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
         assert down
         assert all(abs(cm - 150) < 25 for cm in down)

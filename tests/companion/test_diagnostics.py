@@ -145,7 +145,9 @@ def test_the_health_report_holds_code_and_text(tmp_path: Path, monkeypatch: pyte
         service.tick()
     finally:
         service.close()
-    assert [d.code for d in published[0].diagnostics] == ["template_intrinsics"]
-    assert [d.code for d in published[1].diagnostics] == ["template_intrinsics", "ground_never_seen"]
-    assert {f"{d.code}: {d.text}" for d in published[1].diagnostics} <= set(published[1].troubles)
+    others = ["camera_unavailable", "no_autopilot_configured"]
+    assert [d.code for d in published[0].diagnostics] == [*others, "template_intrinsics"]
+    assert [d.code for d in published[1].diagnostics] == [*others, "template_intrinsics", "ground_never_seen"]
+    assert [d.text for d in published[1].diagnostics] == list(published[1].troubles)
+    assert [d.camera for d in published[1].diagnostics[-2:]] == ["front", "front"]
     assert list(published[1].changed_safety_keys) == ["[avoid] clear_share = 0.5 (default 0.8)"]

@@ -16,7 +16,7 @@ from companion.live.event_queue import TOGETHER, Inbox
 from companion.live.sd_notify import Notifier
 from companion.live.staleness import Blindness
 from companion.pipeline.events import Overtaken, RawFrame
-from companion.pipeline.latency import Latencies
+from companion.pipeline.latency import Latencies, LatencyStage
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause
 from core.params import Params
@@ -113,9 +113,9 @@ def test_percentiles_are_those_of_the_newest_frames() -> None:
     latencies = Latencies()
     assert latencies.percentiles() == []
     for k in range(10_000):
-        latencies.add("extracting", (k % 100 + 1) * MS)
+        latencies.add(LatencyStage.EXTRACT, (k % 100 + 1) * MS)
     ((stage, p50, p95, p99),) = latencies.percentiles()
-    assert stage == "extracting"
+    assert stage == LatencyStage.EXTRACT
     assert (p50, p95, p99) == (pytest.approx(50.0, abs=3), pytest.approx(95.0, abs=3), pytest.approx(99.0, abs=2))
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from companion.cameras.supervisor import CameraCondition, CameraStatus
+from companion.diagnostic import DiagnosticCode
 from companion.live.health import CameraView, camera_message
 from companion.live.status import status_lines
 from companion.pipeline.encode import prisms_from_message, prisms_message, state_from_message, state_message
-from companion.pipeline.mount_messages import mount_health, mount_trouble, mount_words
+from companion.pipeline.mount_messages import mount_diagnostic, mount_health, mount_words
 from companion.pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
 from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
@@ -132,10 +133,11 @@ def known(roll_deg: float, pitch_deg: float, verdict: MountVerdict) -> MountStat
 def test_the_health_names_the_error_and_the_value_to_set() -> None:
     mount = CameraMount(roll_rad=math.radians(2.0), pitch_rad=math.radians(-10.0))
     health = mount_health(known(0.0, 5.0, MountVerdict.ERROR), mount)
-    words = mount_trouble("front", health)
-    assert "mount_error" in words
-    assert "pitch +5.0 deg" in words
-    assert "roll_deg = 2.0, pitch_deg = -5.0" in words
+    found = mount_diagnostic("front", health)
+    assert found is not None
+    assert found.code is DiagnosticCode.MOUNT_ERROR
+    assert "pitch +5.0 deg" in found.text
+    assert "roll_deg = 2.0, pitch_deg = -5.0" in found.text
     # what is to be set is the configured mount turned by the error about the vehicle's axes
     R = rotation_from_euler(0.0, math.radians(5.0), 0.0) @ rotation_from_euler(mount.roll_rad, mount.pitch_rad, 0.0)
     roll, pitch, yaw = (math.radians(v) for v in (health.roll_deg, health.pitch_deg, health.yaw_deg))
@@ -151,8 +153,8 @@ def test_the_health_names_the_error_and_the_value_to_set() -> None:
 )  # fmt: skip
 def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
     health = mount_health(known(0.0, 2.0, verdict), CameraMount())
-    words = mount_trouble("front", health)
-    assert (code in words) if code else not words
+    found = mount_diagnostic("front", health)
+    assert (found.code, found.camera) == (code, "front") if found is not None else not code
     assert mount_words(health)
 
 
@@ -177,10 +179,10 @@ def test_a_ground_at_its_limit_or_lost_is_reported() -> None:
     )
     for ground, measured, code in cases:
         watch, info = watched(state, ground, measured)
-        said = watch.troubles([("front", info), ("rear", None)])
-        assert ([code in words for words in said] == [True]) if code else not said, ground
+        said = watch.diagnostics([("front", info), ("rear", None)])
+        assert [d.code for d in said] == ([code] if code else []), ground
     watch, info = watched(dataclasses.replace(state, ground=False), Ground(seen=False), 0.9)
-    assert not watch.troubles([("front", info)])  # a wall fills the view
+    assert not watch.diagnostics([("front", info)])  # a wall fills the view
 
 
 def test_status_shows_the_mount() -> None:

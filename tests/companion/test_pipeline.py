@@ -67,7 +67,7 @@ def test_a_frame_that_says_nothing_keeps_its_cause():
     decision, result = outputs([attitude(START_NS), empty])
     assert decision.used
     assert not result.valid
-    assert result.cause_text == str(InvalidCause.NO_MEASUREMENT)
+    assert result.cause_text == InvalidCause.NO_MEASUREMENT.text
 
 
 def test_an_image_of_the_wrong_size_is_blind():
@@ -217,7 +217,7 @@ def spoilt(values, value):
 
 def assert_says_nothing(model):
     assert not model.valid
-    assert model.cause is InvalidCause.NO_NUMBERS
+    assert model.cause is InvalidCause.NON_FINITE
     assert len(model.planes) == len(model.prisms) == len(model.margin_m) == 0
     assert not model.free.free_to_m.any()
     assert np.isfinite(model.free.azimuth_edges_rad).all()

@@ -57,7 +57,7 @@ def tells_no_numbers(autopilot: SimulatedAutopilot) -> None:
 def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(told: Told) -> None:
     assert until(told.sees)
     assert told.steadily()
-    assert told.health.since(0)[-1].autopilot.counts["bytes of noise"] > 0
+    assert told.health.since(0)[-1].autopilot.counts["noise_bytes"] > 0
 
 
 @pytest.mark.parametrize("fault", [loses_attitude, tells_no_numbers])

@@ -95,7 +95,7 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
             prisms.wait(lambda m: not m.valid and m.camera == "front", 5.0)
             prisms.wait(lambda m: m.valid and m.camera == "front", 15.0)
             line.change(lambda a: setattr(a, "silent", True))
-            prisms.wait(lambda m: not m.valid and m.camera == "right" and m.cause == pb.CAUSE_ATTITUDE_TOO_OLD, 5.0)
+            prisms.wait(lambda m: not m.valid and m.camera == "right" and m.cause == pb.CAUSE_ATTITUDE_STALE, 5.0)
             line.change(lambda a: setattr(a, "silent", False))
             prisms.wait(lambda m: m.valid, 5.0)
             line.change(lambda a: a.reboot(time.monotonic_ns()))
@@ -114,7 +114,7 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
     whole = sum(held, Counter())
     assert whole["mavlink"] > 500
     assert whole["health"] >= 5
-    assert whole["CAUSE_ATTITUDE_TOO_OLD"] >= 1
+    assert whole["CAUSE_ATTITUDE_STALE"] >= 1
 
 
 def recorder_in(folder: Path) -> Recorder:

@@ -15,7 +15,8 @@ import companion.live.health as health
 import companion.paths as service_folders
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.cli import main
-from companion.live.health import CameraView, state_of, troubles_of
+from companion.diagnostic import Diagnostic, DiagnosticCode
+from companion.live.health import CameraView, diagnostics_of, state_of
 from companion.live.status import status_lines
 from companion.log.recorder import RecordStatus
 from companion.paths import folders
@@ -27,7 +28,9 @@ def report() -> pb.Health:
     h = pb.Health(
         state=pb.Health.STATE_DEGRADED, uptime_ns=65 * 10**9, frames_used=1200, cpu_share=0.08, memory_bytes=210_000_000
     )
-    h.troubles.append("camera right (not required) is blind: lost: the cable is out")
+    text = "camera right (not required) is blind: lost: the cable is out"
+    h.troubles.append(text)
+    h.diagnostics.append(Diagnostic(DiagnosticCode.OPTIONAL_CAMERA_UNAVAILABLE, "right", text).message())
     front = pb.CameraHealth(
         camera="front", condition="running", required=True, frames=1210, dropped=3, starts=1, hz=30.0
     )
@@ -44,14 +47,15 @@ def report() -> pb.Health:
     h.autopilot.clock.source = pb.ClockEstimate.SOURCE_TIMESYNC
     h.autopilot.clock.bound_ns = 310_000
     h.recording.CopyFrom(pb.RecordingHealth(recording=True, file="/var/log/x.mcap.active", bytes=12_300_000))
-    h.frames_dropped["no attitude had arrived"] = 7
-    h.latencies.append(pb.Latency(stage="extracting", p50_ms=3.1, p95_ms=4.0, p99_ms=6.2))
+    h.frames_dropped["no_attitude"] = 7
+    h.latencies.append(pb.Latency(stage="extract", text="extracting", p50_ms=3.1, p95_ms=4.0, p99_ms=6.2))
     return h
 
 
 def test_a_note_is_told_and_is_no_trouble() -> None:
     h = report()
     h.ClearField("troubles")
+    h.ClearField("diagnostics")
     h.state = pb.Health.STATE_ACTIVE
     h.notes.append("the processor runs at half its clock: too hot")
     assert status_lines(h)[:3] == [
@@ -65,7 +69,7 @@ def test_a_report_in_words() -> None:
     text = "\n".join(status_lines(report()))
     for words in (
         "DEGRADED for 65 s",
-        "! camera right (not required) is blind: lost: the cable is out",
+        "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
         "camera front: running, 30.0 Hz, newest valid exposure 42 ms ago, 3 overtaken",
         "camera right: lost, not required, 0.0 Hz, no valid exposure yet",
         "started 4 times (the last: the cable is out)",
@@ -115,7 +119,17 @@ def test_the_command_exits_with_what_it_saw(
         assert main(["status", "--json"]) == status
     finally:
         thread.join()
-    assert json.loads(capsys.readouterr().out)["frames_used"] == "1200"
+    found = json.loads(capsys.readouterr().out)
+    assert found["frames_used"] == "1200"
+    assert found["state"] == {pb.Health.STATE_DEGRADED: "degraded", pb.Health.STATE_BLIND: "blind"}[state]
+    assert found["autopilot"]["clock"]["source"] == "timesync"
+    assert found["frames_dropped"] == {"no_attitude": "7"}
+    assert found["texts"] == {"no_attitude": "no attitude had arrived"}
+    assert found["diagnostics"][0] == {
+        "code": "optional_camera_unavailable",
+        "camera": "right",
+        "text": "camera right (not required) is blind: lost: the cable is out",
+    }
 
 
 def test_without_a_service_the_command_says_so(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,23 +167,23 @@ def camera(name: str, blind: str = "", required: bool = True) -> CameraView:
     ],
 )
 def test_the_whole_is_blind_when_a_required_camera_is_or_all_are(cameras: list[CameraView], state: int) -> None:
-    troubles = [v.blind for v in cameras if v.blind]
-    assert state_of(cameras, troubles, started=True) == state
-    assert state_of(cameras, troubles, started=False) == pb.Health.STATE_STARTING
+    wrong = [Diagnostic(DiagnosticCode.CAMERA_UNAVAILABLE, "", v.blind) for v in cameras if v.blind]
+    assert state_of(cameras, wrong, started=True) == state
+    assert state_of(cameras, wrong, started=False) == pb.Health.STATE_STARTING
 
 
 def test_troubles_name_the_worst_first() -> None:
-    said = troubles_of(
+    found = diagnostics_of(
         [camera("a", "silent: no frame for 0.6 s")],
         None,
         RecordStatus(trouble="recording stopped: full"),
         "the pipeline",
     )
-    assert said == [
-        "the pipeline hangs",
-        "camera a is blind: silent: no frame for 0.6 s",
-        "no autopilot is configured: set [autopilot] address",
-        "recording stopped: full",
+    assert [(d.code, d.camera, d.text) for d in found] == [
+        ("thread_stalled", "", "the pipeline hangs"),
+        ("camera_unavailable", "a", "camera a is blind: silent: no frame for 0.6 s"),
+        ("no_autopilot_configured", "", "no autopilot is configured: set [autopilot] address"),
+        ("recording_fault", "", "recording stopped: full"),
     ]
 
 

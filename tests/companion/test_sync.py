@@ -123,7 +123,7 @@ def still(t_ms: float, rates=STILL) -> AttitudeSample:
     ("samples", "t_ms", "expected"),
     [
         ((), 0, DropCause.NO_ATTITUDE),
-        ((still(0),), 51, DropCause.ATTITUDE_TOO_OLD),
+        ((still(0),), 51, DropCause.ATTITUDE_STALE),
         ((still(0),), 50, Source.EXTRAPOLATED),
         ((still(0, None),), 10, DropCause.NO_RATES),
         ((still(100), still(120)), 49, DropCause.FRAME_TOO_OLD),
@@ -163,7 +163,7 @@ def test_stamps_that_step_back_far_begin_anew():
     sync = synchroniser(still(5000), still(5020), still(3900))
     assert sync.attitudes.samples == (still(3900),)
     assert sync.attitudes.counts["restarts"] == 1
-    assert sync.attitude_at(5010 * MS) is DropCause.ATTITUDE_TOO_OLD
+    assert sync.attitude_at(5010 * MS) is DropCause.ATTITUDE_STALE
 
 
 def test_a_stamp_from_the_far_future_does_not_blind_for_long():

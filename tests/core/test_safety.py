@@ -408,7 +408,7 @@ def test_a_frame_one_of_whose_planes_is_no_numbers_is_blind_and_teaches_nothing(
     assert ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), state)[0].valid
     monkeypatch.setattr(extractor, "shape_planes", spoilt)
     model, after = ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), state)
-    assert says_nothing(model, InvalidCause.NO_NUMBERS)
+    assert says_nothing(model, InvalidCause.NON_FINITE)
     assert after == state
     monkeypatch.undo()
     assert ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), after)[0].valid

@@ -108,6 +108,6 @@ def test_where_a_number_is_none_it_says_nothing(where: str, value: float) -> Non
     spoilt.flat[1] = value
     object.__setattr__(holder, where, spoilt)
     after = turned(before, 0.4, SHIFT_M)
-    assert (after.valid, after.cause) == (False, InvalidCause.NO_NUMBERS)
+    assert (after.valid, after.cause) == (False, InvalidCause.NON_FINITE)
     assert len(after.planes) == len(after.prisms) == 0
     assert not after.free.free_to_m.any()

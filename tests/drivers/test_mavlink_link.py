@@ -96,7 +96,7 @@ def test_noise_doubles_and_late_messages_on_the_line() -> None:
     ):
         assert until(lambda: synchronised(link) and len(samples) > 200)
         assert link.status().clock_restarts == 0
-        assert link.status().counts["bytes of noise"] > 0
+        assert link.status().counts["noise_bytes"] > 0
 
 
 def test_a_line_that_is_not_there_yet_is_opened_when_it_comes(tmp_path: Path) -> None:
@@ -253,10 +253,10 @@ def test_noise_is_left_to_the_links_own_thread() -> None:
             link.catch_up()  # nothing is read before what was left
             assert link.status().counts == {}
         link._round(line)
-        assert link.status().counts == {"bytes of noise": 5000}
+        assert link.status().counts == {"noise_bytes": 5000}
         assert link.status().vehicle is not None
         link.catch_up()
-        assert link.status().counts == {"bytes of noise": 6000}
+        assert link.status().counts == {"noise_bytes": 6000}
         with link._turn:
             link.catch_up()  # whoever has a frame does not wait for a thread that is at it
     finally:
@@ -292,8 +292,8 @@ def test_a_flood_does_not_keep_the_attitude_from_the_frame_at_hand() -> None:
                 if link._left:
                     link._round(line)  # what is too much for a frame is the thread's
             assert with_attitude >= 58  # those frames apart in which a new window let some of the noise pass
-            assert link.status().counts["datagrams dropped as a flood"] > 60 * 200 - 20 * PER_SOURCE
-            assert "udp_flood: about" in line.flood.text(time.monotonic_ns())
+            assert link.status().counts["flood_dropped"] > 60 * 200 - 20 * PER_SOURCE
+            assert "are dropped unread" in line.flood.text(time.monotonic_ns())
     finally:
         line.close()
 
@@ -307,14 +307,14 @@ def test_a_flood_is_named_beside_the_line() -> None:
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
     ):
         assert until(lambda: synchronised(link) and len(samples) > 20)
-        assert link.line.warning == ""
+        assert link.line.flood == ""
         for _ in range(1000):
             stranger.sendto(b"\x55" * 100, place)
-            if "udp_flood" in link.line.warning:
+            if link.line.flood:
                 break
             time.sleep(0.001)
-        assert "from 127.0.0.1:" in link.line.warning
-        assert until(lambda: link.line.warning == "")
+        assert "from 127.0.0.1:" in link.line.flood
+        assert until(lambda: link.line.flood == "")
 
 
 def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Path) -> None:

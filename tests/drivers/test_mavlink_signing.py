@@ -137,7 +137,7 @@ def test_another_key_on_the_autopilot() -> None:
     c.run(6.0)
     assert c.session.vehicle is None
     assert "signs with another key than ours" in trouble(c)
-    assert c.session.status(c.now_ns).counts["not believed: signed with another key"] > 100
+    assert c.session.status(c.now_ns).counts["signature_wrong_key"] > 100
     assert obstacles(c) == 0
 
 

@@ -1,0 +1,21 @@
+"""Codes of the conflicts with other senders on the autopilot's link (`LinkStatus.strangers`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from ..diagnostic import Diagnostic, DiagnosticCode
+
+CONFLICT_CODES: Final = {
+    "two autopilots": DiagnosticCode.DUPLICATE_AUTOPILOT,
+    "two companions": DiagnosticCode.DUPLICATE_OBSTACLE_SOURCE,
+    "two of us": DiagnosticCode.DUPLICATE_COMPONENT,
+    "system id": DiagnosticCode.SYSTEM_ID_MISMATCH,
+}
+"""By topic; all topics there are."""
+
+
+def conflict_diagnostics(conflicts: Mapping[str, str]) -> list[Diagnostic]:
+    """conflicts: topic -> text."""
+    return [Diagnostic(CONFLICT_CODES[topic], "", text) for topic, text in conflicts.items()]
