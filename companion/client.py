@@ -27,7 +27,8 @@ from core.world.local_memory import LevelMemory
 from drivers.proto import osape_v1_pb2 as pb
 
 from .paths import folders
-from .pipeline.encode import cause_code, model_from_message
+from .pipeline.causes import cause_code
+from .pipeline.encode import model_from_message
 from .streams.curve_auth import use_client_keys
 from .streams.receive_time import Ear, age_ns
 

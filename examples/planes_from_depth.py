@@ -12,6 +12,6 @@ attitude = rotation_from_euler(np.radians(5.0), 0.0, 0.0)  # roll, pitch, yaw of
 R_level_optical = rotation_level_cam_optical(attitude @ R_CAMFRD_OPTICAL)
 model, state = Extractor().extract(depth, camera, R_level_optical)  # give `state` to the next frame's call
 if not model.valid:
-    print(f"nothing is known, so nothing may be taken as free: {model.cause}")
+    print(f"nothing is known, so nothing may be taken as free: {model.cause.text}")
 for (a_x, a_y, b_x, b_y, top, bottom), margin in zip(model.planes, model.margin_m, strict=True):
     print(f"({a_x:.2f}, {a_y:.2f}) -> ({b_x:.2f}, {b_y:.2f}) m, {-bottom:.2f}..{-top:.2f} m up, margin {margin:.2f} m")

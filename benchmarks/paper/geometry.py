@@ -100,7 +100,7 @@ def strips_of(name: str, seed: int) -> StripTable:
     """The strips of a frame as ours finds them, under a camera's noise and faults, in order of column."""
     model = model_of(named_frames(name, seed, CAMERA), Extractor(Params()), keep_strips=True)
     if model.strips is None:
-        raise ValueError(f"{name}: the frame gave no strips ({model.cause})")
+        raise ValueError(f"{name}: the frame gave no strips ({model.cause.text})")
     return model.strips
 
 

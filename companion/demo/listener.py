@@ -15,7 +15,7 @@ import zmq
 
 from drivers.proto import osape_v1_pb2 as pb
 
-from ..pipeline.encode import cause_code
+from ..pipeline.causes import cause_code
 
 POLL_MS = 100
 

@@ -21,7 +21,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, say, say_json
-from ..pipeline.encode import cause_code
+from ..pipeline.causes import cause_code
 from ..pipeline.sync import DropCause
 
 _GAP_MEDIANS: Final = 3.0

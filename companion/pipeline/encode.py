@@ -28,6 +28,7 @@ from drivers.logs.codec import (
 )
 from drivers.proto import osape_v1_pb2 as pb
 
+from .causes import cause_from_number, cause_message
 from .mount_messages import mount_state_from_message, mount_state_message
 from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
 from .sync import AttitudeAt, DropCause, PoseAt, Source
@@ -37,24 +38,6 @@ SCHEMA_VERSION: Final = 1
 UNTOLD_TOLERANCE_M: Final = 0.6
 """Not tuning: the default `min_obstacle_height_m`, which is the most that the ground's noise reaches up to where the free
 space above it is judged at all (`Ground.blind_beyond_m`)."""
-
-CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
-    InvalidCause.NO_MEASUREMENT: pb.CAUSE_NO_MEASUREMENT,
-    InvalidCause.TOO_STEEP: pb.CAUSE_TOO_STEEP,
-    InvalidCause.BAD_ROTATION: pb.CAUSE_BAD_ROTATION,
-    InvalidCause.NON_FINITE: pb.CAUSE_NON_FINITE,
-    InvalidCause.MOUNT_ERROR: pb.CAUSE_MOUNT_ERROR,
-    InvalidCause.MOUNT_UNVERIFIED: pb.CAUSE_MOUNT_UNVERIFIED,
-    DropCause.NO_ATTITUDE: pb.CAUSE_NO_ATTITUDE,
-    DropCause.ATTITUDE_STALE: pb.CAUSE_ATTITUDE_STALE,
-    DropCause.FRAME_TOO_OLD: pb.CAUSE_FRAME_TOO_OLD,
-    DropCause.GAP_TOO_WIDE: pb.CAUSE_GAP_TOO_WIDE,
-    DropCause.NO_RATES: pb.CAUSE_NO_RATES,
-    DropCause.DUPLICATE_FRAME: pb.CAUSE_DUPLICATE_FRAME,
-    DropCause.LATE_FRAME: pb.CAUSE_LATE_FRAME,
-    DropCause.WRONG_SIZE: pb.CAUSE_WRONG_SIZE,
-    DropCause.BUSY: pb.CAUSE_BUSY,
-}
 
 SOURCES: Final = {
     Source.NONE: pb.AttitudeUsed.SOURCE_NONE,
@@ -84,32 +67,6 @@ MODEL_FIELDS: Final = np.array(
 def wire_bytes(message: Message) -> bytes:
     """The message's bytes, the same ones for the same content."""
     return message.SerializeToString(deterministic=True)
-
-
-def cause_message(cause: InvalidCause | DropCause) -> pb.Cause:
-    """The number of a cause; both kinds of NONE are CAUSE_NONE."""
-    return CAUSES[cause] if cause else pb.CAUSE_NONE
-
-
-def cause_code(number: int) -> str:
-    """The code of an osape.v1.Cause: CAUSE_GAP_TOO_WIDE is gap_too_wide; "" for CAUSE_NONE, unknown_NUMBER for one of a
-    newer version."""
-    if number == pb.CAUSE_NONE:
-        return ""
-    try:
-        name: str = pb.Cause.Name(number)
-    except ValueError:
-        return f"unknown_{number}"
-    return name.removeprefix("CAUSE_").lower()
-
-
-def _cause(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCause | DropCause:
-    if number == pb.CAUSE_NONE:
-        return kind.NONE
-    for cause, known in CAUSES.items():
-        if known == number and isinstance(cause, kind):
-            return cause
-    raise ValueError(f"cause {number} is not one of {kind.__name__}: was this written by a newer version?")
 
 
 def prism_from_message(message: pb.Prism) -> Prism:
@@ -234,7 +191,7 @@ def model_from_message(message: pb.PrismsFrame) -> FrameModel | None:
     """The model of a message, in the message's frame; None for a dropped frame, which has none."""
     if not message.HasField("stats"):
         return None
-    cause = _cause(message.cause, InvalidCause)
+    cause = cause_from_number(message.cause, InvalidCause)
     if not isinstance(cause, InvalidCause):
         raise ValueError(f"cause {message.cause} of a frame that was extracted")
     planes = message.planes
@@ -261,7 +218,7 @@ def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
     model = model_from_message(message)
     drop = DropCause.NONE
     if model is None:
-        dropped = _cause(message.cause, DropCause)
+        dropped = cause_from_number(message.cause, DropCause)
         drop = dropped if isinstance(dropped, DropCause) else DropCause.NONE
     return PrismsResult(
         camera=message.camera,
@@ -310,7 +267,7 @@ def decision_message(decision: FrameDecision) -> pb.FrameDecision:
 
 def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
     """A decision of a message."""
-    cause = _cause(message.cause, DropCause)
+    cause = cause_from_number(message.cause, DropCause)
     if not isinstance(cause, DropCause):
         raise ValueError(f"cause {message.cause} of a decision")
     return FrameDecision(

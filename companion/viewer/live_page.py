@@ -13,7 +13,8 @@ import numpy as np
 from ..live.health import STATES
 from ..live.message_json import message_json
 from ..live.status import status_lines
-from ..pipeline.encode import cause_code, prisms_from_message
+from ..pipeline.causes import cause_code
+from ..pipeline.encode import prisms_from_message
 from ..streams.publisher import boot_id
 from .colors import depth_index, palette
 from .frame import ViewFrame

@@ -15,7 +15,8 @@ from companion.cameras.supervisor import CameraCondition
 from companion.diagnostic import Diagnostic, DiagnosticCode
 from companion.live.health import latency_message
 from companion.live.message_json import message_json
-from companion.pipeline.encode import cause_code, prisms_message
+from companion.pipeline.causes import cause_code
+from companion.pipeline.encode import prisms_message
 from companion.pipeline.latency import LatencyStage
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause

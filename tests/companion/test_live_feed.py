@@ -176,7 +176,7 @@ def test_a_frame_is_drawn_where_it_stands_and_its_age_is_told(told: Told, room: 
     assert frame["standing"] == "VALID"
     assert np.allclose(np.array(frame["planes"]) / 100.0, WALL, atol=0.011)
     assert frame["heading"] == pytest.approx(YAW_RAD, abs=1e-4)
-    assert camera["blind"] == ""
+    assert (camera["blind"], camera["code"]) == ("", "")
     assert camera["info"]["name"] == "front"
     assert 0.06 <= camera["age_s"] <= camera["shown_s"] + 1e-6
     assert answer["service"]["state"] == "active"
@@ -222,6 +222,7 @@ def test_a_blind_camera_is_told_at_once_and_its_word_only_once(told: Told, room:
     assert frame["planes"] == []
     assert frame["depth"] is None
     assert answer["cameras"][0]["blind"] == "lost: its process has ended"
+    assert answer["cameras"][0]["code"] == "camera"
     told.blind("lost: its process has ended")
     assert quiet(told, room, answer)["number"] == answer["number"]
 
@@ -231,6 +232,7 @@ def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, room
     assert until(lambda: news(room)["cameras"][0]["blind"], 5.0)
     words = "nothing has been heard from the service for "
     assert until(lambda: news(room)["cameras"][0]["blind"].startswith(words), 5.0)
+    assert news(room)["cameras"][0]["code"] == "no_current_message"
 
 
 def test_of_two_cameras_each_is_told_for_itself(told: Told, room: Newsroom) -> None:

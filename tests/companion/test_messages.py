@@ -11,6 +11,7 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 
 from companion.log.foxglove_scene import distance_colour, scene_message, transform_messages
 from companion.pipeline import encode as m
+from companion.pipeline.causes import CAUSES
 from companion.pipeline.pipeline import CameraState, FrameDecision, Pipeline, PipelineState, PrismsResult
 from companion.pipeline.quaternion import product
 from companion.pipeline.sync import AttitudeAt, DropCause, PoseAt, Source
@@ -131,11 +132,11 @@ def test_each_cause_of_silence_returns(cause):
 
 
 def test_the_causes_are_those_of_the_schema():
-    assert len(set(m.CAUSES.values())) == len(m.CAUSES)
+    assert len(set(CAUSES.values())) == len(CAUSES)
     live_only = {pb.CAUSE_CAMERA}  # no frame at all: said by the service, never by the pipeline
-    assert set(m.CAUSES.values()) | {pb.CAUSE_NONE} | live_only == set(pb.Cause.values())
+    assert set(CAUSES.values()) | {pb.CAUSE_NONE} | live_only == set(pb.Cause.values())
     names = {pb.Cause.Name(number).removeprefix("CAUSE_") for number in pb.Cause.values()}
-    assert {c.name for c in m.CAUSES} == names - {"NONE", "CAMERA"}
+    assert {c.name for c in CAUSES} == names - {"NONE", "CAMERA"}
     assert {s.name: int(s) for s in Source} == {
         name.removeprefix("SOURCE_"): number for name, number in pb.AttitudeUsed.Source.items()
     }
