@@ -165,7 +165,7 @@ def test_info_counts_decisions_and_blind_frames(tmp_path, capsys):
                 log.output(output)
     facts = gather(path)
     assert dict(facts.decisions) == {"no_attitude": 1, "used": 1}
-    assert (facts.valid, dict(facts.invalid)) == (1, {"no attitude had arrived": 1})
+    assert (facts.valid, dict(facts.invalid)) == (1, {"no_attitude": 1})
     assert main(["info", str(path)]) == 0
     assert "prisms: 1 frames say something; 1 blind: no attitude had arrived" in capsys.readouterr().out
 
