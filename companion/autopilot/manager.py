@@ -28,6 +28,7 @@ from .obstacle_distance import clear_cm
 from .parameters import WANTED, ParameterReader, advice, delay_advice
 from .publisher import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
 from .status_text import CRITICAL, StatusTexts
+from .view_free import RING_M
 
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
@@ -53,9 +54,10 @@ class Avoidance:
         ill: Callable[[str], str] = lambda camera: "",
         silent: Callable[[], Vehicle | None] = lambda: None,
         margins: MarginFile | None = None,
+        ring_m: float = RING_M,
     ) -> None:
         """margins: AVOID_MARGIN as it was read before this start, until it is read again. ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
-        more, None: none; it is told on, since it may hear us."""
+        more, None: none; it is told on, since it may hear us. ring_m: step of the free-range profiles."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
@@ -69,7 +71,7 @@ class Avoidance:
         self._texts = StatusTexts()
         self._link: LinkStatus | None = None
         self._counted: Told | None = None
-        self._teller = ObstacleTeller(avoid, cameras, stale_s, ill)
+        self._teller = ObstacleTeller(avoid, cameras, stale_s, ill, ring_m)
         self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
@@ -252,8 +254,9 @@ def avoidance_of(
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     return Avoidance(
-        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, MarginFile(state)
-    )
+        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, MarginFile(state),
+        config.extractor.profile_ring_m,
+    )  # fmt: skip
 
 
 def last_words(autopilot: str) -> str:

@@ -39,7 +39,8 @@ class Here:
 @dataclass(frozen=True, slots=True, eq=False)
 class Remembered:
     """(72,) each, metres from the hull, inf where nothing is remembered. distance_m: the nearest remembered obstacle;
-    way_seen_m: the nearest of those that were seen with the way to them (SectorState.OBSTACLE)."""
+    way_seen_m: the nearest of those that were seen with the way to them (SectorState.OBSTACLE), from a place from which
+    that way is the same as from here."""
 
     distance_m: NDArray[np.float64]
     way_seen_m: NDArray[np.float64]
@@ -55,7 +56,9 @@ class ObstacleMemory:
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
-        self._points = np.zeros((0, 4))  # x, y of the world, instant in s, 1 where the way was seen
+        # x, y of the world, instant in s, 1 where the way was seen, x, y of the place that it was seen from
+        self._points = np.zeros((0, 6))
+        self._same_way_m = avoid.near_m * math.tan(0.5 * STEP_RAD)
         self._section: tuple[bool, int | None] = (False, None)
         self._place_m = np.zeros(2)
 
@@ -65,6 +68,7 @@ class ObstacleMemory:
         place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
         if section != self._section:  # another origin: the vehicle has not moved, or hardly
             self._points[:, :2] += place_m - self._place_m
+            self._points[:, 3] = 0.0  # how far the vehicle has moved is not known
         self._section, self._place_m = section, place_m
         now_s = now_ns / NS
         points = self._points[now_s - self._points[:, 2] <= self._avoid.remember_s]
@@ -76,7 +80,7 @@ class ObstacleMemory:
             sector = np.round(np.arctan2(xy[:, 1], xy[:, 0]) / STEP_RAD).astype(int) % SECTORS
             hull = np.maximum(0.0, np.hypot(xy[:, 0], xy[:, 1]) - self._avoid.radius_m)
             np.minimum.at(recalled.distance_m, sector, hull)
-            way_seen = points[:, 3] > 0.0
+            way_seen = (points[:, 3] > 0.0) & self._same_way(points, place_m)
             np.minimum.at(recalled.way_seen_m, sector[way_seen], hull[way_seen])
         self._points = np.concatenate([points, self._seen_now(scan, here, now_s)])
         return recalled
@@ -89,7 +93,17 @@ class ObstacleMemory:
         xy = np.stack([middle_m * np.cos(azimuth), middle_m * np.sin(azimuth)], axis=1)
         world = _moved(xy, LevelTransform(here.heading_rad, here.position_ned_m or (0.0, 0.0, 0.0)))
         way_seen = scan.state[near] == SectorState.OBSTACLE
-        return np.column_stack([world, np.full(len(world), now_s), way_seen])
+        if here.position_ned_m is None:
+            way_seen = np.zeros_like(way_seen)  # the vehicle may move, and the memory cannot follow
+        place_m = np.tile((here.position_ned_m or (0.0, 0.0, 0.0))[:2], (len(world), 1))
+        return np.column_stack([world, np.full(len(world), now_s), way_seen, place_m])
+
+    def _same_way(self, points: NDArray[np.float64], place_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(N,) whether the line from the place that a point was seen from to the point passes here, within half of a
+        sector's width at near_m: from aside, the way to the point leads through places that were not looked at."""
+        line = points[:, :2] - points[:, 4:6]
+        aside = line[:, 0] * (place_m[1] - points[:, 5]) - line[:, 1] * (place_m[0] - points[:, 4])
+        return np.asarray(np.abs(aside) <= self._same_way_m * np.hypot(line[:, 0], line[:, 1]))
 
     def _seen_through(self, xy: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.bool_]:
         """(N,) which places, with half a sector on either side, views call free over the whole band: a pole that is just

@@ -28,8 +28,8 @@ PARTS = 5
 """Of a sector, one degree each, by which it is told whether a camera looks into all of it."""
 _EDGE_RAD = 1e-3
 """Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
-SHORT_M, SHORT_SIGMAS = 0.75, 4.0
-"""The free-range profile may end so far before a plane that was seen in full: one ring (0.5 m) and one step, and so many
+SHORT_SIGMAS = 4.0
+"""The free-range profile may end before a plane that was seen in full by one of its rings, one step along the ray, and so many
 sigmas of the plane's noise, sigma = ke * range^2."""
 
 
@@ -141,7 +141,7 @@ def seen_free(
     valid = [view for view in views if view.model.valid]
     for view in valid:
         free |= points_free(view, x, y, z, along_rays=True)
-    must_m = _must_be_seen_m(valid, plane_m)
+    must_m = _must_be_seen_m(valid, plane_m, avoid.step_m)
     needed = np.repeat(np.where(np.isfinite(plane_m), np.searchsorted(ranges, must_m), len(ranges)), avoid.rays)
     reached = _reached(free)
     seen = reached >= needed
@@ -189,11 +189,12 @@ def _sector_rays(
     return np.cos(rays)[:, None] * ranges, np.sin(rays)[:, None] * ranges, z, ranges
 
 
-def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
     """(72,) how far a sector must have been seen free to its plane: the free-range profile ends short of it by its rings and
     by the noise that the plane was measured with, on top of the margin that is off plane_m already."""
+    short_m = step_m + max((view.ring_m for view in views), default=0.0)
     ke_per_m = max((view.model.ke_per_m for view in views), default=0.0)
-    return plane_m - SHORT_M - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
+    return plane_m - short_m - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
 
 
 def _ground_in_band(views: Sequence[View], avoid: AvoidParams) -> bool:

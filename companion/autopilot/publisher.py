@@ -37,7 +37,7 @@ from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
 from .obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
 from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
 from .polar_histogram import PARTS, SECTORS, Look, Recall, SectorScan, covered, looked_into, scan
-from .view_free import View
+from .view_free import RING_M, View
 
 NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
@@ -85,11 +85,12 @@ class ObstacleTeller:
         cameras: tuple[str, ...],
         stale_s: float,
         ill: Callable[[str], str] = lambda camera: "",
+        ring_m: float = RING_M,
     ) -> None:
         """ill: why frames of a camera mean nothing though they come (it repeats an old image under new stamps); empty: they
-        do mean something."""
+        do mean something. ring_m: step of the free-range profiles."""
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
-        self._ill = ill
+        self._ill, self._ring_m = ill, ring_m
         self._lock = threading.Lock()
         self._motion = Synchroniser(MOTION)
         self._moved: deque[AttitudeSample | PoseSample] = deque(maxlen=4 * MOTION.held_samples)
@@ -251,7 +252,7 @@ class ObstacleTeller:
             R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
             R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
         model = reframed(replace(result.model, prisms=()), step)
-        return View(model, joined(step, result.transform), info.intrinsics, R_optical_level)
+        return View(model, joined(step, result.transform), info.intrinsics, R_optical_level, self._ring_m)
 
 
 def seen_ns(result: PrismsResult) -> int:

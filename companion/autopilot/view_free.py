@@ -18,20 +18,20 @@ from ..pipeline.transform import LevelTransform
 
 EDGE_SHARE = 0.05
 """Of the image's width and height on each side."""
-GROUND_TOLERANCE_M = Params().ground_tolerance_m
-"""Nothing is known of heights this close to the ground: what is measured there counts as ground. The profile leaves them
-out of its layers, see core.stages.free_space.lowest_clear."""
+RING_M = Params().profile_ring_m
+"""Default of [extractor] profile_ring_m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
-    intrinsics, R_optical_level: where its image looks in level; None: not known."""
+    intrinsics, R_optical_level: where its image looks in level; None: not known. ring_m: step of its free-range profile."""
 
     model: FrameModel
     transform: LevelTransform
     intrinsics: Intrinsics | None = None
     R_optical_level: NDArray[np.float64] | None = None
+    ring_m: float = RING_M
 
     @property
     def place_m(self) -> tuple[float, float, float]:
@@ -47,6 +47,13 @@ def ground_z_m(view: View, x: NDArray[np.float64], y: NDArray[np.float64]) -> ND
     cx, cy, cz = view.place_m
     out: NDArray[np.float64] = cz + ground.height_m + ground.slope_x * (x - cx) + ground.slope_y * (y - cy)
     return out
+
+
+def ground_margin_m(view: View, range_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Height above the ground below which nothing is known at a horizontal range from the camera, same shape: what is
+    measured there counts as ground. The profile leaves it out of its layers, see core.stages.free_space.lowest_clear."""
+    ground = view.model.ground
+    return np.maximum(ground.tolerance_m, ground.noise_per_m * range_m)
 
 
 def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -89,11 +96,11 @@ def points_free(
     A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
     was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
     runs, at it or behind it, through a part of any layer that was seen free. Nothing is free below the ground, or less
-    than GROUND_TOLERANCE_M above it."""
+    than `ground_margin_m` above it."""
     profile = view.model.free
     cz = view.place_m[2]
     inside, direction, range_m = _directions(view, x, y)
-    lowest_m = ground_z_m(view, x[inside], y[inside]) - GROUND_TOLERANCE_M
+    lowest_m = ground_z_m(view, x[inside], y[inside]) - ground_margin_m(view, range_m)
     layers = profile.layer_edges_m.astype(np.float64) - cz
     out = np.zeros((len(z), *x.shape), bool)
     for row in np.flatnonzero((profile.free_to_m > profile.free_from_m).any(axis=0)):
@@ -140,11 +147,12 @@ def ended_by_obstacle(
     known = (row >= 0) & (row < len(edges) - 1)
     row = np.clip(row, 0, len(edges) - 2)
     begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
+    tolerance_m = view.model.ground.tolerance_m  # at every range; within its noise nothing was seen, either
     by_obstacle = known & (profile.end[direction, row] == FreeEnd.OBSTACLE)
     behind = (ends > begins) & (range_m >= ends - 1e-3)
     last = share[inside]
     at_x, at_y = cx + last * (x[inside] - cx), cy + last * (y[inside] - cy)
-    bottom = np.minimum(edges[row + 1], ground_z_m(view, at_x, at_y) - GROUND_TOLERANCE_M)
+    bottom = np.minimum(edges[row + 1], ground_z_m(view, at_x, at_y) - tolerance_m)
     whole = in_image(view, at_x, at_y, edges[row]) & in_image(view, at_x, at_y, bottom)
     out[inside] = by_obstacle & (behind | ((ends <= begins) & ~whole))
-    return np.asarray(out | (z > ground_z_m(view, x, y) - GROUND_TOLERANCE_M))
+    return np.asarray(out | (z > ground_z_m(view, x, y) - tolerance_m))
