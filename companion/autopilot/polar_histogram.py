@@ -20,7 +20,7 @@ from core.frames import rotation_frd_optical
 from core.types import CameraInfo, FrameModel
 
 from ..config.avoidance import AvoidParams
-from .view_free import GROUND_TOLERANCE_M, View, ended_by_obstacle, ground_z_m, points_free
+from .view_free import View, ended_by_obstacle, ground_z_m, points_free
 
 SECTORS = 72
 STEP_RAD = math.tau / SECTORS
@@ -158,7 +158,7 @@ def seen_free(
     k = reached[i, ray]
     for view in valid:
         at_x, at_y = x[ray, k], y[ray, k]
-        above_ground = z[i] <= ground_z_m(view, at_x, at_y) - GROUND_TOLERANCE_M
+        above_ground = z[i] <= ground_z_m(view, at_x, at_y) - view.model.ground.tolerance_m
         ended = ended_by_obstacle(view, at_x, at_y, z[i], beside_must_m[ray] / ranges[k])
         seen[i, ray] |= ended & above_ground & (ranges[k] >= beside_must_m[ray])
     if recall is not None:

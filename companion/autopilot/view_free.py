@@ -56,6 +56,24 @@ def ground_margin_m(view: View, range_m: NDArray[np.float64]) -> NDArray[np.floa
     return np.maximum(ground.tolerance_m, ground.noise_per_m * range_m)
 
 
+def above_ground_share(
+    view: View, x: NDArray[np.float64], y: NDArray[np.float64], height_m: float, range_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N,) up to which multiple of its length the ray to each place stays above the view's ground and its margin; inf: it
+    does not come to it. x, y: (N,) of places in level; height_m: their z from the camera; range_m: (N,) from the camera."""
+    if not (view.model.valid and view.model.ground.seen):
+        return np.full(len(x), np.inf)
+    ground, (cx, cy, cz) = view.model.ground, view.place_m
+    here = float(ground_z_m(view, np.array([cx]), np.array([cy]))[0]) - cz
+    falls = height_m - ground.slope_x * (x - cx) - ground.slope_y * (y - cy)
+    share = np.full(len(x), np.inf)
+    for room_m, rate in ((here - ground.tolerance_m, falls), (here, falls + ground.noise_per_m * range_m)):
+        # a camera within the margin, as before take-off: what rises out of it stays above
+        end = np.where((room_m > 0.0) | (rate < 0.0), np.inf, 0.0)
+        share = np.minimum(share, np.divide(max(room_m, 0.0), rate, out=end, where=rate > 0.0))
+    return share
+
+
 def in_image(view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) which places of level lie in a view's image, seen or not; all where it is not known where it looks.
 
@@ -95,12 +113,15 @@ def points_free(
 
     A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
     was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
-    runs, at it or behind it, through a part of any layer that was seen free. Nothing is free below the ground, or less
-    than `ground_margin_m` above it."""
+    runs, at it or behind it, through a part of any layer that was seen free, as far as it stays above the ground. Nothing is
+    free below the ground, or less than `ground_margin_m` above it."""
     profile = view.model.free
     cz = view.place_m[2]
     inside, direction, range_m = _directions(view, x, y)
     lowest_m = ground_z_m(view, x[inside], y[inside]) - ground_margin_m(view, range_m)
+    ray_ends = (
+        [above_ground_share(view, x[inside], y[inside], height, range_m) for height in z - cz] if along_rays else []
+    )
     layers = profile.layer_edges_m.astype(np.float64) - cz
     out = np.zeros((len(z), *x.shape), bool)
     for row in np.flatnonzero((profile.free_to_m > profile.free_from_m).any(axis=0)):
@@ -109,7 +130,8 @@ def points_free(
         for i, height_m in enumerate(z - cz):
             if along_rays:
                 first, last = _share_of_ray(height_m, layers[row], layers[row + 1])
-                reached = np.maximum(np.maximum(begins, range_m), first * range_m) <= np.minimum(ends, last * range_m)
+                last_m = np.minimum(last, ray_ends[i]) * range_m
+                reached = np.maximum(np.maximum(begins, range_m), first * range_m) <= np.minimum(ends, last_m)
             elif layers[row] <= height_m < layers[row + 1]:
                 reached = (begins <= range_m) & (range_m <= ends)
             else:

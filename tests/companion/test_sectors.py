@@ -178,6 +178,34 @@ def test_a_ray_may_leave_by_the_layer_below() -> None:
     assert not free.any()  # the lower layer ends before the ray comes to it
 
 
+def over_ground(
+    height_m: float, noise_per_m: float = 0.0, tolerance_m: float = 0.25, slope_x: float = 0.0
+) -> FrameModel:
+    """The lower layer, 1 to 3 m below the camera, is free from 8 m on: as far down as the ground lets it be judged."""
+    whole = model(free_to_m=13.0)
+    begins = np.tile(np.array([20.0, 20.0, 8.0], np.float32), (36, 1))
+    ground = Ground(seen=True, height_m=height_m, slope_x=slope_x, tolerance_m=tolerance_m, noise_per_m=noise_per_m)
+    return replace(whole, free=replace(whole.free, free_from_m=begins), ground=ground)
+
+
+def test_a_ray_that_ends_on_the_ground_shows_nothing_behind_it() -> None:
+    """The ray to 0.9 m down at 3 m meets the ground, 1.6 m down, at 5.3 m; the lower layer was seen free from 8 m on only,
+    where the same ray would run below the ground."""
+    x, y, z = np.array([3.0, 6.0]), np.zeros(2), np.array([0.9])
+    assert points_free(View(over_ground(9.0), HERE), x, y, z, True).tolist() == [[True, True]]
+    assert points_free(View(over_ground(1.6), HERE), x, y, z, True).tolist() == [[False, True]]
+    # of rising ground the second ray, 1.2 m down at 8 m, comes too near as well
+    assert points_free(View(over_ground(1.6, slope_x=-0.05), HERE), x, y, z, True).tolist() == [[False, False]]
+
+
+def test_what_lies_within_the_noise_of_the_ground_is_not_free() -> None:
+    """The profile does not judge heights within the noise of the ground, nor within its tolerance."""
+    x, y, z = np.array([10.0]), np.zeros(1), np.array([1.1, 1.4, 1.8])
+    assert points_free(View(over_ground(2.0), HERE), x, y, z)[:, 0].tolist() == [True, True, False]
+    assert points_free(View(over_ground(2.0, 0.07), HERE), x, y, z)[:, 0].tolist() == [True, False, False]
+    assert points_free(View(over_ground(2.0, 0.0, 0.65), HERE), x, y, z)[:, 0].tolist() == [True, False, False]
+
+
 @given(
     st.floats(1.0, 12.0), st.floats(-0.8, 0.8), st.floats(0.5, 8.0), st.floats(0.5, 13.0), st.sampled_from([0, 1, 2])
 )
