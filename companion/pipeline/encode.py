@@ -83,16 +83,25 @@ def prism_from_message(message: pb.Prism) -> Prism:
 
 
 def free_from_message(message: pb.FreeProfile) -> FreeProfile:
-    """The free-range profile of a message."""
+    """The free-range profile of a message. Raises ValueError where tables do not fit or edges are not finite and rising."""
     layers = max(0, len(message.layer_edges_m) - 1)
     directions = max(0, len(message.azimuth_edges_rad) - 1)
     return FreeProfile(
-        azimuth_edges_rad=np.array(message.azimuth_edges_rad, dtype=np.float32),
-        layer_edges_m=np.array(message.layer_edges_m, dtype=np.float32),
+        azimuth_edges_rad=_rising(message.azimuth_edges_rad, "azimuth_edges_rad"),
+        layer_edges_m=_rising(message.layer_edges_m, "layer_edges_m"),
         free_from_m=_table(np.array(message.free_from_m, dtype=np.float32), directions, layers, "free_from_m"),
         free_to_m=_table(np.array(message.free_to_m, dtype=np.float32), directions, layers, "free_to_m"),
         end=_table(np.frombuffer(message.end, dtype=np.uint8), directions, layers, "end"),
     )
+
+
+def _rising(values: Iterable[float], name: str) -> NDArray[np.float32]:
+    """Edges of a profile as (N,) float32. Raises ValueError where they are not finite and rising: a search among them would
+    find a wrong direction or layer."""
+    edges = np.fromiter(values, dtype=np.float32)
+    if not (np.isfinite(edges).all() and (np.diff(edges) >= 0.0).all()):
+        raise ValueError(f"{name}: expected finite numbers that rise; is the message damaged?")
+    return edges
 
 
 def _set_ground(message: pb.Ground, ground: Ground) -> None:
@@ -106,9 +115,13 @@ def _set_ground(message: pb.Ground, ground: Ground) -> None:
 
 
 def ground_from_message(message: pb.Ground) -> Ground:
-    """The ground of a message. One of an older version has no tolerance: it gets UNTOLD_TOLERANCE_M."""
+    """The ground of a message. One of an older version has no tolerance: it gets UNTOLD_TOLERANCE_M.
+
+    Raises ValueError where a ground that was seen has a number that is not finite or a margin that is negative."""
     old = message.seen and not message.HasField("tolerance_m")
     tolerance_m = UNTOLD_TOLERANCE_M if old else message.tolerance_m
+    if message.seen:
+        _check_ground(message, tolerance_m)
     return Ground(
         seen=message.seen,
         height_m=message.height_m,
@@ -121,6 +134,18 @@ def ground_from_message(message: pb.Ground) -> Ground:
         seen_from_m=tuple(message.seen_from_m),
         seen_to_m=tuple(message.seen_to_m),
     )
+
+
+def _check_ground(message: pb.Ground, tolerance_m: float) -> None:
+    """Raises ValueError for a ground above which free space cannot be told."""
+    for name in ("height_m", "slope_x", "slope_y", "noise_per_m", "seen_from_m", "seen_to_m"):
+        if not np.isfinite(getattr(message, name)).all():
+            raise ValueError(f"ground: {name} is not finite; is the message damaged?")
+    for name, margin in (("tolerance_m", tolerance_m), ("noise_per_m", message.noise_per_m)):
+        if not 0.0 <= margin < math.inf:
+            raise ValueError(
+                f"ground: {name} = {margin:g}, expected a finite number of 0 or more; is the message damaged?"
+            )
 
 
 def prisms_bytes(result: PrismsResult) -> bytes:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from companion.client import News
-from companion.pipeline.encode import ground_from_message, prisms_message
+from companion.pipeline.encode import free_from_message, ground_from_message, prisms_message
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause
 from companion.pipeline.transform import LevelTransform, reframed
@@ -72,3 +73,45 @@ def test_ground_of_an_older_version_frees_nothing_below_it() -> None:
     for z in (1.5, 2.1, 2.4, 2.95):
         assert Answer.FREE not in space.points(ahead(z))
     assert space.points([[5.0, 0.0, 1.3]]).tolist() == [Answer.FREE]
+
+
+def seen_from_front() -> pb.PrismsFrame:
+    return prisms_message(result("front", model_of(street()), LevelTransform(0.0, (0.0, 0.0, 0.0))))
+
+
+@pytest.mark.parametrize("name", ["height_m", "slope_x", "slope_y", "tolerance_m", "noise_per_m"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_ground_of_numbers_that_are_none_is_refused(name: str, bad: float) -> None:
+    message = seen_from_front()
+    setattr(message.ground, name, bad)
+    with pytest.raises(ValueError, match="ground"):
+        ground_from_message(message.ground)
+    assert set(News(message, 0).space.points(ahead(1.0)).tolist()) == {Answer.UNKNOWN}
+
+
+@pytest.mark.parametrize("name", ["tolerance_m", "noise_per_m"])
+def test_a_ground_whose_margin_is_negative_is_refused(name: str) -> None:
+    """A negative margin would make free what lies below the ground."""
+    message = seen_from_front()
+    setattr(message.ground, name, -5.0)
+    with pytest.raises(ValueError, match=name):
+        ground_from_message(message.ground)
+
+
+def test_ranges_that_are_no_numbers_or_do_not_fit_the_profile_free_nothing_below_the_ground() -> None:
+    message = seen_from_front()
+    del message.ground.seen_to_m[-1]
+    assert Answer.FREE not in News(message, 0).space.points(ahead(2.1))
+    message.ground.seen_from_m[0] = math.nan
+    with pytest.raises(ValueError, match="seen_from_m"):
+        ground_from_message(message.ground)
+
+
+@pytest.mark.parametrize("name", ["azimuth_edges_rad", "layer_edges_m"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1e3])
+def test_a_profile_whose_edges_do_not_rise_is_refused(name: str, bad: float) -> None:
+    message = seen_from_front()
+    getattr(message.free, name)[-1] = bad
+    with pytest.raises(ValueError, match=name):
+        free_from_message(message.free)
+    assert set(News(message, 0).space.points(ahead(1.0)).tolist()) == {Answer.UNKNOWN}
