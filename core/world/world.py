@@ -123,13 +123,15 @@ class World:
         profile, (x, y, _) = sight.model.free, sight.place_m
         edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
         plane = ground_plane(sight.model, sight.place_m[2])
-        bad = np.isnan(profile.free_to_m).any() or np.isnan(plane).any()
-        if bool(np.isfinite(edges).all() and np.isfinite(layers).all() and not bad):
-            see_free(free, x, y, edges, layers, profile.free_from_m, profile.free_to_m, plane)
+        near_m, far_m = profile.free_from_m, profile.free_to_m
+        if all(np.isfinite(a).all() for a in (edges, layers, near_m, far_m)) and not np.isnan(plane).any():
+            see_free(free, x, y, edges, layers, near_m, far_m, plane)
             self._see_ground(free, sight, edges, plane)
+        else:  # such a profile neither frees cells nor shows that a plane is gone
+            near_m = far_m = np.zeros_like(near_m)
         see(
-            tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers,
-            profile.free_from_m, profile.free_to_m, profile.end,
+            tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers, near_m, far_m,
+            profile.end,
         )  # fmt: skip
         section.newest_ns = max(section.newest_ns, sight.t_ns)
         section.place_m = sight.place_m

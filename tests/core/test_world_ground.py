@@ -132,6 +132,17 @@ def test_ground_of_numbers_that_are_none_frees_nothing() -> None:
         assert Answer.FREE not in asked(merged(look(0, bad)), [[6.0, 0.0, z] for z in (0.0, 1.2, 2.4)])
 
 
+@pytest.mark.parametrize("name", ["free_from_m", "free_to_m"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_ranges_that_are_no_numbers_free_nothing(name: str, bad: float) -> None:
+    sight = look(0, flat(2.0))
+    ranges = getattr(sight.model.free, name).copy()
+    ranges[:] = bad
+    free = replace(sight.model.free, **{name: ranges})
+    world = merged(replace(sight, model=replace(sight.model, free=free)))
+    assert Answer.FREE not in asked(world, [[6.0, 0.0, z] for z in (0.0, 1.2, 2.4)])
+
+
 @pytest.mark.nojit
 def test_sloped_ground_has_no_free_cell_below_it() -> None:
     slope = 0.25
