@@ -22,6 +22,25 @@ constexpr double kUntoldToleranceM = 0.6;  // of the ground, in messages of vers
 
 inline bool finite(const Point& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
 
+inline bool finite(const google::protobuf::RepeatedField<float>& values) {
+  return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
+}
+
+inline bool finite_and_rising(const google::protobuf::RepeatedField<float>& edges) {
+  return finite(edges) && std::is_sorted(edges.begin(), edges.end());
+}
+
+// Whether free space can be told from the numbers of a frame; of a damaged message nothing is known.
+inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
+  const auto& g = frame.ground();
+  if (!finite_and_rising(frame.free().azimuth_edges_rad()) || !finite_and_rising(frame.free().layer_edges_m())) return false;
+  if (!g.seen()) return true;
+  bool margins = true;
+  for (const double margin : {g.noise_per_m(), g.tolerance_m()}) margins = margins && std::isfinite(margin) && margin >= 0.0;
+  const bool plane = std::isfinite(g.height_m()) && std::isfinite(g.slope_x()) && std::isfinite(g.slope_y());
+  return margins && plane && finite(g.seen_from_m()) && finite(g.seen_to_m());
+}
+
 // Horizontal range from the camera.
 inline double range_m(const osape::v1::PrismsFrame& frame, const Point& p) {
   const auto& camera = frame.transform().translation_m();
@@ -128,10 +147,10 @@ inline bool seen_free(const osape::v1::PrismsFrame& frame, const Point& p, doubl
   return true;
 }
 
-// The answer for a ball. A frame that is not valid knows nothing; what is no number may not be flown to.
+// The answer for a ball. A frame that is not valid, or whose numbers do not fit, knows nothing; what is no number may not be flown to.
 inline Answer ball(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
   if (!finite(p) || !std::isfinite(radius_m)) return Answer::kOccupied;
-  if (!frame.valid()) return Answer::kUnknown;
+  if (!frame.valid() || !numbers_fit(frame)) return Answer::kUnknown;
   if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Answer::kOccupied;
   const bool free = clear_of_ground(frame, p, radius_m) && seen_free(frame, p, radius_m);
   return free ? Answer::kFree : Answer::kUnknown;

@@ -128,3 +128,14 @@ def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, s
     expected = Space([SeenFrom(model, camera)]).points(p, radius_m)
     assert set(expected.tolist()) == {Answer.UNKNOWN, Answer.FREE, Answer.OCCUPIED}
     assert [int(line) for line in done.stdout.split()] == expected.tolist()
+
+
+@pytest.mark.parametrize("name", ["height_m", "slope_x", "tolerance_m", "noise_per_m"])
+def test_of_a_damaged_ground_it_knows_nothing(program: Path, tmp_path: Path, name: str) -> None:
+    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
+    setattr(message.ground, name, float("nan"))
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    asked = "\n".join(f"{x} 0.5 1.0 0.1" for x in range(-10, 10))
+    done = subprocess.run([program.parent / "ask", file], input=asked, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {str(int(Answer.UNKNOWN))}
