@@ -153,7 +153,7 @@ def seen_free(
         seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
     # a direction of the profile that reaches into the next sector ends at the plane that stands there
     beside_m = np.minimum(np.roll(plane_m, 1), np.roll(plane_m, -1))
-    beside_must_m = _must_be_seen_m(valid, beside_m).repeat(avoid.rays)
+    beside_must_m = _must_be_seen_m(valid, beside_m, avoid.step_m).repeat(avoid.rays)
     i, ray = np.nonzero(~seen & (np.isinf(plane_m) & np.isfinite(beside_m)).repeat(avoid.rays))
     k = reached[i, ray]
     for view in valid:

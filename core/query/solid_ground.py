@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..types import FreeProfile, Ground
+from .ways import within_box
 
 Floats = NDArray[np.float64]
 STEP_M = 0.2
 """Not tuning: distance between the samples of a way that are tested against the ground."""
+_MOST_SAMPLES, _WAYS = 1024, 1024
+"""Not tuning: samples of one way, and ways that are looked at together: about 100 MB of scratch memory at the most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,20 +49,33 @@ class SolidGround:
         out = np.zeros(len(a), bool)
         if not (self.to_m > self.from_m).any():
             return out
-        farthest_m = float(self.to_m.max())
-        most_m = self._steep * radius_m + self.ground.noise_per_m * (farthest_m + 2.0 * radius_m)
-        # height above a plane is linear along a way: the lower end decides whether any of it can touch
-        low = np.flatnonzero(np.minimum(self._height_m(a), self._height_m(b)) < most_m)
-        if not len(low):
-            return out
-        length_m = np.linalg.norm(b[low] - a[low], axis=1)
-        count = 1 + np.where(length_m > 0.0, np.ceil(length_m / STEP_M), 0.0).astype(int)
-        way = np.repeat(np.arange(len(low)), count)
-        first = np.cumsum(count) - count
-        share = (np.arange(len(way)) - first[way]) / np.maximum(1, count - 1)[way]
-        points = a[low][way] + share[:, None] * (b - a)[low][way]
-        out[low] = np.bincount(way, self._touched(points, radius_m), len(low)) > 0
+        reach_m = float(self.to_m.max()) + radius_m
+        place = np.array(self.place_m[:2])
+        begin, end = within_box(a[:, :2], b[:, :2], place - reach_m, place + reach_m)
+        # height above a plane is linear along a way: only what lies lower than this can touch
+        most_m = self._steep * radius_m + self.ground.noise_per_m * (reach_m + radius_m)
+        above = np.column_stack([self._height_m(a), self._height_m(b)])
+        lower = within_box(above[:, :1], above[:, 1:], np.array([-np.inf]), np.array([most_m]))
+        begin, end = np.maximum(begin, lower[0]), np.minimum(end, lower[1])
+        low = np.flatnonzero(begin <= end)
+        for first in range(0, len(low), _WAYS):
+            rows = low[first : first + _WAYS]
+            way = b[rows] - a[rows]
+            starts, ends = a[rows] + begin[rows, None] * way, a[rows] + end[rows, None] * way
+            out[rows] = self._way_touches(starts, ends, radius_m)
         return out
+
+    def _way_touches(self, a: Floats, b: Floats, radius_m: float) -> NDArray[np.bool_]:
+        """(M,) `touch` of ways near the ground. Where a way is too long for samples every STEP_M, its ball is as much larger."""
+        length_m = np.linalg.norm(b - a, axis=1)
+        gaps = np.minimum(np.ceil(length_m / STEP_M), _MOST_SAMPLES).astype(int)
+        grown_m = radius_m + 0.5 * np.maximum(0.0, length_m / np.maximum(gaps, 1) - STEP_M)
+        count = 1 + gaps
+        way = np.repeat(np.arange(len(a)), count)
+        first = np.cumsum(count) - count
+        share = (np.arange(len(way)) - first[way]) / np.maximum(1, gaps)[way]
+        points = a[way] + share[:, None] * (b - a)[way]
+        return np.asarray(np.bincount(way, self._touched(points, grown_m[way]), len(a)) > 0)
 
     def nearest(self, p: Floats) -> tuple[Floats, Floats]:
         """(distance_m (M,) to the measured ground less its noise, unit vectors (M, 3) towards it); inf and 0 without one.
@@ -116,7 +132,7 @@ class SolidGround:
         height = z + g.height_m + g.slope_x * xy[:, 0] + g.slope_y * xy[:, 1]
         return np.column_stack([x + xy[:, 0], y + xy[:, 1], height])
 
-    def _measured(self, p: Floats, radius_m: float) -> NDArray[np.bool_]:
+    def _measured(self, p: Floats, radius_m: Floats | float) -> NDArray[np.bool_]:
         """(M,) whether the ground was measured anywhere below or above balls around points."""
         x, y = p[:, 0] - self.place_m[0], p[:, 1] - self.place_m[1]
         range_m = np.hypot(x, y)
@@ -137,12 +153,12 @@ class SolidGround:
                 out |= inside & near & (self.to_m[d] > self.from_m[d])
         return out
 
-    def _touched(self, p: Floats, radius_m: float) -> NDArray[np.bool_]:
+    def _touched(self, p: Floats, radius_m: Floats) -> NDArray[np.bool_]:
         """(M,) whether balls around points touch the ground, or lie below it, where it was measured."""
         noise_m = self.ground.noise_per_m * (self._range_m(p) + radius_m)
         out = np.asarray(self._height_m(p) < self._steep * radius_m + noise_m)
         rows = np.flatnonzero(out)
-        out[rows] = self._measured(p[rows], radius_m)
+        out[rows] = self._measured(p[rows], radius_m[rows])
         return out
 
 

@@ -39,6 +39,22 @@ def positions(points_m: ArrayLike) -> Floats:
     return np.where(np.abs(rows) <= MOST_M, rows, np.nan)
 
 
+def within_box(a: Floats, b: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """(begin (M,), end (M,)): the shares of each way a -> b, each (M, N), that lie in the box low..high, (N,); begin > end:
+    none of it does. What is no number lies nowhere."""
+    begin, end = np.zeros(len(a)), np.ones(len(a))
+    for axis in range(a.shape[1]):
+        start, step = a[:, axis], b[:, axis] - a[:, axis]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, last = (low[axis] - start) / step, (high[axis] - start) / step
+        inside = (start >= low[axis]) & (start <= high[axis])
+        still = step == 0.0
+        first, last = np.where(still, 0.0, np.minimum(first, last)), np.where(still, 1.0, np.maximum(first, last))
+        begin = np.where(still & ~inside, 2.0, np.maximum(begin, first))
+        end = np.minimum(end, last)
+    return begin, np.where(np.isnan(begin) | np.isnan(end), -1.0, end)
+
+
 def ways_free(
     a: Floats, b: Floats, low: Floats, high: Floats, step_m: float, free: Callable[[Floats, Floats], NDArray[np.bool_]]
 ) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..query.ways import within_box
 from .snapshot import WorldPicture
 
 Floats = NDArray[np.float64]
@@ -22,6 +23,8 @@ STEP_M = 0.25
 """Not tuning: distance between the samples of a way that are tested."""
 _MOST_RADIUS_M = 4.0
 """Not tuning: larger balls touch whatever ground lies in the blocks around them."""
+_MOST_SAMPLES = 1 << 16
+"""Not tuning: samples looked at together. A longer way among the ground, of 16 km, counts as one that touches it."""
 _NEAR = 3
 """Columns to each side of a point among which the nearest ground is looked for."""
 
@@ -40,6 +43,12 @@ class GroundColumns:
             ground = picture.ground[known].astype(np.float64)
             np.fmin.at(self._tops, row.ravel(), ground[:, :, 0] - ground[:, :, 1])
         self._highest = self._tops.min(axis=1) if len(known) else np.zeros(0)
+        # the box of all solid columns, which reach down without end
+        self._low, self._high = np.full(3, np.inf), np.array([-np.inf, -np.inf, np.inf])
+        if len(known):
+            blocks = picture.blocks[known, :2].astype(np.float64)
+            self._low[:2], self._high[:2] = blocks.min(axis=0) * _BLOCK_M, (blocks.max(axis=0) + 1.0) * _BLOCK_M
+            self._low[2] = self._highest.min()
 
     def balls(self, p: Floats, radius_m: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(below, touching), each (M,): whether any of a ball around points (M, 3) is below the top of a ground, and whether
@@ -59,14 +68,28 @@ class GroundColumns:
         if radius_m > _MOST_RADIUS_M or not len(rows):
             below[rows] = touching[rows] = True
             return below, touching
-        length_m = np.linalg.norm(b[rows] - a[rows], axis=1)
-        count = 1 + np.ceil(length_m / STEP_M).astype(int)
-        way = np.repeat(np.arange(len(rows)), count)
+        begin, end = within_box(a[rows], b[rows], self._low - radius_m, self._high + radius_m)
+        rows, begin, end = rows[begin <= end], begin[begin <= end, None], end[begin <= end, None]
+        way_m = b[rows] - a[rows]
+        starts, ends = a[rows] + begin * way_m, a[rows] + end * way_m
+        count = 1 + np.ceil(np.linalg.norm(ends - starts, axis=1) / STEP_M)
+        long = count > _MOST_SAMPLES
+        below[rows[long]] = touching[rows[long]] = True
+        rows, starts, ends, count = rows[~long], starts[~long], ends[~long], count[~long].astype(int)
+        for part in np.array_split(np.arange(len(rows)), 1 + int(count.sum()) // _MOST_SAMPLES):
+            found = self._sampled(starts[part], ends[part], count[part], radius_m)
+            below[rows[part]], touching[rows[part]] = found
+        return below, touching
+
+    def _sampled(
+        self, a: Floats, b: Floats, count: NDArray[np.int64], radius_m: float
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """`ways` by so many samples of each."""
+        way = np.repeat(np.arange(len(a)), count)
         first = np.cumsum(count) - count
         share = (np.arange(len(way)) - first[way]) / np.maximum(1, count - 1)[way]
-        found = self._columns(a[rows][way] + share[:, None] * (b - a)[rows][way], radius_m)
-        for out, samples in zip((below, touching), found, strict=True):
-            out[rows] = np.bincount(way, samples, len(rows)) > 0
+        found = self._columns(a[way] + share[:, None] * (b - a)[way], radius_m)
+        below, touching = (np.bincount(way, samples, len(a)) > 0 for samples in found)
         return below, touching
 
     def nearest(self, p: Floats) -> tuple[Floats, Floats]:

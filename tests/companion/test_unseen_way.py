@@ -172,7 +172,9 @@ def test_a_wall_seen_in_full_stays_where_it_stands(wall_at_10_m: Rendered) -> No
             assert (found.state[whole] == SectorState.OBSTACLE).all(), (distance_m, pitch_deg)
             assert (found.state[FRONT] != SectorState.CLEAR).all(), (distance_m, pitch_deg)
             assert found.distance_m[0] <= distance_m - AVOID.radius_m
-            assert found.distance_m[0] + view.model.margin_m.max() == pytest.approx(distance_m - AVOID.radius_m, abs=0.2)
+            assert found.distance_m[0] + view.model.margin_m.max() == pytest.approx(
+                distance_m - AVOID.radius_m, abs=0.2
+            )
 
 
 def test_what_is_near_is_told_whatever_was_not_measured_before_it() -> None:

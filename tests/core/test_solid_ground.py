@@ -75,7 +75,7 @@ def test_below_the_street_nothing_is_free(z_m: float) -> None:
 def test_queries_cut_a_layer_where_the_profile_stops_judging_it() -> None:
     model, params = model_of(street(slope_x=0.03)), Params()
     view = view_geometry(VIEW, level(PITCH_20), params)
-    w = walk_settings(view, model.ground, 20.0, model.ke_per_m, params)
+    w = walk_settings(view, model.ground, VIEW.max_range_m, model.ke_per_m, params)
     ground = solid_ground(model.ground, model.free, HERE)
     for x in (2.0, 8.0, 15.0, 60.0):
         z = lowest_clear(0.0, x, w)
@@ -104,6 +104,15 @@ def test_a_way_that_dives_is_occupied() -> None:
     assert space.segments(starts, ends, 0.2).tolist() == [Answer.OCCUPIED, Answer.FREE, Answer.FREE]
     # down through the ground and up again
     assert space.segments([[4.0, 0.0, 1.0]], [[8.0, 0.0, 3.0]]).tolist() == [Answer.OCCUPIED]
+
+
+def test_ways_beyond_all_measure_meet_the_ground_where_they_cross_it() -> None:
+    space = space_of(model_of(street()))
+    far = [[-1e9, 0.0, 2.1], [5.0, 0.0, -9e8], [-1e9, 0.0, -8.0], [5.0, -1e9, 1e9]]
+    to = [[1e9, 0.0, 2.1], [5.0, 0.0, 9e8], [1e9, 0.0, -8.0], [5.0, 1e9, -1e9]]
+    # the last one passes at 45 degrees through the camera's height above the measured ground
+    assert space.segments(far[:3], to[:3], 0.1).tolist() == [Answer.OCCUPIED, Answer.OCCUPIED, Answer.UNKNOWN]
+    assert space.segments(far[3:], to[3:], 0.1).tolist() == [Answer.OCCUPIED]
 
 
 def test_beyond_where_the_ground_was_measured_it_is_unknown() -> None:

@@ -192,6 +192,17 @@ def test_balls_of_any_size_and_points_that_are_no_number() -> None:
     assert math.isinf(distance_m[0])
 
 
+def test_ways_beyond_all_measure_are_answered_and_not_free() -> None:
+    """Their samples would take more memory than there is."""
+    space = WorldSpace(merged(look(0, flat(2.0))).picture(0))
+    ends = [[1e9, 1e9, -1.0], [6.0, 0.0, 9e8], [-8e8, 3.0, 1.0], [9e8, 0.0, 9e8]]
+    answers = space.segments([[6.0, 0.0, 1.0]] * len(ends), ends, 0.1)
+    assert Answer.FREE not in answers
+    assert answers[1] == Answer.OCCUPIED  # straight down through the ground
+    assert space.segments([[-1e9, 0.0, 2.2]], [[1e9, 0.0, 2.2]], 0.1).tolist() == [Answer.OCCUPIED]
+    assert space.segments([[-1e9, 0.0, -40.0]], [[1e9, 0.0, -40.0]], 0.1).tolist() == [Answer.UNKNOWN]
+
+
 # ---- rendered frames ------------------------------------------------------------------------------------------------
 
 
