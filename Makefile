@@ -65,7 +65,7 @@ $(PEERS): $(STAMP) .ci/constraints-peers.txt
 	@if $(BIN)/python -m benchmarks.peers.install; then touch $@; fi
 
 NEEDS_PEERS := $(if $(findstring --only,$(ARGS)),$(findstring peers,$(ARGS)),yes)
-bench: $(STAMP) $(if $(NEEDS_PEERS),$(PEERS)) ## all figures of docs/benchmarks (hours); ARGS=--quick: minutes, ARGS='--only speed'
+bench: $(STAMP) $(if $(NEEDS_PEERS),$(PEERS)) ## all figures of docs/research/benchmarks (hours); ARGS=--quick: minutes, ARGS='--only speed'
 	@$(BIN)/python -m benchmarks $(ARGS)
 
 soak: $(STAMP) ## the long runs (hours)
@@ -92,8 +92,8 @@ proto: $(STAMP) ## the Python code of the message schema
 lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (needs the network)
 	@bash .ci/make-lock
 
-config-docs: $(STAMP) ## rewrite the tables of docs/configuration.md from the parameters
-	@$(BIN)/python -m companion.config.docs docs/configuration.md
+config-docs: $(STAMP) ## rewrite the tables of docs/reference/configuration.md from the parameters
+	@$(BIN)/python -m companion.config.docs docs/reference/configuration.md
 
 clean: ## forget the environment, the compiled kernels and what demo and tests left
 	rm -rf $(VENV) .numba-cache demo-out bench-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage

@@ -1,4 +1,4 @@
-"""All figures of docs/benchmarks. Run `make bench`, or `python -m benchmarks` with --quick or --only SECTION.
+"""All figures of docs/research/benchmarks. Run `make bench`, or `python -m benchmarks` with --quick or --only SECTION.
 
 Each section runs in a process of its own: what one of them does to the machine, or dies of, the others do not see."""
 
@@ -19,7 +19,7 @@ from benchmarks.hardware_info import CHECKOUT, stamp
 from benchmarks.pages import INDEX, SECTIONS, Section, index, page
 from companion.bench.timing import ONE_THREAD
 
-OUT = Path("docs/benchmarks")
+OUT = Path("docs/research/benchmarks")
 QUICK_OUT = Path("bench-out")
 
 Run = Callable[[Section, Path, bool], str]

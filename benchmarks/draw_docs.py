@@ -1,4 +1,4 @@
-"""The pictures of the README and of docs/algorithm.md, drawn from our own simulator.
+"""The pictures of the README and of docs/explanation/algorithm.md, drawn from our own simulator.
 
 Run `python -m benchmarks.draw_docs`, or with the names of some pictures. Writes docs/pictures/*.png."""
 

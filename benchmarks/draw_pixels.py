@@ -1,4 +1,4 @@
-"""Pictures of the first stages for docs/algorithm.md: from the depth image to strips that are kept."""
+"""Pictures of the first stages for docs/explanation/algorithm.md: from the depth image to strips that are kept."""
 
 from __future__ import annotations
 

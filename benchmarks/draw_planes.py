@@ -1,4 +1,4 @@
-"""Pictures of the later stages for docs/algorithm.md: from strips to planes, prisms and what is free."""
+"""Pictures of the later stages for docs/explanation/algorithm.md: from strips to planes, prisms and what is free."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pages of docs/benchmarks: one a section, and an index of those that are there."""
+"""The pages of docs/research/benchmarks: one a section, and an index of those that are there."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ What the algorithm reaches, and what it does not, measured by
 
 which makes its own environment and rewrites these pages; `make bench ARGS='--only speed'` one of them, `ARGS=--quick` a rough look at all in a few minutes (into `bench-out`). Each page says when it was measured, on what and with what. Figures are of simulated scenes with known truth unless the page says otherwise. Nothing here is edited by hand.
 
-Where a goal is missed: why, what was tried and what would do it, in `docs/attempts.md`, for time in `docs/speed.md`.
+Where a goal is missed: why, what was tried and what would do it, in `docs/research/attempts.md`, for time in `docs/research/speed.md`.
 
 On a drone, without this checkout, `companion bench` tells how fast that machine is.
 

@@ -50,7 +50,7 @@ class News:
 
     @property
     def frame(self) -> str:
-        """The frame of all coordinates: "ned", or "level" without a position (docs/frames.md)."""
+        """The frame of all coordinates: "ned", or "level" without a position (docs/reference/frames.md)."""
         return str(self.message.frame)
 
     @property

@@ -3,7 +3,7 @@
 Units stand in the names (`_m`, `_mm`, `_px`, `_rad`, `_ns`); transforms are `R_target_source`.
 Frames: `optical` (x right, y down, z forward), `frd` (vehicle body), `ned` (the autopilot's local world),
 `level_cam` (origin at the camera, x along the camera's horizontal heading, y right, z down) and
-`level` (origin of frd, x along the vehicle's heading, y right, z down). See docs/frames.md.
+`level` (origin of frd, x along the vehicle's heading, y right, z down). See docs/reference/frames.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How well a set of vertical rectangles stands for what a camera really saw (docs/algorithm.md, fidelity).
+"""How well a set of vertical rectangles stands for what a camera really saw (docs/explanation/algorithm.md, fidelity).
 
 A model is `planes` (N, 6) in level_cam: a_x, a_y, b_x, b_y, top, bottom; how it was made does not matter.
 Rays are the camera's pixels; a ray is stopped where it first meets a plane, from either side."""

@@ -1,4 +1,4 @@
-"""The paper's experiments in one run: pictures and a page for docs/benchmarks, and the tables of docs/paper.md.
+"""The paper's experiments in one run: pictures and a page for docs/research/benchmarks, and the tables of docs/research/paper.md.
 
 Run `python -m benchmarks.paper.section`, or with --quick, --only PART (the other parts are taken from the last run),
 --out FOLDER, --doc FILE. `make bench` runs the same as one of its sections."""
@@ -51,8 +51,8 @@ from benchmarks.paper.shapes import ShapeRow
 from benchmarks.paper.tilt import TiltRow
 from benchmarks.paper.time import TimeRow
 
-OUT = CHECKOUT / "docs" / "benchmarks"
-DOC = CHECKOUT / "docs" / "paper.md"
+OUT = CHECKOUT / "docs" / "research" / "benchmarks"
+DOC = CHECKOUT / "docs" / "research" / "paper.md"
 ROWS = CHECKOUT / "bench-out"
 """Where the rows of the last run are kept, so that one part can be measured again; not in git."""
 BEGIN, END = "<!-- measured: {name} -->", "<!-- end of {name} -->"
@@ -76,7 +76,7 @@ PARTS: dict[str, Callable[[bool], list[Any]]] = {
 
 def section(out: Path, quick: bool) -> str:
     """Measures everything, draws the pictures into `out` and returns the page; a full run into the folder of the
-    documentation also rewrites the tables of docs/paper.md."""
+    documentation also rewrites the tables of docs/research/paper.md."""
     out.mkdir(parents=True, exist_ok=True)
     data = measured(ROWS, quick, list(PARTS))
     if not quick and out.resolve() == OUT.resolve() and DOC.is_file():
@@ -132,7 +132,7 @@ def summary(data: Json) -> str:
 
 
 def blocks(data: Json) -> dict[str, str]:
-    """The measured pieces of docs/paper.md by name."""
+    """The measured pieces of docs/research/paper.md by name."""
     r = results(data)
     told = stamp([], minutes=0.0, quick=False)
     return {
@@ -160,7 +160,7 @@ def filled(text: str, pieces: dict[str, str]) -> str:
 
 
 def page(data: Json, out: Path) -> str:
-    """The page of docs/benchmarks, its pictures drawn into `out`."""
+    """The page of docs/research/benchmarks, its pictures drawn into `out`."""
     r = results(data)
     paper_openings.draw(r.openings, out / "paper_openings.png")
     paper_tilt.draw(r.tilt, out / "paper_tilt.png")

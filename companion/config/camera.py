@@ -88,7 +88,7 @@ class CameraConfig:
         200.0,
         "ms",
         "subtracted from each exposure stamp of a live camera: positive where its stamps are later than the exposure. "
-        "The service measures it while the vehicle turns and gives the value (docs/service.md)",
+        "The service measures it while the vehicle turns and gives the value (docs/how-to/measure-exposure-offset.md)",
         0.0,
     )
     calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})

@@ -1,4 +1,4 @@
-"""The tables of docs/configuration.md, made from the parameters themselves (`make config-docs`)."""
+"""The tables of docs/reference/configuration.md, made from the parameters themselves (`make config-docs`)."""
 
 from __future__ import annotations
 

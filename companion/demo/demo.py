@@ -182,7 +182,7 @@ def _say(done: Demo) -> None:
     say("Next:")
     say(f"  companion info {_shown(done.log)}")
     say("  companion run -c configs/simulated.toml   the same service, until you end it")
-    say("  companion import FOLDER -o my.mcap   a recording of your own (docs/import.md)")
+    say("  companion import FOLDER -o my.mcap   a recording of your own (docs/how-to/import-recordings.md)")
 
 
 def _shown(path: Path) -> str:

@@ -63,7 +63,7 @@ def install_steps(places: Places, config: Path | None, replace_config: bool, sta
     command = str(Path(sysconfig.get_path("scripts")) / "companion")
     if not re.fullmatch(r"[A-Za-z0-9/._+-]+", command):
         raise InstallError(f"{command}: a unit wants a path of letters, digits and /._+- only; install somewhere else")
-    docs = str(shipped("docs", "service.md"))
+    docs = str(shipped("docs/reference", "service.md"))
     unit = shipped("systemd", UNIT).read_text().replace("@COMPANION@", command).replace("@DOCS@", docs)
     steps = [
         file_step(places.sysusers, shipped("systemd", f"{NAME}.sysusers").read_text(), "the service's user and groups"),

@@ -258,7 +258,7 @@ class Service:
 
     def ended(self) -> str:
         """Which thread that no flight can do without was ended by an exception, in words; empty: none. The service then
-        ends, to be started again (docs/service.md)."""
+        ends, to be started again (docs/reference/service.md)."""
         parts = {"the pipeline": self.loop.failure}
         if self.link is not None:
             parts["the line to the autopilot"] = self.link.failure

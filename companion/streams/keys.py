@@ -59,5 +59,5 @@ def _signing(args: argparse.Namespace) -> int:
         return 0
     say(f"{args.signing} (mode 600); the user who runs the service must own it")
     say(f'in the configuration: [autopilot] signing_key = "{args.signing.absolute()}"')
-    say("the autopilot needs the same key: docs/autopilot.md tells how it gets it")
+    say("the autopilot needs the same key: docs/explanation/failsafe.md tells how it gets it")
     return 0

@@ -1,4 +1,4 @@
-"""The one table of what a log holds: it drives writing, reading and the tables in docs/messages.md."""
+"""The one table of what a log holds: it drives writing, reading and the tables in docs/reference/messages.md."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def test_the_index_links_pages_and_names_those_that_are_missing(tmp_path: Path) 
 
 def test_quick_figures_do_not_land_in_the_documentation() -> None:
     assert parse(["--quick"]).out == Path("bench-out")
-    assert parse([]).out == Path("docs/benchmarks")
+    assert parse([]).out == Path("docs/research/benchmarks")
     with pytest.raises(SystemExit):
         parse(["--only", "nothing"])
 

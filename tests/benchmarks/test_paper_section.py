@@ -1,4 +1,4 @@
-"""The page of the paper's figures and the measured pieces of docs/paper.md."""
+"""The page of the paper's figures and the measured pieces of docs/research/paper.md."""
 
 from __future__ import annotations
 

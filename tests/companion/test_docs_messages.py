@@ -1,4 +1,4 @@
-"""docs/messages.md covers the schema and the table of topics."""
+"""docs/reference/messages.md covers the schema and the table of topics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from ..conftest import CHECKOUT
 
-TEXT = (CHECKOUT / "docs" / "messages.md").read_text(encoding="utf-8")
+TEXT = (CHECKOUT / "docs" / "reference" / "messages.md").read_text(encoding="utf-8")
 
 
 def test_the_table_is_the_table():
@@ -35,6 +35,6 @@ def test_every_cause_is_told_with_its_number():
 
 
 def test_the_colours_are_told():
-    frames = (CHECKOUT / "docs" / "frames.md").read_text(encoding="utf-8")
+    frames = (CHECKOUT / "docs" / "reference" / "frames.md").read_text(encoding="utf-8")
     assert f"red at {NEAR_M:g} m to blue at {FAR_M:g} m, and vanish after a second" in frames
     assert LIFETIME_S == 1

@@ -2,7 +2,7 @@
 
 Link, clock, sync, pipeline and sender are the service's, and so is what judges a frozen image; frames and what the
 extractor finds are made up: a field that is clear, the one thing that nobody blind may tell. The table of all faults, with
-the tests of the service as a process, is in docs/autopilot.md."""
+the tests of the service as a process, is in docs/explanation/failsafe.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An exception in any thread of the service has the consequence that docs/service.md names, and is never silent."""
+"""An exception in any thread of the service has the consequence that docs/reference/service.md names, and is never silent."""
 
 from __future__ import annotations
 

@@ -1,0 +1,164 @@
+"""Links, anchors, commands and targets that the documentation prints exist."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from companion.cli import COMMANDS, main
+
+from .conftest import CHECKOUT
+
+PAGES = [CHECKOUT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
+PAGES += sorted((CHECKOUT / "docs").rglob("*.md"))
+USER_PAGES = [page for page in PAGES if "research" not in page.parts]
+"""Pages that print today's commands. Research notes also name commands of earlier versions."""
+
+LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
+FENCE = re.compile(r"^\s*(```|~~~)")
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(CHECKOUT))
+
+
+@cache
+def lines_of(page: Path) -> list[tuple[str, bool]]:
+    """The lines of a page, each with whether it is code (a fenced or an indented block)."""
+    lines, fenced, list_indent = [], False, 0
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if FENCE.match(line):
+            fenced = not fenced
+            lines.append((line, True))
+            continue
+        indent = len(line) - len(line.lstrip())
+        if re.match(r"\s*(\d+\.|[-*]) ", line) and not fenced:
+            list_indent = indent + len(re.match(r"\s*(\d+\.|[-*]) +", line)[0].lstrip())
+        elif line and indent == 0:
+            list_indent = 0
+        lines.append((line, fenced or indent >= list_indent + 4))
+    return lines
+
+
+@cache
+def anchors_of(page: Path) -> set[str]:
+    """The anchors that GitHub gives to the headings of a page."""
+    anchors: set[str] = set()
+    for line, code in lines_of(page):
+        if code or not (heading := re.match(r"#{1,6} +(.*?)\s*#*$", line)):
+            continue
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading[1])
+        slug = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")
+        number = 0
+        while (anchor := f"{slug}-{number}" if number else slug) in anchors:
+            number += 1
+        anchors.add(anchor)
+    return anchors
+
+
+def broken_links(page: Path) -> list[str]:
+    """Relative links of a page whose file or anchor does not exist."""
+    broken = []
+    for line, code in lines_of(page):
+        for target in [] if code else LINK.findall(re.sub(r"`[^`]*`", "", line)):
+            if re.match(r"[a-z]+:", target):
+                continue
+            file, _, anchor = target.partition("#")
+            path = (page.parent / file).resolve() if file else page
+            if not path.exists() or (anchor and path.suffix == ".md" and anchor not in anchors_of(path)):
+                broken.append(target)
+    return broken
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_each_relative_link_and_anchor_exists(page: Path) -> None:
+    assert broken_links(page) == []
+
+
+def test_each_user_page_is_in_the_index() -> None:
+    index = CHECKOUT / "docs" / "README.md"
+    linked = {(index.parent / t.partition("#")[0]).resolve() for t in LINK.findall(index.read_text(encoding="utf-8"))}
+    assert [name_of(p) for p in USER_PAGES if index.parent in p.parents and p != index and p not in linked] == []
+
+
+def snippets(page: Path) -> list[str]:
+    """Code lines and the code spans of the other lines."""
+    found = []
+    for line, code in lines_of(page):
+        found += [line.strip()] if code else re.findall(r"`([^`]+)`", line)
+    return found
+
+
+@pytest.fixture(scope="module")
+def options() -> dict[str, set[str]]:
+    """The options of each command, from its help."""
+
+    def help_of(command: str) -> str:
+        text = io.StringIO()
+        with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+            main([command, "--help"])
+        return text.getvalue()
+
+    return {name: set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", help_of(name))) for name in COMMANDS}
+
+
+def wrong_command(text: str, options: dict[str, set[str]]) -> str | None:
+    """Why a printed `companion ...` is not one that the parser has; None where it is, or is no command."""
+    text = text.removeprefix("$ ")
+    match = re.match(r"(?:sudo (?:-u \S+ )?)?(?:\S*/)?companion(?: +(.*))?$", text)
+    if match is None or not match[1]:
+        return None
+    try:
+        words = shlex.split(match[1].replace("...", ""), comments=True)
+    except ValueError:
+        return f"{text}: not a command line"
+    if not words or not re.fullmatch(r"[a-z-]+", words[0]) or words[0] == "--version":
+        return None
+    if words[0] not in options:
+        return f"{text}: there is no command {words[0]}"
+    given = [w.partition("=")[0] for w in words[1:] if w.startswith("-")]
+    unknown = [option for option in given if option not in options[words[0]]]
+    return f"{text}: {words[0]} has no {unknown[0]}" if unknown else None
+
+
+@pytest.mark.parametrize("page", USER_PAGES, ids=name_of)
+def test_each_printed_command_and_option_exists(page: Path, options: dict[str, set[str]]) -> None:
+    assert [wrong for text in snippets(page) if (wrong := wrong_command(text, options))] == []
+
+
+def make_targets() -> set[str]:
+    return set(re.findall(r"^([a-z-]+):", (CHECKOUT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+
+
+@pytest.mark.parametrize("page", USER_PAGES, ids=name_of)
+def test_each_printed_make_target_exists(page: Path) -> None:
+    printed = {m[1] for text in snippets(page) if (m := re.match(r"(?:\$ )?make ([a-z-]+)", text))}
+    assert printed - make_targets() == set()
+
+
+@pytest.mark.parametrize("page", USER_PAGES, ids=name_of)
+def test_each_printed_module_and_file_exists(page: Path) -> None:
+    text = "\n".join(snippets(page))
+    modules = set(re.findall(r"python3? -m ((?:benchmarks|companion|core|drivers)(?:\.\w+)*)", text))
+    assert [m for m in sorted(modules) if importlib.util.find_spec(m) is None] == []
+    files = set(
+        re.findall(r"(?<![\w/.-])(?:examples|configs|benchmarks|core|drivers|companion|tests)/[\w/.-]+\.\w+", text)
+    )
+    assert [f for f in sorted(files) if not (CHECKOUT / f).exists()] == []
+
+
+def test_a_broken_link_and_a_wrong_command_are_found(tmp_path: Path, options: dict[str, set[str]]) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A page\n\n[a](#a-page) [b](#none) [c](none.md)\n\n    [d](code.md)\n")
+    assert broken_links(page) == ["#none", "none.md"]
+    assert wrong_command("companion replay a.mcap --check", options) is None
+    assert wrong_command("sudo companion install -c my.toml --dry-run", options) is None
+    assert wrong_command("companion replay a.mcap --chekc", options) is not None
+    assert wrong_command("companion fly", options) is not None
