@@ -35,5 +35,5 @@ def test_the_example_takes_less_than_ten_lines_after_its_imports() -> None:
     assert len(lines) < 10
 
 
-def test_the_readme_shows_the_example_as_it_is() -> None:
-    assert EXAMPLE.read_text() in (ROOT / "README.md").read_text()
+def test_the_documentation_shows_the_example_as_it_is() -> None:
+    assert EXAMPLE.read_text() in (ROOT / "docs/how-to/use-the-algorithm-from-python.md").read_text()
