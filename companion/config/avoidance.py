@@ -11,66 +11,77 @@ from core.param_field import check, choice, critical, switch
 class AvoidParams:
     """The vehicle's size, the range told, and the policies. Raises ValueError naming the field, its value and range."""
 
-    send: bool = switch(False, "tell the autopilot of obstacles; it brakes when its own parameters say so")
+    send: bool = switch(False, "send obstacles to the autopilot; whether it brakes depends on its own parameters")
     rate_hz: float = critical(15.0, 10.0, 20.0, "Hz", "rate of the messages")
-    radius_m: float = critical(0.4, 0.0, 5.0, "m", "of the vehicle, rotors included; distances count from there")
-    band_above_m: float = critical(0.8, 0.1, 10.0, "m", "obstacles count from so much above the vehicle's middle")
-    band_below_m: float = critical(0.8, 0.1, 10.0, "m", "down to so much below it")
-    min_distance_m: float = critical(0.2, 0.0, 5.0, "m", "what is nearer is told as just beyond this")
+    radius_m: float = critical(
+        0.4, 0.0, 5.0, "m", "radius of the vehicle, rotors included; distances are counted from there"
+    )
+    band_above_m: float = critical(
+        0.8, 0.1, 10.0, "m", "height band of obstacles: this much above the middle of the vehicle"
+    )
+    band_below_m: float = critical(
+        0.8, 0.1, 10.0, "m", "height band of obstacles: this much below the middle of the vehicle"
+    )
+    min_distance_m: float = critical(0.2, 0.0, 5.0, "m", "nearer obstacles are sent as just beyond this")
     max_distance_m: float = critical(
-        12.0, 2.0, 100.0, "m", "farthest obstacle told, and how far clear must have been seen"
+        12.0, 2.0, 100.0, "m", "farthest obstacle sent, and range to which a clear sector must have been seen free"
     )
     near_m: float = critical(
-        2.5, 0.5, 10.0, "m", "a sector must have been seen free from here on; nearer obstacles are always told"
+        2.5, 0.5, 10.0, "m", "a sector must have been seen free from here on; nearer obstacles are always sent"
     )
     clear_share: float = critical(0.8, 0.5, 1.0, "", "share of a sector's rays and heights seen free to call it clear")
     seen_share: float = critical(
-        0.4, 0.2, 1.0, "", "share that must be seen at this instant before what was seen free earlier completes it"
+        0.4, 0.2, 1.0, "", "share of a sector that must be visible now before free space seen earlier completes it"
     )
     remember_free_s: float = critical(
-        3.0, 0.0, 10.0, "s", "free space that left the view, as when leaning, counts for so long; 0: never"
+        3.0, 0.0, 10.0, "s", "free space that left the view, as when leaning, is used for this time; 0: never"
     )
-    rays: int = critical(3, 2, 15, "", "rays looked along in each sector, from side to side")
-    slices: int = critical(10, 1, 20, "", "heights looked along in the band")
+    rays: int = critical(3, 2, 15, "", "rays checked in each sector")
+    slices: int = critical(10, 1, 20, "", "heights checked in the height band")
     step_m: float = critical(0.25, 0.05, 2.0, "m", "step along the rays")
-    remember_s: float = critical(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is told for so long")
+    remember_s: float = critical(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is sent for this time")
     remember_m: float = critical(6.0, 0.5, 50.0, "m", "obstacles nearer than this are remembered")
     blind: str = choice(
-        "auto", ("auto", "unknown", "stop"), "when blind; auto: unknown for PX4, stop for all others", safety=True
+        "auto",
+        ("auto", "unknown", "stop"),
+        "policy when blind; auto: unknown for PX4, stop for all others",
+        safety=True,
     )
     unseen: str = choice(
         "stop",
         ("stop", "unknown"),
-        "sectors in view nobody saw clear, where the autopilot takes unknown as clear",
+        "sectors in view that were not seen clear, for an autopilot that treats unknown as clear",
         safety=True,
     )
-    silence_s: float = critical(2.0, 0.5, 10.0, "s", "policy unknown: so long blind, then silence, which stops PX4")
+    silence_s: float = critical(
+        2.0, 0.5, 10.0, "s", "policy unknown: time blind until nothing is sent, which stops PX4"
+    )
     stop_inside_m: float = critical(
         0.04,
         0.0,
         0.09,
         "m",
-        "policy stop: the wall's fence comes so far within AVOID_MARGIN; less than AVOID_BACKUP_DZ",
+        "policy stop: the artificial wall is this much nearer than AVOID_MARGIN; less than AVOID_BACKUP_DZ",
     )
     stop_hold_s: float = critical(
         3.0,
         0.0,
         8.0,
         "s",
-        "policy stop: told to stop while armed, the service shows the wall for so long before it ends",
+        "policy stop: when stopped while armed, the service sends the wall for this time before it ends",
     )
     avoid_margin_m: float = critical(
-        2.0, 0.5, 20.0, "m", "AVOID_MARGIN to believe in until the autopilot has told its own"
+        2.0, 0.5, 20.0, "m", "value of AVOID_MARGIN that is used until the parameter has been read from the autopilot"
     )
     points: bool = switch(
-        False, "ArduPilot: OBSTACLE_DISTANCE_3D instead, with layers above and below; work in progress there"
+        False, "ArduPilot: send OBSTACLE_DISTANCE_3D instead, with layers above and below; work in progress in MAVLink"
     )
-    upward: bool = switch(False, "DISTANCE_SENSOR upward, where something was seen to stand over the vehicle")
+    upward: bool = switch(False, "send DISTANCE_SENSOR upward where an obstacle above the vehicle was seen")
     downward: bool = switch(
-        False, "DISTANCE_SENSOR downward to the ground seen; the autopilot may take its height from it"
+        False, "send DISTANCE_SENSOR downward to the ground; the autopilot may use it for its height"
     )
-    remember_up_s: float = critical(20.0, 0.0, 120.0, "s", "what stands over the vehicle's way is known for so long")
-    recover_frames: int = critical(3, 1, 50, "", "good frames in a row after which a blind camera is believed again")
+    remember_up_s: float = critical(20.0, 0.0, 120.0, "s", "obstacles above the vehicle are remembered for this time")
+    recover_frames: int = critical(3, 1, 50, "", "valid frames in a row after which a blind camera is used again")
 
     def __post_init__(self) -> None:
         check("avoid", self)

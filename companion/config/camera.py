@@ -31,10 +31,10 @@ class CameraConfig:
     kind: str = _choice(
         "mcap",
         ("mcap", "simulated", "oak", "zed", "v4l2"),
-        "where its frames come from: a recording, the simulator, or a camera",
+        "source of the frames: a recording, the simulator, or a camera",
     )
     required: bool = field(
-        default=True, metadata={"safety": True, "unit": "", "doc": "while it is blind the whole counts as blind"}
+        default=True, metadata={"safety": True, "unit": "", "doc": "the service is blind while this camera is"}
     )
     roll_deg: float | None = _number(-180.0, 180.0, "deg", "mount: right side down is positive")
     pitch_deg: float | None = _number(-90.0, 90.0, "deg", "mount: looking up is positive")
@@ -57,15 +57,15 @@ class CameraConfig:
             "safety": True,
             "pattern": rf"^(?:{_POLYGON}(?: *; *{_POLYGON})*)?$",
             "unit": "",
-            "doc": "parts of the vehicle in the depth image, which are then unknown: polygons of corners u,v in px with "
-            'blanks between them, two corners a rectangle, polygons parted by ";", such as "0,0 80,60; 600,0 639,0 639,50"',
+            "doc": "parts of the vehicle in the depth image, which are then unknown: polygons of corners u,v in px separated by "
+            'spaces, two corners are a rectangle, polygons separated by ";", such as "0,0 80,60; 600,0 639,0 639,50"',
         },
     )
     unmatched_left_px: int | None = _number(
         0,
         1024,
         "px",
-        "columns at the left that stereo matching never sees; not said: of a zed its disparities, else 0",
+        "columns at the left without stereo matches; default: disparities for a zed, else 0",
         safety=True,
     )
     flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
@@ -74,30 +74,36 @@ class CameraConfig:
         metadata={
             "unit": "",
             "doc": "oak: its id (empty: the only one there); zed, v4l2: a path, best in /dev/v4l/by-id; "
-            "simulated: a file that stands for its cable, unplugged while it is not there (empty: plugged in)",
+            "simulated: a file that represents its cable, unplugged while the file is missing (empty: plugged in)",
         },
     )
     width_px: int = _number(16, 4096, "px", "width of the depth image; of a zed, of one eye", 640)
     height_px: int = _number(16, 4096, "px", "its height; simulated: always three quarters of the width", 480)
-    fps: float = _number(1.0, 120.0, "Hz", "frames a second asked of the camera", 30.0)
+    fps: float = _number(1.0, 120.0, "Hz", "frames per second requested from the camera", 30.0)
     exposure_latency_s: float = _number(
-        0.0, 0.2, "s", "from the middle of the exposure: zed, v4l2 to the kernel's stamp, simulated to the arrival", 0.0
+        0.0,
+        0.2,
+        "s",
+        "time from the middle of the exposure to the kernel's timestamp (zed, v4l2) or to the arrival (simulated)",
+        0.0,
     )
     exposure_offset_ms: float = _number(
         -100.0,
         200.0,
         "ms",
-        "subtracted from each exposure stamp of a live camera: positive where its stamps are later than the exposure. "
-        "The service measures it while the vehicle turns and gives the value (docs/how-to/measure-exposure-offset.md)",
+        "subtracted from each exposure timestamp of a live camera: positive if its timestamps are later than the exposure. "
+        "The service measures it while the vehicle turns and reports the value (docs/how-to/measure-exposure-offset.md)",
         0.0,
     )
     calibration: str = field(default="", metadata={"unit": "", "doc": "zed only: its SN<serial>.conf"})
-    disparities: int = _number(16, 512, "px", "zed only: disparities searched; more see nearer and cost more", 96)
-    confidence: int = _number(0, 255, "", "oak only: lower keeps fewer and surer pixels", 200, safety=True)
+    disparities: int = _number(
+        16, 512, "px", "zed only: disparities searched; more reach nearer and cost more time", 96
+    )
+    confidence: int = _number(0, 255, "", "oak only: lower values keep fewer, more reliable pixels", 200, safety=True)
     emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
     depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)
-    fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not tell it")
-    fy_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: the same, vertical")
+    fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not report it")
+    fy_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: vertical focal length")
     cx_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
     cy_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
     seed: int = _number(0, 1_000_000, "", "simulated only: scene and noise", 0)
@@ -142,9 +148,11 @@ class OutputConfig:
     """What a replay writes beside the prisms."""
 
     scene: bool = field(
-        default=True, metadata={"unit": "", "doc": "the prisms drawn, for viewers (foxglove.SceneUpdate)"}
+        default=True, metadata={"unit": "", "doc": "write drawings of the prisms for viewers (foxglove.SceneUpdate)"}
     )
-    transforms: bool = field(default=True, metadata={"unit": "", "doc": "the frames' transforms, for viewers"})
+    transforms: bool = field(
+        default=True, metadata={"unit": "", "doc": "write the transforms between frames for viewers"}
+    )
     copy_input: bool = field(
-        default=True, metadata={"unit": "", "doc": "the depth images again, so that one file holds all"}
+        default=True, metadata={"unit": "", "doc": "copy the depth images, so that one file holds everything"}
     )

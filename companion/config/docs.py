@@ -13,26 +13,29 @@ from .loader import SECTIONS, expected, fields_of
 
 BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tables -->"
 TITLES = {
-    "extractor": "`[extractor]`: the algorithm",
-    "sync": "`[sync]`: which attitude belongs to a frame",
-    "mount_check": "`[mount_check]`: whether each camera is mounted as configured",
-    "camera": "`[[camera]]`: one for each camera",
-    "output": "`[output]`: what a replay writes",
-    "autopilot": "`[autopilot]`: the line to it",
-    "avoid": "`[avoid]`: what the autopilot is told of obstacles",
-    "publish": "`[publish]`: the streams for planners",
-    "world": "`[world]`: what the frames say together",
-    "record": "`[record]`: the flight's log",
-    "supervision": "`[supervision]`: when a camera is ill",
-    "service": "`[service]`: blindness, hangs, metrics",
+    "extractor": "`[extractor]`: algorithm; most users change the three sizes only",
+    "sync": "`[sync]`: attitude of a frame",
+    "mount_check": "`[mount_check]`: check of each camera's mount",
+    "camera": "`[[camera]]`: one section for each camera",
+    "output": "`[output]`: content of replayed logs",
+    "autopilot": "`[autopilot]`: MAVLink connection",
+    "avoid": "`[avoid]`: obstacle output to the autopilot",
+    "publish": "`[publish]`: streams",
+    "world": "`[world]`: merged world",
+    "record": "`[record]`: log of the flight",
+    "supervision": "`[supervision]`: failure of a camera",
+    "service": "`[service]`: timeouts, metrics",
 }
+
+FIRST = ("camera", "autopilot", "avoid", "publish", "record", "supervision", "service")
+"""Sections that users set come first in the document."""
 
 
 def tables() -> str:
     """Markdown of all sections: key, default, what may stand there, meaning, whether it is a safety key."""
     parts: list[str] = []
-    for section in SECTIONS:
-        parts += [f"## {TITLES[section]}", "", "| key | default | may be | meaning | safety |", "|---|---|---|---|---|"]
+    for section in (*FIRST, *(s for s in SECTIONS if s not in FIRST)):
+        parts += [f"## {TITLES[section]}", "", "| key | default | range | meaning | safety |", "|---|---|---|---|---|"]
         parts += [_row(f) for f in fields_of(section)]
         parts.append("")
     return "\n".join(parts)
@@ -40,7 +43,7 @@ def tables() -> str:
 
 def _row(f: Field[Any]) -> str:
     if f.default is MISSING:
-        default = "must be given"
+        default = "required"
     elif f.default is None:
         default = "as recorded"
     elif isinstance(f.default, bool):

@@ -14,15 +14,15 @@ class AutopilotConfig:
     address: str = text(
         "", "serial:/dev/serial/by-id/NAME:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT; empty: none"
     )
-    system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
-    component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
-    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
-    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+    system_id: int = number(0, 0, 255, "", "system id of the vehicle; 0: taken from its heartbeat")
+    component_id: int = number(196, 1, 255, "", "component id of the service; 196 is obstacle avoidance")
+    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "requested rate of the attitude")
+    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "requested rate of the position")
     signing_key: str = text(
-        "", "file of the key of MAVLink 2 signatures (`companion keys --signing FILE`); empty: nothing is signed"
+        "", "file with the key for MAVLink 2 signing (`companion keys --signing FILE`); empty: no signing"
     )
 
-    computer_status: bool = switch(False, "tell ground stations how this computer is (ONBOARD_COMPUTER_STATUS, 1 Hz)")
+    computer_status: bool = switch(False, "send ONBOARD_COMPUTER_STATUS at 1 Hz")
 
     def __post_init__(self) -> None:
         check("autopilot", self)
@@ -39,15 +39,17 @@ class PublishConfig:
 
     prisms: str = text("ipc://{run}/prisms", "address of the prisms: ipc://PATH, or tcp://HOST:PORT; empty: none")
     health: str = text("ipc://{run}/health", "address of the health reports")
-    surround: str = text("ipc://{run}/surround", "address of all cameras as one model, where there are several")
-    world: str = text("", "address of the merged world's changes, ipc://{run}/world; empty: nothing is merged")
-    world_requests: str = text("", "and where snapshots of it are asked for, ipc://{run}/world-snapshot")
+    surround: str = text("ipc://{run}/surround", "address of the model of all cameras, with several cameras")
+    world: str = text(
+        "", "address of the changes of the merged world, such as ipc://{run}/world; empty: nothing is merged"
+    )
+    world_requests: str = text("", "address that answers requests for snapshots, such as ipc://{run}/world-snapshot")
     depth: str = text(
         "ipc://{run}/depth",
-        "small depth images for `companion view --live`, made only while somebody listens; empty: none",
+        "address of small depth images for `companion view --live`, made only while a client listens; empty: none",
     )
-    depth_hz: float = number(5.0, 0.5, 15.0, "Hz", "of these of each camera, at most")
-    keys: str = text("", "folder of the keys (`companion keys`), needed beyond this machine")
+    depth_hz: float = number(5.0, 0.5, 15.0, "Hz", "greatest rate of the small depth images of each camera")
+    keys: str = text("", "directory of the CURVE keys (`companion keys`), needed for tcp:// addresses")
 
     def __post_init__(self) -> None:
         check("publish", self)
@@ -68,19 +70,21 @@ class PublishConfig:
 class RecordParams:
     """Where, when and how much is recorded."""
 
-    record: str = choice("always", ("always", "armed", "off"), "always, while the vehicle is armed, or off")
-    folder: str = text("", "of the logs; empty: the service's state folder")
-    file_mb: float = number(512.0, 1.0, 4096.0, "MB", "a file is closed and a new one begun at this size")
-    file_s: float = number(600.0, 5.0, 7200.0, "s", "or at this age")
-    budget_mb: float = number(16384.0, 10.0, 1e6, "MB", "all logs together; the oldest finished flights go first")
-    least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "with less free space on the disk nothing is recorded")
-    queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "waiting for the disk, at most")
-    queue_items: int = number(5000, 100, 100_000, "", "and so many items")
+    record: str = choice("always", ("always", "armed", "off"), "record always, while the vehicle is armed, or never")
+    folder: str = text("", "directory of the logs; empty: below the state directory of the service")
+    file_mb: float = number(512.0, 1.0, 4096.0, "MB", "a new file is begun at this size")
+    file_s: float = number(600.0, 5.0, 7200.0, "s", "a new file is begun at this age")
+    budget_mb: float = number(
+        16384.0, 10.0, 1e6, "MB", "total size of all logs; the oldest finished flights are deleted first"
+    )
+    least_free_mb: float = number(256.0, 1.0, 1e5, "MB", "nothing is recorded with less free space on the disk")
+    queue_mb: float = number(64.0, 4.0, 1024.0, "MB", "greatest amount of data waiting for the disk")
+    queue_items: int = number(5000, 100, 100_000, "", "greatest number of items waiting for the disk")
     zstd_level: int = number(-1, -20, 9, "", "compression level; a lower level is faster and gives larger files")
-    depth: bool = switch(True, "the depth images too: without them nothing can be replayed")
-    mavlink: bool = switch(True, "the autopilot's messages as they came")
+    depth: bool = switch(True, "record depth images; without them a log cannot be replayed")
+    mavlink: bool = switch(True, "record the MAVLink messages of the autopilot")
     drawings: bool = switch(
-        False, "the prisms drawn, for viewers; costs time in flight, `companion replay -o` adds them"
+        False, "record drawings of the prisms for viewers; costs time in flight, `companion replay -o` adds them later"
     )
 
     def __post_init__(self) -> None:
@@ -93,12 +97,16 @@ class RecordParams:
 class SupervisorParams:
     """When a camera is called ill and when its process is started anew."""
 
-    silent_s: float = critical(0.5, 0.05, 10.0, "s", "without a frame for this long a camera is silent")
-    restart_s: float = critical(3.0, 0.5, 60.0, "s", "silent or frozen for this long, its process is started anew")
-    open_s: float = number(30.0, 1.0, 300.0, "s", "a process without a first frame by then is started anew")
-    frozen_frames: int = critical(4, 2, 1000, "", "the same image so many times again is a frozen camera")
-    first_backoff_s: float = number(0.5, 0.0, 60.0, "s", "wait before a new start; doubled while it gives no frames")
-    longest_backoff_s: float = number(5.0, 0.1, 600.0, "s", "longest wait before a new start")
+    silent_s: float = critical(0.5, 0.05, 10.0, "s", "a camera without a frame for this time is silent")
+    restart_s: float = critical(
+        3.0, 0.5, 60.0, "s", "the process of a camera that is silent or frozen for this time is restarted"
+    )
+    open_s: float = number(30.0, 1.0, 300.0, "s", "a process without a first frame after this time is restarted")
+    frozen_frames: int = critical(4, 2, 1000, "", "repetitions of the same image after which a camera is frozen")
+    first_backoff_s: float = number(
+        0.5, 0.0, 60.0, "s", "wait before a restart; doubled while the camera gives no frames"
+    )
+    longest_backoff_s: float = number(5.0, 0.1, 600.0, "s", "longest wait before a restart")
 
     def __post_init__(self) -> None:
         check("supervision", self)
@@ -108,10 +116,14 @@ class SupervisorParams:
 class ServiceParams:
     """The service itself."""
 
-    stale_s: float = critical(0.3, 0.05, 2.0, "s", "a camera whose newest valid exposure is older is blind")
-    blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of the messages that say so")
-    hang_s: float = critical(2.0, 0.5, 30.0, "s", "a loop that has not gone round for this long hangs")
-    metrics_port: int = number(0, 0, 65535, "", "Prometheus text on 127.0.0.1; 0: none")
+    stale_s: float = critical(
+        0.3, 0.05, 2.0, "s", "a camera is blind when its newest valid exposure is older than this"
+    )
+    blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of messages while a camera is blind")
+    hang_s: float = critical(
+        2.0, 0.5, 30.0, "s", "a loop that has not completed a cycle for this time is treated as hung"
+    )
+    metrics_port: int = number(0, 0, 65535, "", "port of the Prometheus metrics on 127.0.0.1; 0: none")
 
     def __post_init__(self) -> None:
         check("service", self)
