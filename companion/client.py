@@ -67,7 +67,7 @@ class News:
 
     @property
     def cause_codes(self) -> dict[str, str]:
-        """Camera -> code of why it is blind, for programs (docs/messages.md); empty: none is."""
+        """Camera -> code of why it is blind, for programs (docs/reference/diagnostics.md); empty: none is."""
         parts = [self.message] if isinstance(self.message, pb.PrismsFrame) else self.message.cameras
         return {part.camera: cause_code(part.cause) for part in parts if not part.valid}
 

@@ -9,7 +9,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 
 class DiagnosticCode(Code):
-    """The codes of `osape.v1.Diagnostic`, each with its meaning; docs/service.md lists them."""
+    """The codes of `osape.v1.Diagnostic`, each with its meaning; docs/reference/diagnostics.md lists them."""
 
     STARTING = "starting", "the service is starting; nothing is detected yet"
     THREAD_STALLED = "thread_stalled", "a thread of the service has ended or does not respond"

@@ -22,7 +22,7 @@ from zstandard import ZstdCompressor
 from drivers.logs.record_scanner import MAGIC
 
 ZSTD_LEVEL: Final = 1
-"""Where nobody waits and nothing else says it; what others take and save: docs/reference/service.md."""
+"""Where nobody waits and nothing else says it; what others take and save: docs/research/service-measurements.md."""
 _MESSAGE: Final = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows, channel, sequence, time of the log, time of publishing."""
 _MESSAGE_HEAD: Final = 22

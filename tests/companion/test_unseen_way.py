@@ -118,7 +118,7 @@ def farther_than(found: SectorScan, distance_m: float) -> NDArray[np.bool_]:
 def test_a_column_that_hides_a_quarter_of_a_sector_hides_what_is_behind_it(
     wall_at_10_m: Rendered, width_m: float
 ) -> None:
-    """At 3 m a sector is 0.26 m wide. Least shares that are not told: docs/limits.md."""
+    """At 3 m a sector is 0.26 m wide. Least shares that are not told: docs/reference/limits.md."""
     for right_m in np.linspace(-1.2, 1.2, 37).tolist():
         found = scan([view_of(wall_at_10_m, without_texture(width_m, 3.0, right_m))], AVOID)
         left, right = (math.atan((right_m + side * width_m / 2) / 3.0) for side in (-1, 1))
