@@ -168,7 +168,9 @@ def main(arguments: list[str] | None = None) -> int:
     """`python -m benchmarks.peers.section --brief`: the shortened page in docs/research/benchmarks."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.peers.section", description=main.__doc__)
     parser.add_argument("--brief", action="store_true", required=True, help="a fifth of the work; else: make bench")
-    parser.add_argument("--out", type=Path, default=Path("docs/research/benchmarks"), help="folder of the page and its pictures")
+    parser.add_argument(
+        "--out", type=Path, default=Path("docs/research/benchmarks"), help="folder of the page and its pictures"
+    )
     args = parser.parse_args(arguments)
     begun = time.monotonic()
     text = compared(args.out, BRIEF)
