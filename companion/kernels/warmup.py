@@ -118,14 +118,17 @@ class _Children:
         with self._lock:
             if self._cancelled:
                 raise CancelledError("compiling was cancelled: the process was told to end")
+            theirs, ours = os.pipe()  # `ours` closes with this process, however that ends, see `end_with_parent`
             process = self._running = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+                command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
             )
+            os.close(theirs)
         try:
             out, errors = process.communicate(timeout=timeout_s)
         finally:
             process.kill()  # nothing where it has ended
             process.wait()
+            os.close(ours)
             with self._lock:
                 self._running = None
         if self._cancelled:
@@ -230,8 +233,16 @@ def _tell_complete(*modes: str) -> None:
             write_manifest(Path(named))
 
 
+def end_with_parent() -> None:
+    """Ends this process when its standard input is closed: a parent that was killed cannot end it."""
+    while os.read(0, 1):
+        pass
+    os._exit(1)
+
+
 def run_child(modes: Sequence[str]) -> None:
     """What a child process does: the kernels of a service in these modes; none named: all there are."""
+    threading.Thread(target=end_with_parent, name="parent", daemon=True).start()
     if modes:
         run_kernels(modes, metres=False)
     else:

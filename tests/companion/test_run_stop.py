@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -32,8 +34,9 @@ def children(pid: int) -> dict[int, str]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_told_to_end_while_kernels_are_compiled_it_ends_with_its_children(tmp_path: Path, number: int) -> None:
+@contextmanager
+def compiling(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], dict[int, str]]]:
+    """A service that compiles its kernels and runs a camera, with its children."""
     config = tmp_path / "live.toml"
     config.write_text(CONFIG)
     (tmp_path / "run").mkdir()
@@ -60,14 +63,31 @@ def test_told_to_end_while_kernels_are_compiled_it_ends_with_its_children(tmp_pa
 
     try:
         assert until(compiles_and_films)
+        yield process, theirs
+    finally:
+        process.kill()
+        for pid in running(theirs):
+            os.kill(pid, signal.SIGKILL)
+
+
+def running(pids: Iterable[int]) -> list[int]:
+    return [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_told_to_end_while_kernels_are_compiled_it_ends_with_its_children(tmp_path: Path, number: int) -> None:
+    with compiling(tmp_path) as (process, theirs):
         process.send_signal(number)
         said, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0, said
         assert said.endswith("stopped\n")
         assert "Traceback" not in said
-        assert not [pid for pid in theirs if Path(f"/proc/{pid}").exists()]
-    finally:
+        assert not running(theirs)
+
+
+def test_killed_while_kernels_are_compiled_it_leaves_no_child_that_compiles_on(tmp_path: Path) -> None:
+    """Started by hand, no systemd ends what a killed service leaves, and compiling takes a processor for minutes."""
+    with compiling(tmp_path) as (process, theirs):
         process.kill()
-        for pid in theirs:
-            if Path(f"/proc/{pid}").exists():
-                os.kill(pid, signal.SIGKILL)
+        process.wait()
+        assert until(lambda: not running(theirs))
