@@ -2,10 +2,10 @@
 
     python -m benchmarks.free_space.campaign --frames 5000 --seed 1
     python -m benchmarks.free_space.campaign --matrix --frames 0
-    python -m benchmarks.free_space.campaign --worlds 200 --sectors 2000 --frames 0
+    python -m benchmarks.free_space.campaign --worlds 200 --sectors 2000 --readers 2000 --frames 0
 
 Frames are judged by every claimed cell of their profile, worlds (flights of 12 frames) by every free cell, sectors by every
-clear one. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong.
+clear one, readers by what core/query/queries.Space answers. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass
 
 from benchmarks.free_space.matrix import matrix_frames
 from benchmarks.free_space.random_frames import RandomFrame, random_frame
+from benchmarks.free_space.readers import judge_readers
 from benchmarks.free_space.volume import WrongCell, wrong_cells
 from benchmarks.free_space.worlds import judge_sectors, judge_world
 from core.extractor import Extractor
@@ -41,11 +42,18 @@ class Counts:
     sector_frames: int = 0
     clear_sectors: int = 0
     wrong_sectors: int = 0
+    reader_frames: int = 0
+    reader_cells: int = 0
+    wrong_reader_cells: int = 0
+    free_points: int = 0
+    wrong_points: int = 0
 
     @property
     def any_wrong(self) -> bool:
         """Whether anything called free was not."""
-        return self.wrong + self.wrong_world_cells + self.wrong_sectors > 0
+        return (
+            self.wrong + self.wrong_world_cells + self.wrong_sectors + self.wrong_reader_cells + self.wrong_points > 0
+        )
 
 
 def judge(r: RandomFrame, extractor: Extractor, below_ground: bool) -> tuple[list[WrongCell], int, bool, str]:
@@ -110,6 +118,25 @@ def run_sectors(first: int, frames: int, seed: int, counts: Counts) -> None:
             print(f"sectors of frame {number}: {wrong} of {clear} clear ones hold a solid", flush=True)
 
 
+def run_readers(first: int, frames: int, seed: int, counts: Counts) -> None:
+    """Judges what `Space` answers of so many frames; wrong ones go to stdout."""
+    extractor = Extractor(Params())
+    for number in range(first, first + frames):
+        c = judge_readers(random_frame(seed, number), extractor)
+        counts.reader_frames += 1
+        counts.reader_cells += c.cells
+        counts.wrong_reader_cells += c.wrong_cells
+        counts.free_points += c.points
+        counts.wrong_points += c.wrong_points
+        counts.deepest_m = max(counts.deepest_m, c.deepest_m)
+        if c.wrong_cells or c.wrong_points:
+            print(
+                f"readers of frame {number}: {c.wrong_cells} of {c.cells} cells, {c.wrong_points} of {c.points} free points, "
+                f"{c.where}",
+                flush=True,
+            )
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -124,6 +151,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--worlds", type=int, default=0)
     parser.add_argument("--sectors", type=int, default=0, help="frames whose sectors are judged")
+    parser.add_argument(
+        "--readers", type=int, default=0, help="frames whose answers are judged, below the ground that was found too"
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first frame")
     parser.add_argument("--seed", type=int, default=1)
     a = parser.parse_args(arguments)
@@ -134,6 +164,7 @@ def main(arguments: list[str] | None = None) -> int:
         run_frames(matrix_frames(a.seed), a.below_ground, counts)
     run_worlds(a.first, a.worlds, a.seed, counts)
     run_sectors(a.first, a.sectors, a.seed, counts)
+    run_readers(a.first, a.readers, a.seed, counts)
     print(json.dumps(asdict(counts)))
     return 1 if counts.any_wrong else 0
 

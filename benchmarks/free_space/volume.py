@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -188,17 +189,36 @@ def heading_of(frame: Rendered) -> float:
     return math.atan2(float(R[1, 0]), float(R[0, 0]))
 
 
-def wrong_cells(
-    frame: Rendered, model: FrameModel, ke_per_m: float, params: Params, *, below_ground: bool = False
-) -> tuple[list[WrongCell], int]:
-    """(the worst ray of each wrong cell, how many cells are claimed). ke_per_m: the true noise of the frame.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CellRays:
+    """Horizontal rays through the claimed cells of a profile. cell: (N,) number of the cell of each ray, of `cells` in all;
+    direction, layer: (N,) its indices in the profile; azimuth_rad, z_m: (N,) in level_cam; begins, ends: (N,) horizontal
+    ranges of the claim; origins, directions: (N, 3) in ned; axis: (3,) optical axis in level_cam."""
 
-    below_ground: cells are judged over their whole height, as a caller takes them who does not treat the model's ground as
-    solid. The true ground itself does not count then."""
+    cells: int
+    cell: NDArray[np.int64]
+    direction: NDArray[np.int64]
+    layer: NDArray[np.int64]
+    azimuth_rad: Floats
+    z_m: Floats
+    begins: Floats
+    ends: Floats
+    origins: Floats
+    directions: Floats
+    axis: Floats
+
+    def optical_depth(self, rows: Any, range_m: Any) -> Any:
+        """Optical depth of places at horizontal ranges along rays."""
+        along = self.axis[0] * np.cos(self.azimuth_rad[rows]) + self.axis[1] * np.sin(self.azimuth_rad[rows])
+        return along * range_m + self.axis[2] * self.z_m[rows]
+
+
+def cell_rays(frame: Rendered, model: FrameModel) -> CellRays | None:
+    """The rays through all that a model's profile claims; None: it claims nothing."""
     f = model.free
     cells = np.argwhere(f.free_to_m > f.free_from_m)
     if not model.valid or not len(cells):
-        return [], 0
+        return None
     k = frame.info.intrinsics
     inner = np.linspace(0.0, 1.0, _AZIMUTHS)
     share = (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS
@@ -210,32 +230,47 @@ def wrong_cells(
     pixel = np.minimum(1.0 / min(k.fx, k.fy), 0.49 * (edges[d + 1] - edges[d]))
     azimuth = edges[d] + pixel + across * (edges[d + 1] - edges[d] - 2.0 * pixel)
     z = layers[layer] + down * (layers[layer + 1] - layers[layer])
-    free_to = f.free_to_m[d, layer].astype(np.float64)
-    begins, ends = f.free_from_m[d, layer].astype(np.float64), free_to
-    if not below_ground:
-        begins, ends = above_ground(model.ground, azimuth, z, begins, ends, model.ke_per_m, params)
     heading = heading_of(frame) + azimuth
-    directions = np.stack([np.cos(heading), np.sin(heading), np.zeros(len(z))], axis=1)
     origins = np.tile(frame.position_ned_m, (len(z), 1))
     origins[:, 2] += z
+    return CellRays(
+        cells=len(cells), cell=np.repeat(np.arange(len(cells)), each), direction=d, layer=layer, azimuth_rad=azimuth,
+        z_m=z, begins=f.free_from_m[d, layer].astype(np.float64), ends=f.free_to_m[d, layer].astype(np.float64),
+        origins=origins, directions=np.stack([np.cos(heading), np.sin(heading), np.zeros(len(z))], axis=1),
+        axis=frame.R_level_optical[:, 2],
+    )  # fmt: skip
+
+
+def wrong_cells(
+    frame: Rendered, model: FrameModel, ke_per_m: float, params: Params, *, below_ground: bool = False
+) -> tuple[list[WrongCell], int]:
+    """(the worst ray of each wrong cell, how many cells are claimed). ke_per_m: the true noise of the frame.
+
+    below_ground: cells are judged over their whole height, as a caller takes them who does not treat the model's ground as
+    solid. The true ground itself does not count then."""
+    rays = cell_rays(frame, model)
+    if rays is None:
+        return [], 0
+    begins, ends, each = rays.begins, rays.ends, _AZIMUTHS * _HEIGHTS
+    if not below_ground:
+        begins, ends = above_ground(model.ground, rays.azimuth_rad, rays.z_m, begins, ends, model.ke_per_m, params)
     range_m, which = first_solids(
-        frame.scene, has_ground(frame.scene), origins, directions, begins, ends, params.min_obstacle_height_m
+        frame.scene, has_ground(frame.scene), rays.origins, rays.directions, begins, ends, params.min_obstacle_height_m
     )
-    axis = frame.R_level_optical[:, 2]
-    per_range = axis[0] * np.cos(azimuth) + axis[1] * np.sin(azimuth)
     with np.errstate(invalid="ignore"):
-        depth = per_range * range_m + axis[2] * z
+        depth = rays.optical_depth(slice(None), range_m)
         slack = np.fmax(SLACK_M, SLACK_SIGMAS * ke_per_m * np.maximum(depth, 0.0) * range_m)
         counts = np.isfinite(range_m) & ~(below_ground & (which == -1))
-        deep = np.where(counts, free_to - slack - range_m, -np.inf).reshape(len(cells), each)
+        deep = np.where(counts, rays.ends - slack - range_m, -np.inf).reshape(rays.cells, each)
     found = []
     for cell in np.flatnonzero(deep.max(axis=1) > 0.0):
         i = int(cell) * each + int(deep[cell].argmax())
         label = int(frame.scene.label[which[i]]) if which[i] >= 0 else -1
         found.append(
             WrongCell(
-                direction=int(d[i]), layer=int(layer[i]), azimuth_rad=float(azimuth[i]), z_m=float(z[i]), range_m=float(range_m[i]),
-                free_to_m=float(free_to[i]), deep_m=float(free_to[i] - range_m[i]), solid=label,
+                direction=int(rays.direction[i]), layer=int(rays.layer[i]), azimuth_rad=float(rays.azimuth_rad[i]),
+                z_m=float(rays.z_m[i]), range_m=float(range_m[i]), free_to_m=float(rays.ends[i]),
+                deep_m=float(rays.ends[i] - range_m[i]), solid=label,
             )
         )  # fmt: skip
-    return found, len(cells)
+    return found, rays.cells

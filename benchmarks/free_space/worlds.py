@@ -1,8 +1,9 @@
 """What the merged world and the obstacle sectors call free, against the solids of random scenes.
 
 A world is made of a short flight past a random scene with changing pitch and roll. A free cell is wrong where its centre
-lies in a solid, deeper than max(0.3 m, 3 sigma of its distance) from the solid's sides. A clear sector is wrong where a
-solid stands in it between the nearest and the farthest distance that it speaks of, less as much.
+lies in a solid, above or below the ground that was found, deeper than max(0.3 m, 3 sigma of its distance) from the
+solid's sides. A clear sector is wrong where a solid stands in it between the nearest and the farthest distance that it
+speaks of, less as much.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.free_space.random_frames import RandomFrame, has_room, random_frame
+from benchmarks.free_space.readers import deep_in_solid
 from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS, above_ground, first_solids, has_ground, heading_of
-from companion.autopilot.polar_histogram import STEP_RAD, SectorState, View, centres_rad, scan
+from companion.autopilot.polar_histogram import STEP_RAD, SectorState, centres_rad, scan
+from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform, reframed
 from core.extractor import Extractor
@@ -29,8 +32,6 @@ from drivers.simulation.source import Rendered
 Floats = NDArray[np.float64]
 FRAMES = 12
 _STEP_NS = 100_000_000
-_AROUND = 8
-"""Directions in which a wrong cell's centre must be deep in a solid."""
 _RAYS, _SLICES = 5, 8
 _FLATTER = 0.3
 """Share of the random tilt that is left where sectors are judged."""
@@ -77,17 +78,6 @@ def _free_cells(world: World, now_ns: int) -> Floats:
     return middles[WorldSpace(picture).points(middles) == Answer.FREE]
 
 
-def _below_a_ground(points: Floats, flown: list[Flown], extractor: Extractor) -> NDArray[np.bool_]:
-    """(N,) whether points lie below what any frame took for ground, of which its profile claims nothing."""
-    below = np.zeros(len(points), np.bool_)
-    for f in flown:
-        off = points - f.frame.position_ned_m
-        range_m, azimuth = np.hypot(off[:, 0], off[:, 1]), np.arctan2(off[:, 1], off[:, 0]) - heading_of(f.frame)
-        lo, hi = above_ground(f.model.ground, azimuth, off[:, 2], range_m, range_m, f.model.ke_per_m, extractor.params)
-        below |= lo > hi
-    return below
-
-
 def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, int, int]:
     """((N, 3) middles in ned of wrong free cells, how many cells are free, scene's frames that say something)."""
     flown, ke = flight(seed, number, extractor)
@@ -100,17 +90,9 @@ def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, i
     points = _free_cells(world, (1 + len(flown)) * _STEP_NS)
     if not len(points):
         return points, 0, valid
-    scene = flown[0].frame.scene
     range_m = np.max([np.hypot(*(points - f.frame.position_ned_m)[:, :2].T) for f in flown], axis=0)
     slack = np.fmax(SLACK_M, SLACK_SIGMAS * ke * np.minimum(range_m, flown[0].frame.info.max_range_m) ** 2)
-    deep = np.ones(len(points), np.bool_)
-    least_m = extractor.params.min_obstacle_height_m
-    for a in np.arange(_AROUND) * math.tau / _AROUND:
-        to = np.tile([math.cos(a), math.sin(a), 0.0], (len(points), 1))
-        for at in (np.zeros(len(points)), slack):
-            _, which = first_solids(scene, has_ground(scene), points, to, at, at, least_m)
-            deep &= which != -2
-    deep[deep] &= ~_below_a_ground(points[deep], flown, extractor)
+    deep = deep_in_solid(flown[0].frame, points, slack, extractor.params.min_obstacle_height_m)
     return points[deep], len(points), valid
 
 

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.free_space import campaign as free_campaign
 from benchmarks.free_space import worlds as free_worlds
 from benchmarks.free_space.random_frames import ROOM_M, has_room, random_frame
+from benchmarks.free_space.readers import ReaderCounts, judge_readers
 from benchmarks.free_space.volume import above_ground, first_solids, wrong_cells
 from core.extractor import Extractor
 from core.params import Params
@@ -188,9 +189,39 @@ def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
     wrong, cells, valid = free_worlds.judge_world(3, 0, Extractor(Params()))
     np.testing.assert_array_equal(wrong, points[:1])  # the third lies within the slack of its side
     assert (cells, valid) == (4, 1)
-    # below what a frame took for ground nothing is claimed
+    # what the world answers counts, also below what a frame took for ground
     flown[0] = free_worlds.Flown(frame, claiming(4.0, ground=Ground(seen=True, height_m=0.8)))
-    assert len(free_worlds.judge_world(3, 0, Extractor(Params()))[0]) == 0
+    np.testing.assert_array_equal(free_worlds.judge_world(3, 0, Extractor(Params()))[0], points[:1])
+
+
+def answers(frame: Rendered, model: FrameModel, monkeypatch: pytest.MonkeyPatch) -> ReaderCounts:
+    """What the check of readers finds where the extractor says this of a frame."""
+    with monkeypatch.context() as patch:
+        patch.setattr(Extractor, "extract", lambda *_: (model, None))
+        return judge_readers(replace(random_frame(3, 0), frame=frame), Extractor(Params()))
+
+
+def test_readers_that_answer_free_in_a_solid_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    low, layer = view(box(0.0, 0.9)), (2,)  # z = 1.1..2 in z = 1..3
+    found = answers(low, claiming(4.9, layer), monkeypatch)
+    assert (found.cells, found.wrong_cells, found.wrong_points) == (24, 0, 0)
+    assert found.points > 5
+    found = answers(low, claiming(6.0, layer), monkeypatch)
+    assert found.wrong_cells == 8
+    assert found.deepest_m == pytest.approx(1.0, abs=0.1)
+    # what a reader cuts at the ground is not answered free, and what it does not cut is
+    assert (
+        answers(low, claiming(6.0, layer, Ground(seen=True, height_m=1.3, tolerance_m=0.25)), monkeypatch).wrong_cells
+        == 0
+    )
+    assert (
+        answers(low, claiming(6.0, layer, Ground(seen=True, height_m=2.0, tolerance_m=0.25)), monkeypatch).wrong_cells
+        == 8
+    )
+    far = claiming(8.0, (0, 1, 2))
+    wide = SceneBuilder("wide")
+    wide.box("wide", *ahead(8.0), 8.0, 40.0, 30.0, 0.4, -15.0)
+    assert answers(view(wide), far, monkeypatch).wrong_points > 0
 
 
 def test_a_solid_in_a_clear_sector_is_wrong() -> None:
@@ -222,7 +253,21 @@ def test_a_solid_in_a_clear_sector_is_wrong() -> None:
 @pytest.mark.soak
 def test_twenty_thousand_random_frames_and_the_matrix_call_nothing_solid_free() -> None:
     assert (
-        free_campaign.main(["--frames", "20000", "--matrix", "--worlds", "500", "--sectors", "5000", "--seed", "23"])
+        free_campaign.main(
+            [
+                "--frames",
+                "20000",
+                "--matrix",
+                "--worlds",
+                "500",
+                "--sectors",
+                "5000",
+                "--readers",
+                "20000",
+                "--seed",
+                "23",
+            ]
+        )
         == 0
     )
 
