@@ -10,7 +10,7 @@ import math
 
 from ..jit import inner
 from .association import R_AFTER, R_BEHIND, R_CLEAR_SIGMAS, R_POSE, R_SHARE, R_STEP, R_TRUST, box_of, length_of, put_box
-from .free_grid import direction_of
+from .free_grid import direction_of, lowest_free
 from .plane_index import (
     BOTTOM,
     CHANGED,
@@ -39,11 +39,12 @@ _LEAST_M = 0.1
 
 
 @inner
-def seen_through(x, y, top, bottom, slack, ke, sigmas, share, edges, layers, near_m, far_m, end):
+def seen_through(x, y, top, bottom, slack, ke, sigmas, share, edges, layers, near_m, far_m, end, plane):
     """Whether a profile sees past a place (x, y from the camera) over enough of the heights top..bottom.
 
     slack: how far behind it must be free, noise added. Not when any layer there ends at an obstacle about as far: that may
-    be the very plane, a little off."""
+    be the very plane, a little off. A layer that the ground cuts is free as a whole, and was judged above the ground only:
+    heights below the ground, or within its noise, do not count as seen past. plane: GroundPlane of the frame."""
     r = math.sqrt(x * x + y * y)
     turn = math.atan2(y, x) - edges[0]
     azimuth = turn - math.floor(turn / math.tau) * math.tau + edges[0]
@@ -51,21 +52,23 @@ def seen_through(x, y, top, bottom, slack, ke, sigmas, share, edges, layers, nea
         return False
     d = direction_of(edges, azimuth)
     off = slack + sigmas * ke * r * r
-    through = 0.0
+    through, lowest = 0.0, lowest_free(x, y, r, plane)
     for k in range(layers.shape[0] - 1):
         over = min(bottom, layers[k + 1]) - max(top, layers[k])
         if over <= 0.0:
             continue
         if near_m[d, k] <= r - off and far_m[d, k] >= r + off:
-            through += over
+            through += max(0.0, min(bottom, layers[k + 1], lowest) - max(top, layers[k]))
         elif end[d, k] == _OBSTACLE and abs(far_m[d, k] - r) < off:
             return False
     return through >= share * (bottom - top)
 
 
 @inner
-def look_through(tables, i, x, y, ke, rules, edges, layers, near_m, far_m, end):
-    """Counts one look of a camera at (x, y) through the longest part of slot i that it sees through."""
+def look_through(tables, i, x, y, ke, rules, edges, layers, near_m, far_m, end, plane):
+    """Counts one look of a camera at (x, y) through the longest part of slot i that it sees through.
+
+    plane: GroundPlane of the frame."""
     box, floats = tables[0], tables[2]
     a = box_of(box, i)
     length = length_of(a[0], a[1], a[2], a[3])
@@ -78,8 +81,8 @@ def look_through(tables, i, x, y, ke, rules, edges, layers, near_m, far_m, end):
             share = (n + 0.5) / count
             px, py = a[0] + (a[2] - a[0]) * share - x, a[1] + (a[3] - a[1]) * share - y
             ok = seen_through(
-                px, py, a[4], a[5], slack, ke, rules[R_CLEAR_SIGMAS], rules[R_SHARE], edges, layers, near_m, far_m, end
-            )
+                px, py, a[4], a[5], slack, ke, rules[R_CLEAR_SIGMAS], rules[R_SHARE], edges, layers, near_m, far_m, end, plane
+            )  # fmt: skip
         if ok and begin < 0:
             begin = n
         if not ok and begin >= 0:

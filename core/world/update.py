@@ -125,8 +125,9 @@ def join_neighbours(tables, free, i, rules, near):
 
 
 @kernel
-def see(tables, free, looks, rules, t_ns, x, y, ke, edges, layers, near_m, far_m, end):
-    """One frame's looks (N, 10), and its profile seen from (x, y); edges, layers float64, the rest as in FreeProfile."""
+def see(tables, free, looks, rules, t_ns, x, y, ke, edges, layers, near_m, far_m, end, plane):
+    """One frame's looks (N, 10), and its profile seen from (x, y); edges, layers float64, the rest as in FreeProfile.
+    plane: GroundPlane."""
     near, touched = np.empty(_NEAR, np.int32), np.empty(looks.shape[0], np.int32)
     count = see_planes(tables, free, looks, rules, t_ns, near, touched)
     for j in range(looks.shape[0]):
@@ -140,7 +141,7 @@ def see(tables, free, looks, rules, t_ns, x, y, ke, edges, layers, near_m, far_m
             reach = max(reach, far_m[d, k])
     n = gather(tables, x - reach, y - reach, x + reach, y + reach, layers[0], layers[layers.shape[0] - 1], near)
     for m in range(n):
-        look_through(tables, near[m], x, y, ke, rules, edges, layers, near_m, far_m, end)
+        look_through(tables, near[m], x, y, ke, rules, edges, layers, near_m, far_m, end, plane)
     for m in range(n):
         cut_cleared(tables, near[m], rules)
 

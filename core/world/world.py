@@ -131,7 +131,7 @@ class World:
             near_m = far_m = np.zeros_like(near_m)
         see(
             tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers, near_m, far_m,
-            profile.end,
+            profile.end, plane,
         )  # fmt: skip
         section.newest_ns = max(section.newest_ns, sight.t_ns)
         section.place_m = sight.place_m

@@ -192,6 +192,24 @@ def test_balls_of_any_size_and_points_that_are_no_number() -> None:
     assert math.isinf(distance_m[0])
 
 
+@pytest.mark.nojit
+@pytest.mark.parametrize(
+    ("ground", "stays"),
+    [(None, False), (flat(2.8), False), (flat(1.5), True), (flat(2.3, noise_per_m=0.15), True), (flat(math.nan), True)],
+    ids=["no ground", "ground below it", "below the ground", "within the noise of the ground", "no number"],
+)  # fmt: skip
+def test_what_stands_below_the_ground_or_in_its_noise_is_not_seen_through(ground: Ground | None, stays: bool) -> None:
+    """A layer that the ground cuts is free as a whole, and was judged above the ground only: a low thing that was seen from
+    near, or from the street below a roof, is not gone."""
+    low = np.array([[6.0, -1.0, 6.0, 1.0, 1.6, 2.2]])  # at 1.6 to 2.2 m below the cameras
+    sights = [seen(low, (0.0, 0.0), 0.0, k * STEP) for k in range(3)]
+    world = merged(*sights)
+    assert len(world.picture(_now(world)).planes) == 1
+    for k in range(30):
+        world.add(look((3 + k) * STEP, ground))
+    assert len(world.picture(_now(world)).planes) == int(stays)
+
+
 def test_ways_beyond_all_measure_are_answered_and_not_free() -> None:
     """Their samples would take more memory than there is."""
     space = WorldSpace(merged(look(0, flat(2.0))).picture(0))
