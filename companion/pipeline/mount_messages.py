@@ -30,6 +30,9 @@ def mount_state_message(state: MountState) -> pb.MountState:
         streak=state.streak,
         slope_rad=state.slope_rad,
         ground=state.ground,
+        confirmations=state.confirmations,
+        residual_north_rad=state.residual_rad[0],
+        residual_east_rad=state.residual_rad[1],
         mean=state.filter.mean,
         covariance=state.filter.covariance,
     )
@@ -49,6 +52,8 @@ def mount_state_from_message(message: pb.MountState) -> MountState:
         streak=message.streak,
         slope_rad=message.slope_rad,
         ground=message.ground,
+        confirmations=message.confirmations,
+        residual_rad=(message.residual_north_rad, message.residual_east_rad),
         filter=FilterState(tuple(message.mean), tuple(message.covariance)),
     )
 
@@ -87,8 +92,8 @@ def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
         return Diagnostic(DiagnosticCode.MOUNT_DEGRADED, camera, text)
     if health.verdict == pb.MountState.VERDICT_UNVERIFIED_SLOPE:
         text = (
-            f"camera {camera}: the ground appears inclined by {health.slope_deg:.1f} deg, by the terrain or by "
-            "a wrong mount; its frames are invalid until the vehicle has turned by 45 degrees or walls are in view"
+            f"camera {camera}: the ground appears inclined by {health.slope_deg:.1f} deg, by the terrain or by a wrong mount; its "
+            "frames are invalid; turn the vehicle by 45 degrees or more with ground in view, or aim the camera at walls"
         )
         return Diagnostic(DiagnosticCode.MOUNT_UNVERIFIED, camera, text)
     return None

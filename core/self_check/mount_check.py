@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..frames import euler_from_rotation, rotation_from_euler
 from ..types import CameraMount
 from .mount_cues import MountCues, Walls
-from .mount_filter import FilterState, MountFilter, slope_rows
+from .mount_filter import SLOPE_SD_RAD, FilterState, MountFilter, slope_rows
 from .mount_params import MountCheckParams
 
 NS = 1_000_000_000
@@ -30,6 +30,14 @@ ERROR_SDS, ERROR_SD_RAD = 4.0, math.radians(1.2)
 DEGRADED_SDS, DEGRADED_SD_RAD = 3.0, math.radians(0.35)
 KEEP = 0.8
 """An error of this share of the threshold is reported: the estimate has noise, and a verdict is kept down to it."""
+CONFIRMATIONS, WALL_CONFIRMATIONS = 100, 34
+"""Measurements in a row that must estimate an error before it counts as one, and for how many one counts whose walls lean:
+within a short turn rolling terrain looks like a wrong mount."""
+RESIDUAL_S, MAX_RESIDUAL_RAD = 1.0, math.radians(0.4)
+"""Time constant of the mean residual of the slope in ned, and its greatest value for a terrain that is one plane. White noise
+of the attitude and a wrong mount leave less."""
+RESTLESS_PER_SQRT_S = 3.0
+"""How much faster the terrain is expected to change, in rad/sqrt(s) per rad of residual above MAX_RESIDUAL_RAD."""
 VERIFIED_SDS = 2.0
 """A slope is the terrain's when the error of the mount in its direction and this many standard deviations are less than
 unverified_deg."""
@@ -59,7 +67,8 @@ class MountVerdict(IntEnum):
 @dataclass(frozen=True, slots=True)
 class MountState:
     """What one frame hands to the next. t_ns: of the newest measurement; None: there was none. ground: it found a surface that
-    may be the ground; slope_rad: the apparent slope of the newest such surface."""
+    may be the ground; slope_rad: the apparent slope of the newest such surface. confirmations: measurements in a row that estimate
+    an error; residual_rad: mean residual of the slope, north and east."""
 
     t_ns: int | None = None
     measurements: int = 0
@@ -68,6 +77,8 @@ class MountState:
     streak: int = 0
     slope_rad: float = 0.0
     ground: bool = False
+    confirmations: int = 0
+    residual_rad: tuple[float, float] = (0.0, 0.0)
     filter: FilterState = field(default_factory=FilterState)
 
     @property
@@ -81,10 +92,14 @@ class MountState:
         return math.sqrt(max(0.0, self.filter.covariance[0])), math.sqrt(max(0.0, self.filter.covariance[5]))
 
     def corrected(self, mount: CameraMount) -> tuple[float, float, float]:
-        """(roll, pitch, yaw) in rad of the mount as measured; its yaw is not measured."""
+        """(roll, pitch, yaw) in rad of the mount as measured, its yaw as configured.
+
+        Gravity in the camera's axes gives roll and pitch whatever the yaw is. The yaw that a rotation about frd x and y
+        changes for a camera that looks down is none that was measured."""
         x, y = self.error_rad
         R = rotation_vector(x, y, 0.0) @ rotation_from_euler(mount.roll_rad, mount.pitch_rad, mount.yaw_rad)
-        return euler_from_rotation(R)
+        roll_rad, pitch_rad, _ = euler_from_rotation(R)
+        return roll_rad, pitch_rad, mount.yaw_rad
 
 
 def due(state: MountState, t_ns: int, params: MountCheckParams) -> bool:
@@ -102,43 +117,77 @@ def checked(
     """The state after a measurement at t_ns. heading_rad: of level_cam's x axis, in which the cues are."""
     mount = MountFilter(state.filter)
     dt_s = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
-    mount.predict(dt_s, math.radians(params.terrain_deg_per_sqrt_s))
+    restless_rad = max(0.0, math.hypot(*state.residual_rad) - MAX_RESIDUAL_RAD)
+    mount.predict(dt_s, math.radians(params.terrain_deg_per_sqrt_s) + RESTLESS_PER_SQRT_S * restless_rad)
     if not cues.ground:  # nothing new; the verdict stays
         return replace(state, t_ns=t_ns, measurements=state.measurements + 1, ground=False, filter=mount.state())
     R_level_frd = rotation_from_euler(0.0, 0.0, -heading_rad) @ R_ned_frd
     rows = slope_rows(R_level_frd, heading_rad)
+    residual = _residual(state, dt_s, rows, cues, mount)
     mount.slope(rows, (cues.slope_x_rad, cues.slope_y_rad), cues.slope_sd_rad)
     size = cues.slope_rad
     if cues.walls is not Walls.UNDECIDED:
         along = (cues.slope_x_rad * rows[0] + cues.slope_y_rad * rows[1]) / size
         along[:3] = 0.0
         mount.walls(along, size if cues.walls is Walls.VERTICAL else 0.0)
-    wanted = _verdict(state.verdict, mount, cues, rows, params)
-    verdict, pending, streak = _settled(state, wanted)
-    return MountState(t_ns, state.measurements + 1, verdict, pending, streak, size, True, mount.state())
+    confirmations = _confirmations(state, mount, cues, residual, params)
+    wanted = _verdict(state.verdict, mount, cues, rows, confirmations, params)
+    verdict, pending, streak = settled(state, wanted)
+    return MountState(
+        t_ns, state.measurements + 1, verdict, pending, streak, size, True, confirmations, residual, mount.state()
+    )
 
 
-def _settled(state: MountState, wanted: MountVerdict) -> tuple[MountVerdict, MountVerdict, int]:
+def _residual(state: MountState, dt_s: float, rows: Floats, cues: MountCues, mount: MountFilter) -> tuple[float, float]:
+    """The mean residual north and east with this measurement in it. A measurement that is not precise counts less."""
+    share = 1.0 - math.exp(-max(0.0, dt_s) / RESIDUAL_S)
+    share *= SLOPE_SD_RAD**2 / (SLOPE_SD_RAD**2 + cues.slope_sd_rad**2)
+    along = np.array([cues.slope_x_rad, cues.slope_y_rad]) - rows @ mount.mean
+    north, east = (float(v) for v in rows[:, 3:].T @ along)
+    return state.residual_rad[0] + share * (north - state.residual_rad[0]), state.residual_rad[1] + share * (
+        east - state.residual_rad[1]
+    )
+
+
+def _confirmations(
+    state: MountState, mount: MountFilter, cues: MountCues, residual: tuple[float, float], params: MountCheckParams
+) -> int:
+    """Measurements in a row that estimate an error. While the residual is large, the terrain is no plane: none counts."""
+    error = mount.mean[:2]
+    size = float(math.hypot(error[0], error[1]))
+    keep = KEEP if state.verdict is MountVerdict.ERROR else 1.0
+    if size < keep * math.radians(params.invalid_deg):
+        return 0
+    if _sd_along(mount.P[:2, :2], error / size) > min(ERROR_SD_RAD, size / ERROR_SDS):
+        return 0
+    if cues.walls is Walls.LEANING:
+        return min(CONFIRMATIONS, state.confirmations + WALL_CONFIRMATIONS)
+    if math.hypot(*residual) > MAX_RESIDUAL_RAD:
+        return state.confirmations
+    return min(CONFIRMATIONS, state.confirmations + 1)
+
+
+def settled(state: MountState, wanted: MountVerdict) -> tuple[MountVerdict, MountVerdict, int]:
     """(verdict, pending, streak): a verdict changes after enough measurements in a row that want another one."""
     if wanted is state.verdict:
         return state.verdict, wanted, 0
-    # all that want invalid frames agree in that, whichever of them it is
+    # all that want invalid frames agree in that, whichever of them it is; and so do all that want valid ones again
     alike = wanted is state.pending or (wanted.invalid and state.pending.invalid)
+    alike = alike or (state.verdict.invalid and not wanted.invalid and not state.pending.invalid)
     streak = state.streak + 1 if alike and state.streak else 1
     needed = DEGRADED_STREAK if wanted is MountVerdict.DEGRADED else STREAK
     return (wanted, wanted, 0) if streak >= needed else (state.verdict, wanted, streak)
 
 
 def _verdict(
-    now: MountVerdict, mount: MountFilter, cues: MountCues, rows: Floats, params: MountCheckParams
+    now: MountVerdict, mount: MountFilter, cues: MountCues, rows: Floats, confirmations: int, params: MountCheckParams
 ) -> MountVerdict:
-    """What this measurement alone would say."""
+    """The verdict by this measurement. confirmations: see `_confirmations`."""
     error = mount.mean[:2]
     size = float(math.hypot(error[0], error[1]))
     sd = _sd_along(mount.P[:2, :2], error / size) if size > 0.0 else 0.0
-    invalid, degraded = math.radians(params.invalid_deg), math.radians(params.degraded_deg)
-    keep = KEEP if now is MountVerdict.ERROR else 1.0
-    if size >= keep * invalid and sd <= min(ERROR_SD_RAD, size / ERROR_SDS):
+    degraded = math.radians(params.degraded_deg)
+    if confirmations >= CONFIRMATIONS or (now is MountVerdict.ERROR and confirmations > 0):
         return MountVerdict.ERROR
     slope = np.array([cues.slope_x_rad, cues.slope_y_rad])
     steep = cues.slope_rad
