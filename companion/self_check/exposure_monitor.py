@@ -50,7 +50,7 @@ class ExposureOffsetMonitor:
         """mask: pixels that show the vehicle itself; they would say that nothing turns."""
         self._mask = mask
         self._cameras: dict[str, _Camera] = {}
-        self._attitudes = _Attitudes()
+        self._attitudes = AttitudeHistory()
 
     def announce(self, info: CameraInfo) -> None:
         """A camera that was opened. One that is described otherwise than before begins anew."""
@@ -72,7 +72,7 @@ class ExposureOffsetMonitor:
         return tuple(camera.offset for camera in self._cameras.values())
 
 
-class _Attitudes:
+class AttitudeHistory:
     """The attitudes of the last seconds as arrays."""
 
     def __init__(self) -> None:
@@ -144,7 +144,7 @@ class _Camera:
         self._sigma: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
         self._predicted: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
 
-    def frame(self, frame: DepthFrame, attitudes: _Attitudes) -> None:
+    def frame(self, frame: DepthFrame, attitudes: AttitudeHistory) -> None:
         """Keeps the image where it is its turn; registers one pair for which all attitudes are there."""
         k = self.info.intrinsics
         newest = self._waiting[-1] if self._waiting else self._last
@@ -162,7 +162,7 @@ class _Camera:
             elif len(self._waiting) > 8:
                 self._waiting.popleft()
 
-    def _take(self, image: _Image, attitudes: _Attitudes) -> None:
+    def _take(self, image: _Image, attitudes: AttitudeHistory) -> None:
         before = self._last
         self._last = None
         q = attitudes.at((image.t_ns - LAGS_NS)[::-1])

@@ -170,18 +170,12 @@ def _align(first, second, lens, R, t, sigma, steps, H):
 
 
 @kernel
-def _aligned(first, first_half, second, second_half, lens, lens_half, sigma, R, out_information):
-    """Coarse to fine; R (3, 3): the guess, improved in place. out_information (3,): of the rotation's components,
-    1/rad^2, the translation being unknown. Returns whether it could be measured."""
-    t, H = np.zeros(3), np.empty((6, 6))
+def _aligned(first, first_half, second, second_half, lens, lens_half, sigma, R, t, H):
+    """Coarse to fine; R (3, 3), t (3,): the guess, improved in place. H (6, 6): information of rotation (1/rad^2) and
+    translation (1/m^2). Returns whether it could be measured."""
     if _align(first_half, second_half, lens_half, R, t, sigma, STEPS_COARSE, H) == 0:
         return False
-    if _align(first, second, lens, R, t, sigma, STEPS_FINE, H) == 0:
-        return False
-    covariance = np.linalg.inv(H)
-    for i in range(3):
-        out_information[i] = 1.0 / covariance[i, i] if covariance[i, i] > 0.0 else 0.0
-    return True
+    return _align(first, second, lens, R, t, sigma, STEPS_FINE, H) > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,16 +213,56 @@ def rotation_between(
 
     Measured in both directions and averaged: the errors of the interpolation depend on which image is interpolated, and
     would otherwise turn the result systematically."""
-    forward, information = R_second_first.copy(), np.empty((2, 3))
+    motion = motion_between(first, second, R_second_first)
+    return None if motion is None else (motion.rotation_rad, motion.rotation_sd_rad)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """p_second = R p_first + t in optical axes, each (3,): rotation vector of R in rad with its standard deviation as far as the
+    depth noise goes; t in m. given_rotation_m: the translation if the rotation is the guess, where that is known better
+    than from the images: an error of the rotation is otherwise made up for by the translation."""
+
+    rotation_rad: Floats
+    rotation_sd_rad: Floats
+    translation_m: Floats
+    given_rotation_m: Floats
+
+
+def motion_between(
+    first: InverseDepthGrid, second: InverseDepthGrid, R_second_first: Floats, t_second_first_m: Floats | None = None,
+    rounds: int = 1,
+) -> Motion | None:  # fmt: skip
+    """Rigid motion between two images; None where too little is measured in both. R_second_first (3, 3), t_second_first_m (3,): the
+    guess, None: no translation; rounds: of all steps, each from the result before. The translation's prior is 0 with a
+    standard deviation of TRANSLATION_PRIOR_M, whatever the guess: where the scene does not determine it, it is too short."""
+    forward, information = R_second_first.copy(), np.empty((2, 6, 6))
     backward = np.ascontiguousarray(R_second_first.T)
+    t_forward = np.zeros(3) if t_second_first_m is None else t_second_first_m.copy()
+    t_backward = -backward @ t_forward
     sigma = first.sigma_per_m
-    for R, a, b, out in ((forward, first, second, information[0]), (backward, second, first, information[1])):
-        if not _aligned(a.fine, a.half, b.fine, b.half, a.lens, a.lens_half, sigma, R, out):
-            return None
-    lower = np.minimum(information[0], information[1])
-    if not (np.all(lower > 0.0) and np.all(np.isfinite(lower))):
+    for R, t, a, b, out in (
+        (forward, t_forward, first, second, information[0]),
+        (backward, t_backward, second, first, information[1]),
+    ):
+        for _ in range(rounds):
+            if not _aligned(a.fine, a.half, b.fine, b.half, a.lens, a.lens_half, sigma, R, t, out):
+                return None
+    variances = np.array([np.diag(np.linalg.inv(H))[:3] for H in information])
+    if not (np.all(variances > 0.0) and np.all(np.isfinite(variances))):
         return None
-    return 0.5 * (rotation_vector(forward) - rotation_vector(backward)), 1.0 / np.sqrt(lower)
+    rotation = 0.5 * (rotation_vector(forward) - rotation_vector(backward))
+    given_forward = t_forward + _translation_change(information[0], forward @ R_second_first.T)
+    given_backward = t_backward + _translation_change(information[1], backward @ R_second_first)
+    return Motion(
+        rotation, np.sqrt(variances.max(axis=0)), 0.5 * (t_forward - forward @ t_backward),
+        0.5 * (given_forward - R_second_first @ given_backward),
+    )  # fmt: skip
+
+
+def _translation_change(H: Floats, R_estimate_guess: Floats) -> Floats:
+    """What the translation (3,) changes by, m, when the rotation goes back to its guess; H (6, 6) of `_aligned`."""
+    return np.asarray(np.linalg.solve(H[3:, 3:], H[3:, :3] @ rotation_vector(R_estimate_guess)))
 
 
 def rotation_vector(R: Floats) -> Floats:
