@@ -31,6 +31,7 @@ class DiagnosticCode(Code):
         "mount_unverified",
         "the ground appears inclined, by terrain or by a wrong mount; frames are invalid",
     )
+    MOUNT_YAW_ERROR = "mount_yaw_error", "the direction of motion in the images does not fit the velocity"
     GROUND_SLOPE_LIMIT = "ground_slope_limit", "the slope of the ground is at its configured limit"
     GROUND_LOST = "ground_lost", "no ground is found though most pixels are measured"
     GROUND_NEVER_SEEN = "ground_never_seen", "no ground was found since the camera started"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from core.self_check.mount_check import MountVerdict
 from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
@@ -69,6 +70,7 @@ class Avoidance:
         self._margins = margins or MarginFile(None)
         self._echo = EchoCheck()
         self._texts = StatusTexts()
+        self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: Told | None = None
         self._teller = ObstacleTeller(avoid, cameras, stale_s, ill, ring_m)
@@ -114,6 +116,8 @@ class Avoidance:
     def result(self, result: PrismsResult) -> None:
         """What a frame said."""
         self._exposed_ns[result.camera] = seen_ns(result)
+        if result.mount is not None:
+            self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
         self._teller.result(result)
 
     def message(self, message: Any, arrival_ns: int) -> None:
@@ -154,6 +158,8 @@ class Avoidance:
         strangers = self._link.strangers if self._link is not None else {}
         vehicle = self._vehicle()
         notes = dict.fromkeys(CONFLICT_CODES, "") | strangers
+        for camera, degraded in tuple(self._mount_degraded.items()):
+            notes[f"mount {camera}"] = f"{camera} mount differs from configuration" if degraded else ""
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
         notes["mode"] = mode_trouble(vehicle, self.parameters.values()) if vehicle is not None else ""
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""

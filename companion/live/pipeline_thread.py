@@ -26,6 +26,7 @@ from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset
+from ..self_check.mount_yaw import MountYaw, MountYawMonitor
 from .event_queue import Inbox
 from .health import clock_message
 from .staleness import Blindness
@@ -62,8 +63,11 @@ class PipelineLoop:
         warm_up: Callable[[], None],
         show: Callable[[DepthFrame], None] = lambda frame: None,
         offset_monitor: ExposureOffsetMonitor | None = None,
+        yaw_monitor: MountYawMonitor | None = None,
     ) -> None:
-        """offset_monitor: measures the cameras' exposure offsets from what the pipeline handles; it changes no result."""
+        """offset_monitor, yaw_monitor: measure the cameras' exposure offsets and the yaw of their mounts from what the
+        pipeline handles; they change no result."""
+        self._yaw_monitor = yaw_monitor
         self._offset_monitor = offset_monitor
         self._pipeline, self._inbox, self._blindness, self._publish = pipeline, inbox, blindness, publish
         self._show = show
@@ -80,6 +84,7 @@ class PipelineLoop:
         self.dropped: Counter[str] = Counter()
         self.newest_attitude_ns: int | None = None
         self.exposure_offsets: tuple[ExposureOffset, ...] = ()
+        self.mount_yaws: tuple[MountYaw, ...] = ()
         self.alive_ns = time.monotonic_ns()
         self.begun = threading.Event()
         self._resting = threading.Event()
@@ -141,6 +146,8 @@ class PipelineLoop:
                 self._pipeline.announce(item)
                 if self._offset_monitor is not None:
                     self._offset_monitor.announce(item)
+                if self._yaw_monitor is not None:
+                    self._yaw_monitor.announce(item)
         for kind, alike in groupby(taken, _kind):
             if kind is RawFrame:
                 self._log_line(cast(list[RawFrame], list(alike)))
@@ -165,6 +172,8 @@ class PipelineLoop:
             self._pipeline.handle(sample)
             if self._offset_monitor is not None:
                 self._offset_monitor.event(sample)
+            if self._yaw_monitor is not None:
+                self._yaw_monitor.event(sample)
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
 
@@ -200,6 +209,10 @@ class PipelineLoop:
             self._offset_monitor.event(frame)
             with self.lock:
                 self.exposure_offsets = self._offset_monitor.offsets()
+        if self._yaw_monitor is not None:
+            self._yaw_monitor.event(frame)
+            with self.lock:
+                self.mount_yaws = self._yaw_monitor.yaws()
 
     def _tell(self, output: Output) -> None:
         prisms: bytes | None = None

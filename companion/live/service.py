@@ -39,6 +39,7 @@ from ..pipeline.pipeline import Pipeline, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset, warning_text
 from ..self_check.mount_watch import MountWatch
+from ..self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
 from ..streams.curve_auth import AllowList, load_keys
 from ..streams.publisher import Publisher, Stream, boot_id
 from .counts import FrameRates, Losses
@@ -119,6 +120,7 @@ class Service:
         self.loop = PipelineLoop(
             self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
             warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info)),
+            MountYawMonitor(lambda info: masked(config.camera(info.camera), info)),
         )  # fmt: skip
         self._mounts = MountWatch(config.extractor.ground_max_slope)
         self._rates, self._losses = FrameRates(), Losses()
@@ -344,11 +346,17 @@ class Service:
             found += self.world.diagnostics(now_ns, self.config.service.hang_s)
         rate_hz = 0.0 if autopilot is None else autopilot.link.attitude_hz
         rate = self._attitude_rate.check(rate_hz, now_ns)
-        found += [*self._template, *rate, *ground, *self._offset_warnings(views)]
+        found += [*self._template, *rate, *ground, *self._offset_warnings(views), *self._yaw_warnings()]
         if not self.started:
             text = "starting: the kernels are loaded, or compiled when they never were"
             return [Diagnostic(DiagnosticCode.STARTING, "", text)]
         return found
+
+    def _yaw_warnings(self) -> list[Diagnostic]:
+        """Of cameras whose direction of motion does not fit the velocity."""
+        with self.loop.lock:
+            yaws = self.loop.mount_yaws
+        return [Diagnostic(DiagnosticCode.MOUNT_YAW_ERROR, yaw.camera, yaw.warning) for yaw in yaws if yaw.warns]
 
     def _offset_warnings(self, views: list[CameraView]) -> list[Diagnostic]:
         """Of cameras whose exposure stamps do not fit the attitude."""
@@ -360,12 +368,15 @@ class Service:
         views = []
         with self.loop.lock:
             offsets: dict[str, ExposureOffset] = {offset.camera: offset for offset in self.loop.exposure_offsets}
+            yaws: dict[str, MountYaw] = {yaw.camera: yaw for yaw in self.loop.mount_yaws}
         for name, camera in self.cameras.items():
             status = camera.status
             with self.loop.lock:
                 blind = self._blindness.cause(name, now_ns, status)
                 age_ns = self._blindness.age_ns(name, now_ns)
                 mount = self._mounts.health(name, status.info)
+            if mount is not None and name in yaws:
+                add_yaw(mount, yaws[name])
             views.append(
                 CameraView(
                     status=status, required=camera.section.required, blind=blind, age_ns=age_ns,

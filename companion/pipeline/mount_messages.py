@@ -108,7 +108,10 @@ def mount_words(health: pb.MountHealth) -> str:
         pb.MountState.VERDICT_UNVERIFIED_SLOPE: "not verified, large slope, frames invalid",
         pb.MountState.VERDICT_ERROR: "wrong, frames invalid",
     }[health.verdict]
+    yaw = ""
+    if health.HasField("yaw_error_deg"):
+        yaw = f"yaw {health.yaw_error_deg:+.1f} +- {health.yaw_sd_deg:.1f} deg; "
     return (
-        f"{words}; error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
+        f"{words}; {yaw}error roll {health.roll_error_deg:+.1f} +- {health.roll_sd_deg:.1f} deg, pitch {health.pitch_error_deg:+.1f} +- "
         f"{health.pitch_sd_deg:.1f} deg; apparent slope of the ground {health.slope_deg:.1f} deg"
     )

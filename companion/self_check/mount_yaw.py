@@ -19,6 +19,7 @@ from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.self_check.depth_registration import InverseDepthGrid, inverse_depth_grid, motion_between
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import Event
+from drivers.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask, without
 from .exposure_monitor import AttitudeHistory
@@ -27,7 +28,7 @@ Floats = NDArray[np.float64]
 NS = 1_000_000_000
 CODE = "mount_yaw_error"
 WARN_RAD = math.radians(3.0)
-SURE_RAD = math.radians(1.0)
+SURE_RAD = math.radians(1.5)
 """Standard deviation above which nothing is reported."""
 SYSTEMATIC_RAD = math.radians(0.5)
 """Least standard deviation: velocity, heading and registration have errors that no average removes."""
@@ -43,7 +44,7 @@ MAX_TURN_RAD = math.radians(3.0)
 """Most that attitude and course may turn within a pair."""
 LEAST_LENGTH, MOST_LENGTH = 0.7, 1.3
 """Distance measured by the camera over that of the velocity: beyond it the registration, or the velocity, is wrong."""
-ROUNDS = 3
+ROUNDS = 5
 """Of the registration, from the motion that the velocity predicts: one ends too near to where it began."""
 HELD_NS = NS
 MOST_WAITING = 8
@@ -82,6 +83,13 @@ class MountYaw:
             f"{math.degrees(self.sd_rad):.1f} deg {'left' if self.error_rad > 0.0 else 'right'} of the autopilot's velocity; "
             f"set yaw_deg = {math.degrees(self.corrected_rad):.1f}, or correct the autopilot's compass"
         )
+
+
+def add_yaw(health: pb.MountHealth, yaw: MountYaw) -> None:
+    """Enters a measured yaw into the health of a mount; nothing where it is not known."""
+    if yaw.error_rad is not None and yaw.sd_rad is not None:
+        health.yaw_error_deg, health.yaw_sd_deg = math.degrees(yaw.error_rad), math.degrees(yaw.sd_rad)
+        health.yaw_deg = math.degrees(yaw.corrected_rad)
 
 
 class MountYawMonitor:

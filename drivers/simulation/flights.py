@@ -80,6 +80,13 @@ def _tilted(seed: int) -> FlightPlan:
     return FlightPlan(name="tilted", scene=make_scene("mixture", seed), path=FlightPath(rows))
 
 
+def _by_hand(seed: int) -> FlightPlan:
+    """Held 1.2 m above the ground, turned by 60 degrees to both sides and tilted: for `companion doctor --mount`."""
+    a, p = math.radians(60.0), math.radians(-8.0)
+    rows = [[2.0 * i, 0.0, 0.0, -1.2, 0.1 * s, p * abs(s), a * s] for i, s in enumerate((0.0, 1.0, 0.0, -1.0, 0.0))]
+    return FlightPlan(name="by_hand", scene=make_scene("stones", seed), path=FlightPath(rows))
+
+
 def _broken(seed: int) -> FlightPlan:
     """Large holes throughout; then blind, frozen, without attitude, without frames."""
     path = FlightPath(
@@ -113,6 +120,7 @@ FLIGHTS: dict[str, Callable[[int], FlightPlan]] = {
     "alley": _alley,
     "window": _window,
     "tilted": _tilted,
+    "by_hand": _by_hand,
     "broken": _broken,
 }
 
