@@ -28,7 +28,7 @@ from .margin_file import MarginFile
 from .obstacle_distance import clear_cm
 from .parameters import WANTED, ParameterReader, advice, delay_advice
 from .publisher import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
-from .status_text import CRITICAL, StatusTexts
+from .status_text import CRITICAL, StatusTexts, mount_note
 from .view_free import RING_M
 
 NS = 1_000_000_000
@@ -159,7 +159,7 @@ class Avoidance:
         vehicle = self._vehicle()
         notes = dict.fromkeys(CONFLICT_CODES, "") | strangers
         for camera, degraded in tuple(self._mount_degraded.items()):
-            notes[f"mount {camera}"] = f"{camera} mount differs from configuration" if degraded else ""
+            notes[f"mount {camera}"] = mount_note(camera, degraded)
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
         notes["mode"] = mode_trouble(vehicle, self.parameters.values()) if vehicle is not None else ""
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""

@@ -54,6 +54,11 @@ class StatusTexts:
         return None
 
 
+def mount_note(camera: str, degraded: bool) -> str:
+    """The note on a camera's mount. It names no value: the estimate changes all the time, and each change would be sent."""
+    return f"{camera} mount differs from configuration" if degraded else ""
+
+
 def shortened(text: str) -> str:
     """At most 50 bytes of plain characters, cut at a word where there is one."""
     plain = text.encode("ascii", "replace").decode()

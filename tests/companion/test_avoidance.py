@@ -11,7 +11,7 @@ from companion.autopilot.feedback_check import PATIENCE_NS, EchoCheck, likely_ca
 from companion.autopilot.manager import PX4_POSITION_MODE, echoes
 from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
 from companion.autopilot.parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice, delay_advice
-from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, shortened
+from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, mount_note, shortened
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.latency import LatencyStage
 from drivers.mavlink.dialect import dialect
@@ -265,6 +265,17 @@ def test_one_text_for_a_change_and_never_a_stream() -> None:
     assert 1 <= len(said) <= 16
     assert said[-1][2].startswith("OA: front blind: silent")
     assert all(b[0] - a[0] >= 20 for a, b in itertools.pairwise(said))
+
+
+@pytest.mark.parametrize("camera", ["front", "downward_left"])
+def test_a_degraded_mount_is_sent_once_and_fits(camera: str) -> None:
+    texts = StatusTexts()
+    assert texts.due({}, NS, {f"mount {camera}": mount_note(camera, False)}) is None
+    sent = texts.due({}, 4 * NS, {f"mount {camera}": mount_note(camera, True)})
+    assert sent.text.startswith(f"OA: {camera} mount differs from")
+    assert len(sent.text) <= MOST_CHARACTERS
+    assert texts.due({}, 8 * NS, {f"mount {camera}": mount_note(camera, True)}) is None
+    assert texts.due({}, 12 * NS, {f"mount {camera}": mount_note(camera, False)}).text.startswith("OA: no longer")
 
 
 def test_opening_cameras_are_no_news() -> None:

@@ -78,7 +78,7 @@ def test_the_printed_lines_correct_a_wrong_mount(
         monkeypatch.setenv(name, live.environment[name])
     status, finding = measured(live, capsys)
     assert status == 1
-    lines = {key: value for key, value in (line.split(" = ") for line in finding["lines"][1:])}
+    lines = dict(line.split(" = ") for line in finding["lines"][1:])
     assert lines["name"] == '"front"'
     assert (float(lines["roll_deg"]), float(lines["pitch_deg"])) == pytest.approx(TRUE_DEG, abs=0.6)
     pasted = live.config.read_text()
