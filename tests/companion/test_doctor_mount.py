@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,7 +60,7 @@ def vehicle_of(motion: Callable[[int], VehicleState], live: Live) -> Callable[[i
     return state
 
 
-def measured(live: Live, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict]:
+def measured(live: Live, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
     """(status, the finding of the camera) while the autopilot reports the vehicle's attitude."""
     autopilot = simulated(live.flight())
     autopilot.personality.motion = vehicle_of(live.flight().state, live)
