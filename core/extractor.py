@@ -19,7 +19,7 @@ from .stages.free_space import SeenFree, free_profile, seen_free
 from .stages.ground import NO_GROUND, doubt_settings, find_ground, ground_gate, with_ranges
 from .stages.level import level_paper, level_safe, pool_columns
 from .stages.model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
-from .stages.noise_check import noisy_share
+from .stages.noise_check import flying_off_ramps, noisy_share
 from .stages.openings import opening_masks
 from .stages.plane_stages import plane_tables, shape_planes
 from .stages.prisms import layered_prisms
@@ -132,14 +132,17 @@ class Extractor:
     ) -> bool:
         """Whether so many pixels fly that the rest is no measurement either, or many tiles of the picture are noise.
 
-        Pure noise has 27 % flying, foliage 0.2 %. Without this such an image would cost minutes in the merge, and its model
-        would be no one's."""
+        Pure noise has 27 % flying, foliage 0.2 %; flying pixels on ramps are ground close below the camera and do not count.
+        Without this such an image would cost minutes in the merge, and its model would be no one's."""
         p, (measured, _, flying) = self.params, counts
         if p.paper or flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
             return False
+        limits = measured_mm(info, ke, p)
         if flying > p.max_flying_share * measured:
-            return True
-        return noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p) > p.max_noisy_share
+            scattered = flying_off_ramps(depth_mm, *limits, p.flying_relative, p.flying_sigmas * ke)
+            if scattered > p.max_flying_share * measured:
+                return True
+        return noisy_share(depth_mm, *limits, ke, p) > p.max_noisy_share
 
     def _is_shreds(self, strips: int, view: ViewGeometry) -> bool:
         """Whether there are more strips than any scene has: noise whose pixels come in blocks, so that none flies by itself.

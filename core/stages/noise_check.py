@@ -57,6 +57,36 @@ def count_alone(depth_mm, least_mm, greatest_mm, relative, absolute, judged, alo
             alone[tv, tu] += both >> np.int32(16)
 
 
+@kernel
+def flying_off_ramps(depth_mm, least_mm, greatest_mm, relative, absolute):
+    """Number of flying pixels that lie on no ramp.
+
+    depth_mm: (H, W) uint16; least_mm..greatest_mm are measured. A pixel flies as in `classify`, with a step of relative
+    of its own 1/Z and absolute (1/m). It lies on a ramp where 1/Z is linear within that step along the row and along the
+    column, as on a plane: ground seen from 0.1 m above changes by more than a step from row to row. Where a neighbour
+    is not measured its axis is no objection."""
+    rows, cols = depth_mm.shape
+    least, greatest = np.uint16(least_mm), np.uint16(greatest_mm)
+    relative, absolute, zero = np.float32(relative), np.float32(absolute), np.float32(0.0)
+    inverse = np.zeros((3, cols + 2), np.float32)  # of the row before, this and the next; unknown beyond the border
+    read_ahead(depth_mm, 0, least, greatest, inverse)
+    count = np.int64(0)
+    for v in range(rows):
+        read_ahead(depth_mm, v + 1, least, greatest, inverse)
+        here, after = inverse[v % 3], inverse[(v + 1) % 3, 1 : cols + 1]
+        left, middle, right, before = here[:cols], here[1 : cols + 1], here[2:], inverse[(v + 2) % 3, 1 : cols + 1]
+        for u in range(cols):
+            d, a, b, c, e = middle[u], left[u], right[u], before[u], after[u]
+            step = absolute + relative * d
+            row_known, column_known = min(a, b) > zero, min(c, e) > zero
+            fly = row_known & (d - min(a, b) > step) & (max(a, b) - d > step)
+            fly |= column_known & (d - min(c, e) > step) & (max(c, e) - d > step)
+            bent = row_known & (abs(a + b - d - d) > step)
+            bent |= column_known & (abs(c + e - d - d) > step)
+            count += np.int64(fly & bent)
+    return count
+
+
 def noisy_share(depth_mm: NDArray[np.uint16], least_mm: int, greatest_mm: int, ke: float, params: Params) -> float:
     """Share of the picture's tiles whose pixels are noise; depth_mm: (H, W), least_mm..greatest_mm are measured."""
     p = params

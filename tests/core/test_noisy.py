@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from core.extractor import Extractor
 from core.params import Params
 from core.stages.classify import measured_mm
-from core.stages.noise_check import count_alone, noisy_share
-from core.types import FAR_MM, SATURATED_MM, InvalidCause
+from core.stages.noise_check import count_alone, flying_off_ramps, noisy_share
+from core.types import FAR_MM, SATURATED_MM, CameraInfo, InvalidCause
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info, render
 
 from . import naive
-from .views import INFO, anything_free, extract, flat_wall, level, noisy
+from .views import INFO, anything_free, extract, first_hit, flat_wall, level, noisy, pixel_grid, to_mm
 
 P = Params()
 
@@ -88,6 +88,51 @@ def test_leaves_seen_by_a_faulty_camera_are_no_noise(ke: float, seed: int) -> No
     )
     assert noisy_share(shot.depth_mm, *measured_mm(info, ke, P), ke, P) == 0.0
     assert extract(shot.depth_mm, info).valid
+
+
+def floor_and_wall(info: CameraInfo, height_m: float, wall_m: float, roll_rad: float) -> np.ndarray:
+    """Depth of an endless floor height_m below a level camera, and of a wall across its heading."""
+    R = level(0.0, roll_rad)
+    u, v = pixel_grid(info.intrinsics)
+    k = info.intrinsics
+    rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1) @ R.T
+    with np.errstate(divide="ignore"):
+        floor_m = np.where(rays[..., 2] > 1e-9, height_m / rays[..., 2], np.inf)
+        return to_mm(np.minimum(floor_m, wall_m / rays[..., 0]))
+
+
+@pytest.mark.parametrize("height_m", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("ke", [0.001, 0.0015, 0.005])
+@pytest.mark.parametrize("roll_rad", [0.0, 0.2])
+def test_a_floor_close_below_the_camera_is_no_noise(height_m: float, ke: float, roll_rad: float) -> None:
+    """Before take-off: from row to row the floor's depth changes by more than a step, so that its pixels fly."""
+    info = camera_info(320, 240, ke_per_m=ke)
+    for wall_m in (4.0, 100.0):
+        depth = noisy(floor_and_wall(info, height_m, wall_m, roll_rad), ke, 1)
+        depth[np.random.default_rng(2).random(depth.shape) < 0.05] = 0
+        model = extract(depth, info, level(0.0, roll_rad))
+        assert model.valid
+        assert (first_hit(model, 0.0, -0.5) < wall_m + 0.3) == (wall_m < 10.0)
+
+
+@pytest.mark.nojit
+@given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([100, 3000, 19000]))
+def test_flying_pixels_off_ramps_against_their_definition(seed: int, spread: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = (rng.integers(300, 19400 - spread) + rng.integers(0, spread + 1, (12, 17))).astype(np.uint16)
+    depth[rng.random(depth.shape) < 0.1] = rng.choice([0, 1, 299, 300, FAR_MM, SATURATED_MM])
+    ke, relative, absolute = 0.0005, 0.08, 0.02
+    raw = naive.inverse_image(depth, INFO.min_range_m, INFO.max_range_m, ke).astype(np.float32)
+    want = 0
+    for (v, u), d in np.ndenumerate(raw):
+        step = np.float32(absolute) + np.float32(relative) * d
+        bends = []
+        for dv, du in ((0, 1), (1, 0)):
+            if dv <= v < 12 - dv and du <= u < 17 - du:
+                a, b = raw[v - dv, u - du], raw[v + dv, u + du]
+                bends += [a + b - d - d] if min(a, b) > 0 else []
+        want += naive.is_flying(raw, v, u, step) and any(abs(bend) > step for bend in bends)
+    assert flying_off_ramps(depth, *measured_mm(INFO, ke, P), relative, absolute) == want
 
 
 @pytest.mark.nojit
