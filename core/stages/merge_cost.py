@@ -15,6 +15,7 @@ from ..jit import inline_ieee, inner, inner_ieee
 from ..params import Params
 from .line_fit import misfit
 from .planes import FRONT, LEAST_S, MIDDLE, T0, T1, Z0, Z1, A, B
+from .strips import mean_noise
 from .view_geometry import ViewGeometry
 
 # indices of the rules of merging
@@ -179,13 +180,15 @@ def costs_of_next(tiles, k, end, rules, costs):
 
 
 def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params) -> NDArray[np.float64]:
-    """(14,) float64 for the kernels here, by the R_ indices. R_SIGMA_S is the noise of a strip of the fewest pixels."""
+    """(14,) float64 for the kernels here, by the R_ indices. R_SIGMA_S is the noise of a strip of the fewest pixels, which
+    share theirs where they lie within noise_alike_px."""
+    sigma = mean_noise(max(ke_per_m, p.min_sigma_px / view.f_px), p.min_support_px, p.noise_alike_px)
     out = np.zeros(14)
     for index, value in (
         (R_TOLERANCE, p.merge_distance_m), (R_SIGMAS, p.line_sigmas), (R_NOISE_CAP, p.merge_noise_cap),
         (R_PRIOR, 1.0 / (p.link_slope_px * p.link_slope_px)), (R_TURN, math.tan(math.radians(p.plane_angle_deg))),
         (R_LONG, p.merge_long_share * p.passable_width_m), (R_SPREAD, p.merge_spread_m),
-        (R_SIGMA_S, max(ke_per_m, p.min_sigma_px / view.f_px) / math.sqrt(p.min_support_px)), (R_EMPTY_WEIGHT, p.merge_empty_weight),
+        (R_SIGMA_S, sigma), (R_EMPTY_WEIGHT, p.merge_empty_weight),
         (R_MOST_EMPTY, p.merge_empty_share), (R_BEHIND, p.evidence_behind_m), (R_SLACK, p.opening_slack_m),
         (R_SHIFT, p.merge_shift_m),
         (R_GAP, min(p.join_gap_m, p.join_share * p.passable_width_m, p.join_share * p.passable_height_m)),

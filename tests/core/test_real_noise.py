@@ -19,15 +19,39 @@ STILL = 7
 """The first frames of the recording, in which the camera hardly moves."""
 
 
-@pytest.mark.parametrize("prior", [0.0015, 0.005])
-def test_the_noise_of_a_still_camera_does_not_depend_on_what_was_told(shared_data: Path, prior: float) -> None:
+@pytest.fixture(scope="module")
+def recording(shared_data: Path) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(depth, R_level_optical) of all frames."""
     folder = shared_data / "rs_d435_handheld"
     with (folder / "frames.csv").open() as file:
-        rows = list(csv.DictReader(file))[:STILL]
+        rows = list(csv.DictReader(file))
+    return [
+        (
+            np.asarray(cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED), np.uint16),
+            rotation_from_euler(float(row["roll_rad"]), float(row["pitch_rad"]), 0.0) @ R_CAMFRD_OPTICAL,
+        )
+        for row in rows
+    ]
+
+
+def test_a_range_of_20_m_gives_a_bounded_number_of_planes(recording: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    """The goal of 60 is not reached: gaps between furniture come as ramps (docs/limits.md)."""
+    info = CameraInfo("d435", K, max_range_m=20.0, ke_per_m=0.0015)
+    extractor, state, planes = Extractor(Params()), ExtractorState(), []
+    for depth, R in recording:
+        model, state = extractor.extract(depth, info, R, state)
+        assert model.valid
+        planes.append(len(model.planes))
+    assert np.median(planes) <= 145, "measured: 138"
+    assert max(planes) <= 230, "measured: 219"
+
+
+@pytest.mark.parametrize("prior", [0.0015, 0.005])
+def test_the_noise_of_a_still_camera_does_not_depend_on_what_was_told(
+    recording: list[tuple[np.ndarray, np.ndarray]], prior: float
+) -> None:
     info = CameraInfo("d435", K, max_range_m=20.0, ke_per_m=prior)
     extractor, state = Extractor(Params()), ExtractorState()
-    for row in rows:
-        depth = np.asarray(cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED), np.uint16)
-        R = rotation_from_euler(float(row["roll_rad"]), float(row["pitch_rad"]), 0.0) @ R_CAMFRD_OPTICAL
+    for depth, R in recording[:STILL]:
         model, state = extractor.extract(depth, info, R, state)
     assert 0.0033 <= model.ke_per_m <= 0.0065, "the differences of its frames over time are as large as that"
