@@ -269,7 +269,8 @@ def test_what_a_pair_costs_against_a_fit_to_all_of_its_points(seed: int) -> None
         pairs.weigh(planes, moments, traits, k, rules)
     for k in range(0, 40, 2):
         got, a, b = pairs.pair_cost(pairs.of_piece(traits, k), pairs.of_piece(traits, k + 1), rules)
-        want = naive.pair_cost(pieces[k : k + 2], p, rules[pairs.R_SIGMA_S], rules[pairs.R_GAP])
+        sigmas = rules[pairs.R_SIGMA_S], rules[pairs.R_SPREAD_S]
+        want = naive.pair_cost(pieces[k : k + 2], p, *sigmas, rules[pairs.R_GAP])
         assert got == pytest.approx(want, rel=1e-4) or min(got, want) >= 0.9999
         if got < 1.0:
             assert (a, b) == pytest.approx(lines.fit_line(moments[k] + moments[k + 1], rules[pairs.R_PRIOR])[:2])
@@ -304,7 +305,9 @@ def test_the_noise_of_the_smallest_strip_follows_its_correlation(length_px: floa
     p, ke = Params(noise_length_px=length_px), 0.004
     noise = unit_noise((p.min_support_px, 20000), length_px, np.random.default_rng(1))
     scatter = ke * noise.mean(axis=0).std()
-    assert pairs.merge_rules(view(), ke, p)[pairs.R_SIGMA_S] == pytest.approx(scatter, rel=0.15)
+    rules = pairs.merge_rules(view(), ke, p)
+    assert rules[pairs.R_SPREAD_S] == pytest.approx(scatter, rel=0.15)
+    assert rules[pairs.R_SIGMA_S] == pytest.approx(ke / p.min_support_px**0.5)
 
 
 def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
