@@ -375,7 +375,7 @@ class CameraState(_message.Message):
     def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ...) -> None: ...
 
 class MountState(_message.Message):
-    __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground")
+    __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground", "confirmations", "residual_north_rad", "residual_east_rad")
     class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         VERDICT_UNKNOWN: _ClassVar[MountState.Verdict]
@@ -397,6 +397,9 @@ class MountState(_message.Message):
     MEAN_FIELD_NUMBER: _ClassVar[int]
     COVARIANCE_FIELD_NUMBER: _ClassVar[int]
     GROUND_FIELD_NUMBER: _ClassVar[int]
+    CONFIRMATIONS_FIELD_NUMBER: _ClassVar[int]
+    RESIDUAL_NORTH_RAD_FIELD_NUMBER: _ClassVar[int]
+    RESIDUAL_EAST_RAD_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     measurements: int
     verdict: MountState.Verdict
@@ -406,10 +409,13 @@ class MountState(_message.Message):
     mean: _containers.RepeatedScalarFieldContainer[float]
     covariance: _containers.RepeatedScalarFieldContainer[float]
     ground: bool
-    def __init__(self, t_ns: _Optional[int] = ..., measurements: _Optional[int] = ..., verdict: _Optional[_Union[MountState.Verdict, str]] = ..., pending: _Optional[_Union[MountState.Verdict, str]] = ..., streak: _Optional[int] = ..., slope_rad: _Optional[float] = ..., mean: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., ground: bool = ...) -> None: ...
+    confirmations: int
+    residual_north_rad: float
+    residual_east_rad: float
+    def __init__(self, t_ns: _Optional[int] = ..., measurements: _Optional[int] = ..., verdict: _Optional[_Union[MountState.Verdict, str]] = ..., pending: _Optional[_Union[MountState.Verdict, str]] = ..., streak: _Optional[int] = ..., slope_rad: _Optional[float] = ..., mean: _Optional[_Iterable[float]] = ..., covariance: _Optional[_Iterable[float]] = ..., ground: bool = ..., confirmations: _Optional[int] = ..., residual_north_rad: _Optional[float] = ..., residual_east_rad: _Optional[float] = ...) -> None: ...
 
 class MountHealth(_message.Message):
-    __slots__ = ("verdict", "roll_error_deg", "pitch_error_deg", "roll_sd_deg", "pitch_sd_deg", "roll_deg", "pitch_deg", "yaw_deg", "slope_deg")
+    __slots__ = ("verdict", "roll_error_deg", "pitch_error_deg", "roll_sd_deg", "pitch_sd_deg", "roll_deg", "pitch_deg", "yaw_deg", "slope_deg", "yaw_error_deg", "yaw_sd_deg")
     VERDICT_FIELD_NUMBER: _ClassVar[int]
     ROLL_ERROR_DEG_FIELD_NUMBER: _ClassVar[int]
     PITCH_ERROR_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -419,6 +425,8 @@ class MountHealth(_message.Message):
     PITCH_DEG_FIELD_NUMBER: _ClassVar[int]
     YAW_DEG_FIELD_NUMBER: _ClassVar[int]
     SLOPE_DEG_FIELD_NUMBER: _ClassVar[int]
+    YAW_ERROR_DEG_FIELD_NUMBER: _ClassVar[int]
+    YAW_SD_DEG_FIELD_NUMBER: _ClassVar[int]
     verdict: MountState.Verdict
     roll_error_deg: float
     pitch_error_deg: float
@@ -428,7 +436,9 @@ class MountHealth(_message.Message):
     pitch_deg: float
     yaw_deg: float
     slope_deg: float
-    def __init__(self, verdict: _Optional[_Union[MountState.Verdict, str]] = ..., roll_error_deg: _Optional[float] = ..., pitch_error_deg: _Optional[float] = ..., roll_sd_deg: _Optional[float] = ..., pitch_sd_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., slope_deg: _Optional[float] = ...) -> None: ...
+    yaw_error_deg: float
+    yaw_sd_deg: float
+    def __init__(self, verdict: _Optional[_Union[MountState.Verdict, str]] = ..., roll_error_deg: _Optional[float] = ..., pitch_error_deg: _Optional[float] = ..., roll_sd_deg: _Optional[float] = ..., pitch_sd_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., slope_deg: _Optional[float] = ..., yaw_error_deg: _Optional[float] = ..., yaw_sd_deg: _Optional[float] = ...) -> None: ...
 
 class StateSnapshot(_message.Message):
     __slots__ = ("cameras", "attitudes", "poses")
@@ -786,6 +796,7 @@ class Diagnostic(_message.Message):
         CODE_WORLD_STALLED: _ClassVar[Diagnostic.Code]
         CODE_KERNEL_CACHE_DAMAGED: _ClassVar[Diagnostic.Code]
         CODE_KERNELS_NOT_COMPILED: _ClassVar[Diagnostic.Code]
+        CODE_MOUNT_YAW_ERROR: _ClassVar[Diagnostic.Code]
     CODE_UNKNOWN: Diagnostic.Code
     CODE_STARTING: Diagnostic.Code
     CODE_THREAD_STALLED: Diagnostic.Code
@@ -838,6 +849,7 @@ class Diagnostic(_message.Message):
     CODE_WORLD_STALLED: Diagnostic.Code
     CODE_KERNEL_CACHE_DAMAGED: Diagnostic.Code
     CODE_KERNELS_NOT_COMPILED: Diagnostic.Code
+    CODE_MOUNT_YAW_ERROR: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
