@@ -15,14 +15,13 @@ from ..jit import inline_ieee, inner, inner_ieee
 from ..params import Params
 from .line_fit import misfit
 from .planes import FRONT, LEAST_S, MIDDLE, T0, T1, Z0, Z1, A, B
-from .strips import mean_noise
 from .view_geometry import ViewGeometry
 
 # indices of the rules of merging
 (
     R_TOLERANCE, R_SIGMAS, R_NOISE_CAP, R_PRIOR, R_TURN, R_LONG, R_SPREAD, R_SIGMA_S, R_EMPTY_WEIGHT, R_MOST_EMPTY, R_GAP,
-    R_BEHIND, R_SLACK, R_SHIFT, R_SPREAD_S,
-) = range(15)  # fmt: skip
+    R_BEHIND, R_SLACK, R_SHIFT,
+) = range(14)  # fmt: skip
 # columns of the traits of a piece: as of a plane, first; its moments; mean and variance of the tangents of its strips; one over
 # what a new line may be off them, in 1/x, and that itself; its distances at both ends
 (
@@ -137,7 +136,7 @@ def pair_cost(p, q, rules):
     front = p[Q_FRONT] if p[Q_W] > q[Q_W] else q[Q_FRONT]
     moved = (shift - max(0.0, front)) * at * at / (rules[R_SHIFT] * at * at + rules[R_SIGMA_S])
     refused |= moved >= 1.0
-    allowed = rules[R_SPREAD] * at * at + rules[R_SPREAD_S]
+    allowed = rules[R_SPREAD] * at * at + rules[R_SIGMA_S]
     spread = misfit(w, t, s, tt, ts, ss, a, b) / (allowed * allowed)
     cost = max(max(moved, 0.0), math.sqrt(max(worst, spread)))
     return (REFUSED if refused else cost), a, b
@@ -180,18 +179,15 @@ def costs_of_next(tiles, k, end, rules, costs):
 
 
 def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params) -> NDArray[np.float64]:
-    """(15,) float64 for the kernels here, by the R_ indices. R_SIGMA_S, R_SPREAD_S: the noise of a strip of the fewest
-    pixels, if these were independent, and with the correlation of the noise. The former bounds what a join covers and shifts
-    towards the camera."""
-    sigma = max(ke_per_m, p.min_sigma_px / view.f_px)
-    out = np.zeros(15)
+    """(14,) float64 for the kernels here, by the R_ indices. R_SIGMA_S is the noise of a strip of the fewest pixels."""
+    out = np.zeros(14)
     for index, value in (
         (R_TOLERANCE, p.merge_distance_m), (R_SIGMAS, p.line_sigmas), (R_NOISE_CAP, p.merge_noise_cap),
         (R_PRIOR, 1.0 / (p.link_slope_px * p.link_slope_px)), (R_TURN, math.tan(math.radians(p.plane_angle_deg))),
         (R_LONG, p.merge_long_share * p.passable_width_m), (R_SPREAD, p.merge_spread_m),
-        (R_SIGMA_S, mean_noise(sigma, p.min_support_px, 1.0)), (R_EMPTY_WEIGHT, p.merge_empty_weight),
+        (R_SIGMA_S, max(ke_per_m, p.min_sigma_px / view.f_px) / math.sqrt(p.min_support_px)), (R_EMPTY_WEIGHT, p.merge_empty_weight),
         (R_MOST_EMPTY, p.merge_empty_share), (R_BEHIND, p.evidence_behind_m), (R_SLACK, p.opening_slack_m),
-        (R_SHIFT, p.merge_shift_m), (R_SPREAD_S, mean_noise(sigma, p.min_support_px, p.noise_alike_px)),
+        (R_SHIFT, p.merge_shift_m),
         (R_GAP, min(p.join_gap_m, p.join_share * p.passable_width_m, p.join_share * p.passable_height_m)),
     ):  # fmt: skip
         out[index] = value

@@ -375,10 +375,10 @@ def _misfit_of(strip, track, p, f):
 # ---- free space -------------------------------------------------------------------------------------------------
 
 
-def pair_cost(pieces, p, sigma_s, spread_s, gap_m):
+def pair_cost(pieces, p, sigma_s, gap_m):
     """Cost of one line for two pieces (points (t, s, weight), their own line (a, b), front_m); 2 where refused.
 
-    p: Params with merge_noise_cap = 0; sigma_s, spread_s: noise of the least strip, without and with correlation. Ends of a piece: its first and last point."""
+    p: Params with merge_noise_cap = 0; sigma_s: noise of the least strip. Ends of a piece: its first and last point."""
     t, s, w = np.concatenate([points for points, _, _ in pieces]).T
     mean = np.average(t, weights=w)
     off = t - mean
@@ -405,7 +405,7 @@ def pair_cost(pieces, p, sigma_s, spread_s, gap_m):
         shift = max(shift, front + max(1 / (a + b * e) - 1 / (own[0] + own[1] * e) for e in pair))
     weightier = max(pieces, key=lambda piece: piece[0][:, 2].sum())
     moved = (shift - max(0.0, weightier[2])) * at**2 / (p.merge_shift_m * at**2 + sigma_s)
-    spread = math.sqrt(np.average((s - a - b * t) ** 2, weights=w)) / (p.merge_spread_m * at**2 + spread_s)
+    spread = math.sqrt(np.average((s - a - b * t) ** 2, weights=w)) / (p.merge_spread_m * at**2 + sigma_s)
     return 2.0 if max(worst, moved) >= 1.0 else max(0.0, worst, moved, spread)
 
 

@@ -18,7 +18,6 @@ from core.stages import planes as pl
 from core.stages import priority_queue as cheapest
 from core.stages import strips as s
 from core.types import Intrinsics
-from drivers.simulation.sensor_model import unit_noise
 
 from . import naive
 from .columns import F, view
@@ -269,8 +268,7 @@ def test_what_a_pair_costs_against_a_fit_to_all_of_its_points(seed: int) -> None
         pairs.weigh(planes, moments, traits, k, rules)
     for k in range(0, 40, 2):
         got, a, b = pairs.pair_cost(pairs.of_piece(traits, k), pairs.of_piece(traits, k + 1), rules)
-        sigmas = rules[pairs.R_SIGMA_S], rules[pairs.R_SPREAD_S]
-        want = naive.pair_cost(pieces[k : k + 2], p, *sigmas, rules[pairs.R_GAP])
+        want = naive.pair_cost(pieces[k : k + 2], p, rules[pairs.R_SIGMA_S], rules[pairs.R_GAP])
         assert got == pytest.approx(want, rel=1e-4) or min(got, want) >= 0.9999
         if got < 1.0:
             assert (a, b) == pytest.approx(lines.fit_line(moments[k] + moments[k + 1], rules[pairs.R_PRIOR])[:2])
@@ -297,17 +295,6 @@ def test_costs_side_by_side_are_those_of_each_pair(seed: int, n: int) -> None:
         off = abs(p[pairs.Q_A] - q[pairs.Q_A] + (p[pairs.Q_B] - q[pairs.Q_B]) * 0.5 * (t0 + t1))
         apart = p[pairs.Q_Z0] != q[pairs.Q_Z0] or (t0 < t1 and off > 2.0 * (p[pairs.Q_ALLOWED] + q[pairs.Q_ALLOWED]))
         assert costs[m] == (pairs.REFUSED if apart else pairs.pair_cost(p, q, rules)[0])
-
-
-@pytest.mark.parametrize("length_px", [0.0, 9.0])
-def test_the_noise_of_the_smallest_strip_follows_its_correlation(length_px: float) -> None:
-    """Against the scatter of means of so many pixels of simulated noise."""
-    p, ke = Params(noise_length_px=length_px), 0.004
-    noise = unit_noise((p.min_support_px, 20000), length_px, np.random.default_rng(1))
-    scatter = ke * noise.mean(axis=0).std()
-    rules = pairs.merge_rules(view(), ke, p)
-    assert rules[pairs.R_SPREAD_S] == pytest.approx(scatter, rel=0.15)
-    assert rules[pairs.R_SIGMA_S] == pytest.approx(ke / p.min_support_px**0.5)
 
 
 def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
