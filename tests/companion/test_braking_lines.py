@@ -130,11 +130,11 @@ def flying(
     with AutopilotLine(vehicle.autopilot, end) as running:
         companion = Companion(address, avoid)
         companion.link.open()
-        companion.autopilot.manager.open()
+        companion.avoidance.open()
         try:
             yield vehicle, companion, running
         finally:
-            companion.autopilot.manager.close()
+            companion.avoidance.close()
             companion.link.close()
 
 
@@ -168,7 +168,7 @@ def fly_on(
     while time.monotonic_ns() < end_ns:
         t_ns = time.monotonic_ns()
         state: VehicleState = running.change(lambda a, t_ns=t_ns: vehicle.state(t_ns))
-        companion.autopilot.manager.tick(t_ns)
+        companion.avoidance.tick(t_ns)
         if state.position_ned_m[0] < dies_at_m:
             companion.see(scene, state, t_ns)
         still = vehicle.x_m > stands_beyond_m and vehicle.fastest_m_s > 1.0 and abs(vehicle.speed_m_s) < 0.05
@@ -212,7 +212,7 @@ def test_ardupilot_stops_before_the_wall_that_is_told_as_points_and_knows_the_gr
         kinds = {m.get_type() for m in told}
         assert "OBSTACLE_DISTANCE_3D" in kinds
         assert "OBSTACLE_DISTANCE" not in kinds
-        said = companion.autopilot.manager.diagnostics(time.monotonic_ns())
+        said = companion.avoidance.diagnostics(time.monotonic_ns())
         assert "obstacles_not_accepted" not in [d.code for d in said]  # its echoes are those of OBSTACLE_DISTANCE
         down = [m.current_distance for m in told if m.get_type() == "DISTANCE_SENSOR" and m.orientation == DOWNWARD]
         assert down
