@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mavlink.ardupilot_faces import face_of
 from drivers.mavlink.session import Vehicle
-from drivers.simulation.firmware_models.ardupilot import face_of
 
 from .obstacle_distance import UNKNOWN
 

@@ -16,8 +16,9 @@ from companion.autopilot.publisher import messages_of
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform
+from drivers.mavlink.ardupilot_faces import face_of
 from drivers.mavlink.dialect import dialect
-from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, face_of
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.ardupilot_layers import LAYERS, MIDDLE, ArduPilotLayers, layer_of
 
 from .test_obstacle_sender import ARDUPILOT, FAULTS, PX4, Chain, broken

@@ -34,7 +34,8 @@ from companion.autopilot.view_free import View, points_free
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform
 from core.types import CameraInfo, CameraMount, FrameModel, FreeEnd, FreeProfile, Ground, Intrinsics
-from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, face_of
+from drivers.mavlink.ardupilot_faces import face_of
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader
 from drivers.simulation.firmware_models.px4 import Px4Reader
 
 from .made_up import easy_model

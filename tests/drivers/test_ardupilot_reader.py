@@ -8,7 +8,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.simulation.firmware_models.ardupilot import FACES, ArduPilotReader, face_of, loiter_speed_m_s
+from drivers.mavlink.ardupilot_faces import FACES, face_of
+from drivers.simulation.firmware_models.ardupilot import ArduPilotReader, loiter_speed_m_s
 
 NS = 1_000_000_000
 FRONT = (7, 0, 1)

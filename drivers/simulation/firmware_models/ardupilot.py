@@ -14,10 +14,11 @@ import math
 from itertools import pairwise
 from typing import Any
 
+from ...mavlink.ardupilot_faces import FACES, face_of
+
 NS = 1_000_000_000
 UNKNOWN = 65535
 STALE_NS = NS // 2
-FACES = 8
 HALF_FACE_RAD = math.pi / FACES
 FILTER_FORGETS_NS = NS
 NEAREST_CORNER_M = 0.6
@@ -43,11 +44,6 @@ def loiter_speed_m_s(room_m: float) -> float:
             return v0 + (v1 - v0) * (room_m - x0) / (x1 - x0)
     (x0, v0), (x1, v1) = points[-2:]
     return v1 + (v1 - v0) / (x1 - x0) * (room_m - x1)
-
-
-def face_of(angle_deg: float) -> int:
-    """The face a direction belongs to: 0 ahead, then clockwise."""
-    return int(((angle_deg + 22.5) % 360.0) / 45.0)
 
 
 class ArduPilotReader:

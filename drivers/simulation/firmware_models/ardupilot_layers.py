@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .ardupilot import FACES, STALE_NS, ArduPilotReader, face_of
+from ...mavlink.ardupilot_faces import FACES, face_of
+from .ardupilot import STALE_NS, ArduPilotReader
 
 LAYERS, MIDDLE, LAYER_DEG, LOWEST_DEG, HIGHEST_DEG = 5, 2, 30.0, -75.0, 74.9
 SCAN_ENDS_NS = 50_000_000
