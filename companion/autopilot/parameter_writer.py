@@ -179,7 +179,7 @@ class ParameterWriter:
             raise ValueError("it is ARMED, or was a moment ago: parameters are written while it is disarmed only")
         trouble = status.signing_trouble or next(iter(status.strangers.values()), "")
         if trouble:
-            raise ValueError(f"nobody knows whom it would be written to: {trouble}")
+            raise ValueError(f"target system is ambiguous: {trouble}")
         return vehicle.autopilot, vehicle.system_id
 
 

@@ -215,7 +215,7 @@ class ObstacleTeller:
         if not newest.valid:
             return newest.cause_text
         if camera not in self._looks:
-            return "it was not described: nobody knows where it looks"
+            return "its intrinsics and mount are unknown"
         if newest.model is None or not all_numbers(newest.model):
             return "its planes are no numbers"
         ill = self._ill(camera)

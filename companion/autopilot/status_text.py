@@ -49,7 +49,7 @@ class StatusTexts:
             if now == before:
                 continue
             self._noted[topic], self._last_ns = now, now_ns
-            text = f"OA: {now}" if now else f"OA: no longer: {before}"
+            text = f"OA: {now}" if now else f"OA: cleared: {before}"
             return dialect.MAVLink_statustext_message(WARNING if now else INFO, shortened(text).encode())
         return None
 

@@ -79,7 +79,7 @@ class Config:
         for name in sorted({n for n in names if names.count(n) > 1}):
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
         if self.avoid.send and not self.autopilot.address:
-            raise ValueError("[avoid] send = true, but [autopilot] address is empty: nobody would be told; give one")
+            raise ValueError("[avoid] send = true, but [autopilot] address is empty, so nothing could be sent; set one")
         if self.avoid.send and self.service.stale_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
             raise ValueError(
                 f"[service] stale_s = {self.service.stale_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "

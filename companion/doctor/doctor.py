@@ -109,7 +109,7 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
         words = f"one holds {address}, but told nothing within {patience_s:g} s: does it hang? (systemctl status osape-companion)"
         return [Finding("service", False, words, DiagnosticCode.SERVICE_UNREACHABLE)]
     if not health.diagnostics and not health.troubles:
-        return [Finding("service", True, "runs, and nothing is wrong (`companion status` tells more)")]
+        return [Finding("service", True, "running: OK (details: `companion status`)")]
     if health.diagnostics:
         return [Finding("service", False, f"{d.code}: {d.text}", d.code) for d in health.diagnostics]
     return [Finding("service", False, text) for text in health.troubles]  # an older service

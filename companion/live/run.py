@@ -78,7 +78,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
                 notifier.alive()
         now = [d.words() for d in service.diagnostics]
         _tell_changes(now, said)
-        notifier.status("; ".join(service.troubles) or "all well")
+        notifier.status("; ".join(service.troubles) or "OK")
         said = now
     return 0
 
@@ -91,7 +91,7 @@ def _tell_changes(now: list[str], before: list[str]) -> None:
             log.warning(trouble)
     for kind, trouble in old.items():
         if kind not in new:
-            log.info("no longer: %s", trouble)
+            log.info("cleared: %s", trouble)
 
 
 def _kind(trouble: str) -> str:

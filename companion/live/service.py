@@ -348,7 +348,7 @@ class Service:
         rate = self._attitude_rate.check(rate_hz, now_ns)
         found += [*self._template, *rate, *ground, *self._offset_warnings(views), *self._yaw_warnings()]
         if not self.started:
-            text = "starting: the kernels are loaded, or compiled when they never were"
+            text = "starting: loading kernels, or compiling them on the first start"
             return [Diagnostic(DiagnosticCode.STARTING, "", text)]
         return found
 

@@ -72,14 +72,14 @@ def status_lines(h: pb.Health) -> list[str]:
     """A report for people."""
     lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
     wrong = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older versions: texts alone
-    lines += [f"  ! {line}" for line in wrong] or ["  nothing is wrong"]
+    lines += [f"  ! {line}" for line in wrong] or ["  OK"]
     lines += [f"  note: {note}" for note in h.notes]
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
         age = f"newest valid exposure {c.age_ns / MS:.0f} ms ago" if c.HasField("age_ns") else "no valid exposure yet"
         kind = "" if c.required else ", not required"
         again = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
-        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} overtaken{again}")
+        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{again}")
         if c.HasField("exposure_offset"):
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
         if c.HasField("mount"):
@@ -125,7 +125,7 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
         return [f"autopilot: no line on {a.address}: {a.line_error}"]
     if not a.autopilot:
         return [f"autopilot: none heard on {a.address}"]
-    source = {1: "by arrivals only", 2: "synchronised"}.get(a.clock.source, "not known")
+    source = {1: "not synchronised (arrival times only)", 2: "synchronised"}.get(a.clock.source, "unknown")
     bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
     lines = [
         f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude {a.attitude_hz:.0f} Hz, "

@@ -40,9 +40,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for file in written:
         say(f"{file} (mode {file.stat().st_mode & 0o777:o})")
-    say(
-        f"give {written[-1].name} and server.public to the client, over a way that nobody else reads; delete {written[-1]} here"
-    )
+    say(f"give {written[-1].name} and server.public to the client, over a private channel; delete {written[-1]} here")
     say(f'in the configuration: [publish] keys = "{args.folder}"')
     return 0
 

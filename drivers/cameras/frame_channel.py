@@ -202,7 +202,9 @@ class FrameReader:
                     return _Told(*_FRAME.unpack(data)[1:])
                 word = self._understood(data, beside)
             except (ValueError, KeyError, TypeError, struct.error, RecursionError) as error:
-                raise BadData(f"camera {self._camera}: its process sent what nobody understands ({error})") from error
+                raise BadData(
+                    f"camera {self._camera}: its process sent a message that cannot be decoded ({error})"
+                ) from error
             if word is not None:
                 return word
 

@@ -92,7 +92,7 @@ class Ear(threading.Thread):
     def _words(self, since_ns: int) -> list[str]:
         """What was said instead, each thing once."""
         texts = [
-            "; ".join(m.troubles) or "all well" if isinstance(m, pb.Health) else m.cause_text or "valid"
+            "; ".join(m.troubles) or "OK" if isinstance(m, pb.Health) else m.cause_text or "valid"
             for m in self.since(since_ns)
         ]
         return list(dict.fromkeys(texts))[-12:]

@@ -275,7 +275,7 @@ def test_a_degraded_mount_is_sent_once_and_fits(camera: str) -> None:
     assert sent.text.startswith(f"OA: {camera} mount differs from")
     assert len(sent.text) <= MOST_CHARACTERS
     assert texts.due({}, 8 * NS, {f"mount {camera}": mount_note(camera, True)}) is None
-    assert texts.due({}, 12 * NS, {f"mount {camera}": mount_note(camera, False)}).text.startswith("OA: no longer")
+    assert texts.due({}, 12 * NS, {f"mount {camera}": mount_note(camera, False)}).text.startswith("OA: cleared")
 
 
 def test_opening_cameras_are_no_news() -> None:

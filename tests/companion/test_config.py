@@ -94,7 +94,7 @@ def test_all_mistakes_at_once() -> None:
         ({"camera": [{"name": "x", "min_range_m": 5.0, "max_range_m": 2.0}]}, "must be less than"),
         ({"camera": [{"name": "a b"}]}, "letters, digits"),
         ({"sync": {"max_gap_s": math.nan}}, "expected 0.005..1 s"),
-        ({"avoid": {"send": True}}, "nobody would be told"),
+        ({"avoid": {"send": True}}, "nothing could be sent"),
         (
             {"avoid": {"send": True}, "autopilot": {"address": "tcp:127.0.0.1:5760"}, "service": {"stale_s": 0.5}},
             "stale_s = 0.5 with [avoid] rate_hz = 15",

@@ -187,7 +187,7 @@ def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
         teller.join()
         publisher.close()
     said = capsys.readouterr().out
-    assert "ok  service: runs, and nothing is wrong" in said
+    assert "ok  service: running: OK" in said
     assert "all is as it should be" in said
 
 

@@ -44,7 +44,7 @@ def test_only_modes_known_to_stop_are_said_nothing_of(kind: str, name: str, numb
         assert mode_trouble(vehicle(kind, number, armed=False), parameters) == ""
         if said:
             assert said.startswith(name)
-            assert len(f"OA: no longer: {said.split(':')[0]}") <= MOST_CHARACTERS + 6
+            assert len(f"OA: cleared: {said.split(':')[0]}") <= MOST_CHARACTERS + 6
             assert "stops" in said  # what to choose instead
 
 
@@ -102,5 +102,5 @@ def test_the_mode_is_said_once_and_again_when_it_changes() -> None:
     now[0] = vehicle("ArduPilot", COPTER["LOITER"])
     for tenth in range(100, 200):
         avoidance.tick(NS + tenth * NS // 10)
-    assert said == ["OA: AUTO does not brake", "OA: no longer: AUTO does not brake"]
+    assert said == ["OA: AUTO does not brake", "OA: cleared: AUTO does not brake"]
     assert "flight_mode_unprotected" not in [d.code for d in avoidance.diagnostics(21 * NS)]

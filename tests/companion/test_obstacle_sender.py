@@ -240,7 +240,7 @@ def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> Non
     chain.fly(1.0)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
-    assert "not described" in chain.told().blind["front"]
+    assert "intrinsics and mount are unknown" in chain.told().blind["front"]
 
 
 @pytest.mark.parametrize("blind", ["stop", "unknown", "auto"])
@@ -284,7 +284,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
     good = chain.teller._newest["front"]
     chain.teller.result(replace(good, model=found))  # none of ours, which the pipeline refuses
     assert chain.ahead(PX4) == UNKNOWN
-    assert "no numbers" in chain.told().blind["front"]
+    assert "not finite" in chain.told().blind["front"]
     chain.teller.result(good)
     chain.sees.found = found
     with warnings.catch_warnings():
@@ -292,7 +292,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         chain.fly(0.2)
         assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
-    assert "no numbers" in chain.told().blind["front"]
+    assert "not finite" in chain.told().blind["front"]
     result = chain.teller._newest["front"]
     assert not result.valid
     assert result.model is not None

@@ -114,7 +114,7 @@ def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None
 
     def all_well() -> bool:
         told.append(flying.live.command("status", "-c", str(flying.live.config)))
-        return told[-1].returncode == 0 and "nothing is wrong" in told[-1].stdout
+        return told[-1].returncode == 0 and "  OK" in told[-1].stdout
 
     assert until(all_well), told[-1]
     assert "autopilot: PX4" in told[-1].stdout

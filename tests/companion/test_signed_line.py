@@ -60,7 +60,7 @@ def test_obstacles_are_told_signed_and_an_autopilot_that_ceases_to_sign_is_named
     told.health.wait(lambda h: any("signs with another key than ours" in t for t in h.troubles), 15.0)
     sign(told.line, KEY)
     told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
-    assert until(lambda: any(t.startswith("OA: no longer: the autopilot") for t in told.texts()))
+    assert until(lambda: any(t.startswith("OA: cleared: the autopilot") for t in told.texts()))
     assert until(lambda: len(told.messages()) > silent_from)
     assert told.live.stop() == 0
     assert KEY.hex() not in told.live.said()

@@ -60,7 +60,7 @@ def test_a_note_is_told_and_is_no_trouble() -> None:
     h.notes.append("the processor runs at half its clock: too hot")
     assert status_lines(h)[:3] == [
         "ACTIVE for 65 s",
-        "  nothing is wrong",
+        "  OK",
         "  note: the processor runs at half its clock: too hot",
     ]
 
@@ -70,7 +70,7 @@ def test_a_report_in_words() -> None:
     for words in (
         "DEGRADED for 65 s",
         "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
-        "camera front: running, 30.0 Hz, newest valid exposure 42 ms ago, 3 overtaken",
+        "camera front: running, 30.0 Hz, newest valid exposure 42 ms ago, 3 superseded",
         "camera right: lost, not required, 0.0 Hz, no valid exposure yet",
         "started 4 times (the last: the cable is out)",
         "autopilot: PX4, system 1, armed, attitude 99 Hz",
