@@ -217,7 +217,7 @@ class ObstacleTeller:
         if camera not in self._looks:
             return "its intrinsics and mount are unknown"
         if newest.model is None or not all_numbers(newest.model):
-            return "its planes are no numbers"
+            return "its planes hold values that are not finite"
         ill = self._ill(camera)
         if ill:
             return ill
