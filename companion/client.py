@@ -28,7 +28,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from .paths import folders
 from .pipeline.causes import cause_code
-from .pipeline.encode import model_from_message
+from .pipeline.decode_model import model_from_message
 from .streams.curve_auth import use_client_keys
 from .streams.receive_time import Ear, age_ns
 

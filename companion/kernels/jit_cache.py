@@ -22,6 +22,7 @@ import shutil
 import sys
 from collections.abc import Collection
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -49,7 +50,7 @@ def use_own_cache() -> Path | None:
     """Names the directory of the present sources in NUMBA_CACHE_DIR, below the one that was named there, else below
     the user's cache. Returns it, or None when nothing was changed: numba is loaded already and has chosen, or there is
     no place to write."""
-    if "numba" in sys.modules:
+    if "numba" in sys.modules or find_spec("numba") is None:  # a planner's client needs no kernels
         return None
     named = os.environ.get(VARIABLE)
     for base in [base_of(Path(named))] if named else _usual_bases():

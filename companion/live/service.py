@@ -40,8 +40,9 @@ from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset, warning_text
 from ..self_check.mount_watch import MountWatch
 from ..self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
+from ..streams.boot import boot_id
 from ..streams.curve_auth import AllowList, load_keys
-from ..streams.publisher import Publisher, Stream, boot_id
+from ..streams.publisher import Publisher, Stream
 from .counts import FrameRates, Losses
 from .depth_preview import DepthPreviews
 from .diagnostics import AttitudeRateCheck, GroundCheck, template_intrinsics

@@ -6,18 +6,15 @@ arrays are float32 on both sides.
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterable
 from operator import attrgetter
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from google.protobuf.message import Message
-from numpy.typing import NDArray
 
 from core.self_check.mount_check import MountState
-from core.types import ExtractorState, FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
+from core.types import ExtractorState, Ground
 from drivers.logs.codec import (
     attitude_from_message,
     attitude_message,
@@ -29,16 +26,13 @@ from drivers.logs.codec import (
 from drivers.proto import osape_v1_pb2 as pb
 
 from .causes import cause_from_number, cause_message
+from .decode_model import STATS, model_from_message
 from .mount_messages import mount_state_from_message, mount_state_message
 from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
 from .sync import AttitudeAt, DropCause, PoseAt, Source
 from .transform import LevelTransform
 
 SCHEMA_VERSION: Final = 1
-UNTOLD_TOLERANCE_M: Final = 0.6
-"""Not tuning: the default `min_obstacle_height_m`, which is the most that the ground's noise reaches up to where the free
-space above it is judged at all (`Ground.blind_beyond_m`)."""
-
 SOURCES: Final = {
     Source.NONE: pb.AttitudeUsed.SOURCE_NONE,
     Source.EXACT: pb.AttitudeUsed.SOURCE_EXACT,
@@ -46,8 +40,7 @@ SOURCES: Final = {
     Source.EXTRAPOLATED: pb.AttitudeUsed.SOURCE_EXTRAPOLATED,
 }
 
-_STATS: Final = tuple(f.name for f in dataclasses.fields(FrameStats))
-_stats: Final = attrgetter(*_STATS)
+_stats: Final = attrgetter(*STATS)
 MODEL_FIELDS: Final = np.array(
     [
         message.DESCRIPTOR.fields_by_name[name].number
@@ -69,41 +62,6 @@ def wire_bytes(message: Message) -> bytes:
     return message.SerializeToString(deterministic=True)
 
 
-def prism_from_message(message: pb.Prism) -> Prism:
-    """One prism of a message."""
-    return Prism(
-        cluster=message.cluster,
-        top_m=message.top_m,
-        bottom_m=message.bottom_m,
-        closed=message.closed,
-        margin_m=message.margin_m,
-        vertices_m=_rows(message.vertices_m, 2, "vertices_m"),
-        plane=np.array(message.plane, dtype=np.int32),
-    )
-
-
-def free_from_message(message: pb.FreeProfile) -> FreeProfile:
-    """The free-range profile of a message. Raises ValueError where tables do not fit or edges are not finite and rising."""
-    layers = max(0, len(message.layer_edges_m) - 1)
-    directions = max(0, len(message.azimuth_edges_rad) - 1)
-    return FreeProfile(
-        azimuth_edges_rad=_rising(message.azimuth_edges_rad, "azimuth_edges_rad"),
-        layer_edges_m=_rising(message.layer_edges_m, "layer_edges_m"),
-        free_from_m=_table(np.array(message.free_from_m, dtype=np.float32), directions, layers, "free_from_m"),
-        free_to_m=_table(np.array(message.free_to_m, dtype=np.float32), directions, layers, "free_to_m"),
-        end=_table(np.frombuffer(message.end, dtype=np.uint8), directions, layers, "end"),
-    )
-
-
-def _rising(values: Iterable[float], name: str) -> NDArray[np.float32]:
-    """Edges of a profile as (N,) float32. Raises ValueError where they are not finite and rising: a search among them would
-    find a wrong direction or layer."""
-    edges = np.fromiter(values, dtype=np.float32)
-    if not (np.isfinite(edges).all() and (np.diff(edges) >= 0.0).all()):
-        raise ValueError(f"{name}: expected finite numbers that rise; is the message damaged?")
-    return edges
-
-
 def _set_ground(message: pb.Ground, ground: Ground) -> None:
     """The ground under the camera, into a message."""
     message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
@@ -112,40 +70,6 @@ def _set_ground(message: pb.Ground, ground: Ground) -> None:
     message.tolerance_m, message.noise_per_m = ground.tolerance_m, ground.noise_per_m
     message.seen_from_m.extend(ground.seen_from_m)
     message.seen_to_m.extend(ground.seen_to_m)
-
-
-def ground_from_message(message: pb.Ground) -> Ground:
-    """The ground of a message. One of an older version has no tolerance: it gets UNTOLD_TOLERANCE_M.
-
-    Raises ValueError where a ground that was seen has a number that is not finite or a margin that is negative."""
-    old = message.seen and not message.HasField("tolerance_m")
-    tolerance_m = UNTOLD_TOLERANCE_M if old else message.tolerance_m
-    if message.seen:
-        _check_ground(message, tolerance_m)
-    return Ground(
-        seen=message.seen,
-        height_m=message.height_m,
-        slope_x=message.slope_x,
-        slope_y=message.slope_y,
-        share=message.share,
-        blind_beyond_m=message.blind_beyond_m,
-        tolerance_m=tolerance_m,
-        noise_per_m=message.noise_per_m,
-        seen_from_m=tuple(message.seen_from_m),
-        seen_to_m=tuple(message.seen_to_m),
-    )
-
-
-def _check_ground(message: pb.Ground, tolerance_m: float) -> None:
-    """Raises ValueError for a ground above which free space cannot be told."""
-    for name in ("height_m", "slope_x", "slope_y", "noise_per_m", "seen_from_m", "seen_to_m"):
-        if not np.isfinite(getattr(message, name)).all():
-            raise ValueError(f"ground: {name} is not finite; is the message damaged?")
-    for name, margin in (("tolerance_m", tolerance_m), ("noise_per_m", message.noise_per_m)):
-        if not 0.0 <= margin < math.inf:
-            raise ValueError(
-                f"ground: {name} = {margin:g}, expected a finite number of 0 or more; is the message damaged?"
-            )
 
 
 def prisms_bytes(result: PrismsResult) -> bytes:
@@ -173,7 +97,7 @@ def prisms_bytes(result: PrismsResult) -> bytes:
         return wire_bytes(message)
     _set_ground(message.ground, model.ground)
     stats = message.stats
-    for name, value in zip(_STATS, _stats(model.stats), strict=True):
+    for name, value in zip(STATS, _stats(model.stats), strict=True):
         setattr(stats, name, value)
     message.ke_per_m = model.ke_per_m
     from companion.pipeline.fast_encode import packed_model  # compiled: planners, who only read, need no numba
@@ -210,30 +134,6 @@ def _set_pose(message: pb.PoseUsed, pose: PoseAt) -> None:
     message.source = SOURCES[pose.source]
     set_vector(message.position_ned_m, pose.position_ned_m)
     message.distance_ns, message.reset_counter = pose.distance_ns, pose.reset_counter
-
-
-def model_from_message(message: pb.PrismsFrame) -> FrameModel | None:
-    """The model of a message, in the message's frame; None for a dropped frame, which has none."""
-    if not message.HasField("stats"):
-        return None
-    cause = cause_from_number(message.cause, InvalidCause)
-    if not isinstance(cause, InvalidCause):
-        raise ValueError(f"cause {message.cause} of a frame that was extracted")
-    planes = message.planes
-    return FrameModel(
-        valid=message.valid,
-        cause=cause,
-        planes=_rows(planes.corners_m, 6, "corners_m"),
-        support_px=np.array(planes.support_px, dtype=np.int32),
-        margin_m=np.array(planes.margin_m, dtype=np.float32),
-        flags=np.array(planes.flags, dtype=np.uint8),
-        cluster=np.array(planes.cluster, dtype=np.int32),
-        prisms=tuple(prism_from_message(prism) for prism in message.prisms),
-        free=free_from_message(message.free),
-        ground=ground_from_message(message.ground),
-        stats=FrameStats(**{name: getattr(message.stats, name) for name in _STATS}),
-        ke_per_m=message.ke_per_m,
-    )
 
 
 def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
@@ -358,17 +258,3 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
         tuple(attitude_from_message(sample) for sample in message.attitudes),
         tuple(pose_from_message(sample) for sample in message.poses),
     )
-
-
-def _rows(values: Iterable[float], columns: int, name: str) -> NDArray[np.float32]:
-    """(N, columns) float32 of packed numbers."""
-    flat = np.array(list(values), dtype=np.float32)
-    if len(flat) % columns:
-        raise ValueError(f"{name}: {len(flat)} numbers do not make rows of {columns}")
-    return flat.reshape(-1, columns)
-
-
-def _table(flat: NDArray[Any], directions: int, layers: int, name: str) -> NDArray[Any]:
-    if len(flat) != directions * layers:
-        raise ValueError(f"{name}: {len(flat)} numbers, expected {directions} directions x {layers} layers")
-    return flat.reshape(directions, layers)

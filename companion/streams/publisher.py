@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import uuid
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -22,16 +21,6 @@ from drivers.base import DeviceNotFound
 
 from ..pipeline.encode import wire_bytes
 from .curve_auth import ServerKeys, beyond_loopback, serve
-
-BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
-
-
-def boot_id() -> str:
-    """Of this boot of the machine: stamps of two boots cannot be compared. A random one where the system has none."""
-    try:
-        return BOOT_ID_FILE.read_text().strip()
-    except OSError:
-        return str(uuid.uuid4())
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import zmq
 
 from drivers.proto import osape_v1_pb2 as pb
 
-from .publisher import boot_id
+from .boot import boot_id
 
 
 class Ear:

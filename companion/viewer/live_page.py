@@ -15,7 +15,7 @@ from ..live.message_json import message_json
 from ..live.status import status_lines
 from ..pipeline.causes import cause_code
 from ..pipeline.encode import prisms_from_message
-from ..streams.publisher import boot_id
+from ..streams.boot import boot_id
 from .colors import depth_index, palette
 from .frame import ViewFrame
 from .log import view_frame

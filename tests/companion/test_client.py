@@ -327,3 +327,23 @@ def test_the_example_says_when_nothing_is_free(service: Service) -> None:
 def environment() -> dict[str, str]:
     """With the modules of this checkout."""
     return os.environ | {"PYTHONPATH": str(ROOT)}
+
+
+ONLY_THREE = """
+import sys
+from importlib.metadata import packages_distributions
+mine = {"core", "drivers", "companion"}
+needed = {"numpy", "zmq", "google", "_distutils_hack"}
+for name in packages_distributions():
+    if name.partition(".")[0] not in mine | needed and name.isidentifier():
+        sys.modules.setdefault(name, None)  # an import of it raises ModuleNotFoundError
+import companion.client, companion.world_mirror
+"""
+
+
+def test_the_client_needs_pyzmq_protobuf_and_numpy_only() -> None:
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("COV")}
+    done = subprocess.run(
+        [sys.executable, "-c", ONLY_THREE], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zmq
 
-from companion.pipeline.encode import model_from_message
+from companion.pipeline.decode_model import model_from_message
 from core.query.queries import Answer, SeenFrom, Space
 from drivers.proto import osape_v1_pb2 as pb
 

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.client import News
-from companion.pipeline.encode import free_from_message, ground_from_message, prisms_message
+from companion.pipeline.decode_model import free_from_message, ground_from_message
+from companion.pipeline.encode import prisms_message
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause
 from companion.pipeline.transform import LevelTransform, reframed

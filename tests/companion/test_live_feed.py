@@ -23,7 +23,8 @@ from companion.pipeline.encode import blind_message, prisms_message
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import AttitudeAt, DropCause, Source
 from companion.pipeline.transform import LevelTransform, reframed
-from companion.streams.publisher import Publisher, Stream, boot_id
+from companion.streams.boot import boot_id
+from companion.streams.publisher import Publisher, Stream
 from companion.viewer.live_page import Newsroom
 from companion.viewer.live_server import LiveServer
 from companion.viewer.subscriber import Feed, Streams

@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 import zmq
 
+from companion.streams.boot import boot_id
 from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
-from companion.streams.publisher import Publisher, Stream, boot_id
+from companion.streams.publisher import Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
 from drivers.proto import osape_v1_pb2 as pb
 
