@@ -281,7 +281,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.self_check.surfaces import find_surfaces
     from core.stages.classify import depth_to_mm, measured_mm
     from core.stages.level import pool_columns
-    from core.stages.noise_check import noisy_share
+    from core.stages.noise_check import flying_off_ramps, noisy_share
     from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 
     find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
@@ -290,6 +290,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     still_sigma(samples, samples, (1, 60000), p)
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
+    flying_off_ramps(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke)
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     grid = inverse_depth_grid(depth_mm, info)
     rotation_between(grid, grid, np.eye(3))

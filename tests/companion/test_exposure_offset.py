@@ -96,7 +96,7 @@ def test_without_turning_nothing_is_measured(speed_m_s: float) -> None:
     still = plan("street", turn_rad=0.0, speed_m_s=speed_m_s, sway=False)
     flight = SimulatedFlight(still, width=160, height=120, rates=Rates(depth_hz=12.0), duration_s=SECONDS)
     offset = measured(flight.cameras[0], late(flight.events(), 0.04))
-    assert offset.state is OffsetState.NO_MOTION
+    assert offset.state is OffsetState.NOT_ENOUGH_MOTION
     assert offset.offset_s is None
     assert not offset.warns
     assert "not measured" in offset.text
@@ -155,7 +155,7 @@ def test_status_and_metrics_show_it_and_no_value_where_it_is_not_measured() -> N
     health = pb.Health(cameras=[pb.CameraHealth(camera="front", exposure_offset=exposure_offset_message(known))])
     assert "20.0 ms later" in "\n".join(status_lines(health))
     assert 'osape_camera_exposure_offset_seconds{camera="front"} 0.02' in metrics_text(health)
-    unknown = ExposureOffset(camera="front", state=OffsetState.NO_MOTION)
+    unknown = ExposureOffset(camera="front", state=OffsetState.NOT_ENOUGH_MOTION)
     health = pb.Health(cameras=[pb.CameraHealth(camera="front", exposure_offset=exposure_offset_message(unknown))])
     assert "not measured" in "\n".join(status_lines(health))
     assert "exposure_offset" not in metrics_text(health)
