@@ -151,16 +151,19 @@ def seen_free(
     for view in valid:
         share = must_m.repeat(avoid.rays)[ray] / ranges[k]
         seen[i, ray] |= ended_by_obstacle(view, x[ray, k], y[ray, k], z[i], share)
-    # a direction of the profile that reaches into the next sector ends at the plane that stands there
-    beside_m = np.minimum(np.roll(plane_m, 1), np.roll(plane_m, -1))
-    beside_must_m = _must_be_seen_m(valid, beside_m, avoid.step_m).repeat(avoid.rays)
-    i, ray = np.nonzero(~seen & (np.isinf(plane_m) & np.isfinite(beside_m)).repeat(avoid.rays))
+    # A direction of the profile that reaches across the border of two sectors ends at the plane that stands in the other.
+    # This holds for rays at that border which end where the plane stands: what ends elsewhere is another obstacle.
+    beside_m = _beside_m(plane_m, avoid.rays)
+    at_m = np.where(np.isfinite(beside_m), beside_m, 0.0)
+    short_m = at_m - _must_be_seen_m(valid, at_m, avoid.step_m)
+    i, ray = np.nonzero(~seen & (np.isinf(plane_m).repeat(avoid.rays) & np.isfinite(beside_m)))
     k = reached[i, ray]
+    at_plane = np.abs(ranges[k] - beside_m[ray]) <= short_m[ray]
     for view in valid:
         at_x, at_y = x[ray, k], y[ray, k]
         above_ground = z[i] <= ground_z_m(view, at_x, at_y) - view.model.ground.tolerance_m
-        ended = ended_by_obstacle(view, at_x, at_y, z[i], beside_must_m[ray] / ranges[k])
-        seen[i, ray] |= ended & above_ground & (ranges[k] >= beside_must_m[ray])
+        ended = ended_by_obstacle(view, at_x, at_y, z[i], np.ones(len(k)))
+        seen[i, ray] |= ended & above_ground & at_plane
     if recall is not None:
         share = _by_sector(seen).mean(axis=1)
         enough = np.repeat((share >= avoid.seen_share) & (share < 1.0), avoid.rays)
@@ -195,6 +198,14 @@ def _must_be_seen_m(views: Sequence[View], plane_m: NDArray[np.float64], step_m:
     short_m = step_m + max((view.ring_m for view in views), default=0.0)
     ke_per_m = max((view.model.ke_per_m for view in views), default=0.0)
     return plane_m - short_m - SHORT_SIGMAS * ke_per_m * np.where(np.isfinite(plane_m), plane_m, 0.0) ** 2
+
+
+def _beside_m(plane_m: NDArray[np.float64], rays: int) -> NDArray[np.float64]:
+    """(72 * rays,) distance to the plane of the next sector, for the rays in the outer quarters of each sector; inf: none."""
+    offset = np.linspace(-0.4, 0.4, rays)
+    before, after = np.roll(plane_m, 1)[:, None], np.roll(plane_m, -1)[:, None]
+    out: NDArray[np.float64] = np.where(offset < -0.25, before, np.where(offset > 0.25, after, np.inf)).ravel()
+    return out
 
 
 def _ground_in_band(views: Sequence[View], avoid: AvoidParams) -> bool:

@@ -91,6 +91,26 @@ def told_everywhere(found: SectorScan, autopilot: str) -> Any:
     return obstacle_distance_message(for_reader(values, AVOID, autopilot), 0, AVOID)
 
 
+@pytest.mark.parametrize(
+    ("ends_m", "to_deg", "state"), [(4.0, 3.0, "CLEAR"), (8.0, 3.0, "UNSEEN"), (4.0, 7.0, "UNSEEN")]
+)
+def test_a_sector_beside_a_plane_is_clear_only_where_the_profile_ends_at_that_plane(
+    ends_m: float, to_deg: float, state: str
+) -> None:
+    """The profile of sector 1 ends at a measured obstacle from its border on, at the pole's distance or farther."""
+    found = model(wall_at(0.0, 4.0), free_to_m=13.0, view_deg=72.0)
+    free_to, end = found.free.free_to_m.copy(), found.free.end.copy()
+    edges_deg = np.degrees(found.free.azimuth_edges_rad)
+    at_pole = (edges_deg[:-1] < 1.0) & (edges_deg[1:] > -1.0)
+    beside = (edges_deg[:-1] > 1.0) & (edges_deg[:-1] < to_deg)
+    free_to[at_pole], free_to[beside] = 4.0, ends_m
+    end[at_pole | beside] = FreeEnd.OBSTACLE
+    found = replace(found, free=replace(found.free, free_to_m=free_to, end=end))
+    sectors = scan([View(found, HERE)], AVOID)
+    assert sectors.state[0] == SectorState.OBSTACLE
+    assert sectors.state[1] == SectorState[state]
+
+
 # ---- geometry ---------------------------------------------------------------------------------------------------------
 
 
