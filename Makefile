@@ -67,6 +67,7 @@ $(PEERS): $(STAMP) .ci/constraints-peers.txt
 NEEDS_PEERS := $(if $(findstring --only,$(ARGS)),$(findstring peers,$(ARGS)),yes)
 bench: $(STAMP) $(if $(NEEDS_PEERS),$(PEERS)) ## all figures of docs/research/benchmarks (hours); ARGS=--quick: minutes, ARGS='--only speed'
 	@$(BIN)/python -m benchmarks $(ARGS)
+	@$(BIN)/python -m benchmarks.fidelity.limits
 
 soak: $(STAMP) ## the long runs (hours)
 	@$(BIN)/pytest -m soak tests

@@ -1,4 +1,4 @@
-"""The pages of docs/research/benchmarks: one a section, and an index of those that are there."""
+"""The pages of docs/research/benchmarks: one page for each section, and an index of the pages that exist."""
 
 from __future__ import annotations
 
@@ -14,26 +14,44 @@ _MEASURED: Final = "Measured on "
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """name: of the page's file and of `--only`; the module benchmarks.section_NAME has `section(out, quick)`."""
+    """name: of the page's file and of `--only`; module: has `section(out, quick) -> str`, the Markdown of the page."""
 
     name: str
     title: str
     question: str
-
-    @property
-    def module(self) -> str:
-        """Where the section is."""
-        return f"benchmarks.section_{self.name}"
+    module: str
 
 
 SECTIONS: Final = (
-    Section("speed", "Speed", "How long does a frame take, where does the time go, what makes it longer?"),
-    Section("fidelity", "Fidelity", "Is what is there in the model, and is what is in the model there?"),
-    Section("peers", "Beside others", "What would an engineer get from a grid, an octree or a plane extractor?"),
-    Section("paper", "The paper's figures", "Which of the paper's claims hold?"),
-    Section("world", "The merged world", "What becomes of a flight: is it closed, true, small, and what does it cost?"),
-    Section("recordings", "Recordings", "What becomes of images that no simulator made?"),
-    Section("memory", "Memory", "Does anything grow over 100 000 frames?"),
+    Section(
+        "speed",
+        "Speed",
+        "How long does a frame take, where does the time go, what makes it longer?",
+        "benchmarks.speed.section",
+    ),
+    Section(
+        "fidelity",
+        "Fidelity",
+        "Is what is there in the model, and is what is in the model there?",
+        "benchmarks.fidelity.section",
+    ),
+    Section(
+        "peers",
+        "Beside others",
+        "What would an engineer get from a grid, an octree or a plane extractor?",
+        "benchmarks.peers.section",
+    ),
+    Section("paper", "The paper's figures", "Which of the paper's claims hold?", "benchmarks.paper.section"),
+    Section(
+        "world",
+        "The merged world",
+        "What becomes of a flight: is it closed, true, small, and what does it cost?",
+        "benchmarks.world.section",
+    ),
+    Section(
+        "recordings", "Recordings", "What becomes of images that no simulator made?", "benchmarks.fidelity.recordings"
+    ),
+    Section("memory", "Memory", "Does anything grow over 100 000 frames?", "benchmarks.speed.section_memory"),
 )
 """In the order of the index."""
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.fidelity import plots, tables
+from benchmarks.fidelity import limits, plots, tables
 from benchmarks.fidelity.goals import MEASURES, Summary, summary
 from benchmarks.fidelity.matrix import FEW_TILTS_DEG, PARTS, Settings, quick, run, spread
 from benchmarks.fidelity.result import Case, Row
@@ -21,6 +21,7 @@ from benchmarks.hardware_info import stamp
 from benchmarks.pages import INDEX, SECTIONS, index, page
 from benchmarks.scenes.catalogue import FAMILIES, HELD_OUT_SEEDS, SCENES, TUNING_SEEDS
 
+FULL, BRIEF = "python -m benchmarks --only fidelity", "python -m benchmarks.fidelity.section --brief"
 BASE_SEEDS = 2
 """Of the base part, at each tilt; the others take one."""
 
@@ -56,7 +57,7 @@ def section(out: Path, quick_look: bool) -> str:
         tables.seeds_table(tuned, base),
     ]
     return "\n\n".join(
-        [_what("--part base --held-out --seeds 2"), *_all_of(out, base, held[:1], {"tuning": tuned}), *seeds]
+        [_what("--part base --held-out --seeds 2"), *_all_of(out, base, held[:1], {"tuning": tuned}, FULL), *seeds]
     )
 
 
@@ -66,11 +67,14 @@ def brief(out: Path) -> str:
     base = _run("base", list(spread(SCENES, held, FEW_TILTS_DEG)), _settings("base", os.cpu_count() or 1))
     few = ",".join(f"{roll:g}:{pitch:g}" for roll, pitch in FEW_TILTS_DEG)
     told = "Shortened: one held-out seed, level, rolled by 30 and pitched down by 30 degrees; no comparison with tuning seeds."
-    return "\n\n".join([told, _what(f"--part base --held-out --tilts {few}"), *_all_of(out, base, held, {})])
+    return "\n\n".join([told, _what(f"--part base --held-out --tilts {few}"), *_all_of(out, base, held, {}, BRIEF)])
 
 
-def _all_of(out: Path, base: Sequence[Row], seeds: Sequence[int], more: dict[str, list[Row]]) -> list[str]:
-    """What the base part says, and the parts in which one thing is varied, by these seeds."""
+def _all_of(
+    out: Path, base: Sequence[Row], seeds: Sequence[int], more: dict[str, list[Row]], command: str
+) -> list[str]:
+    """What the base part says, and the parts in which one thing is varied, by these seeds. Writes out/fidelity.json, and
+    out/limits.json for the tables of docs/reference/limits.md."""
     jobs = os.cpu_count() or 1
     parts = {
         name: _run(name, list(part.make(seeds)), _settings(name, jobs))
@@ -78,7 +82,15 @@ def _all_of(out: Path, base: Sequence[Row], seeds: Sequence[int], more: dict[str
         if name != "base"
     }
     _write(out, {"base": list(base), **more, **parts})
-    return [*_goals(out, base), *_things(out, base), *_noise(out, base, parts["noise"]), *_varied(parts)]
+    of_noise = [*_few_tilts(base), *parts["noise"]]
+    measured = replace(stamp([], minutes=0.0, quick=False), command=command)
+    made = limits.figures(of_noise, base, parts["heights"], measured)
+    (out / limits.FIGURES.name).write_text(json.dumps(made, indent=1, allow_nan=False) + "\n")
+    return [*_goals(out, base), *_things(out, base), *_noise(out, of_noise), *_varied(parts)]
+
+
+def _few_tilts(rows: Sequence[Row]) -> list[Row]:
+    return [r for r in rows if (r.case.roll_deg, r.case.pitch_deg) in FEW_TILTS_DEG]
 
 
 def _run(name: str, todo: list[Case], settings: Settings) -> list[Row]:
@@ -138,8 +150,7 @@ def _things(out: Path, base: Sequence[Row]) -> list[str]:
     ]
 
 
-def _noise(out: Path, base: Sequence[Row], more: Sequence[Row]) -> list[str]:
-    rows = [r for r in base if (r.case.roll_deg, r.case.pitch_deg) in FEW_TILTS_DEG] + list(more)
+def _noise(out: Path, rows: Sequence[Row]) -> list[str]:
     plots.draw_noise(rows, out / "fidelity_noise.png")
     plots.draw_ranges(rows, out / "fidelity_range.png")
     return [
@@ -216,6 +227,9 @@ def main(arguments: list[str] | None = None) -> int:
     section_of = next(s for s in SECTIONS if s.name == "fidelity")
     (args.out / "fidelity.md").write_text(page(section_of, text, told))
     (args.out / INDEX).write_text(index(args.out))
+    print(
+        "docs/reference/limits.md: run python -m benchmarks.fidelity.limits to write its tables anew", file=sys.stderr
+    )
     return 0
 
 

@@ -150,3 +150,7 @@ def test_the_page_its_pictures_and_its_figures(
         assert set(seen) == {HELD_OUT_SEEDS[0]}
     else:
         assert set(seen) == {*HELD_OUT_SEEDS[:2], TUNING_SEEDS[0]}
+        data = json.loads((tmp_path / "limits.json").read_text())
+        assert {line["height_m"] for line in data["heights"]} == {0.7, 4.0}
+        assert {line["ke"] for line in data["ranges"]} == {0.0015, 0.005, 0.01}
+        assert data["measured"]["command"] == "python -m benchmarks --only fidelity"
