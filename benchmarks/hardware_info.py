@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from companion.bench.machine import machine, versions
+from companion.bench.host_info import host_info, versions
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
@@ -20,7 +20,7 @@ class Stamp:
     date: str
     commit: str
     command: str
-    machine: str
+    host_info: str
     versions: str
     minutes: float
     quick: bool
@@ -31,7 +31,7 @@ class Stamp:
         took = f"{self.minutes:.0f} min" if self.minutes >= 1.0 else "under a minute"
         return (
             f"Measured on {self.date} at commit {self.commit}{rough}.\n\n"
-            f"- command: `{self.command}` ({took})\n- machine: {self.machine}\n- versions: {self.versions}\n"
+            f"- command: `{self.command}` ({took})\n- machine: {self.host_info}\n- versions: {self.versions}\n"
         )
 
 
@@ -41,7 +41,7 @@ def stamp(arguments: list[str], *, minutes: float, quick: bool) -> Stamp:
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         commit=commit(CHECKOUT),
         command=shlex.join(["python", "-m", "benchmarks", *arguments]),
-        machine=machine().words(),
+        host_info=host_info().text(),
         versions=", ".join(f"{name} {version}" for name, version in versions().items()),
         minutes=minutes,
         quick=quick,

@@ -87,7 +87,7 @@ class Diagnostic:
     camera: str
     text: str
 
-    def words(self) -> str:
+    def line(self) -> str:
         """Code and text in one line."""
         return f"{self.code}: {self.text}"
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from path_planner import PLANNERS, NoPath, Room, Unknown, plan
 
-from companion.bench.frames import filmed
+from companion.bench.frames import render_sequence
 from companion.viewer.frame import ViewFrame
 from companion.viewer.log import read_frames
 from companion.viewer.png import new_figure
@@ -44,7 +44,7 @@ def arguments() -> argparse.Namespace:
 
 def simulated(scene: str) -> ViewFrame:
     """One frame of a scene from the library, 2 m above the ground."""
-    footage = filmed(scene, scene, (640, 480), images=2)
+    footage = render_sequence(scene, scene, (640, 480), images=2)
     extractor, model, state = Extractor(), None, None
     for depth in footage.depth_mm:
         model, state = extractor.extract(depth, footage.info, footage.R_level_optical, state)

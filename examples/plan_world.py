@@ -17,10 +17,10 @@ from path_planner import PLANNERS, NoPath, Room, Unknown, plan
 from plan_path import line
 
 from companion.config.loader import Config
-from companion.live.world_thread import sight_of
+from companion.live.world_thread import observation_of
 from companion.pipeline.pipeline import PrismsResult
 from companion.replay.replay import make_pipeline, process
-from companion.replay.summary import Tally
+from companion.replay.summary import ReplayCounts
 from companion.viewer.png import new_figure
 from companion.world_mirror import WorldMirror
 from core.world.space import WorldSpace
@@ -54,8 +54,8 @@ def flown(log: Path | None) -> tuple[WorldSpace, np.ndarray]:
     flight = SimulatedFlight("demo", width=320, height=240) if log is None else McapRecording(log)
     pipeline, world, places = make_pipeline(Config(), flight.cameras), World(), []
     newest_ns = 0
-    for _, outputs in process(flight.events(), pipeline, Tally()):
-        for sight in (sight_of(o) for o in outputs if isinstance(o, PrismsResult)):
+    for _, outputs in process(flight.events(), pipeline, ReplayCounts()):
+        for sight in (observation_of(o) for o in outputs if isinstance(o, PrismsResult)):
             if sight is not None:
                 world.add(sight)
                 places.append(sight.place_m)

@@ -27,7 +27,7 @@ from companion.log.log_writer import write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.pipeline import FrameDecision, PrismsResult
 from companion.replay.replay import make_pipeline, process
-from companion.replay.summary import Tally
+from companion.replay.summary import ReplayCounts
 from core.types import FrameModel, FreeProfile, Ground
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import Rates, SimulatedFlight
@@ -83,7 +83,7 @@ def result_of(path: Path) -> Result:
     frames: list[Result] = []
     with McapRecording(path) as recording:
         pipeline = make_pipeline(Config(), recording.cameras)
-        for _, outputs in process(recording.events(), pipeline, Tally()):
+        for _, outputs in process(recording.events(), pipeline, ReplayCounts()):
             for output in outputs:
                 if isinstance(output, FrameDecision):
                     frames.append(_decided(output))

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from companion.config.loader import Config
-from companion.live.world_thread import sight_of
+from companion.live.world_thread import observation_of
 from companion.pipeline.pipeline import PrismsResult
 from companion.replay.replay import make_pipeline, process
-from companion.replay.summary import Tally
+from companion.replay.summary import ReplayCounts
 from core.world.serialize import bytes_of
 from core.world.world import Sight, World
 from drivers.logs.reader import McapRecording
@@ -30,8 +30,8 @@ def sights_of(path: Path) -> list[Sight]:
     """What the world takes of a log: its frames with a position."""
     with McapRecording(path) as recording:
         pipeline = make_pipeline(Config(), recording.cameras)
-        said = [o for _, outputs in process(recording.events(), pipeline, Tally()) for o in outputs]
-    sights = [sight_of(o) for o in said if isinstance(o, PrismsResult)]
+        said = [o for _, outputs in process(recording.events(), pipeline, ReplayCounts()) for o in outputs]
+    sights = [observation_of(o) for o in said if isinstance(o, PrismsResult)]
     return [s for s in sights if s is not None]
 
 

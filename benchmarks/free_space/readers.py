@@ -23,7 +23,7 @@ from benchmarks.free_space.volume import (
     has_ground,
     heading_of,
 )
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.query.queries import Answer, SeenFrom, Space
 from core.types import FrameModel
@@ -54,7 +54,7 @@ class ReaderCounts:
 def space_of(frame: Rendered, model: FrameModel) -> Space:
     """The reader of one frame, in ned."""
     x, y, z = (float(c) for c in frame.position_ned_m)
-    return Space([SeenFrom(reframed(model, LevelTransform(heading_of(frame), (x, y, z))), (x, y, z))])
+    return Space([SeenFrom(transform_model(model, LevelTransform(heading_of(frame), (x, y, z))), (x, y, z))])
 
 
 def deep_in_solid(frame: Rendered, points: Floats, slack_m: Floats, least_m: float) -> NDArray[np.bool_]:

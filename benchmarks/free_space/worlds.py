@@ -20,7 +20,7 @@ from benchmarks.free_space.volume import SLACK_M, SLACK_SIGMAS, above_ground, fi
 from companion.autopilot.polar_histogram import STEP_RAD, SectorState, centres_rad, scan
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.query.queries import Answer
 from core.types import ExtractorState, FrameModel
@@ -84,7 +84,7 @@ def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, i
     world = World()
     for k, f in enumerate(flown):
         x, y, z = (float(c) for c in f.frame.position_ned_m)
-        model = reframed(f.model, LevelTransform(heading_of(f.frame), (x, y, z)))
+        model = transform_model(f.model, LevelTransform(heading_of(f.frame), (x, y, z)))
         world.add(Sight(model=model, place_m=(x, y, z), t_ns=(1 + k) * _STEP_NS))
     valid = sum(f.model.valid for f in flown)
     points = _free_cells(world, (1 + len(flown)) * _STEP_NS)

@@ -136,7 +136,7 @@ def blocks(data: Json) -> dict[str, str]:
     r = results(data)
     told = stamp([], minutes=0.0, quick=False)
     return {
-        "stamp": f"Measured on {told.date} at commit {told.commit}, {told.machine}, by `make bench ARGS='--only paper'`.",
+        "stamp": f"Measured on {told.date} at commit {told.commit}, {told.host_info}, by `make bench ARGS='--only paper'`.",
         "summary": summary(data),
         "claims": claims_table(claims(r)),
         "tilt": paper_tilt.tables(r.tilt),

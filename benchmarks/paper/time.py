@@ -24,7 +24,7 @@ from benchmarks.paper.cases import (
 from benchmarks.paper.plots import COLORS, figure, label, words
 from benchmarks.peers.cloud import cloud_of
 from benchmarks.peers.grid_prisms import CELLS_M, GridPrisms, grid_prisms
-from companion.bench.machine import machine
+from companion.bench.host_info import host_info
 from companion.bench.timing import Clock, Times, one_core
 from core.extractor import Extractor
 from core.params import Params
@@ -146,7 +146,7 @@ def tables(rows: list[TimeRow]) -> str:
     named = [f"{kind}, {words(mode)}" for kind in SCENES for mode in MODES]
     head = ["frame", "what", "image", "ms", "± sd", "99 %", "wall, ms"]
     return (
-        f"{machine().words()}; one thread on one core, medians of {runs} interleaved runs after warm-up, CPU time of the thread "
+        f"{host_info().text()}; one thread on one core, medians of {runs} interleaved runs after warm-up, CPU time of the thread "
         f"(the last column: by the clock):\n\n{table(head, lines, words=3)}\n\nCPU ms over the sampling interval:\n\n"
         f"{table(['every n-th column', *named], by_step)}"
     )

@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 
 from companion.bench.bench import PITCH_DEG, ROLL_DEG, SIZE, VIEWS
-from companion.bench.frames import Flight, filmed
+from companion.bench.frames import Flight, render_sequence
 from core.extractor import Extractor
 
 GHZ = 2.4
@@ -69,7 +69,7 @@ def main() -> int:
         environment = {**os.environ, **PLAIN, "NUMBA_CACHE_DIR": str(cache)}
         for name, _ in VIEWS:
             file = Path(folder) / name
-            file.write_bytes(pickle.dumps(filmed(name, name, SIZE, roll_deg=ROLL_DEG, pitch_deg=PITCH_DEG)))
+            file.write_bytes(pickle.dumps(render_sequence(name, name, SIZE, roll_deg=ROLL_DEG, pitch_deg=PITCH_DEG)))
             subprocess.run([sys.executable, "-c", CHILD, str(file), str(FEW)], env=environment, check=True)
             few = instructions(file, FEW, environment)
             each = (instructions(file, FEW + args.frames, environment) - few) / args.frames

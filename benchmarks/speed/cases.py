@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.scenes.catalogue import HELD_OUT_SEEDS, camera_pose, make_scene
-from companion.bench.frames import HEIGHT_M, Depth, Footage, filmed
+from companion.bench.frames import HEIGHT_M, Depth, FrameSequence, render_sequence
 from drivers.simulation.scenes import Scene, SceneBuilder
 
 SIZES = ((320, 240), (640, 480), (1280, 800))
@@ -85,7 +85,7 @@ KINDS = (
 )
 
 
-def footage(kind: Kind, size: tuple[int, int], ke_per_m: float, images: int) -> Footage:
+def footage(kind: Kind, size: tuple[int, int], ke_per_m: float, images: int) -> FrameSequence:
     """Images of a kind, from where the held-out seed puts the camera."""
     shot = scene_footage(kind.scene, size, ke_per_m, images, kind.roll_deg, kind.pitch_deg)
     if kind.spoil is None:
@@ -96,10 +96,10 @@ def footage(kind: Kind, size: tuple[int, int], ke_per_m: float, images: int) -> 
 
 def scene_footage(
     scene: str, size: tuple[int, int], ke_per_m: float, images: int, roll_deg: float = 0.0, pitch_deg: float = 0.0
-) -> Footage:
+) -> FrameSequence:
     """Images of a scene of benchmarks.scenes.catalogue, made and seen as the held-out seed has it."""
     position, yaw = camera_pose(scene, SEED, HEIGHT_M)
-    return filmed(
+    return render_sequence(
         scene, make_scene(scene, SEED), size, roll_deg=roll_deg, pitch_deg=pitch_deg, yaw_rad=yaw,
         position_ned_m=position, ke_per_m=ke_per_m, images=images, seed=SEED,
     )  # fmt: skip

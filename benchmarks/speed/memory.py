@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.speed.cases import KINDS, SEED, Kind, footage
-from companion.bench.frames import Depth, Footage
+from companion.bench.frames import Depth, FrameSequence
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.types import CameraInfo, ExtractorState
@@ -62,7 +62,7 @@ class Sample:
     in_use: int
 
 
-def every_frame(shots: Sequence[Footage]) -> Iterator[Frame]:
+def every_frame(shots: Sequence[FrameSequence]) -> Iterator[Frame]:
     """Every image at its own and at each of the odd attitudes, and once as float metres: after these nothing new comes."""
     for shot in shots:
         for depth in shot.depth_mm:
@@ -76,7 +76,7 @@ def in_metres(depth_mm: Depth) -> NDArray[np.float32]:
     return depth_mm.astype(np.float32) / np.float32(1000.0)
 
 
-def mixed_frames(shots: Sequence[Footage], large: Sequence[Footage], seed: int = SEED) -> Iterator[Frame]:
+def mixed_frames(shots: Sequence[FrameSequence], large: Sequence[FrameSequence], seed: int = SEED) -> Iterator[Frame]:
     """The same without end, in an order that the seed decides, one image in ten as float metres."""
     rng = np.random.Generator(np.random.PCG64(seed))
     while True:
@@ -175,7 +175,9 @@ def growth_per_10k(samples: Sequence[Sample], figure: Callable[[Sample], int]) -
     return float(1e4 * (x @ (y - y.mean())) / (x @ x))
 
 
-def shots_of(sizes: Sequence[tuple[int, int]], kinds: Sequence[Kind] = KINDS, images: int = IMAGES) -> list[Footage]:
+def shots_of(
+    sizes: Sequence[tuple[int, int]], kinds: Sequence[Kind] = KINDS, images: int = IMAGES
+) -> list[FrameSequence]:
     """Footage of every kind at each size, but for those that take too long; half of the kinds noisier."""
     wanted = [k for k in kinds if k.name not in LEFT_OUT]
     return [footage(k, size, 0.005 if i % 2 else 0.0015, images) for size in sizes for i, k in enumerate(wanted)]

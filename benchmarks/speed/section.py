@@ -22,7 +22,7 @@ from benchmarks.speed.tables import (
     scenes_table,
     stage_table,
 )
-from companion.bench.frames import Flight, Footage, Measured, filmed, measure
+from companion.bench.frames import Flight, FrameSequence, Measured, measure, render_sequence
 from companion.bench.timing import one_core
 from core.extractor import Extractor
 
@@ -65,7 +65,7 @@ class Lap:
         for kind in KINDS[:2]:  # level and tilted
             Flight(self._extractor, footage(kind, (160, 120), KE_PER_M[0], 1)).frame()
 
-    def time(self, what: str, make: Callable[[], Footage], runs: int, watched: int = 0) -> Measured:
+    def time(self, what: str, make: Callable[[], FrameSequence], runs: int, watched: int = 0) -> Measured:
         """Times some footage."""
         print(f"speed: {what}", file=sys.stderr, flush=True)
         beside = (self.reference.run,)
@@ -188,7 +188,7 @@ def _crowds(lap: Lap) -> dict[str, list[Measured]]:
             found.setdefault(name, []).append(
                 lap.time(
                     f"{things} {name}",
-                    partial(filmed, "crowd", made, SIZE, roll_deg=5.0, seed=SEED),
+                    partial(render_sequence, "crowd", made, SIZE, roll_deg=5.0, seed=SEED),
                     max(3, lap.effort.runs // 5),
                 )
             )

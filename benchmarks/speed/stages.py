@@ -10,8 +10,8 @@ import argparse
 import sys
 
 from benchmarks.speed.tables import stage_table
-from companion.bench.frames import filmed, measure
-from companion.bench.machine import machine, versions
+from companion.bench.frames import measure, render_sequence
+from companion.bench.host_info import host_info, versions
 from companion.bench.timing import one_core
 from core.extractor import Extractor
 from core.params import Params
@@ -44,10 +44,10 @@ def main(arguments: list[str] | None = None) -> int:
         extractor = Extractor(Params(mode=args.mode))
         for name, scene, roll, pitch in FRAMES:
             print(f"{name} ...", file=sys.stderr)
-            shot = filmed(name, scene, size, roll_deg=roll, pitch_deg=pitch, ke_per_m=args.ke, seed=args.seed)
+            shot = render_sequence(name, scene, size, roll_deg=roll, pitch_deg=pitch, ke_per_m=args.ke, seed=args.seed)
             columns.append(measure(shot, extractor, args.runs, watched=args.runs))
     software = ", ".join(f"{name} {version}" for name, version in versions().items())
-    print(f"{machine().words()}; {software}; {size[0]}x{size[1]}, ke {args.ke:g}, mode {args.mode}, one thread,")
+    print(f"{host_info().text()}; {software}; {size[0]}x{size[1]}, ke {args.ke:g}, mode {args.mode}, one thread,")
     print(f"medians of {args.runs} runs after warm-up\n")
     print(stage_table(columns), end="")
     return 0

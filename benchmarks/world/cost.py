@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.world.flights import CONDITION, TRUE, Flight, flown, renderings
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.params import Params
 from core.query.queries import Answer
@@ -56,7 +56,9 @@ def sights(flight: Flight, seed: int, most: int) -> list[Sight]:
     for seen in flown(flight, TRUE, seed, renderings(flight, CONDITION, seed)[:most]):
         model, state = extractor.extract(seen.rendered.depth_mm, seen.rendered.info, seen.R_level_optical, state=state)
         at = (float(seen.place_m[0]), float(seen.place_m[1]), float(seen.place_m[2]))
-        out.append(Sight(model=reframed(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns))
+        out.append(
+            Sight(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns)
+        )
     return out
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.fidelity.metrics import NAN, Rays, distances, judge
 from benchmarks.paper.cases import CAMERA, EXACT, rays_under
 from benchmarks.world.flights import Estimate, Flight, Seen, flown
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from companion.streams.world_messages import world_message
 from core.extractor import Extractor
 from core.params import Params
@@ -89,7 +89,7 @@ def merged(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendere
     for k, seen in enumerate(flown(flight, estimate, seed, rendered)):
         model, state = extractor.extract(seen.rendered.depth_mm, seen.rendered.info, seen.R_level_optical, state=state)
         at = (float(seen.place_m[0]), float(seen.place_m[1]), float(seen.place_m[2]))
-        world.add(Sight(model=reframed(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns))
+        world.add(Sight(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns))
         told += len(model.planes)
         now = (0 if world.section is None else world.section.number), world.epoch(seen.t_ns)
         picture = world.picture(seen.t_ns)

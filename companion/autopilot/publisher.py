@@ -26,10 +26,10 @@ from drivers.watched_thread import WatchedThread
 from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..config.sync import SyncParams
-from ..pipeline.multi_camera import joined, step_to_level
+from ..pipeline.multi_camera import compose, transform_to_level
 from ..pipeline.pipeline import PrismsResult
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
-from ..pipeline.transform import LevelTransform, reframed
+from ..pipeline.transform import LevelTransform, transform_model
 from .distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
 from .failsafe import BlindPolicy, Recovery, Sight, policy_of
 from .free_space_memory import FreeMemory
@@ -245,14 +245,14 @@ class ObstacleTeller:
         if result.frame == "ned" and here.position_ned_m is not None and same:
             step = LevelTransform(here.heading_rad, here.position_ned_m).inverse()
         else:
-            step = step_to_level(result, here.heading_rad)
+            step = transform_to_level(result, here.heading_rad)
         info, attitude = self._infos[result.camera], result.attitude
         R_optical_level = None
         if attitude is not None:
             R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
             R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
-        model = reframed(replace(result.model, prisms=()), step)
-        return View(model, joined(step, result.transform), info.intrinsics, R_optical_level, self._ring_m)
+        model = transform_model(replace(result.model, prisms=()), step)
+        return View(model, compose(step, result.transform), info.intrinsics, R_optical_level, self._ring_m)
 
 
 def seen_ns(result: PrismsResult) -> int:

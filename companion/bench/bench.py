@@ -17,8 +17,8 @@ from ..config.loader import load_config
 from ..console import fail, progress, say, say_json
 from ..kernels.warmup import WarmupError, warm_up
 from ..log.provenance import software
-from .frames import Flight, Footage, Measured, filmed, measure
-from .machine import Machine, machine, versions
+from .frames import Flight, FrameSequence, Measured, measure, render_sequence
+from .host_info import HostInfo, host_info, versions
 from .taps import in_order
 from .timing import one_core
 
@@ -44,7 +44,7 @@ class Bench:
     ready_s: float
     first_s: float
     measured: tuple[Measured, ...]
-    machine: Machine
+    host_info: HostInfo
     versions: dict[str, str]
 
     def worst(self) -> Measured:
@@ -65,19 +65,19 @@ def bench(params: Params, size: tuple[int, int], frames: int, hz: float, bar: Ca
         ready_s = time.monotonic() - begun
     with one_core():
         with bar("simulating a camera"):
-            views = [filmed(name, name, size, roll_deg=ROLL_DEG, pitch_deg=PITCH_DEG) for name, _ in VIEWS]
+            views = [render_sequence(name, name, size, roll_deg=ROLL_DEG, pitch_deg=PITCH_DEG) for name, _ in VIEWS]
         extractor = Extractor(params)
         begun = time.monotonic()
         Flight(extractor, views[0]).frame()
         first_s = time.monotonic() - begun
         measured = tuple(_measured(view, extractor, frames, bar) for view in views)
     return Bench(
-        size=size, frames=frames, hz=hz, ready_s=ready_s, first_s=first_s, measured=measured, machine=machine(),
+        size=size, frames=frames, hz=hz, ready_s=ready_s, first_s=first_s, measured=measured, host_info=host_info(),
         versions=versions(),
     )  # fmt: skip
 
 
-def _measured(view: Footage, extractor: Extractor, frames: int, bar: Callable[[str], Any]) -> Measured:
+def _measured(view: FrameSequence, extractor: Extractor, frames: int, bar: Callable[[str], Any]) -> Measured:
     with bar(f"measuring: {view.name}") as on_progress:
         return measure(view, extractor, frames, watched=min(frames, WATCHED), progress=on_progress)
 
@@ -145,11 +145,11 @@ def _say(done: Bench) -> None:
     say(f"  {'whole frame, median':<32}" + "".join(f"{m.times.cpu():>10.2f}" for m in done.measured))
     say()
     say(f"Start: {done.ready_s:.1f} s until every kernel was ready, {done.first_s:.2f} s for the first frame.")
-    say(f"{done.frames} frames of each view. Machine: {done.machine.words()}.")
+    say(f"{done.frames} frames of each view. Machine: {done.host_info.text()}.")
     say(f"{software()}; " + ", ".join(f"{name} {version}" for name, version in done.versions.items()) + ".")
     say()
     say(verdict(done))
-    if busy := busy_words(done):
+    if busy := busy_text(done):
         say(busy)
 
 
@@ -165,7 +165,7 @@ def verdict(done: Bench) -> str:
     return f"{needs} {share}."
 
 
-def busy_words(done: Bench) -> str:
+def busy_text(done: Bench) -> str:
     """Whether other work took the core away while we measured; "" when not."""
     factor = max(m.times.wall() / m.times.cpu() for m in done.measured)
     if factor < BUSY:
@@ -195,9 +195,9 @@ def _json(done: Bench) -> dict[str, Any]:
         "first_frame_s": round(done.first_s, 3),
         "camera_hz": done.hz,
         "used_share": round(done.used_share(), 4),
-        "machine": done.machine.words(),
+        "machine": done.host_info.text(),
         "software": software(),
         "versions": done.versions,
         "verdict": verdict(done),
-        "busy": busy_words(done),
+        "busy": busy_text(done),
     }

@@ -32,7 +32,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Footage:
+class FrameSequence:
     """Images of one view that differ in their noise only, so that no image is measured twice in a row.
 
     depth_mm: (H, W) uint16 each; R_level_optical: (3, 3)."""
@@ -47,7 +47,7 @@ class Footage:
             raise ValueError(f"footage {self.name!r}: no image")
 
 
-def filmed(
+def render_sequence(
     name: str,
     scene: str | Scene,
     size: tuple[int, int],
@@ -59,7 +59,7 @@ def filmed(
     ke_per_m: float = 0.0015,
     images: int = 4,
     seed: int = 1,
-) -> Footage:
+) -> FrameSequence:
     """Images of a scene by a camera with the typical faults, `size` (width, height) px; pitch is positive upwards."""
     info = camera_info(*size, ke_per_m=ke_per_m)
     sensor = replace(TYPICAL, ke_per_m=ke_per_m).scaled_to(size[0])
@@ -69,7 +69,7 @@ def filmed(
         render(made, info, **pose, position_ned_m=position_ned_m, sensor=sensor, seed=seed, frame=i)
         for i in range(images)
     ]
-    return Footage(
+    return FrameSequence(
         name=name, info=info, R_level_optical=frames[0].R_level_optical, depth_mm=tuple(f.depth_mm for f in frames)
     )
 
@@ -78,7 +78,7 @@ class Flight:
     """Models the images of some footage one after the other, again and again, as in flight: what a frame hands to the
     next one is handed on."""
 
-    def __init__(self, extractor: Extractor, footage: Footage) -> None:
+    def __init__(self, extractor: Extractor, footage: FrameSequence) -> None:
         self._extractor, self._footage = extractor, footage
         self._state = ExtractorState()
         self._number = count()
@@ -109,7 +109,7 @@ class Measured:
 
 
 def measure(
-    footage: Footage,
+    footage: FrameSequence,
     extractor: Extractor,
     runs: int,
     *,

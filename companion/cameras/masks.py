@@ -31,7 +31,7 @@ def polygons(text: str) -> list[list[tuple[float, float]]]:
     return out
 
 
-def masked(section: CameraConfig, info: CameraInfo) -> Mask | None:
+def configured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
     """(H, W) which pixels the configuration masks; None: none."""
     if not section.masks:
         return None
@@ -43,9 +43,9 @@ def masked(section: CameraConfig, info: CameraInfo) -> Mask | None:
     return out
 
 
-def hidden(section: CameraConfig, info: CameraInfo) -> Mask | None:
+def unmeasured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
     """(H, W) which pixels are never measured: masked, or columns at the left that stereo matching cannot see."""
-    mask, columns = masked(section, info), section.unmatched_px
+    mask, columns = configured_mask(section, info), section.unmatched_px
     if mask is None and columns == 0:
         return None
     k = info.intrinsics
@@ -54,7 +54,7 @@ def hidden(section: CameraConfig, info: CameraInfo) -> Mask | None:
     return out
 
 
-def without(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.uint16]:
+def apply_mask(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.uint16]:
     """(H, W) uint16 mm with masked pixels unknown. An image of another size comes back as it is: it is refused later."""
     if mask is None or mask.shape != depth_mm.shape:
         return depth_mm

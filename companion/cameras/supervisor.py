@@ -20,7 +20,7 @@ from fastcrc.crc32 import iso_hdlc
 
 from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, DeviceLost
-from drivers.cameras.frame_channel import FrameReader, Word
+from drivers.cameras.frame_channel import FrameReader, Notification
 from drivers.watched_thread import WatchedThread
 
 from ..config.camera import CameraConfig
@@ -31,7 +31,7 @@ NS = 1_000_000_000
 _READ_S = 0.1
 """Longest wait for a word: between frames of 12 Hz nobody has to wake. The end of the process is noticed at once."""
 _POLL_S = 0.05
-_RAN_WELL_S = 3.0
+_STABLE_RUN_S = 3.0
 """A camera that gave frames so long after its start is started again without delay; one that did not, later and later."""
 _SAMPLED_ROWS = 16
 """Every so many rows are compared to tell a frozen image: enough, since noise changes any of them."""
@@ -88,7 +88,7 @@ class CameraSupervisor:
         )
         self._thread = WatchedThread(self._run, f"camera {section.name}")
         self._process: subprocess.Popen[bytes] | None = None
-        self._judge = FrozenJudge(self._params.frozen_frames)
+        self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames)
 
     @property
     def status(self) -> CameraStatus:
@@ -119,24 +119,24 @@ class CameraSupervisor:
         backoff_s = self._params.first_backoff_s
         while not self._stop.is_set():
             begun_ns = _now()
-            self._judge = FrozenJudge(self._params.frozen_frames)
-            cause = self._live()
+            self._frozen_detector = FrozenFrameDetector(self._params.frozen_frames)
+            cause = self._run_process()
             if self._stop.is_set():
                 break
-            self._say(CameraCondition.LOST, cause)
-            self._change(last_loss=cause)
-            if (self._status.last_arrival_ns or begun_ns) - begun_ns > _RAN_WELL_S * NS:
+            self._set_condition(CameraCondition.LOST, cause)
+            self._update(last_loss=cause)
+            if (self._status.last_arrival_ns or begun_ns) - begun_ns > _STABLE_RUN_S * NS:
                 backoff_s = self._params.first_backoff_s  # in flight every second without it counts
             self._wait(backoff_s)
             backoff_s = min(max(2.0 * backoff_s, 0.1), self._params.longest_backoff_s)
-        self._say(CameraCondition.STOPPED, "the service stops")
+        self._set_condition(CameraCondition.STOPPED, "the service stops")
 
-    def _live(self) -> str:
+    def _run_process(self) -> str:
         """One life of the process; returns why it ended."""
         reader = FrameReader(self.section.name)
         config = json.dumps({k: v for k, v in dataclasses.asdict(self.section).items() if v is not None})
-        self._say(CameraCondition.STARTING, self._again("opening the camera"))
-        self._change(starts=self._status.starts + 1)
+        self._set_condition(CameraCondition.STARTING, self._with_last_loss("opening the camera"))
+        self._update(starts=self._status.starts + 1)
         self._process = subprocess.Popen(
             [*self._command, str(reader.child_fd), config], pass_fds=[reader.child_fd], stdin=subprocess.DEVNULL
         )
@@ -153,47 +153,47 @@ class CameraSupervisor:
     def _watch(self, reader: FrameReader) -> str:
         """Passes frames on; returns why the process has to be started anew."""
         self._last_cause = ""
-        begun_ns = heard_ns = _now()
+        begun_ns = received_ns = _now()
         opened_ns: int | None = None
         dropped = self._status.dropped
         while not self._stop.is_set():
-            frame, words = reader.read(_READ_S)
+            frame, notifications = reader.read(_READ_S)
             now_ns = _now()
-            for word in words:
-                heard_ns = now_ns
-                if word.kind == "opened":
+            for notification in notifications:
+                received_ns = now_ns
+                if notification.kind == "opened":
                     opened_ns = now_ns
-                self._take_word(word)
+                self._handle_notification(notification)
             if frame is not None:
-                heard_ns = now_ns
-                self._take_frame(frame, now_ns, dropped + reader.dropped)
+                received_ns = now_ns
+                self._handle_frame(frame, now_ns, dropped + reader.dropped)
             else:
-                self._change(alive_ns=now_ns)
-            reason = self._ill(now_ns, begun_ns, opened_ns, heard_ns)
+                self._update(alive_ns=now_ns)
+            reason = self._restart_reason(now_ns, begun_ns, opened_ns, received_ns)
             if reason:
                 return reason
         return "the service stops"
 
-    def _take_word(self, word: Word) -> None:
-        if word.kind == "failed":
-            self._last_cause = str(word.told.get("cause", "no cause was given"))
-        elif word.kind == "opened":
+    def _handle_notification(self, notification: Notification) -> None:
+        if notification.kind == "failed":
+            self._last_cause = str(notification.payload.get("cause", "no cause was given"))
+        elif notification.kind == "opened":
             try:
-                info = info_from_json(word.told["info"])
+                info = info_from_json(notification.payload["info"])
             except (KeyError, TypeError, ValueError) as error:
                 raise BadData(f"camera {self.section.name}: its description cannot be used: {error}") from error
-            self._change(info=info, cause=self._again("no frame yet"))
+            self._update(info=info, cause=self._with_last_loss("no frame yet"))
             self._on_info(info)
 
-    def _take_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
-        frozen = self._judge.judge(frame)
+    def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
+        frozen = self._frozen_detector.check(frame)
         now = CameraCondition.FROZEN if frozen else CameraCondition.RUNNING
         if not frozen:  # what does not change says nothing about now
             self._on_frame(frame)  # before the status is made: the pipeline's thread wakes up meanwhile
         frames = self._status.frames + 1
-        self._say(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
+        self._set_condition(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
 
-    def _ill(self, now_ns: int, begun_ns: int, opened_ns: int | None, heard_ns: int) -> str:
+    def _restart_reason(self, now_ns: int, begun_ns: int, opened_ns: int | None, received_ns: int) -> str:
         """Names silence, and returns why the process has to be started anew, if it has."""
         p, status = self._params, self._status
         if opened_ns is None:
@@ -202,9 +202,9 @@ class CameraSupervisor:
         last_ns = max(opened_ns, status.last_arrival_ns or 0)
         silent_s = (now_ns - last_ns) / NS
         if silent_s > p.silent_s:
-            mute = now_ns - heard_ns > p.silent_s * NS
-            what = "its process says nothing" if mute else "no frame"
-            self._say(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s")
+            process_silent = now_ns - received_ns > p.silent_s * NS
+            what = "its process says nothing" if process_silent else "no frame"
+            self._set_condition(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s")
         # the first frame may take long: pipelines start, models load, kernels compile
         delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns
         if silent_s > (p.restart_s if delivered else p.open_s):
@@ -213,7 +213,7 @@ class CameraSupervisor:
             return status.cause
         return ""
 
-    def _again(self, what: str) -> str:
+    def _with_last_loss(self, what: str) -> str:
         """What happens now, and why it has to happen again."""
         lost = self._status.last_loss
         return f"{what} again, after: {lost}" if lost else what
@@ -221,37 +221,39 @@ class CameraSupervisor:
     def _wait(self, seconds: float) -> None:
         until_ns = _now() + round(seconds * NS)
         while _now() < until_ns and not self._stop.wait(_POLL_S):
-            self._change(alive_ns=_now())
+            self._update(alive_ns=_now())
 
-    def _say(self, condition: CameraCondition, cause: str, **changes: Any) -> None:
+    def _set_condition(self, condition: CameraCondition, cause: str, **changes: Any) -> None:
         """The condition, with whatever else changes: one new status, since making it is most of a frame's work here."""
         since_ns = self._status.since_ns if self._status.condition is condition else _now()
-        self._change(condition=condition, cause=cause, since_ns=since_ns, **changes)
+        self._update(condition=condition, cause=cause, since_ns=since_ns, **changes)
 
-    def _change(self, **changes: Any) -> None:
+    def _update(self, **changes: Any) -> None:
         self._status = dataclasses.replace(self._status, **changes)
 
 
-class FrozenJudge:
+class FrozenFrameDetector:
     """Tells a camera that repeats itself: its image though the stamps go on, or its stamps and sequence."""
 
     def __init__(self, frames: int) -> None:
         self._frames = frames
-        self._print: int | None = None
+        self._fingerprint: int | None = None
         self._stamp: tuple[int, int] | None = None
-        self._same = self._stuck = 0
+        self._same_images = self._unchanged_stamps = 0
 
-    def judge(self, frame: DepthFrame) -> str:
+    def check(self, frame: DepthFrame) -> str:
         """Why the camera is frozen, in words; empty when it is not."""
         sampled = iso_hdlc(frame.depth_mm[::_SAMPLED_ROWS].tobytes())
         stamp = (frame.sequence, frame.t_exposure_ns)
-        self._same = self._same + 1 if sampled == self._print else 0
-        self._stuck = self._stuck + 1 if self._stamp is not None and frame.t_exposure_ns <= self._stamp[1] else 0
-        self._print, self._stamp = sampled, stamp
-        if self._same >= self._frames:
-            return f"the same image {self._same + 1} times in a row"
-        if self._stuck >= self._frames:
-            return f"its stamps have not moved for {self._stuck} frames"
+        self._same_images = self._same_images + 1 if sampled == self._fingerprint else 0
+        self._unchanged_stamps = (
+            self._unchanged_stamps + 1 if self._stamp is not None and frame.t_exposure_ns <= self._stamp[1] else 0
+        )
+        self._fingerprint, self._stamp = sampled, stamp
+        if self._same_images >= self._frames:
+            return f"the same image {self._same_images + 1} times in a row"
+        if self._unchanged_stamps >= self._frames:
+            return f"its stamps have not moved for {self._unchanged_stamps} frames"
         return ""
 
 

@@ -28,9 +28,9 @@ def info_to_json(info: CameraInfo) -> dict[str, Any]:
     return dataclasses.asdict(info)
 
 
-def info_from_json(told: dict[str, Any]) -> CameraInfo:
+def info_from_json(payload: dict[str, Any]) -> CameraInfo:
     """The description that info_to_json wrote. Raises ValueError, KeyError or TypeError."""
-    values = dict(told)
+    values = dict(payload)
     intrinsics, mount = Intrinsics(**values.pop("intrinsics")), CameraMount(**values.pop("mount"))
     return CameraInfo(intrinsics=intrinsics, mount=mount, **values)
 
@@ -45,17 +45,17 @@ def with_offset(frame: DepthFrame, offset_ms: float) -> DepthFrame:
 
 def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) -> None:
     """Opens the source and passes its frames on until the device or the service is lost. Raises DriverError."""
-    writer.say("opening")
+    writer.send("opening")
     try:
         source.open()
         info = section.applied_to(source.info)
-        writer.say("opened", info=info_to_json(info))
+        writer.send("opened", info=info_to_json(info))
         while True:
             frame = source.read(READ_S)
             if frame is not None:
                 writer.write(with_offset(frame, section.exposure_offset_ms))
             else:
-                writer.say("alive", t_ns=time.monotonic_ns())
+                writer.send("alive", t_ns=time.monotonic_ns())
     finally:
         source.close()
 
@@ -69,7 +69,7 @@ def main(argv: list[str]) -> int:
         run_camera(section, writer, make_source(section))
     except (DriverError, ValueError, ImportError) as error:
         try:
-            writer.say("failed", cause=str(error))
+            writer.send("failed", cause=str(error))
         except DeviceLost:
             return 1  # the service is gone: nobody to tell
         return 1

@@ -84,12 +84,12 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
     with bar("replaying the log: the same prisms again, bit for bit?") as on:
         result = replay(log, Options(check=True), on)
     with bar("drawing") as on:
-        every = max(1, result.tally.frames // PICTURES)
+        every = max(1, result.counts.frames // PICTURES)
         views = make_views(log, options.folder / "view", ViewOptions(every=every), on)
     return Demo(log=log, live=live, replay=result, views=views)
 
 
-def problems_of(done: Demo) -> list[str]:
+def demo_problems(done: Demo) -> list[str]:
     """What should not be, in words. Blind frames before the autopilot's clock is known are as they should be."""
     problems = [done.replay.damage] if done.replay.damage else []
     comparison = done.replay.comparison
@@ -97,9 +97,9 @@ def problems_of(done: Demo) -> list[str]:
         problems.append(
             f"the replay differs from what the service said: `companion replay {done.log} --check` tells where"
         )
-    if not done.replay.tally.valid:
+    if not done.replay.counts.valid:
         problems.append("no image said anything")
-    if not done.live.heard.valid:
+    if not done.live.received.valid:
         problems.append("the subscriber heard nothing that says anything")
     return problems
 
@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
     except (WarmupError, DemoError) as error:
         fail(str(error))
         return 1
-    problems = problems_of(done)
+    problems = demo_problems(done)
     if args.json:
         say_json(_json(done, problems))
     else:
@@ -150,20 +150,22 @@ def _announced(label: str) -> Any:
 
 
 def _say(done: Demo) -> None:
-    heard, tally = done.live.heard, done.replay.tally
-    valid = max(1, tally.valid)
+    received, counts = done.live.received, done.replay.counts
+    valid = max(1, counts.valid)
     say()
     say("How the service was, as `companion status` told at the end of the flight:")
     for line in status_lines(done.live.health):
         say(f"  {line}")
     say()
-    say(f"A planner in another process got {heard.messages} messages: {heard.valid} with obstacles and free space,")
-    said = f"{heard.age_ms[0]:.0f} ms after the exposure in the median, {heard.age_ms[1]:.0f} ms at most of 99 in 100"
+    say(
+        f"A planner in another process got {received.messages} messages: {received.valid} with obstacles and free space,"
+    )
+    said = f"{received.age_ms[0]:.0f} ms after the exposure in the median, {received.age_ms[1]:.0f} ms at most of 99 in 100"
     say(f"{said};")
-    blind = ", ".join(f"{n} x {heard.texts[code]}" for code, n in sorted(heard.causes.items())) or "none"
+    blind = ", ".join(f"{n} x {received.texts[code]}" for code, n in sorted(received.causes.items())) or "none"
     say(f"and blind ones before the service saw: {blind}.")
     say(
-        f"On average {tally.planes / valid:.0f} vertical planes, joined to {tally.prisms / valid:.0f} prisms, stood in an image."
+        f"On average {counts.planes / valid:.0f} vertical planes, joined to {counts.prisms / valid:.0f} prisms, stood in an image."
     )
     comparison = done.replay.comparison
     if comparison is not None and comparison.passed:
@@ -197,9 +199,9 @@ def _json(done: Demo, problems: list[str]) -> dict[str, Any]:
         "page": str(done.views.page) if done.views.page else None,
         "pictures": [str(p) for p in done.views.pictures],
         "duration_s": done.live.duration_s,
-        "subscriber": dataclasses.asdict(done.live.heard),
+        "subscriber": dataclasses.asdict(done.live.received),
         "troubles": list(done.live.health.troubles),
         "diagnostics": [message_json(d) for d in done.live.health.diagnostics],
-        **done.replay.tally.as_json(),
+        **done.replay.counts.as_json(),
         "problems": problems,
     }

@@ -21,7 +21,7 @@ POLL_MS = 100
 
 
 @dataclass(slots=True)
-class Heard:
+class ReceiveStats:
     """What a subscriber got. age_ms: (p50, p99) from exposure to here, of those that say something."""
 
     messages: int = 0
@@ -35,12 +35,12 @@ class Heard:
     """Of these causes, for people."""
 
 
-def listen(address: str) -> Heard:
+def listen(address: str) -> ReceiveStats:
     """Counts what comes until SIGTERM or SIGINT."""
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda n, _: stop.append(n))
-    heard, ages_ms = Heard(), []
+    received, ages_ms = ReceiveStats(), []
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     socket = context.socket(zmq.SUB)
     socket.setsockopt(zmq.SUBSCRIBE, b"")
@@ -50,21 +50,21 @@ def listen(address: str) -> Heard:
             continue
         data = socket.recv()
         message = pb.PrismsFrame.FromString(data)
-        heard.messages += 1
-        heard.bytes += len(data)
+        received.messages += 1
+        received.bytes += len(data)
         if not message.valid:
             code = cause_code(message.cause)
-            heard.causes[code] = heard.causes.get(code, 0) + 1
-            heard.texts[code] = message.cause_text
+            received.causes[code] = received.causes.get(code, 0) + 1
+            received.texts[code] = message.cause_text
             continue
-        heard.valid += 1
-        heard.planes += len(message.planes.margin_m)
+        received.valid += 1
+        received.planes += len(message.planes.margin_m)
         ages_ms.append((time.monotonic_ns() - message.t_exposure_ns) / 1e6)
     socket.close(0)
     context.term()
     if ages_ms:
-        heard.age_ms = (float(np.percentile(ages_ms, 50)), float(np.percentile(ages_ms, 99)))
-    return heard
+        received.age_ms = (float(np.percentile(ages_ms, 50)), float(np.percentile(ages_ms, 99)))
+    return received
 
 
 if __name__ == "__main__":

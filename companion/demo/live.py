@@ -26,12 +26,12 @@ from drivers.proto import osape_v1_pb2 as pb
 from ..config.loader import SECTIONS, Config
 from ..live.status import newest_health
 from ..log.log_directory import files_of
-from .listener import Heard
+from .listener import ReceiveStats
 
-SEEING_S = 90.0
+ACTIVE_TIMEOUT_S = 90.0
 """Longest wait for the service to see: a slow machine renders the flight first."""
 END_S = 20.0
-SEES = (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED)
+ACTIVE_STATES = (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED)
 
 Progress = Callable[[float], None]
 
@@ -46,7 +46,7 @@ class LiveRun:
 
     log: Path
     health: pb.Health
-    heard: Heard
+    received: ReceiveStats
     duration_s: float
 
 
@@ -86,13 +86,13 @@ def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress =
         processes.start("autopilot", "companion", "simulate-autopilot", "-c", str(file))
         processes.start("service", "companion", "run", "-c", str(file))
         processes.start("subscriber", "companion.demo.listener", live.publish.prisms)
-        began_s = _wait_until_it_sees(live.publish.health, processes)
+        began_s = _wait_until_active(live.publish.health, processes)
         while time.monotonic() - began_s < duration_s:
             processes.check()
             on_progress((time.monotonic() - began_s) / duration_s)
             time.sleep(0.1)
         health = newest_health(live.publish.health, 5.0)
-        heard = Heard(**json.loads(processes.end("subscriber")))
+        received = ReceiveStats(**json.loads(processes.end("subscriber")))
         processes.end("service")
         processes.end("autopilot")
     finally:
@@ -101,12 +101,12 @@ def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress =
     recorded = [f.path for f in files_of(logs) if not f.active]
     if len(recorded) != 1:
         raise DemoError(f"{logs}: the service left {len(recorded)} finished logs there, expected one")
-    return LiveRun(log=recorded[0], health=health, heard=heard, duration_s=duration_s)
+    return LiveRun(log=recorded[0], health=health, received=received, duration_s=duration_s)
 
 
-def _wait_until_it_sees(address: str, processes: Processes) -> float:
+def _wait_until_active(address: str, processes: Processes) -> float:
     """The instant at which a camera says something."""
-    end_s = time.monotonic() + SEEING_S
+    end_s = time.monotonic() + ACTIVE_TIMEOUT_S
     report: pb.Health | None = None
     while time.monotonic() < end_s:
         processes.check()
@@ -114,10 +114,12 @@ def _wait_until_it_sees(address: str, processes: Processes) -> float:
             report = newest_health(address, 2.0)
         except (DriverError, zmq.ZMQError):
             continue
-        if report.state in SEES and report.frames_used > 0:
+        if report.state in ACTIVE_STATES and report.frames_used > 0:
             return time.monotonic()
     troubles = "; ".join(report.troubles) if report is not None else "it gave no report"
-    raise DemoError(f"the service did not see anything within {SEEING_S:g} s: {troubles}\n{processes.words('service')}")
+    raise DemoError(
+        f"the service did not see anything within {ACTIVE_TIMEOUT_S:g} s: {troubles}\n{processes.output('service')}"
+    )
 
 
 class Processes:
@@ -127,19 +129,19 @@ class Processes:
         self._run = run
         self._of: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, name: str, module: str, *words: str) -> None:
+    def start(self, name: str, module: str, *output: str) -> None:
         """Starts `python -m module words`."""
         environment = {**os.environ, "RUNTIME_DIRECTORY": str(self._run), "STATE_DIRECTORY": str(self._run)}
         with (self._run / f"{name}.out").open("wb") as out, (self._run / f"{name}.err").open("wb") as err:
             self._of[name] = subprocess.Popen(
-                [sys.executable, "-m", module, *words], stdout=out, stderr=err, env=environment
+                [sys.executable, "-m", module, *output], stdout=out, stderr=err, env=environment
             )
 
     def check(self) -> None:
         """Raises DemoError when one has ended by itself."""
         for name, process in self._of.items():
             if process.poll() is not None:
-                raise DemoError(f"the {name} ended by itself with status {process.returncode}\n{self.words(name)}")
+                raise DemoError(f"the {name} ended by itself with status {process.returncode}\n{self.output(name)}")
 
     def end(self, name: str) -> str:
         """Tells one to end and gives what it wrote. Raises DemoError when it does not, or not well."""
@@ -149,12 +151,12 @@ class Processes:
             status = process.wait(END_S)
         except subprocess.TimeoutExpired as error:
             process.kill()
-            raise DemoError(f"the {name} did not end within {END_S:g} s\n{self.words(name)}") from error
+            raise DemoError(f"the {name} did not end within {END_S:g} s\n{self.output(name)}") from error
         if status != 0:
-            raise DemoError(f"the {name} ended with status {status}\n{self.words(name)}")
+            raise DemoError(f"the {name} ended with status {status}\n{self.output(name)}")
         return (self._run / f"{name}.out").read_text(encoding="utf-8")
 
-    def words(self, name: str) -> str:
+    def output(self, name: str) -> str:
         """Its last words on stderr."""
         return "\n".join((self._run / f"{name}.err").read_text(encoding="utf-8", errors="replace").splitlines()[-12:])
 

@@ -38,7 +38,7 @@ from ..console import say, say_json
 from ..diagnostic import DiagnosticCode
 from ..kernels.warmup import COMPILED_S, discard_damaged, run_kernels
 from ..live.diagnostics import LEAST_ATTITUDE_HZ, attitude_rate_low, template_intrinsics
-from ..live.status import newest_health, somebody_publishes
+from ..live.status import address_in_use, newest_health
 from ..log.log_directory import free_bytes
 from ..paths import folders
 from .measure_mount import measured_mounts
@@ -57,8 +57,8 @@ class Finding:
     code: of DiagnosticCode, empty where all is well."""
 
     part: str
-    good: bool
-    words: str
+    ok: bool
+    text: str
     code: str = ""
 
 
@@ -89,7 +89,7 @@ def config_findings(config: Config) -> Iterator[Finding]:
     if config.extractor.paper:
         yield Finding("mode", False, f'{PAPER_NOTE}; set mode = "safe"', DiagnosticCode.RESEARCH_MODE)
     for found in template_intrinsics(config.cameras):
-        yield Finding(f"camera {found.camera}", False, found.words(), found.code)
+        yield Finding(f"camera {found.camera}", False, found.line(), found.code)
     lines = safety_lines(config)
     yield Finding("safety keys", True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 
@@ -99,15 +99,15 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
     nothing has the cameras and the line all the same."""
     address = config.publish.health.replace("{run}", str(folders().run))
     try:
-        if not address or not somebody_publishes(address):
+        if not address or not address_in_use(address):
             return None
         health = _past_its_start(address, patience_s)
     except PermissionError:
-        words = f"one may run, but {address} is closed to this user: ask with sudo, or as a member of its group"
-        return [Finding("service", False, words, DiagnosticCode.SERVICE_UNREACHABLE)]
+        text = f"one may run, but {address} is closed to this user: ask with sudo, or as a member of its group"
+        return [Finding("service", False, text, DiagnosticCode.SERVICE_UNREACHABLE)]
     except DriverError:
-        words = f"one holds {address}, but told nothing within {patience_s:g} s: does it hang? (systemctl status osape-companion)"
-        return [Finding("service", False, words, DiagnosticCode.SERVICE_UNREACHABLE)]
+        text = f"one holds {address}, but told nothing within {patience_s:g} s: does it hang? (systemctl status osape-companion)"
+        return [Finding("service", False, text, DiagnosticCode.SERVICE_UNREACHABLE)]
     if not health.diagnostics and not health.troubles:
         return [Finding("service", True, "running: OK (details: `companion status`)")]
     if health.diagnostics:
@@ -128,8 +128,8 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     """Whether a camera opens, how fast its frames come and how much of them is measured."""
     part = f"camera {section.name}"
     if section.kind == "mcap":
-        words = 'kind = "mcap" is for recordings; name the live one: oak, zed, v4l2 or simulated'
-        return Finding(part, False, words, DiagnosticCode.NOT_A_LIVE_CAMERA)
+        text = 'kind = "mcap" is for recordings; name the live one: oak, zed, v4l2 or simulated'
+        return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA)
     frames: list[DepthFrame] = []
     supervisor = CameraSupervisor(section, lambda info: None, frames.append, config.supervision)
     supervisor.open()
@@ -139,29 +139,29 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     finally:
         supervisor.close()
     if not frames:
-        words = status.last_loss or status.cause or "it opened and gave no frame"
-        return Finding(part, False, f"no frame: {words}", DiagnosticCode.CAMERA_UNAVAILABLE)
+        text = status.last_loss or status.cause or "it opened and gave no frame"
+        return Finding(part, False, f"no frame: {text}", DiagnosticCode.CAMERA_UNAVAILABLE)
     span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
     hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
     depth = frames[-1].depth_mm
     measured = float(np.mean((depth > 0) & (depth < FAR_MM)))
     late_ms = float(np.median([f.t_arrival_ns - f.t_exposure_ns for f in frames])) / 1e6
-    words = f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {late_ms:.0f} ms from exposure to here, {100 * measured:.0f} % measured"
+    text = f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {late_ms:.0f} ms from exposure to here, {100 * measured:.0f} % measured"
     if measured < LEAST_MEASURED:
         return Finding(
             part,
             False,
-            f"{words}: almost nothing; is the lens covered, is it too dark, is all out of range?",
+            f"{text}: almost nothing; is the lens covered, is it too dark, is all out of range?",
             DiagnosticCode.CAMERA_FEW_MEASURED,
         )
     if hz < 0.8 * section.fps:
         return Finding(
             part,
             False,
-            f"{words}: fps = {section.fps:g} was asked for; is it on USB 3, does another process use it?",
+            f"{text}: fps = {section.fps:g} was asked for; is it on USB 3, does another process use it?",
             DiagnosticCode.CAMERA_RATE_LOW,
         )
-    return Finding(part, True, words)
+    return Finding(part, True, text)
 
 
 def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
@@ -191,9 +191,9 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     elif status.signed:
         yield Finding("signing", True, "both ends sign with the same key")
     if link.budget is not None:
-        words, warning = link.budget.words(), link.budget.warning()
+        text, warning = link.budget.words(), link.budget.warning()
         code = DiagnosticCode.LINK_SLOW if warning else ""
-        yield Finding("line", not warning, f"{words}: {warning}" if warning else words, code)
+        yield Finding("line", not warning, f"{text}: {warning}" if warning else text, code)
     yield from _link_findings(config, link, status)
     for conflict in conflict_diagnostics(status.strangers):
         yield Finding("autopilot", False, conflict.text, conflict.code)
@@ -245,10 +245,10 @@ def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Ite
     enough = status.attitude_hz >= ATTITUDE_SHARE * wanted_hz
     if 0.0 < status.attitude_hz < LEAST_ATTITUDE_HZ:
         low = attitude_rate_low(status.attitude_hz, wanted_hz)
-        yield Finding("attitude", False, low.words(), low.code)
+        yield Finding("attitude", False, low.line(), low.code)
     else:
-        words = rate if enough else f"{rate}: is the line fast enough (921600 baud)?"
-        yield Finding("attitude", enough, words, "" if enough else DiagnosticCode.ATTITUDE_RATE_LOW)
+        text = rate if enough else f"{rate}: is the line fast enough (921600 baud)?"
+        yield Finding("attitude", enough, text, "" if enough else DiagnosticCode.ATTITUDE_RATE_LOW)
     clock = status.clock
     if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
         yield Finding("clock", True, f"known to {clock.bound_ns / 1e6:.2f} ms")
@@ -269,8 +269,8 @@ def machine_findings(config: Config) -> Iterator[Finding]:
     else:
         yield _log_finding(Path(record.folder) if record.folder else folders().state / "logs", record.least_free_mb)
     if discarded := discard_damaged():
-        words = f"{discarded} damaged files were deleted, and are compiled again now"
-        yield Finding("kernel cache", False, words, DiagnosticCode.KERNEL_CACHE_DAMAGED)
+        text = f"{discarded} damaged files were deleted, and are compiled again now"
+        yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)
     begun_s = time.process_time()  # a machine that is busy with other things compiles nothing
     run_kernels((config.extractor.mode,), metres=False)
     took_s = time.process_time() - begun_s
@@ -290,8 +290,8 @@ def _log_finding(folder: Path, least_mb: float) -> Finding:
     while not place.exists():
         place = place.parent
     if not os.access(place, os.W_OK):
-        words = f"{folder} cannot be written by this user; name another in [record] folder"
-        return Finding("log", False, words, DiagnosticCode.LOG_NOT_WRITABLE)
+        text = f"{folder} cannot be written by this user; name another in [record] folder"
+        return Finding("log", False, text, DiagnosticCode.LOG_NOT_WRITABLE)
     free_mb = free_bytes(place) / 1e6
     if free_mb < least_mb:
         return Finding(
@@ -314,12 +314,12 @@ def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding
     if not config.autopilot.address:
         return
     if running_service(config, patience_s) is not None:
-        words = "nothing is written: the service has the line; stop it first (systemctl stop osape-companion)"
-        yield Finding("apply", False, words, DiagnosticCode.PARAMETERS_NOT_WRITTEN)
+        text = "nothing is written: the service has the line; stop it first (systemctl stop osape-companion)"
+        yield Finding("apply", False, text, DiagnosticCode.PARAMETERS_NOT_WRITTEN)
         return
     try:
-        for good, words in apply(config, patience_s, (lambda wanted: True) if yes else _typed_yes):
-            yield Finding("apply", good, words, "" if good else DiagnosticCode.PARAMETERS_NOT_WRITTEN)
+        for ok, text in apply(config, patience_s, (lambda wanted: True) if yes else _typed_yes):
+            yield Finding("apply", ok, text, "" if ok else DiagnosticCode.PARAMETERS_NOT_WRITTEN)
     except DriverError as error:
         yield Finding("apply", False, f"nothing is written: {error}", DiagnosticCode.PARAMETERS_NOT_WRITTEN)
 
@@ -339,16 +339,16 @@ def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
     if running_service(config, args.patience) is not None:
         raise DriverError("the service has the cameras and the line; stop it first (systemctl stop osape-companion)")
     found = []
-    for finding in measured_mounts(config, args.seconds, (lambda words: None) if args.json else say):
+    for finding in measured_mounts(config, args.seconds, (lambda text: None) if args.json else say):
         found.append(finding)
         if not args.json:
-            say(f"{'ok ' if finding.good else ' ! '} camera {finding.camera}: {finding.words}")
+            say(f"{'ok ' if finding.ok else ' ! '} camera {finding.camera}: {finding.text}")
             for line in finding.lines:
                 say(f"    {line}")
-    good = bool(found) and all(f.good for f in found)
+    ok = bool(found) and all(f.ok for f in found)
     if args.json:
-        say_json({"ok": good, "mounts": [asdict(f) for f in found]})
-    return 0 if good else 1
+        say_json({"ok": ok, "mounts": [asdict(f) for f in found]})
+    return 0 if ok else 1
 
 
 def add_parser(subparsers: Any) -> None:
@@ -387,8 +387,8 @@ def run(args: argparse.Namespace) -> int:
     for finding in chain(writing, examine(config, args.patience)):
         findings.append(finding)
         if not args.json:
-            say(f"{'ok ' if finding.good else ' ! '} {finding.part}: {finding.words}")
-    well = all(f.good for f in findings)
+            say(f"{'ok ' if finding.ok else ' ! '} {finding.part}: {finding.text}")
+    well = all(f.ok for f in findings)
     if args.json:
         say_json({"ok": well, "findings": [asdict(f) for f in findings]})
     elif well:

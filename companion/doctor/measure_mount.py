@@ -22,7 +22,7 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.transport import parse_address
 
 from ..autopilot.session_factory import params_of, signing_of
-from ..cameras.masks import Mask, masked, without
+from ..cameras.masks import Mask, apply_mask, configured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
 from ..config.loader import Config
@@ -56,7 +56,7 @@ class MountMeasurement:
 
     def __post_init__(self) -> None:
         self._synchroniser = Synchroniser(self.sync)
-        self._mask = masked(self.config, self.info)
+        self._mask = configured_mask(self.config, self.info)
 
     def add(self, event: Event) -> None:
         """An attitude or a frame, in the order of arrival; positions are not used."""
@@ -72,7 +72,7 @@ class MountMeasurement:
             return
         self.frames += 1
         R_level_optical, heading_rad, _, _ = level_cam_at(attitude.q_ned_frd_wxyz, self.info.mount)
-        depth_mm = without(frame.depth_mm, self._mask)
+        depth_mm = apply_mask(frame.depth_mm, self._mask)
         cues = cues_of(find_surfaces(depth_mm, self.info, R_level_optical, self.info.ke_per_m))
         if cues.ground:
             self.heights_m.append(cues.distance_m)
@@ -126,7 +126,7 @@ class MountMeasurement:
             said.append(f"yaw_deg = {math.degrees(yaw):.1f}")
         return said
 
-    def words(self) -> str:
+    def text(self) -> str:
         """The result in one line."""
         roll, pitch = (math.degrees(v) for v in self.state.error_rad)
         roll_sd, pitch_sd = (math.degrees(v) for v in self.state.error_sd_rad)
@@ -142,8 +142,8 @@ class MountFinding:
     """What came of one camera. lines: for the configuration; empty: there is no result."""
 
     camera: str
-    good: bool
-    words: str
+    ok: bool
+    text: str
     lines: tuple[str, ...] = ()
 
 
@@ -153,7 +153,7 @@ def finding_of(measurement: MountMeasurement) -> MountFinding:
     if refusal := measurement.refusal():
         return MountFinding(name, False, refusal)
     wrong = max(abs(v) for v in measurement.state.error_rad) >= math.radians(PARAMS.degraded_deg)
-    return MountFinding(name, not wrong, measurement.words(), tuple(measurement.lines()))
+    return MountFinding(name, not wrong, measurement.text(), tuple(measurement.lines()))
 
 
 def measured_mounts(config: Config, seconds: float, say: Callable[[str], None]) -> Iterator[MountFinding]:

@@ -19,14 +19,14 @@ from ..paths import NAME
 from .steps import (
     UNIT,
     InstallError,
-    Places,
+    InstallPaths,
     Step,
     command_step,
     file_step,
-    interpreter_places,
-    places_of,
+    install_paths,
+    interpreter_paths,
+    packaged_file,
     run_command,
-    shipped,
 )
 
 HIDDEN = (Path("/home"), Path("/root"), Path("/run/user"))
@@ -49,32 +49,34 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: installed, or told what would be. Raises InstallError, ConfigError and OSError."""
-    places = places_of(args.root)
-    check_reachable(interpreter_places())
-    steps = install_steps(places, args.config, args.replace_config, not args.no_start)
-    carry_out(steps, places, args.dry_run, args.json)
-    if not args.json and not args.dry_run and places.live:
+    paths = install_paths(args.root)
+    check_reachable(interpreter_paths())
+    steps = install_steps(paths, args.config, args.replace_config, not args.no_start)
+    carry_out(steps, paths, args.dry_run, args.json)
+    if not args.json and not args.dry_run and paths.live:
         say(f"it starts with the machine; `companion status` and `journalctl -u {NAME}` tell how it is")
     return 0
 
 
-def install_steps(places: Places, config: Path | None, replace_config: bool, start: bool) -> list[Step]:
+def install_steps(paths: InstallPaths, config: Path | None, replace_config: bool, start: bool) -> list[Step]:
     """All steps, in order. Raises InstallError for what is missing, ConfigError for a configuration with mistakes."""
     command = str(Path(sysconfig.get_path("scripts")) / "companion")
     if not re.fullmatch(r"[A-Za-z0-9/._+-]+", command):
         raise InstallError(f"{command}: a unit wants a path of letters, digits and /._+- only; install somewhere else")
-    docs = str(shipped("docs/reference", "service.md"))
-    unit = shipped("systemd", UNIT).read_text().replace("@COMPANION@", command).replace("@DOCS@", docs)
+    docs = str(packaged_file("docs/reference", "service.md"))
+    unit = packaged_file("systemd", UNIT).read_text().replace("@COMPANION@", command).replace("@DOCS@", docs)
     steps = [
-        file_step(places.sysusers, shipped("systemd", f"{NAME}.sysusers").read_text(), "the service's user and groups"),
-        user_step(places),
-        config_step(places, config, replace_config),
-        file_step(places.rules, shipped("systemd", f"60-{NAME}.rules").read_text(), "who may use which device"),
-        file_step(places.unit, unit, "the service"),
+        file_step(
+            paths.sysusers, packaged_file("systemd", f"{NAME}.sysusers").read_text(), "the service's user and groups"
+        ),
+        user_step(paths),
+        config_step(paths, config, replace_config),
+        file_step(paths.rules, packaged_file("systemd", f"60-{NAME}.rules").read_text(), "who may use which device"),
+        file_step(paths.unit, unit, "the service"),
     ]
-    if not places.live:
-        enable = ["systemctl", f"--root={places.root}", "enable", UNIT]
-        return [*steps, command_step(enable, "it starts with the machine", places.enabled.is_symlink())]
+    if not paths.live:
+        enable = ["systemctl", f"--root={paths.root}", "enable", UNIT]
+        return [*steps, command_step(enable, "it starts with the machine", paths.enabled.is_symlink())]
     changed = not all(s.done for s in steps)
     trigger = ["udevadm", "trigger", "--action=add"]
     match = [f"--subsystem-match={name}" for name in ("usb", "hidraw", "tty", "usb-serial")]
@@ -83,22 +85,22 @@ def install_steps(places: Places, config: Path | None, replace_config: bool, sta
         command_step([*trigger, *match], "for what is plugged in already", not changed),
         command_step([*trigger, "--sysname-match=cpu_dma_latency"], "for how deep processors sleep", not changed),
         command_step(["systemctl", "daemon-reload"], "the new unit", not changed),
-        Step(f"compile the kernels into {places.cache} (a minute, several on a Raspberry Pi)", False, _warm_up(places)),
-        command_step(["systemctl", "enable", UNIT], "it starts with the machine", places.enabled.is_symlink()),
+        Step(f"compile the kernels into {paths.cache} (a minute, several on a Raspberry Pi)", False, _warm_up(paths)),
+        command_step(["systemctl", "enable", UNIT], "it starts with the machine", paths.enabled.is_symlink()),
     ]
     return [*steps, command_step(["systemctl", "restart", UNIT], "now")] if start else steps
 
 
-def user_step(places: Places) -> Step:
+def user_step(paths: InstallPaths) -> Step:
     """Makes the service's user."""
-    where = [] if places.live else [f"--root={places.root}"]
-    command = ["systemd-sysusers", *where, str(places.sysusers)]
-    return command_step(command, f"the user {NAME}", places.has_user())
+    where = [] if paths.live else [f"--root={paths.root}"]
+    command = ["systemd-sysusers", *where, str(paths.sysusers)]
+    return command_step(command, f"the user {NAME}", paths.has_user())
 
 
-def config_step(places: Places, config: Path | None, replace: bool) -> Step:
+def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step:
     """Copies the configuration; one that is there stays unless it is to be replaced."""
-    target = places.config
+    target = paths.config
     if config is None:
         if not target.exists():
             raise InstallError(f"there is no {target} yet: give a configuration with -c, such as -c configs/oak.toml")
@@ -118,7 +120,7 @@ def config_step(places: Places, config: Path | None, replace: bool) -> Step:
     return step
 
 
-def check_reachable(places: Sequence[Path]) -> None:
+def check_reachable(paths: Sequence[Path]) -> None:
     """Raises InstallError where the service's user could not read this software."""
     remedy = (
         "make the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
@@ -126,7 +128,7 @@ def check_reachable(places: Sequence[Path]) -> None:
         "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation . && "
         "/opt/osape-companion/bin/companion install"
     )
-    for place in places:
+    for place in paths:
         hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
         if hidden is not None:
             raise InstallError(f"{place} lies below {hidden}, which the service cannot see; {remedy}")
@@ -137,15 +139,15 @@ def check_reachable(places: Sequence[Path]) -> None:
                 raise InstallError(f"{parent} is closed to other users, also to the service's; {remedy}")
 
 
-def check_may(places: Places) -> None:
+def check_permissions(paths: InstallPaths) -> None:
     """Raises InstallError without root, or without a systemd that runs."""
-    if places.live and os.geteuid() != 0:
+    if paths.live and os.geteuid() != 0:
         raise InstallError("this changes the system and needs root: sudo (--dry-run only tells what would be done)")
-    if places.live and not Path("/run/systemd/system").is_dir():
+    if paths.live and not Path("/run/systemd/system").is_dir():
         raise InstallError("systemd does not run here; `companion run` works without it, --root prepares an image")
 
 
-def carry_out(steps: Sequence[Step], places: Places, dry_run: bool, as_json: bool) -> None:
+def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json: bool) -> None:
     """Says what is to be done, then does it. Raises InstallError and OSError; what is done until then stays done."""
     if as_json:
         told = [{"step": s.words, "already": s.done} for s in steps]
@@ -153,7 +155,7 @@ def carry_out(steps: Sequence[Step], places: Places, dry_run: bool, as_json: boo
         for step in steps:
             say(f"{'already' if step.done else 'would' if dry_run else 'will'}: {step.words}")
     if not dry_run:
-        check_may(places)
+        check_permissions(paths)
         for step in steps:
             if not step.done:
                 step.act()
@@ -163,14 +165,14 @@ def carry_out(steps: Sequence[Step], places: Places, dry_run: bool, as_json: boo
         say_json({"dry_run": dry_run, "steps": told})
 
 
-def _warm_up(places: Places) -> Any:
+def _warm_up(paths: InstallPaths) -> Any:
     """Compiles the kernels as the service's user, into the cache that the unit names."""
 
     def act() -> None:
         user = pwd.getpwnam(NAME)
-        run_command(["install", "-d", "-m", "755", "-o", NAME, "-g", NAME, str(places.cache)])
+        run_command(["install", "-d", "-m", "755", "-o", NAME, "-g", NAME, str(paths.cache)])
         command = [str(Path(sysconfig.get_path("scripts")) / "companion"), "warmup"]
-        environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "NUMBA_CACHE_DIR": str(places.cache)}
+        environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "NUMBA_CACHE_DIR": str(paths.cache)}
         done = subprocess.run(
             command, env=environment, cwd="/", user=user.pw_uid, group=user.pw_gid, extra_groups=[],
             capture_output=True, text=True, check=False, timeout=WARMUP_TIMEOUT_S,

@@ -31,7 +31,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class InstallPaths:
     """Where an installation puts what, below `root`: "/" for this machine, else an image of one."""
 
     root: Path = Path("/")
@@ -89,14 +89,14 @@ class Places:
         return passwd.exists() and any(line.startswith(f"{NAME}:") for line in passwd.read_text().splitlines())
 
 
-def places_of(root: Path) -> Places:
+def install_paths(root: Path) -> InstallPaths:
     """Below a root that is one. Raises InstallError."""
     if not (root / "etc").is_dir():
         raise InstallError(f"{root} is no root of a machine: it holds no etc")
-    return Places(root.resolve())
+    return InstallPaths(root.resolve())
 
 
-def shipped(part: str, name: str) -> Path:
+def packaged_file(part: str, name: str) -> Path:
     """A file that comes with this software: of the checkout, or of an installed package's share folder."""
     for folder in (Path(__file__).resolve().parents[2], Path(sysconfig.get_path("data")) / "share" / NAME):
         if (folder / part / name).is_file():
@@ -153,7 +153,7 @@ def folder_size_mb(folder: Path) -> float:
     return sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / 1e6
 
 
-def interpreter_places() -> list[Path]:
+def interpreter_paths() -> list[Path]:
     """What the service must be able to read: the command, its interpreter, its packages."""
     command = Path(sysconfig.get_path("scripts")) / "companion"
     return [command, Path(sys.executable).resolve(), Path(sys.prefix), Path(__file__).resolve().parents[1]]

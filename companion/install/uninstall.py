@@ -9,7 +9,7 @@ from typing import Any
 from ..console import say
 from ..paths import NAME
 from .install import carry_out
-from .steps import UNIT, Places, Step, command_step, folder_size_mb, places_of, remove_step
+from .steps import UNIT, InstallPaths, Step, command_step, folder_size_mb, install_paths, remove_step
 
 
 def add_parser(subparsers: Any) -> None:
@@ -23,37 +23,37 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0: taken away, or told what would be. Raises InstallError and OSError."""
-    places = places_of(args.root)
-    carry_out(uninstall_steps(places, args.purge), places, args.dry_run, args.json)
+    paths = install_paths(args.root)
+    carry_out(uninstall_steps(paths, args.purge), paths, args.dry_run, args.json)
     if not args.json and not args.purge:
-        for kept in (places.settings, places.drop_ins, places.state):
+        for kept in (paths.settings, paths.drop_ins, paths.state):
             if kept.exists():
                 say(f"kept: {kept} ({folder_size_mb(kept):.1f} MB); --purge deletes it")
-        if places.has_user():
+        if paths.has_user():
             say(f"kept: the user {NAME}, who owns the logs; --purge deletes it")
     return 0
 
 
-def uninstall_steps(places: Places, purge: bool) -> list[Step]:
+def uninstall_steps(paths: InstallPaths, purge: bool) -> list[Step]:
     """All steps, in order."""
-    gone = not places.unit.exists()
-    where = [] if places.live else [f"--root={places.root}"]
-    stop = ["systemctl", *where, "disable", *(["--now"] if places.live else []), UNIT]
+    gone = not paths.unit.exists()
+    where = [] if paths.live else [f"--root={paths.root}"]
+    stop = ["systemctl", *where, "disable", *(["--now"] if paths.live else []), UNIT]
     steps = [
         command_step(stop, "stop it, and no start with the machine", gone),
-        remove_step(places.unit, "the service"),
-        remove_step(places.rules, "who may use the cameras"),
-        remove_step(places.cache, "compiled kernels"),
+        remove_step(paths.unit, "the service"),
+        remove_step(paths.rules, "who may use the cameras"),
+        remove_step(paths.cache, "compiled kernels"),
     ]
     if purge:
         steps += [
-            remove_step(places.drop_ins, "your changes to the unit"),
-            remove_step(places.settings, "the configuration and the keys"),
-            remove_step(places.state, f"the logs, {folder_size_mb(places.state):.1f} MB"),
-            command_step(["userdel", *_image(places), NAME], "the service's user", not places.has_user()),
+            remove_step(paths.drop_ins, "your changes to the unit"),
+            remove_step(paths.settings, "the configuration and the keys"),
+            remove_step(paths.state, f"the logs, {folder_size_mb(paths.state):.1f} MB"),
+            command_step(["userdel", *_image(paths), NAME], "the service's user", not paths.has_user()),
         ]
-    steps.append(remove_step(places.sysusers, "the service's user and groups"))
-    if places.live:
+    steps.append(remove_step(paths.sysusers, "the service's user and groups"))
+    if paths.live:
         steps += [
             command_step(["systemctl", "daemon-reload"], "the unit is gone", gone),
             command_step(["udevadm", "control", "--reload"], "the rules are gone", gone),
@@ -61,5 +61,5 @@ def uninstall_steps(places: Places, purge: bool) -> list[Step]:
     return steps
 
 
-def _image(places: Places) -> list[str]:
-    return [] if places.live else ["--prefix", str(places.root)]
+def _image(paths: InstallPaths) -> list[str]:
+    return [] if paths.live else ["--prefix", str(paths.root)]

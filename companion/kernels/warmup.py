@@ -94,11 +94,11 @@ def warm_up() -> Warmup:
     if first.returncode != 0:
         deleted += _delete(folders)
         if not deleted:
-            raise WarmupError(f"the kernels do not run: {_last_words(first)}")
+            raise WarmupError(f"the kernels do not run: {_last_line(first)}")
         second = _child()
         if second.returncode != 0:
             raise WarmupError(
-                f"the kernels do not run, also after {deleted} cached files were deleted: {_last_words(second)}"
+                f"the kernels do not run, also after {deleted} cached files were deleted: {_last_line(second)}"
             )
     _tell_complete(*MODES)
     cached = len(list(_cached_files(folders)))
@@ -298,10 +298,10 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
 
 def _run_telling_kernels(model: FrameModel) -> None:
     """Runs what moves a model into the frame it is published in, and writes it down."""
-    from companion.pipeline.fast_encode import packed_model
+    from companion.pipeline.fast_encode import encode_model
     from core.transformed import turned
 
-    packed_model(np.arange(20, dtype=np.uint8) % 15 + 1, turned(model, 0.1, (1.0, 2.0, 3.0)))
+    encode_model(np.arange(20, dtype=np.uint8) % 15 + 1, turned(model, 0.1, (1.0, 2.0, 3.0)))
 
 
 def _run_world_kernels() -> None:
@@ -382,7 +382,7 @@ def _child(*modes: str) -> subprocess.CompletedProcess[str]:
         raise WarmupError(f"compiling did not end within {TIMEOUT_S:g} s; is the machine overloaded?") from error
 
 
-def _last_words(child: subprocess.CompletedProcess[str]) -> str:
+def _last_line(child: subprocess.CompletedProcess[str]) -> str:
     if child.returncode < 0:
         return f"the process was ended by signal {-child.returncode}"
     return (child.stderr.strip().splitlines() or [f"exit status {child.returncode}"])[-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 NS = 1_000_000_000
-TOLD_NS = 10 * NS
+REPORT_NS = 10 * NS
 """So long a loss is told."""
 
 
@@ -21,15 +21,15 @@ class FrameRates:
         return (frames - before) * NS / max(1, now_ns - then_ns)
 
 
-class Losses:
-    """Whether something was lost of late."""
+class RecentLosses:
+    """Whether something was lost within the last REPORT_NS."""
 
     def __init__(self) -> None:
         self._lost = self._until_ns = 0
 
-    def of_late(self, lost: int, now_ns: int, *, counts: bool) -> bool:
-        """lost: how much in all. counts: whether what was lost since the last look is a trouble."""
+    def active(self, lost: int, now_ns: int, *, is_fault: bool) -> bool:
+        """lost: total so far. is_fault: whether a loss since the last call counts as a fault."""
         if lost != self._lost:
             self._lost = lost
-            self._until_ns = now_ns + TOLD_NS if counts else 0
+            self._until_ns = now_ns + REPORT_NS if is_fault else 0
         return now_ns < self._until_ns

@@ -26,7 +26,7 @@ WIDTH_PX = 320
 """Pixels are picked at whole steps until the image is no wider than this."""
 
 
-def picked(depth_mm: NDArray[np.uint16], width_px: int = WIDTH_PX) -> NDArray[np.uint16]:
+def subsample(depth_mm: NDArray[np.uint16], width_px: int = WIDTH_PX) -> NDArray[np.uint16]:
     """(h, w) uint16 of a depth image (H, W): the middle one of each n x n pixels, n the least that makes it no wider than
     width_px. Never blended: between an edge and what lies behind it there is nothing."""
     step = max(1, -(-depth_mm.shape[1] // width_px))
@@ -43,7 +43,7 @@ class DepthPreviews:
         self._publisher: Publisher | None = None
         self._listeners: set[bytes] = set()
         self._due_ns: dict[str, int] = {}
-        self.trouble = ""
+        self.fault = ""
 
     def open(self, address: str, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None) -> None:
         """Binds the socket; an empty address: there is no such stream. Raises as Publisher does."""
@@ -66,16 +66,16 @@ class DepthPreviews:
         try:
             self._show(frame)
         except ERRORS as error:
-            self.trouble = f"no depth images for viewers any more ({type(error).__name__}: {error})"
+            self.fault = f"no depth images for viewers any more ({type(error).__name__}: {error})"
             self.close()
 
     def _show(self, frame: DepthFrame) -> None:
         now_ns = time.monotonic_ns()
         publisher = self._publisher
-        if publisher is None or now_ns < self._due_ns.get(frame.camera, 0) or not self._wanted(publisher):
+        if publisher is None or now_ns < self._due_ns.get(frame.camera, 0) or not self._has_subscriber(publisher):
             return
         self._due_ns[frame.camera] = now_ns + self._period_ns
-        small = picked(frame.depth_mm)
+        small = subsample(frame.depth_mm)
         publisher.publish(
             pb.DepthPreview(
                 schema_version=SCHEMA_VERSION, camera=frame.camera, sequence=frame.sequence,
@@ -87,7 +87,7 @@ class DepthPreviews:
             )
         )  # fmt: skip
 
-    def _wanted(self, publisher: Publisher) -> bool:
+    def _has_subscriber(self, publisher: Publisher) -> bool:
         """Whether somebody listens. ZeroMQ tells of the first and of the last one of each kind."""
         while int(publisher.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:
             word = publisher.socket.recv(zmq.DONTWAIT)

@@ -137,24 +137,24 @@ def recording_message(status: RecordStatus) -> pb.RecordingHealth:
     """The recorder."""
     return pb.RecordingHealth(
         recording=status.recording, file=status.file, bytes=status.bytes, dropped=status.dropped,
-        trouble=status.trouble, repairing=status.repairing,
+        trouble=status.fault, repairing=status.repairing,
     )  # fmt: skip
 
 
 def diagnostics_of(
-    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, hung: str
+    cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, stalled: str
 ) -> list[Diagnostic]:
-    """What is wrong, each with its cause, the worst first. hung: which thread does not respond; empty: none."""
+    """What is wrong, each with its cause, the worst first. stalled: which thread does not respond; empty: none."""
     views = list(cameras)
-    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", f"{hung} hangs")] if hung else []
+    found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", f"{stalled} hangs")] if stalled else []
     if not views:
         text = "no camera is configured: add a [[camera]] to the configuration"
         found.append(Diagnostic(DiagnosticCode.NO_CAMERA_CONFIGURED, "", text))
     for view in sorted((v for v in views if v.blind), key=lambda v: not v.required):
         found.append(_unavailable(view))
     found += _autopilot_diagnostics(autopilot)
-    if recording is not None and recording.trouble:
-        found.append(Diagnostic(DiagnosticCode.RECORDING_FAULT, "", recording.trouble))
+    if recording is not None and recording.fault:
+        found.append(Diagnostic(DiagnosticCode.RECORDING_FAULT, "", recording.fault))
     return found
 
 
@@ -205,7 +205,7 @@ def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], s
     return pb.Health.STATE_DEGRADED if diagnostics else pb.Health.STATE_ACTIVE
 
 
-class Machine:
+class ProcessUsage:
     """What the machine does for the service: processor, memory, heat; and `notes`, what it was asked for and refuses, in
     words, though nothing depends on it."""
 

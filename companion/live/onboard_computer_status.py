@@ -14,7 +14,7 @@ PRIMARY = 0
 """Of all computers on board, to a station that does not know better."""
 NONE_U8, NONE_I8, NONE_I16, NONE_U32 = 255, 127, 32_767, 0xFFFFFFFF
 """What a field holds that nobody measured."""
-MOST_CORES, MOST_HEATS = 8, 8
+MAX_CORES, MAX_TEMPERATURES = 8, 8
 MEGA = 1 << 20
 
 
@@ -38,19 +38,19 @@ class ComputerStatus:
         """health: the newest report, with heat and uptime."""
         used_mb, all_mb = self._memory_mb()
         disk_used_mb, disk_all_mb = self._disk_mb()
-        heats = [_clamped(t.celsius) for t in health.temperatures[:MOST_HEATS]]
+        temperatures = [_clamped(t.celsius) for t in health.temperatures[:MAX_TEMPERATURES]]
         cores = self._shares()
         whole = round(sum(cores) / len(cores)) if cores else NONE_U8
         return dialect.MAVLink_onboard_computer_status_message(
             time_usec=health.t_ns // 1000,
             uptime=min(health.uptime_ns // 1_000_000, NONE_U32),
             type=PRIMARY,
-            cpu_cores=_filled(cores[:MOST_CORES], MOST_CORES, NONE_U8),
+            cpu_cores=_filled(cores[:MAX_CORES], MAX_CORES, NONE_U8),
             cpu_combined=_filled([whole], 10, NONE_U8),
             gpu_cores=[NONE_U8] * 4,
             gpu_combined=[NONE_U8] * 10,
             temperature_board=NONE_I8,
-            temperature_core=_filled(heats, MOST_HEATS, NONE_I8),
+            temperature_core=_filled(temperatures, MAX_TEMPERATURES, NONE_I8),
             fan_speed=[NONE_I16] * 4,
             ram_usage=used_mb,
             ram_total=all_mb,

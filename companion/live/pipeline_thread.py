@@ -21,45 +21,45 @@ from drivers.watched_thread import WatchedThread
 
 from ..log.recorder import Recorder
 from ..pipeline.encode import prisms_bytes
-from ..pipeline.events import Item, Note, Overtaken, RawFrame, Sample
+from ..pipeline.events import Item, LogMessage, RawFrame, Sample, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset
 from ..self_check.mount_yaw import MountYaw, MountYawMonitor
-from .event_queue import Inbox
+from .event_queue import EventQueue
 from .health import clock_message
-from .staleness import Blindness
+from .staleness import StalenessMonitor
 
 TAKE_S = 0.1
 """Longest wait for anything to arrive: so often, at least, the loop shows that it lives."""
-TIDY_AT, TIDY_OLDER_AT = 350, 10
+COLLECT_AT, COLLECT_OLDER_AT = 350, 10
 """New objects, and rounds through these, after which the garbage collector goes through them between two frames. Of itself
 it does at 700 and 10, most often in a frame, which then takes 0.4 ms longer."""
 Motion = AttitudeSample | PoseSample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Clockwork:
+class ClockCallbacks:
     """What the loop asks others while it records: the autopilot's clock with its restarts, and whether it is armed."""
 
     clock: Callable[[], tuple[ClockEstimate, int]]
     armed: Callable[[], bool]
 
 
-class PipelineLoop:
+class PipelineThread:
     """Runs until closed. publish: called with each result and its message's bytes, show: with each depth frame after its
     results, both from this thread. `lock` guards what others read."""
 
     def __init__(
         self,
         pipeline: Pipeline,
-        inbox: Inbox,
-        blindness: Blindness,
+        event_queue: EventQueue,
+        staleness: StalenessMonitor,
         publish: Callable[[PrismsResult, bytes], None],
         recorder: Recorder | None,
         record: str,
-        clockwork: Clockwork,
+        clock_callbacks: ClockCallbacks,
         warm_up: Callable[[], None],
         show: Callable[[DepthFrame], None] = lambda frame: None,
         offset_monitor: ExposureOffsetMonitor | None = None,
@@ -69,9 +69,9 @@ class PipelineLoop:
         pipeline handles; they change no result."""
         self._yaw_monitor = yaw_monitor
         self._offset_monitor = offset_monitor
-        self._pipeline, self._inbox, self._blindness, self._publish = pipeline, inbox, blindness, publish
+        self._pipeline, self._event_queue, self._staleness, self._publish = pipeline, event_queue, staleness, publish
         self._show = show
-        self._recorder, self._record, self._clockwork, self._warm_up = recorder, record, clockwork, warm_up
+        self._recorder, self._record, self._clock_callbacks, self._warm_up = recorder, record, clock_callbacks, warm_up
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "pipeline")
         self._recording = False
@@ -87,8 +87,8 @@ class PipelineLoop:
         self.mount_yaws: tuple[MountYaw, ...] = ()
         self.alive_ns = time.monotonic_ns()
         self.begun = threading.Event()
-        self._resting = threading.Event()
-        self._resting.set()
+        self._idle = threading.Event()
+        self._idle.set()
 
     def open(self) -> None:
         """Starts the thread; `started` when the kernels are warm and the loop runs."""
@@ -109,9 +109,9 @@ class PipelineLoop:
         """The exception that ended the thread, in words; empty: none did."""
         return self._thread.failure
 
-    def rest(self, longest_s: float) -> bool:
+    def wait_idle(self, longest_s: float) -> bool:
         """Waits until no frame is being handled, but no longer than this; whether none is."""
-        return self._resting.wait(longest_s)
+        return self._idle.wait(longest_s)
 
     def close(self) -> None:
         """Ends the loop. May be called twice. The log has the frame, too, over which it hangs."""
@@ -119,7 +119,7 @@ class PipelineLoop:
         if self._thread.ident is not None:
             # one that still loads kernels has no frame in hand, and cannot be interrupted
             self._thread.join(5.0 if self.started else 0.5)
-            self._write_down()
+            self._flush_records()
 
     def _run(self) -> None:
         self._warm_up()
@@ -128,15 +128,15 @@ class PipelineLoop:
         self.alive_ns = time.monotonic_ns()  # warming up may have taken minutes, and was no hang
         self.begun.set()
         while not self._stop.is_set():
-            taken = self._inbox.take(TAKE_S)
-            self._resting.clear()
-            with self._recorder.holding() if self._recorder is not None else nullcontext():
+            taken = self._event_queue.take(TAKE_S)
+            self._idle.clear()
+            with self._recorder.deferred() if self._recorder is not None else nullcontext():
                 try:
                     self._handle_all(taken)
                 finally:  # the log has the frame, too, that no pipeline could handle
-                    self._write_down()
-            tidy()
-            self._resting.set()
+                    self._flush_records()
+            collect_garbage()
+            self._idle.set()
             self.alive_ns = time.monotonic_ns()
 
     def _handle_all(self, taken: list[Item]) -> None:
@@ -150,24 +150,24 @@ class PipelineLoop:
                     self._yaw_monitor.announce(item)
         for kind, alike in groupby(taken, _kind):
             if kind is RawFrame:
-                self._log_line(cast(list[RawFrame], list(alike)))
+                self._record_raw_frames(cast(list[RawFrame], list(alike)))
             elif kind is AttitudeSample:
-                self._move(cast(list[Motion], list(alike)))
+                self._handle_motion(cast(list[Motion], list(alike)))
             else:
                 for item in alike:
                     if not isinstance(item, CameraInfo):
                         self._handle(item)
 
-    def _log_line(self, frames: list[RawFrame]) -> None:
+    def _record_raw_frames(self, frames: list[RawFrame]) -> None:
         """Of what came on the autopilot's line."""
         self._open_log(frames[0])
-        self._later(lambda log: log.frames(frames))
+        self._record_later(lambda log: log.frames(frames))
 
-    def _move(self, samples: list[Motion]) -> None:
+    def _handle_motion(self, samples: list[Motion]) -> None:
         """The vehicle moved: some attitudes and positions."""
         self._open_log(samples[0])
         self._log_clock(samples[0].t_arrival_ns)
-        self._later(lambda log: log.events(samples))
+        self._record_later(lambda log: log.events(samples))
         for sample in samples:
             self._pipeline.handle(sample)
             if self._offset_monitor is not None:
@@ -179,27 +179,27 @@ class PipelineLoop:
 
     def _handle(self, item: Sample) -> None:
         self._open_log(item)
-        if isinstance(item, Note):
-            self._later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))
+        if isinstance(item, LogMessage):
+            self._record_later(lambda log: log.message(item.key, item.message, item.t_arrival_ns))
             return
-        if isinstance(item, Overtaken):
-            decision = self._pipeline.overtaken(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
-            self._tell(decision)
+        if isinstance(item, SupersededFrame):
+            decision = self._pipeline.superseded(item.camera, item.sequence, item.t_exposure_ns, item.t_arrival_ns)
+            self._publish_output(decision)
             return
         if isinstance(item, RawFrame):
-            self._log_line([item])
+            self._record_raw_frames([item])
             return
         self._log_clock(item.t_arrival_ns)
-        self._later(lambda log: log.event(item))
+        self._record_later(lambda log: log.event(item))
         begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
         outputs = self._pipeline.handle(item)
         done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
         with self.lock:
             self.newest_attitude_ns = self._pipeline.newest_attitude_ns
         for output in outputs:
-            self._tell(output)
+            self._publish_output(output)
         if isinstance(item, DepthFrame):
-            self._measure(item, begun_ns, done_ns, cpu_ns)
+            self._add_latencies(item, begun_ns, done_ns, cpu_ns)
             self._show(item)
             self._measure_offset(item)
 
@@ -214,16 +214,16 @@ class PipelineLoop:
             with self.lock:
                 self.mount_yaws = self._yaw_monitor.yaws()
 
-    def _tell(self, output: Output) -> None:
+    def _publish_output(self, output: Output) -> None:
         prisms: bytes | None = None
         if isinstance(output, PrismsResult):
             with self.lock:
-                self._blindness.result(output)
+                self._staleness.result(output)
             prisms = prisms_bytes(output)
             self._publish(output, prisms)
         else:
             self._count(output)
-        self._later(lambda log: log.output(output, prisms))
+        self._record_later(lambda log: log.output(output, prisms))
 
     def _count(self, decision: FrameDecision) -> None:
         with self.lock:
@@ -232,7 +232,7 @@ class PipelineLoop:
             else:
                 self.dropped[decision.cause.value] += 1
 
-    def _measure(self, frame: DepthFrame, begun_ns: int, done_ns: int, cpu_ns: int) -> None:
+    def _add_latencies(self, frame: DepthFrame, begun_ns: int, done_ns: int, cpu_ns: int) -> None:
         published_ns = time.monotonic_ns()
         with self.lock:
             add = self.latencies.add
@@ -245,12 +245,12 @@ class PipelineLoop:
 
     # ---- recording ----------------------------------------------------------------------------------------------------
 
-    def _later(self, call: Callable[[Recorder], None]) -> None:
+    def _record_later(self, call: Callable[[Recorder], None]) -> None:
         """What is to be said to the recorder when the prisms are sent."""
         if self._recorder is not None:
             self._unrecorded.append(call)
 
-    def _write_down(self) -> None:
+    def _flush_records(self) -> None:
         """Says it, in the order in which it happened."""
         calls, self._unrecorded = self._unrecorded, []
         for call in calls:
@@ -262,19 +262,19 @@ class PipelineLoop:
         full or failed, and with a frame after a camera came or changed: a log describes its cameras at its beginning."""
         if self._recorder is None:
             return
-        wanted = self._record == "always" or (self._record == "armed" and self._clockwork.armed())
+        wanted = self._record == "always" or (self._record == "armed" and self._clock_callbacks.armed())
         if not wanted:
             if self._recording:
-                self._write_down()
+                self._flush_records()
                 self._recorder.end()
             self._recording = False
             return
-        frame = isinstance(item, DepthFrame | Overtaken)
+        frame = isinstance(item, DepthFrame | SupersededFrame)
         due = self._recorder.wants_begin if self._recording else frame
         if frame and self._described != self._pipeline.cameras:
             due = True
         if due and self._recorder.may_begin:
-            self._write_down()  # what was before belongs to the file before
+            self._flush_records()  # what was before belongs to the file before
             self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state())
             self._clock = ClockEstimate(ClockSource.NONE)
             self._recording, self._described = True, self._pipeline.cameras
@@ -283,17 +283,17 @@ class PipelineLoop:
         """The autopilot's clock, where its estimate has changed."""
         if self._recorder is None:
             return
-        clock, restarts = self._clockwork.clock()
+        clock, restarts = self._clock_callbacks.clock()
         if clock is not self._clock and clock != self._clock:
             self._clock = clock
-            self._later(lambda log: log.message("clock", clock_message(clock, restarts), t_ns))
+            self._record_later(lambda log: log.message("clock", clock_message(clock, restarts), t_ns))
 
 
-def tidy() -> None:
+def collect_garbage() -> None:
     """Collects garbage where the interpreter is about to, older generations where it is their turn."""
     new, rounds, older_rounds = gc.get_count()
-    if new > TIDY_AT:
-        gc.collect(0 if rounds <= TIDY_OLDER_AT else 1 if older_rounds <= TIDY_OLDER_AT else 2)
+    if new > COLLECT_AT:
+        gc.collect(0 if rounds <= COLLECT_OLDER_AT else 1 if older_rounds <= COLLECT_OLDER_AT else 2)
 
 
 def _kind(item: Item) -> type:

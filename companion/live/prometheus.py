@@ -1,7 +1,7 @@
-"""The health report as Prometheus text, over HTTP on this machine only, where `[service] metrics_port` asks for it.
+"""Publishes the health report as Prometheus text over HTTP on the loopback interface (`[service] metrics_port`).
 
-The figures are those of the newest report, nothing is measured for them alone. A report that is old is not handed on:
-the answer is then 503, which a scraper shows as a target that is down."""
+The values are those of the newest report. When that is older than MAX_REPORT_AGE_NS, the answer is 503, which a scraper
+shows as a target that is down."""
 
 from __future__ import annotations
 
@@ -21,19 +21,26 @@ from .health import STATES
 
 NS = 1_000_000_000
 LOOPBACK = "127.0.0.1"
-OLDEST_NS = 3 * NS
-"""Reports come each second: without one for so long the service does not tell how it is."""
-PATIENCE_S = 2.0
-"""With a client that sends or takes nothing: one is served at a time."""
-
+MAX_REPORT_AGE_NS = 3 * NS
+"""Reports arrive once a second; an older report does not describe the present state."""
+CLIENT_TIMEOUT_S = 2.0
+"""Time limit for a request: requests are served one at a time."""
 POLL_S = 0.1
-"""How soon it notices that it is to stop."""
+"""Interval at which the server checks whether it has to stop."""
+OLD_NAMES = {
+    "diagnostics": "troubles",
+    "camera_superseded_total": "camera_overtaken_total",
+    "autopilot_link_open": "autopilot_line_open",
+    "autopilot_connected": "autopilot_heard",
+    "autopilot_anomalies_total": "autopilot_oddities_total",
+}
+"""Present names of renamed metrics and their names before 0.1.0, which are published beside them for one release."""
 
 Sample = tuple[dict[str, str], float]
 
 
 class MetricsServer:
-    """Answers GET /metrics. The service goes on without it."""
+    """Answers GET /metrics. A fault of the server does not affect the rest of the service."""
 
     def __init__(self, port: int) -> None:
         self.port = port
@@ -43,12 +50,12 @@ class MetricsServer:
         self._thread: WatchedThread | None = None
 
     def open(self) -> None:
-        """Starts the thread; a port that cannot be had is a trouble and no error: nobody flies by it."""
+        """Starts the server thread. A port that cannot be bound sets `fault` and raises nothing."""
         try:
             self._server = _Server(self.port, self.newest)
         except OSError as error:
             self._refused = (
-                f"no metrics: port {self.port} on {LOOPBACK} cannot be had ({error.strerror}); "
+                f"no metrics: port {self.port} on {LOOPBACK} cannot be bound ({error.strerror}); "
                 "choose another [service] metrics_port"
             )
             return
@@ -57,25 +64,25 @@ class MetricsServer:
         self._thread.start()
 
     @property
-    def trouble(self) -> str:
-        """Why it cannot answer, in words; empty: it can."""
+    def fault(self) -> str:
+        """Why the server does not answer, as text; empty while it runs."""
         if self._thread is not None and self._thread.failure:
-            return f"no metrics: their server has ended ({self._thread.failure})"
+            return f"no metrics: the metrics server has ended ({self._thread.failure}); restart the service"
         return self._refused
 
     def update(self, report: pb.Health) -> None:
-        """The newest report; it is not changed afterwards."""
+        """Sets the newest report. The caller must not change it afterwards."""
         self._report = report
 
     def newest(self) -> str | None:
-        """The newest report as text, None when it is old or there is none."""
+        """The newest report as text; None when there is none or it is older than MAX_REPORT_AGE_NS."""
         report = self._report
-        if report is None or time.monotonic_ns() - report.t_ns > OLDEST_NS:
+        if report is None or time.monotonic_ns() - report.t_ns > MAX_REPORT_AGE_NS:
             return None
         return metrics_text(report)
 
     def close(self) -> None:
-        """May be called again."""
+        """Stops the server. May be called twice."""
         if self._server is not None and self._thread is not None:
             self._server.shutdown()
             self._thread.join(5.0)
@@ -84,7 +91,7 @@ class MetricsServer:
 
 
 class _Server(TCPServer):
-    """Not http.server's own: that one asks the name service for our name before it listens."""
+    """A TCPServer in place of HTTPServer, which resolves the host name before it listens."""
 
     allow_reuse_address = True
 
@@ -93,26 +100,26 @@ class _Server(TCPServer):
         super().__init__((LOOPBACK, port), _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that resets its connection is no fault; anything else shows its trace."""
+        """Ignores connections that the client has reset; prints the traceback of other exceptions."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request."""
+    """Answers one request."""
 
     server: _Server
-    timeout = PATIENCE_S
+    timeout = CLIENT_TIMEOUT_S
     server_version = "osape-companion"
     sys_version = ""
 
     def do_GET(self) -> None:
         if self.path.split("?")[0] != "/metrics":
-            self._answer(404, "there is only /metrics\n")
+            self._answer(404, "only /metrics is available\n")
             return
         text = self.server.text()
         if text is None:
-            self._answer(503, "the service has not told for seconds how it is\n")
+            self._answer(503, "the newest health report is too old\n")
         else:
             self._answer(200, text)
 
@@ -125,91 +132,104 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Each scrape would be a line in the journal."""
+        """Writes nothing: each scrape would add a line to the journal."""
 
 
 def metrics_text(report: pb.Health) -> str:
-    """The report in Prometheus' text format. What is unknown has no sample: it is not 0."""
+    """The report in Prometheus' text format. An unknown value has no sample."""
     lines: list[str] = []
-    for name, kind, words, samples in _families(report):
+    for name, kind, meaning, samples in _families(report):
         if samples:
-            lines += [f"# HELP osape_{name} {words}", f"# TYPE osape_{name} {kind}"]
-            lines += [f"osape_{name}{_labels(labels)} {value:.10g}" for labels, value in samples]
+            lines += _family_lines(name, kind, meaning, samples)
+            if name in OLD_NAMES:
+                old = OLD_NAMES[name]
+                lines += _family_lines(old, kind, f"Deprecated: use osape_{name}", samples)
     return "\n".join(lines) + "\n"
 
 
+def _family_lines(name: str, kind: str, meaning: str, samples: list[Sample]) -> list[str]:
+    return [
+        f"# HELP osape_{name} {meaning}",
+        f"# TYPE osape_{name} {kind}",
+        *(f"osape_{name}{_labels(labels)} {value:.10g}" for labels, value in samples),
+    ]
+
+
 def _families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
-    """Name, type, meaning, samples."""
-    yield (
-        "state",
-        "gauge",
-        "1 for the present state",
-        [({"state": word}, float(h.state == value)) for value, word in STATES.items()],
-    )
-    yield "troubles", "gauge", "How many things are wrong", [({}, float(len(h.diagnostics)))]
+    """Name, type, meaning and samples of each metric."""
+    states: list[Sample] = [({"state": word}, float(h.state == value)) for value, word in STATES.items()]
+    yield "state", "gauge", "1 for the present state", states
+    yield "diagnostics", "gauge", "Number of active diagnostics", [({}, float(len(h.diagnostics)))]
     active: dict[tuple[str, str], int] = Counter((d.code, d.camera) for d in h.diagnostics)
     diagnostics: list[Sample] = [
         ({"code": code, "camera": camera}, float(n)) for (code, camera), n in sorted(active.items())
     ]
-    yield "diagnostic", "gauge", "Active diagnostics, by code and camera", diagnostics
-    yield "uptime_seconds", "gauge", "Since the service started", [({}, h.uptime_ns / NS)]
-    yield "frames_used_total", "counter", "Frames turned into a model", [({}, float(h.frames_used))]
+    yield "diagnostic", "gauge", "Active diagnostics by code and camera", diagnostics
+    yield "uptime_seconds", "gauge", "Time since the service started", [({}, h.uptime_ns / NS)]
+    yield "frames_used_total", "counter", "Frames with a model", [({}, float(h.frames_used))]
     dropped: list[Sample] = [({"cause": cause}, float(n)) for cause, n in sorted(h.frames_dropped.items())]
     yield "frames_dropped_total", "counter", "Frames not used, by cause", dropped
     lost: list[Sample] = [({}, float(h.samples_lost))]
-    yield "samples_lost_total", "counter", "Of the autopilot, before the pipeline took them", lost
+    yield "samples_lost_total", "counter", "Attitude and position samples lost before the pipeline", lost
     yield from _cameras(h)
     if h.HasField("autopilot"):
         yield from _autopilot(h.autopilot)
-    yield "recording", "gauge", "Whether a log is being written", [({}, float(h.recording.recording))]
-    yield "recording_bytes", "gauge", "Of the present log", [({}, float(h.recording.bytes))]
-    yield "recording_dropped_total", "counter", "Items the disk was too slow for", [({}, float(h.recording.dropped))]
+    yield "recording", "gauge", "1 while a log is written", [({}, float(h.recording.recording))]
+    yield "recording_bytes", "gauge", "Size of the present log", [({}, float(h.recording.bytes))]
+    yield "recording_dropped_total", "counter", "Items not recorded: slow disk", [({}, float(h.recording.dropped))]
     latencies: list[Sample] = []
     for latency in h.latencies:
         for quantile, ms in (("0.5", latency.p50_ms), ("0.95", latency.p95_ms), ("0.99", latency.p99_ms)):
             latencies.append(({"stage": latency.stage, "quantile": quantile}, ms / 1e3))
-    yield "latency_seconds", "gauge", "Of the newest frames, by stage", latencies
-    yield "cpu_share", "gauge", "Of one core, since the report before", [({}, h.cpu_share)]
-    yield "memory_bytes", "gauge", "Resident", [({}, float(h.memory_bytes))]
-    heat: list[Sample] = [({"sensor": t.sensor}, t.celsius) for t in h.temperatures]
-    yield "temperature_celsius", "gauge", "Of the machine's sensors", heat
+    yield "latency_seconds", "gauge", "Latency of the newest frames, by stage", latencies
+    yield "cpu_share", "gauge", "Load in cores since the report before", [({}, h.cpu_share)]
+    yield "memory_bytes", "gauge", "Resident memory", [({}, float(h.memory_bytes))]
+    temperatures: list[Sample] = [({"sensor": t.sensor}, t.celsius) for t in h.temperatures]
+    yield "temperature_celsius", "gauge", "Temperatures of the computer's sensors", temperatures
 
 
 def _cameras(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
     each = [({"camera": c.camera}, c) for c in h.cameras]
-    yield "camera_blind", "gauge", "1: nothing of it may be taken as seen", [(n, float(c.blind)) for n, c in each]
+    yield "camera_blind", "gauge", "1 while the camera is blind", [(n, float(c.blind)) for n, c in each]
     conditions: list[Sample] = [
         ({**n, "condition": code}, float(c.condition == code)) for n, c in each for code in map(str, CameraCondition)
     ]
     yield "camera_condition", "gauge", "1 for the present condition", conditions
     yield "camera_frames_total", "counter", "Frames that arrived", [(n, float(c.frames)) for n, c in each]
-    yield "camera_overtaken_total", "counter", "A newer one was there", [(n, float(c.dropped)) for n, c in each]
-    yield "camera_starts_total", "counter", "Of its process", [(n, float(c.starts)) for n, c in each]
-    yield "camera_rate_hertz", "gauge", "Frames a second", [(n, c.hz) for n, c in each]
+    superseded = [(n, float(c.dropped)) for n, c in each]
+    yield "camera_superseded_total", "counter", "Frames replaced by a newer one before their use", superseded
+    yield "camera_starts_total", "counter", "Starts of the camera process", [(n, float(c.starts)) for n, c in each]
+    yield "camera_rate_hertz", "gauge", "Frame rate", [(n, c.hz) for n, c in each]
     ages = [(n, c.age_ns / NS) for n, c in each if c.HasField("age_ns")]
-    yield "camera_age_seconds", "gauge", "Of the newest valid exposure", ages
+    yield "camera_age_seconds", "gauge", "Age of the newest valid exposure", ages
     offsets = [(n, c.exposure_offset) for n, c in each if c.exposure_offset.HasField("offset_ms")]
     measured: list[Sample] = [(n, o.offset_ms / 1e3) for n, o in offsets]
-    yield "camera_exposure_offset_seconds", "gauge", "Exposure stamp minus exposure on the attitude's time", measured
+    yield "camera_exposure_offset_seconds", "gauge", "Measured exposure time offset", measured
 
 
 def _autopilot(a: pb.AutopilotHealth) -> Iterator[tuple[str, str, str, list[Sample]]]:
-    yield "autopilot_line_open", "gauge", "Whether the line to it is open", [({}, float(a.line_open))]
-    yield "autopilot_heard", "gauge", "Whether its heartbeat came", [({}, float(bool(a.autopilot)))]
+    yield "autopilot_link_open", "gauge", "1 while the link to the autopilot is open", [({}, float(a.line_open))]
+    connected: list[Sample] = [({}, float(bool(a.autopilot)))]
+    yield "autopilot_connected", "gauge", "1 while heartbeats of an autopilot arrive", connected
     if not a.autopilot:
         return
-    yield "autopilot_armed", "gauge", "Whether the vehicle is armed", [({}, float(a.armed))]
-    yield "autopilot_attitude_hertz", "gauge", "Attitudes a second", [({}, a.attitude_hz)]
-    yield "autopilot_position_hertz", "gauge", "Positions a second", [({}, a.position_hz)]
+    yield "autopilot_armed", "gauge", "1 while the vehicle is armed", [({}, float(a.armed))]
+    yield "autopilot_attitude_hertz", "gauge", "Rate of attitudes", [({}, a.attitude_hz)]
+    yield "autopilot_position_hertz", "gauge", "Rate of positions", [({}, a.position_hz)]
     age: list[Sample] = [({}, a.attitude_age_ns / NS)] if a.HasField("attitude_age_ns") else []
-    yield "autopilot_attitude_age_seconds", "gauge", "Of the newest attitude", age
+    yield "autopilot_attitude_age_seconds", "gauge", "Age of the newest attitude", age
     synchronised = a.clock.source == pb.ClockEstimate.SOURCE_TIMESYNC
-    yield "clock_synchronised", "gauge", "Whether TIMESYNC is answered", [({}, float(synchronised))]
+    yield "clock_synchronised", "gauge", "1 while TIMESYNC is answered", [({}, float(synchronised))]
     bound: list[Sample] = [({}, a.clock.bound_ns / NS)] if a.clock.HasField("bound_ns") else []
-    yield "clock_bound_seconds", "gauge", "The autopilot's clock is known within", bound
-    yield "clock_restarts_total", "counter", "Reboots and steps of its clock", [({}, float(a.clock.restarts))]
-    odd: list[Sample] = [({"code": code}, float(n)) for code, n in sorted(a.counts.items())]
-    yield "autopilot_oddities_total", "counter", "What was odd about its messages", odd
+    yield "clock_bound_seconds", "gauge", "Error bound of the autopilot's clock", bound
+    yield (
+        "clock_restarts_total",
+        "counter",
+        "Reboots and steps of the autopilot's clock",
+        [({}, float(a.clock.restarts))],
+    )
+    anomalies: list[Sample] = [({"code": code}, float(n)) for code, n in sorted(a.counts.items())]
+    yield "autopilot_anomalies_total", "counter", "Rejected or irregular messages, by code", anomalies
 
 
 def _labels(labels: dict[str, str]) -> str:

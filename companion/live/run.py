@@ -29,9 +29,9 @@ PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERR
 """syslog's, in front of each line: journald reads them."""
 
 
-MOST_LATE_S = 0.5
+MAX_LATE_S = 0.5
 """Of ticks: what is missed beyond is not made up for."""
-REST_S = 0.03
+IDLE_WAIT_S = 0.03
 """A tick waits so long, at most, for the frame at hand: a report takes some milliseconds of Python, for which frames would
 have to wait."""
 
@@ -50,17 +50,17 @@ class JournalFormatter(logging.Formatter):
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
     """Runs until stopped or until a loop has ended; 0 or 1."""
-    said: list[str] = []
+    previous: list[str] = []
     ready = False
     next_alive_s = 0.0
     next_tick_s = time.monotonic()
     while not stop.is_set():
         # the rate is kept over what a tick takes, and a late one is made up for: blindness is said so often, not rarer
-        next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MOST_LATE_S)
+        next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MAX_LATE_S)
         (stop if ready else service.loop.begun).wait(max(0.0, next_tick_s - time.monotonic()))  # told at once
-        service.loop.rest(REST_S)
+        service.loop.wait_idle(IDLE_WAIT_S)
         service.tick()
-        if ended := service.ended() or ("" if service.loop.running else "the pipeline has ended"):
+        if ended := service.failures() or ("" if service.loop.running else "the pipeline has ended"):
             # an autopilot that flies on without our word must not wait for the watchdog
             log.critical("%s; the service ends, to be started again", ended)
             return 1
@@ -68,34 +68,34 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
             ready = True
             notifier.ready()
             log.info("ready: the loops run")
-        hung = service.hung()
+        stalled = service.stalled_part()
         now_s = time.monotonic()
         if now_s >= next_alive_s:
             next_alive_s = now_s + min(0.5, (notifier.watchdog_s or 1.0) / 4.0)
             if not service.started:
-                notifier.needs_longer(60.0)  # kernels are being compiled
-            if not hung:
-                notifier.alive()
-        now = [d.words() for d in service.diagnostics]
-        _tell_changes(now, said)
-        notifier.status("; ".join(service.troubles) or "OK")
-        said = now
+                notifier.extend_timeout(60.0)  # kernels are being compiled
+            if not stalled:
+                notifier.feed_watchdog()
+        now = [d.line() for d in service.diagnostics]
+        _log_changes(now, previous)
+        notifier.status("; ".join(service.diagnostic_texts) or "OK")
+        previous = now
     return 0
 
 
-def _tell_changes(now: list[str], before: list[str]) -> None:
-    """Each trouble once, when it comes and when it goes; numbers in it may go on changing."""
-    old, new = {_kind(t): t for t in before}, {_kind(t): t for t in now}
-    for kind, trouble in new.items():
+def _log_changes(now: list[str], before: list[str]) -> None:
+    """Each line once, when it comes and when it goes; numbers in it may go on changing."""
+    old, new = {_without_digits(t): t for t in before}, {_without_digits(t): t for t in now}
+    for kind, line in new.items():
         if kind not in old:
-            log.warning(trouble)
-    for kind, trouble in old.items():
+            log.warning(line)
+    for kind, line in old.items():
         if kind not in new:
-            log.info("cleared: %s", trouble)
+            log.info("cleared: %s", line)
 
 
-def _kind(trouble: str) -> str:
-    return "".join(c for c in trouble if not c.isdigit())
+def _without_digits(line: str) -> str:
+    return "".join(c for c in line if not c.isdigit())
 
 
 def add_parser(subparsers: Any) -> None:

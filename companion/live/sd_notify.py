@@ -33,11 +33,11 @@ class Notifier:
             self._status = line
             self._send(f"STATUS={line}")
 
-    def alive(self) -> None:
+    def feed_watchdog(self) -> None:
         """Feeds the watchdog."""
         self._send("WATCHDOG=1")
 
-    def needs_longer(self, seconds: float) -> None:
+    def extend_timeout(self, seconds: float) -> None:
         """Starting goes on for so long: kernels are compiled."""
         self._send(f"EXTEND_TIMEOUT_USEC={round(seconds * 1e6)}")
 

@@ -23,7 +23,7 @@ from drivers.mavlink.transport import parse_address
 from drivers.proto import osape_v1_pb2 as pb
 
 from ..autopilot.session_factory import params_of, signing_of
-from ..cameras.masks import hidden, masked
+from ..cameras.masks import configured_mask, unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
 from ..config.differences import PAPER_NOTE, safety_lines
 from ..config.loader import Config, refused_for_flight
@@ -33,8 +33,8 @@ from ..log.provenance import run_info
 from ..log.recorder import Recorder, RecordStatus
 from ..paths import Folders
 from ..pipeline.encode import blind_message, wire_bytes
-from ..pipeline.events import Note, RawFrame
-from ..pipeline.multi_camera import SurroundKeeper, surround_message
+from ..pipeline.events import LogMessage, RawFrame
+from ..pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
 from ..pipeline.pipeline import Pipeline, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset, warning_text
@@ -43,14 +43,14 @@ from ..self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
 from ..streams.boot import boot_id
 from ..streams.curve_auth import AllowList, load_keys
 from ..streams.publisher import Publisher, Stream
-from .counts import FrameRates, Losses
+from .counts import FrameRates, RecentLosses
 from .depth_preview import DepthPreviews
 from .diagnostics import AttitudeRateCheck, GroundCheck, template_intrinsics
-from .event_queue import Inbox
+from .event_queue import EventQueue
 from .health import (
     AutopilotView,
     CameraView,
-    Machine,
+    ProcessUsage,
     autopilot_message,
     camera_message,
     diagnostics_of,
@@ -60,13 +60,13 @@ from .health import (
     state_of,
 )
 from .onboard_computer_status import ComputerStatus
-from .pipeline_thread import Clockwork, PipelineLoop
-from .staleness import Blindness
+from .pipeline_thread import ClockCallbacks, PipelineThread
+from .staleness import StalenessMonitor
 
 if TYPE_CHECKING:
     from ..autopilot.manager import Avoidance
     from .prometheus import MetricsServer
-    from .world_thread import WorldService
+    from .world_thread import WorldThread
 
 NS = 1_000_000_000
 HEALTH_NS = NS
@@ -91,23 +91,23 @@ class Service:
         self._attitude_rate, self._ground = AttitudeRateCheck(config.autopilot.attitude_hz), GroundCheck()
         self.diagnostics: list[Diagnostic] = []
         self._boot = boot_id()
-        self.machine = Machine()
+        self.machine = ProcessUsage()
         if config.extractor.paper:
             self.machine.notes.append(PAPER_NOTE)
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._allow: AllowList | None = None
         self._publishers: dict[str, Publisher] = {}
         self._sending = threading.RLock()
-        self.inbox = Inbox()
+        self.event_queue = EventQueue()
         names = tuple(c.name for c in config.cameras)
-        self._blindness = Blindness(names, config.service.stale_s)
-        self._surround = SurroundKeeper(names)
+        self._staleness = StalenessMonitor(names, config.service.stale_s)
+        self._all_cameras = AllCamerasModelBuilder(names)
         self._required = frozenset(c.name for c in config.cameras if c.required)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.avoidance: Avoidance | None = None
-        self.world: WorldService | None = None
+        self.world: WorldThread | None = None
         self._previews = DepthPreviews(config.publish.depth_hz, self._boot)
-        self._heard: list[RawFrame] = []
+        self._raw_frames: list[RawFrame] = []
         self.signing = signing_of(config.autopilot, folders.state)
         self.session, self.link = self._autopilot()
         self._computer = ComputerStatus(folders.state) if config.autopilot.computer_status else None
@@ -115,16 +115,16 @@ class Service:
         self.metrics = self._metrics()
         self._pipeline = Pipeline(
             (), lambda info: Extractor(config.extractor), config.sync,
-            mask=lambda info: masked(config.camera(info.camera), info), mount_check=config.mount_check,
+            mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check,
         )  # fmt: skip
-        clockwork = Clockwork(clock=self._clock, armed=self._armed)
-        self.loop = PipelineLoop(
-            self._pipeline, self.inbox, self._blindness, self._publish, self.recorder, config.record.record, clockwork,
-            warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info)),
-            MountYawMonitor(lambda info: masked(config.camera(info.camera), info)),
+        clock_callbacks = ClockCallbacks(clock=self._clock, armed=self._armed)
+        self.loop = PipelineThread(
+            self._pipeline, self.event_queue, self._staleness, self._publish, self.recorder, config.record.record, clock_callbacks,
+            warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
+            MountYawMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
         )  # fmt: skip
         self._mounts = MountWatch(config.extractor.ground_max_slope)
-        self._rates, self._losses = FrameRates(), Losses()
+        self._rates, self._losses = FrameRates(), RecentLosses()
         self._next_health_ns = self._next_computer_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
 
@@ -132,26 +132,26 @@ class Service:
 
     def _supervisor(self, name: str) -> CameraSupervisor:
         def opened(info: CameraInfo) -> None:
-            self.inbox.put([info])
+            self.event_queue.put([info])
             with self.loop.lock:
                 self._ground.started(name)
             if self.avoidance is not None:
-                self.avoidance.announce(info, hidden(self.config.camera(name), info))
+                self.avoidance.announce(info, unmeasured_mask(self.config.camera(name), info))
 
-        return CameraSupervisor(self.config.camera(name), opened, self._take_frame, self.config.supervision)
+        return CameraSupervisor(self.config.camera(name), opened, self._handle_frame, self.config.supervision)
 
-    def _take_frame(self, frame: DepthFrame) -> None:
+    def _handle_frame(self, frame: DepthFrame) -> None:
         """What the autopilot said before the frame came goes before it."""
         if self.link is not None:
             self.link.catch_up()
-        self.inbox.put_frame(frame)
+        self.event_queue.put_frame(frame)
 
     def _autopilot(self) -> tuple[MavlinkSession | None, MavlinkLink | None]:
         a = self.config.autopilot
         if not a.address:
             return None, None
         log_raw = self.config.record.mavlink and self.config.record.record != "off"
-        keep = (lambda data, t_ns: self._heard.append(RawFrame(data, t_ns))) if log_raw else None
+        keep = (lambda data, t_ns: self._raw_frames.append(RawFrame(data, t_ns))) if log_raw else None
         params, address = params_of(self.config), parse_address(a.address)
         if not self.config.avoid.send:
             session = MavlinkSession(params, on_frame=keep, signing=self.signing)
@@ -159,7 +159,7 @@ class Service:
         from ..autopilot.manager import READS, avoidance_of  # much to import: only where obstacles are told
 
         session = MavlinkSession(
-            params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._autopilot_says
+            params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._handle_mavlink
         )
         link = MavlinkLink(address, session, self._deliver)
         self.avoidance = avoidance_of(self.config, self.cameras, session, link, self._folders.state)
@@ -167,12 +167,12 @@ class Service:
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """What was read of the line together, its frames for the log first; from one thread at a time."""
-        self.inbox.put([*self._heard, *samples])
-        self._heard.clear()
+        self.event_queue.put([*self._raw_frames, *samples])
+        self._raw_frames.clear()
         if self.avoidance is not None:
             self.avoidance.samples(samples)
 
-    def _autopilot_says(self, message: Any, arrival_ns: int) -> None:
+    def _handle_mavlink(self, message: Any, arrival_ns: int) -> None:
         if self.avoidance is not None:
             self.avoidance.message(message, arrival_ns)
 
@@ -207,9 +207,9 @@ class Service:
         if keys is not None:
             self._allow = AllowList(self._context, keys)
         if publish.world:
-            from .world_thread import opened_world  # much to import: only where a world is asked for
+            from .world_thread import open_world  # much to import: only where a world is asked for
 
-            self.world = opened_world(self.config, self._folders.run, self._context, keys, self._boot)
+            self.world = open_world(self.config, self._folders.run, self._context, keys, self._boot)
         for name in STREAMS:
             address = getattr(publish, name).replace("{run}", str(self._folders.run))
             if address and (name != "surround" or len(self.cameras) > 1):
@@ -259,7 +259,7 @@ class Service:
         """Whether the loops run, kernels compiled."""
         return self.loop.started
 
-    def ended(self) -> str:
+    def failures(self) -> str:
         """Which thread that no flight can do without was ended by an exception, in words; empty: none. The service then
         ends, to be started again (docs/reference/service.md)."""
         parts = {"the pipeline": self.loop.failure}
@@ -271,23 +271,23 @@ class Service:
         return "; ".join(f"{part} has ended: {failure}" for part, failure in parts.items() if failure)
 
     @property
-    def troubles(self) -> list[str]:
+    def diagnostic_texts(self) -> list[str]:
         """The texts of the diagnostics."""
         return [d.text for d in self.diagnostics]
 
-    def _degraded(self) -> list[Diagnostic]:
+    def _ended_optional_parts(self) -> list[Diagnostic]:
         """What has ended that a flight can do without; recording and the merged world are reported elsewhere."""
         texts: dict[DiagnosticCode, str] = {}
         if self.metrics is not None:
-            texts[DiagnosticCode.METRICS_FAULT] = self.metrics.trouble
-        texts[DiagnosticCode.DEPTH_PREVIEW_FAULT] = self._previews.trouble
+            texts[DiagnosticCode.METRICS_FAULT] = self.metrics.fault
+        texts[DiagnosticCode.DEPTH_PREVIEW_FAULT] = self._previews.fault
         if signing := self.signing.failure:
             texts[DiagnosticCode.SIGNATURE_CLOCK_FAULT] = f"timestamps of signatures are kept no more ({signing})"
         if self._allow and not self._allow.running:
             texts[DiagnosticCode.KEY_CHECK_FAULT] = "no new subscriber is let in: the check of keys has ended"
         return [Diagnostic(code, "", text) for code, text in texts.items() if text]
 
-    def hung(self) -> str:
+    def stalled_part(self) -> str:
         """Which loop has not gone round for hang_s, in words; empty: all live. A slow disk hangs only the log, which is
         told but is no reason to end the service in flight."""
         now_ns = time.monotonic_ns()
@@ -320,7 +320,7 @@ class Service:
         recording = self.recorder.status if self.recorder is not None else None
         if self.avoidance is not None:
             self.avoidance.tick(now_ns, autopilot.link if autopilot is not None else None)
-        self.diagnostics = self._diagnosed(views, autopilot, recording, now_ns)
+        self.diagnostics = self._collect_diagnostics(views, autopilot, recording, now_ns)
         state = state_of(views, self.diagnostics, self.started)
         if state != self.state or now_ns >= self._next_health_ns:
             self.state, self._next_health_ns = state, now_ns + HEALTH_NS
@@ -328,20 +328,20 @@ class Service:
                 self.link.set_system_status(HEARTBEAT_STATES[state])
             self._publish_health(views, autopilot)
 
-    def _diagnosed(
+    def _collect_diagnostics(
         self, views: list[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, now_ns: int
     ) -> list[Diagnostic]:
         """Everything that is wrong, the worst first."""
-        found = diagnostics_of(views, autopilot, recording, self.hung())
-        found += self._degraded()
+        found = diagnostics_of(views, autopilot, recording, self.stalled_part())
+        found += self._ended_optional_parts()
         with self.loop.lock:
             found += self._mounts.diagnostics((view.status.camera, view.status.info) for view in views)
             ground = self._ground.check()
         if self.avoidance is not None:
             found += self.avoidance.diagnostics(now_ns)
         # what is lost while the kernels are compiled is no fault: nothing is detected yet
-        if self._losses.of_late(self.inbox.lost, now_ns, counts=self.started):
-            text = f"{self.inbox.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
+        if self._losses.active(self.event_queue.lost, now_ns, is_fault=self.started):
+            text = f"{self.event_queue.lost} samples of the autopilot were lost: the pipeline does not keep up; is the machine overloaded?"
             found.append(Diagnostic(DiagnosticCode.AUTOPILOT_SAMPLES_LOST, "", text))
         if self.world is not None:
             found += self.world.diagnostics(now_ns, self.config.service.hang_s)
@@ -373,8 +373,8 @@ class Service:
         for name, camera in self.cameras.items():
             status = camera.status
             with self.loop.lock:
-                blind = self._blindness.cause(name, now_ns, status)
-                age_ns = self._blindness.age_ns(name, now_ns)
+                blind = self._staleness.cause(name, now_ns, status)
+                age_ns = self._staleness.age_ns(name, now_ns)
                 mount = self._mounts.health(name, status.info)
             if mount is not None and name in yaws:
                 add_yaw(mount, yaws[name])
@@ -403,7 +403,7 @@ class Service:
             self.world.put(result)
         with self.loop.lock:
             self._mounts.result(result)
-            self._surround.result(result)
+            self._all_cameras.result(result)
             self._ground.result(result)
         self._publish_surround(time.monotonic_ns())
 
@@ -412,7 +412,7 @@ class Service:
         camera = view.status.camera
         t_ns = now_ns - (view.age_ns or 0)
         with self.loop.lock:
-            sequence = self._blindness.sequence(camera)
+            sequence = self._staleness.sequence(camera)
         message = blind_message(camera, sequence, t_ns, view.blind)
         self._send("prisms", pb.PrismsFrame, wire_bytes(message), t_ns)
 
@@ -424,10 +424,10 @@ class Service:
         with self._sending:  # an older model must not go out after a newer one
             with self.loop.lock:
                 oldest_ns = now_ns - round(self.config.service.stale_s * NS)
-                model = self._surround.model(
-                    lambda name: self._blindness.cause(name, now_ns, statuses[name]), oldest_ns
+                model = self._all_cameras.model(
+                    lambda name: self._staleness.cause(name, now_ns, statuses[name]), oldest_ns
                 )
-            message = surround_message(model, self._required)
+            message = all_cameras_message(model, self._required)
             self._send("surround", pb.SurroundFrame, wire_bytes(message), model.t_ns or now_ns)
 
     def _send(
@@ -439,11 +439,11 @@ class Service:
             return
         with self._sending:  # two threads publish; a socket is for one at a time
             rest = kind()
-            told, age_ns = rest.publication, time.monotonic_ns() - t_exposure_ns
-            told.boot_id, told.number, told.age_ns = self._boot, publisher.published, age_ns
+            reported, age_ns = rest.publication, time.monotonic_ns() - t_exposure_ns
+            reported.boot_id, reported.number, reported.age_ns = self._boot, publisher.published, age_ns
             publisher.publish(data + wire_bytes(rest))
 
-    def _tell_of_computer(self, report: pb.Health) -> None:
+    def _send_computer_status(self, report: pb.Health) -> None:
         if self._computer is not None and self.link is not None and report.t_ns >= self._next_computer_ns:
             self._next_computer_ns = report.t_ns + HEALTH_NS * 9 // 10  # reports come at each change, too
             self.link.post(self._computer.message(report))
@@ -452,7 +452,7 @@ class Service:
         publisher = self._publishers.get("health")
         report = new_report(self._boot, publisher.published if publisher is not None else 0)
         report.state = self.state
-        report.troubles.extend(self.troubles)
+        report.troubles.extend(self.diagnostic_texts)
         report.diagnostics.extend(d.message() for d in self.diagnostics)
         report.changed_safety_keys.extend(self._changed_safety_keys)
         report.cameras.extend(camera_message(v) for v in views)
@@ -461,18 +461,21 @@ class Service:
         if self.recorder is not None:
             report.recording.CopyFrom(recording_message(self.recorder.status))
         with self.loop.lock:
-            told = self.avoidance.latency() if self.avoidance is not None else None
-            for stage, p50, p95, p99 in [*self.loop.latencies.percentiles(), *([told] if told is not None else [])]:
+            reported = self.avoidance.latency() if self.avoidance is not None else None
+            for stage, p50, p95, p99 in [
+                *self.loop.latencies.percentiles(),
+                *([reported] if reported is not None else []),
+            ]:
                 report.latencies.append(latency_message(stage, p50, p95, p99))
             report.frames_used = sum(self.loop.used.values())
             for cause, count in self.loop.dropped.items():
                 report.frames_dropped[cause] = count
-        report.samples_lost = self.inbox.lost
+        report.samples_lost = self.event_queue.lost
         self.machine.fill(report)
-        self._tell_of_computer(report)
+        self._send_computer_status(report)
         if self.metrics is not None:
             self.metrics.update(report)
         if self.recorder is not None:
-            self.inbox.put([Note("health", report, report.t_ns)])
+            self.event_queue.put([LogMessage("health", report, report.t_ns)])
         if publisher is not None:
             publisher.publish(report)

@@ -11,23 +11,23 @@ NS = 1_000_000_000
 
 
 @dataclass(slots=True)
-class _Seen:
+class _Camera:
     exposure_ns: int | None = None
     cause: str = "no frame yet"
     sequence: int = 0
 
 
-class Blindness:
+class StalenessMonitor:
     """Takes the results in and answers for any instant. A camera is blind until a valid result says otherwise, and
     again when the newest valid exposure is older than stale_s."""
 
     def __init__(self, cameras: tuple[str, ...], stale_s: float) -> None:
         self._stale_ns = round(stale_s * NS)
-        self._seen = {camera: _Seen() for camera in cameras}
+        self._cameras = {camera: _Camera() for camera in cameras}
 
     def result(self, result: PrismsResult) -> None:
         """What a frame said."""
-        seen = self._seen[result.camera]
+        seen = self._cameras[result.camera]
         seen.sequence = result.sequence
         if result.valid:
             seen.exposure_ns, seen.cause = result.t_exposure_ns, ""
@@ -36,12 +36,12 @@ class Blindness:
 
     def age_ns(self, camera: str, now_ns: int) -> int | None:
         """Of the newest valid exposure; None: there was none."""
-        exposure_ns = self._seen[camera].exposure_ns
+        exposure_ns = self._cameras[camera].exposure_ns
         return None if exposure_ns is None else now_ns - exposure_ns
 
     def cause(self, camera: str, now_ns: int, status: CameraStatus | None = None) -> str:
         """Why a camera is blind, in words; empty when it is not."""
-        seen = self._seen[camera]
+        seen = self._cameras[camera]
         age_ns = self.age_ns(camera, now_ns)
         if age_ns is not None and age_ns <= self._stale_ns and not seen.cause:
             return ""
@@ -53,4 +53,4 @@ class Blindness:
 
     def sequence(self, camera: str) -> int:
         """Of the newest frame that said anything."""
-        return self._seen[camera].sequence
+        return self._cameras[camera].sequence

@@ -19,7 +19,7 @@ from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import say, say_json
 from ..paths import run_folder
-from ..pipeline.mount_messages import mount_words
+from ..pipeline.mount_messages import mount_text
 from ..pipeline.sync import DropCause
 from .health import STATES
 from .message_json import message_json
@@ -28,7 +28,7 @@ MS, S = 1e6, 1e9
 PROBE_S = 1.0
 
 
-def somebody_publishes(address: str) -> bool:
+def address_in_use(address: str) -> bool:
     """Whether a service holds an address: a socket that nobody holds refuses at once. Raises PermissionError where this
     user may not ask. Where it cannot be told at all: True."""
     try:
@@ -52,19 +52,19 @@ def somebody_publishes(address: str) -> bool:
 def newest_health(address: str, timeout_s: float) -> pb.Health:
     """The next health report on an address. Raises DeviceNotFound when none comes."""
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    ear = context.socket(zmq.SUB)
+    subscriber = context.socket(zmq.SUB)
     try:
-        ear.setsockopt(zmq.SUBSCRIBE, b"")
-        ear.setsockopt(zmq.LINGER, 0)
-        ear.connect(address)
-        if not ear.poll(round(timeout_s * 1000)):
+        subscriber.setsockopt(zmq.SUBSCRIBE, b"")
+        subscriber.setsockopt(zmq.LINGER, 0)
+        subscriber.connect(address)
+        if not subscriber.poll(round(timeout_s * 1000)):
             raise DeviceNotFound(
                 f"no health report on {address} within {timeout_s:g} s: the service does not run (systemctl status "
                 "osape-companion, or `companion run`), or publishes elsewhere (give its configuration with -c)"
             )
-        return pb.Health.FromString(ear.recv())
+        return pb.Health.FromString(subscriber.recv())
     finally:
-        ear.close(0)
+        subscriber.close(0)
         context.term()
 
 
@@ -83,7 +83,7 @@ def status_lines(h: pb.Health) -> list[str]:
         if c.HasField("exposure_offset"):
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
         if c.HasField("mount"):
-            lines.append(f"  mount: {mount_words(c.mount)}")
+            lines.append(f"  mount: {mount_text(c.mount)}")
         if c.HasField("info"):
             info = camera_from_message(c.info)
             lines.append(
@@ -106,9 +106,10 @@ def status_lines(h: pb.Health) -> list[str]:
         lines.append(
             f"  {latency.text or latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
         )
-    heat = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
+    temperatures = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
     lines.append(
-        f"machine: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB" + (f", {heat}" if heat else "")
+        f"machine: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB"
+        + (f", {temperatures}" if temperatures else "")
     )
     return lines
 
@@ -131,8 +132,8 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
         f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude {a.attitude_hz:.0f} Hz, "
         f"position {a.position_hz:.0f} Hz, clock {source}{bound}, restarts {a.clock.restarts}"
     ]
-    odd = ", ".join(f"{count} {text_of(code, LinkAnomaly)}" for code, count in sorted(a.counts.items()))
-    return [*lines, f"  {odd}"] if odd else lines
+    anomalies = ", ".join(f"{count} {text_of(code, LinkAnomaly)}" for code, count in sorted(a.counts.items()))
+    return [*lines, f"  {anomalies}"] if anomalies else lines
 
 
 def _span(ns: int) -> str:

@@ -39,7 +39,7 @@ NO_POSITION_NS = NS // 2
 """Without a frame in ned for so long the world cannot be used: nobody knows where the vehicle is in it."""
 
 
-class WorldService:
+class WorldThread:
     """`put` results of frames from any thread. changes, requests: open sockets, PUB and REP, which are its from then on."""
 
     def __init__(self, params: WorldParams, changes: Publisher, requests: Publisher, boot: str) -> None:
@@ -68,12 +68,12 @@ class WorldService:
                 self.dropped += 1
             self._waiting.append(result)
 
-    def diagnostics(self, now_ns: int, hang_s: float) -> list[Diagnostic]:
+    def diagnostics(self, now_ns: int, liveness_timeout_s: float) -> list[Diagnostic]:
         """What is wrong with it."""
         if self._thread.failure:
             text = f"the merged world has ended ({self._thread.failure}): planners must not use it"
             return [Diagnostic(DiagnosticCode.WORLD_FAULT, "", text)]
-        if now_ns - self.alive_ns > hang_s * NS:
+        if now_ns - self.alive_ns > liveness_timeout_s * NS:
             text = "the merged world stands still: planners must not use it"
             return [Diagnostic(DiagnosticCode.WORLD_STALLED, "", text)]
         return []
@@ -92,21 +92,21 @@ class WorldService:
 
     def _run(self) -> None:
         try:
-            self._go_round()
+            self._loop()
         finally:
             self._close_sockets()  # by the thread whose they are
 
-    def _go_round(self) -> None:
+    def _loop(self) -> None:
         while not self._stop.is_set():
             asked = bool(self._requests.socket.poll(_POLL_MS))
             self._take()
             now_ns = time.monotonic_ns()
             if asked:
                 self._requests.socket.recv_multipart()  # what it holds does not matter
-                self._requests.publish(self._told(self._snapshot(now_ns), now_ns))
+                self._requests.publish(self._completed(self._snapshot(now_ns), now_ns))
             if now_ns >= self._next_ns:
                 self._next_ns = now_ns + CHANGES_NS
-                self._tell(now_ns)
+                self._publish_changes(now_ns)
             self.alive_ns = now_ns
 
     def _take(self) -> None:
@@ -116,7 +116,7 @@ class WorldService:
             self._waiting.clear()
         for result in waiting:
             try:
-                sight = sight_of(result)
+                sight = observation_of(result)
             except ValueError:
                 self.refused += 1
                 continue
@@ -124,7 +124,7 @@ class WorldService:
                 self.world.add(sight)
                 self._newest_ns = sight.t_ns
 
-    def _tell(self, now_ns: int) -> None:
+    def _publish_changes(self, now_ns: int) -> None:
         """The next message of the stream."""
         section = 0 if self.world.section is None else self.world.section.number
         epoch = self.world.epoch(now_ns)
@@ -133,10 +133,10 @@ class WorldService:
             message = self._snapshot(now_ns)
             self._snapshot_ns = now_ns + SNAPSHOT_NS
         else:
-            picture, gone = self.world.changes(now_ns, self._since)
-            message = world_message(picture, gone, now_ns)
+            picture, removed = self.world.changes(now_ns, self._since)
+            message = world_message(picture, removed, now_ns)
         self._section, self._epoch, self._since = section, epoch, self.world.frame
-        self._changes.publish(self._told(message, now_ns))
+        self._changes.publish(self._completed(message, now_ns))
 
     def _snapshot(self, now_ns: int) -> pb.WorldUpdate:
         """All there is. It may hold more than the newest message of the stream did: what follows says it again."""
@@ -144,7 +144,7 @@ class WorldService:
         message.snapshot = True
         return message
 
-    def _told(self, message: pb.WorldUpdate, now_ns: int) -> pb.WorldUpdate:
+    def _completed(self, message: pb.WorldUpdate, now_ns: int) -> pb.WorldUpdate:
         """With what every message says."""
         message.schema_version, message.sequence = SCHEMA_VERSION, self._sequence
         age_ns = None if self._newest_ns is None else now_ns - self._newest_ns
@@ -164,9 +164,9 @@ class WorldService:
         return message
 
 
-def opened_world(
+def open_world(
     config: Config, run: Path, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None, boot: str
-) -> WorldService | None:
+) -> WorldThread | None:
     """The merged world with its thread started; None where it has no addresses. Raises as a Publisher does."""
     publish = config.publish
     if not publish.world:
@@ -178,12 +178,12 @@ def opened_world(
     except (ValueError, DriverError):
         changes.close()
         raise
-    service = WorldService(config.world, changes, requests, boot)
+    service = WorldThread(config.world, changes, requests, boot)
     service.open()
     return service
 
 
-def sight_of(result: PrismsResult) -> Sight | None:
+def observation_of(result: PrismsResult) -> Sight | None:
     """What the world takes of a frame; None where it has no position, or says nothing. Raises ValueError where the
     position cannot be one."""
     if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:

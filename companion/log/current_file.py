@@ -21,7 +21,7 @@ from .repair import Repairs
 NS: Final = 1_000_000_000
 
 
-class LogTakenAwayError(OSError):
+class LogRemovedError(OSError):
     """The file or its folder was deleted, moved or renamed while it was written."""
 
 
@@ -86,7 +86,7 @@ class CurrentLog:
 
     def _has_budget(self, size: int) -> bool:
         budget = max(0, round((self._params.budget_mb - self._params.file_mb) * 1e6) - size)
-        self._repairs.gone(make_room(self._folder, budget, self._flight))
+        self._repairs.files_deleted(make_room(self._folder, budget, self._flight))
         return used_bytes(self._folder) <= budget
 
     def _has_disk(self, size: int) -> bool:
@@ -98,14 +98,14 @@ class CurrentLog:
             write(self._log)
 
     def sync(self) -> None:
-        """Once a second everything written goes to the disk itself. Raises OSError, LogTakenAwayError where nobody would
+        """Once a second everything written goes to the disk itself. Raises OSError, LogRemovedError where nobody would
         find the file."""
         now_ns = time.monotonic_ns()
         if self._log is not None and now_ns - self._synced_ns >= NS:
             self._log.sync()
             self._synced_ns = now_ns
             if not self._log.in_place:
-                raise LogTakenAwayError(f"{self._log.active_path} was deleted or moved away; a new file is begun")
+                raise LogRemovedError(f"{self._log.active_path} was deleted or moved away; a new file is begun")
 
     def finish(self) -> None:
         """Ends the file and gives it its name."""

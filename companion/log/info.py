@@ -33,7 +33,7 @@ _REGULAR: Final = ("depth", "attitude", "pose")
 
 
 @dataclass(slots=True)
-class TopicFacts:
+class TopicInfo:
     """One topic. times_ns: of its records, in file order."""
 
     topic: str
@@ -68,11 +68,11 @@ class TopicFacts:
 
 
 @dataclass(slots=True)
-class Facts:
+class LogInfo:
     """What is in a file."""
 
     path: Path
-    topics: dict[str, TopicFacts] = field(default_factory=dict)
+    topics: dict[str, TopicInfo] = field(default_factory=dict)
     cameras: list[CameraInfo] = field(default_factory=list)
     run: pb.RunInfo | None = None
     decisions: Counter[str] = field(default_factory=Counter)
@@ -83,59 +83,59 @@ class Facts:
     @property
     def ours(self) -> bool:
         """Whether it holds any topic of this software."""
-        return any(facts.key is not None for facts in self.topics.values())
+        return any(info.key is not None for info in self.topics.values())
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """The first and the last stamp."""
-        times = [t for facts in self.topics.values() for t in (min(facts.times_ns), max(facts.times_ns))]
+        times = [t for info in self.topics.values() for t in (min(info.times_ns), max(info.times_ns))]
         return (min(times), max(times)) if times else None
 
 
-def gather(path: Path) -> Facts:
+def read_log_info(path: Path) -> LogInfo:
     """One pass over an MCAP file, anybody's. Raises DriverError when it is none."""
-    facts = Facts(path)
+    info = LogInfo(path)
     scan = open_scan(path)
     try:
         for item in scan.items():
             if isinstance(item, Damage):
-                facts.damages.append(f"byte {item.offset}: {item.cause}")
+                info.damages.append(f"byte {item.offset}: {item.cause}")
             elif isinstance(item, Logged):
-                _take(facts, item)
+                _take(info, item)
     finally:
         scan.close()
-    return facts
+    return info
 
 
-def _take(facts: Facts, item: Logged) -> None:
+def _take(info: LogInfo, item: Logged) -> None:
     name = item.channel.topic
-    if name not in facts.topics:
+    if name not in info.topics:
         found = our_channel(item.channel, item.schema)
         schema = item.schema.name if item.schema is not None else ""
-        facts.topics[name] = TopicFacts(name, schema, found[0] if found else None)
-    topic = facts.topics[name]
+        info.topics[name] = TopicInfo(name, schema, found[0] if found else None)
+    topic = info.topics[name]
     topic.times_ns.append(item.message.log_time)
     topic.size += len(item.message.data)
     try:
-        _read(facts, topic.key, item.message.data)
+        _read(info, topic.key, item.message.data)
     except (DecodeError, ValueError) as error:
-        facts.damages.append(f"{name}: {error}")
+        info.damages.append(f"{name}: {error}")
 
 
-def _read(facts: Facts, key: str | None, data: bytes) -> None:
+def _read(info: LogInfo, key: str | None, data: bytes) -> None:
     if key == "camera_info":
-        facts.cameras.append(camera_from_message(pb.CameraInfo.FromString(data)))
+        info.cameras.append(camera_from_message(pb.CameraInfo.FromString(data)))
     elif key == "run":
-        facts.run = facts.run or pb.RunInfo.FromString(data)
+        info.run = info.run or pb.RunInfo.FromString(data)
     elif key == "decision":
         decision = pb.FrameDecision.FromString(data)
-        facts.decisions["used" if decision.used else cause_code(decision.cause)] += 1
+        info.decisions["used" if decision.used else cause_code(decision.cause)] += 1
     elif key == "prisms":
         prisms = pb.PrismsFrame.FromString(data)
         if prisms.valid:
-            facts.valid += 1
+            info.valid += 1
         else:
-            facts.invalid[cause_code(prisms.cause)] += 1
+            info.invalid[cause_code(prisms.cause)] += 1
 
 
 def _text(code: str) -> str:
@@ -143,26 +143,26 @@ def _text(code: str) -> str:
     return text_of(text_of(code, InvalidCause), DropCause)
 
 
-def as_json(facts: Facts) -> dict[str, Any]:
+def as_json(info: LogInfo) -> dict[str, Any]:
     """The object of `--json`."""
-    span = facts.span_ns
+    span = info.span_ns
     return {
-        "file": str(facts.path),
-        "bytes": facts.path.stat().st_size,
-        "ours": facts.ours,
-        "software": facts.run.software if facts.run else None,
-        "source": facts.run.source if facts.run else None,
+        "file": str(info.path),
+        "bytes": info.path.stat().st_size,
+        "ours": info.ours,
+        "software": info.run.software if info.run else None,
+        "source": info.run.source if info.run else None,
         "duration_s": (span[1] - span[0]) / _NS if span else None,
-        "topics": [_topic_json(topic) for topic in facts.topics.values()],
-        "cameras": [_camera_json(info) for info in facts.cameras],
-        "decisions": dict(sorted(facts.decisions.items())),
-        "prisms": {"valid": facts.valid, "invalid": dict(sorted(facts.invalid.items()))},
-        "texts": {code: _text(code) for code in sorted({*facts.decisions, *facts.invalid} - {"used"})},
-        "damage": facts.damages,
+        "topics": [_topic_json(topic) for topic in info.topics.values()],
+        "cameras": [_camera_json(info) for info in info.cameras],
+        "decisions": dict(sorted(info.decisions.items())),
+        "prisms": {"valid": info.valid, "invalid": dict(sorted(info.invalid.items()))},
+        "texts": {code: _text(code) for code in sorted({*info.decisions, *info.invalid} - {"used"})},
+        "damage": info.damages,
     }
 
 
-def _topic_json(topic: TopicFacts) -> dict[str, Any]:
+def _topic_json(topic: TopicInfo) -> dict[str, Any]:
     gaps = topic.gaps()
     return {
         "topic": topic.topic,
@@ -192,32 +192,32 @@ def _camera_json(info: CameraInfo) -> dict[str, Any]:
     }
 
 
-def say_facts(facts: Facts) -> None:
+def print_info(info: LogInfo) -> None:
     """The same for people."""
-    span = facts.span_ns
+    span = info.span_ns
     duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
-    say(f"{facts.path}: {facts.path.stat().st_size / 1e6:.2f} MB{duration}")
-    if facts.run is not None:
-        say(f"made by {facts.run.software} ({facts.run.source or 'source not told'})")
-    if not facts.ours:
+    say(f"{info.path}: {info.path.stat().st_size / 1e6:.2f} MB{duration}")
+    if info.run is not None:
+        say(f"made by {info.run.software} ({info.run.source or 'source not told'})")
+    if not info.ours:
         say("not a recording of this software: none of its topics is known")
-    for info in facts.cameras:
-        say(_camera_line(info))
-    listed = list(facts.topics.values())[:_LISTED]
+    for camera in info.cameras:
+        say(_camera_line(camera))
+    listed = list(info.topics.values())[:_LISTED]
     width = max((len(topic.topic) for topic in listed), default=0)
     for topic in listed:
         rate = f"{topic.rate_hz:8.2f} Hz" if topic.rate_hz is not None else " " * 11
         say(f"  {topic.topic:<{width}} {len(topic.times_ns):8d} {rate}  {topic.size / 1e6:9.3f} MB  {topic.schema}")
-    if len(facts.topics) > len(listed):
-        say(f"  and {len(facts.topics) - len(listed)} more topics (--json lists all)")
+    if len(info.topics) > len(listed):
+        say(f"  and {len(info.topics) - len(listed)} more topics (--json lists all)")
     start_ns = span[0] if span else 0
-    for topic in facts.topics.values():
-        _say_odd(topic, start_ns)
-    if facts.decisions:
-        say("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(facts.decisions.items())))
-    if facts.valid or facts.invalid:
-        blind = "".join(f"; {n} blind: {_text(code)}" for code, n in sorted(facts.invalid.items()))
-        say(f"prisms: {facts.valid} frames say something{blind}")
+    for topic in info.topics.values():
+        _print_anomalies(topic, start_ns)
+    if info.decisions:
+        say("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(info.decisions.items())))
+    if info.valid or info.invalid:
+        blind = "".join(f"; {n} blind: {_text(code)}" for code, n in sorted(info.invalid.items()))
+        say(f"prisms: {info.valid} frames say something{blind}")
 
 
 def _camera_line(info: CameraInfo) -> str:
@@ -230,7 +230,7 @@ def _camera_line(info: CameraInfo) -> str:
     )
 
 
-def _say_odd(topic: TopicFacts, start_ns: int) -> None:
+def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
     gaps = topic.gaps() if topic.key in _REGULAR else []
     if gaps:
         at, longest = max(gaps, key=lambda gap: gap[1])
@@ -248,11 +248,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Runs the command; 1 when the file is damaged."""
-    facts = gather(args.input)
+    info = read_log_info(args.input)
     if args.json:
-        say_json(as_json(facts))
+        say_json(as_json(info))
     else:
-        say_facts(facts)
-    for damage in facts.damages:
+        print_info(info)
+    for damage in info.damages:
         fail(f"{args.input}: damaged: {damage}. `companion recover {args.input}` writes what is readable")
-    return 1 if facts.damages else 0
+    return 1 if info.damages else 0

@@ -25,7 +25,7 @@ from drivers.watched_thread import WatchedThread
 from ..config.service import RecordParams
 from ..pipeline.events import RawFrame
 from ..pipeline.pipeline import Output, PipelineState
-from .current_file import Begin, CurrentLog, LogTakenAwayError
+from .current_file import Begin, CurrentLog, LogRemovedError
 from .log_directory import new_flight
 from .log_writer import LogWriter
 from .repair import Repairs
@@ -58,7 +58,7 @@ class RecordStatus:
     bytes: int = 0
     queued: int = 0
     dropped: int = 0
-    trouble: str = ""
+    fault: str = ""
     repairing: str = ""
     alive_ns: int = 0
 
@@ -78,13 +78,13 @@ class Recorder:
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
         self._queue: deque[Begin | _Item | None] = deque()
         self._queued_bytes = 0
-        self._held: list[Begin | _Item | None] = []
-        self._held_bytes = 0
-        self._holding = False
+        self._deferred: list[Begin | _Item | None] = []
+        self._deferred_bytes = 0
+        self._deferring = False
         self._ready = threading.Condition()
         self._stop = False
-        self._taking = self._begun = False
-        self._wanting, self._not_before_ns = True, 0
+        self._accepting = self._started_once = False
+        self._start_wanted, self._not_before_ns = True, 0
         self._status = RecordStatus(alive_ns=time.monotonic_ns())
         self._dropped = 0
         self._repairs = Repairs(folder)
@@ -101,11 +101,11 @@ class Recorder:
     def status(self) -> RecordStatus:
         """How it goes now."""
         with self._ready:
-            queued = len(self._queue) + len(self._held)
+            queued = len(self._queue) + len(self._deferred)
             status = replace(self._status, queued=queued, dropped=self._dropped)
         if self._thread.failure:
-            trouble = f"recording has ended ({self._thread.failure}); `companion recover` makes the last file whole"
-            return replace(status, recording=False, trouble=trouble)
+            fault = f"recording has ended ({self._thread.failure}); `companion recover` makes the last file whole"
+            return replace(status, recording=False, fault=fault)
         return status
 
     @property
@@ -118,30 +118,30 @@ class Recorder:
     def wants_begin(self) -> bool:
         """Whether a new file is to be begun now."""
         with self._ready:
-            return self._wanting and self.may_begin
+            return self._start_wanted and self.may_begin
 
     # ---- from the pipeline ------------------------------------------------------------------------------------------
 
     def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState) -> None:
         """From here on into a new file, which opens with this state."""
         with self._ready:
-            self._begun = True
-            self._taking = self._put(Begin(t_ns, tuple(cameras), state), _SMALL)
-            self._wanting = not self._taking
+            self._started_once = True
+            self._accepting = self._append(Begin(t_ns, tuple(cameras), state), _SMALL)
+            self._start_wanted = not self._accepting
 
     def end(self) -> None:
         """Nothing more until the next begin: the vehicle was disarmed."""
         with self._ready:
-            self._taking = False
-            self._put(None, 0)
+            self._accepting = False
+            self._append(None, 0)
 
     def event(self, event: Event) -> None:
         """What came from the hardware."""
         if isinstance(event, DepthFrame):
             if self._params.depth:
-                self._take(lambda log: log.event(event), event.depth_mm.nbytes)
+                self._enqueue(lambda log: log.event(event), event.depth_mm.nbytes)
         else:
-            self._take(lambda log: log.event(event), _SMALL)
+            self._enqueue(lambda log: log.event(event), _SMALL)
 
     def events(self, events: Sequence[Event]) -> None:
         """The same of several samples: one thing in the queue."""
@@ -150,7 +150,7 @@ class Recorder:
             for event in events:
                 log.event(event)
 
-        self._take(write, len(events) * _SMALL, len(events))
+        self._enqueue(write, len(events) * _SMALL, len(events))
 
     def frames(self, frames: Sequence[RawFrame]) -> None:
         """What came on the autopilot's line."""
@@ -159,66 +159,66 @@ class Recorder:
             for raw in frames:
                 log.write("mavlink", pb.MavlinkFrame(frame=raw.data), raw.t_arrival_ns)
 
-        self._take(write, sum(len(raw.data) + _SMALL for raw in frames), len(frames))
+        self._enqueue(write, sum(len(raw.data) + _SMALL for raw in frames), len(frames))
 
     def output(self, output: Output, prisms: bytes | None = None) -> None:
         """What the pipeline said; prisms: the bytes of its message, where they are known already."""
         drawn = self._params.drawings
-        self._take(lambda log: log.output(output, drawn, drawn, prisms), _RESULT)
+        self._enqueue(lambda log: log.output(output, drawn, drawn, prisms), _RESULT)
 
     def message(self, key: str, message: Message, t_ns: int) -> None:
         """Another message of the table of topics."""
-        self._take(lambda log: log.write(key, message, t_ns), message.ByteSize() + _SMALL)
+        self._enqueue(lambda log: log.write(key, message, t_ns), message.ByteSize() + _SMALL)
 
     @contextmanager
-    def holding(self) -> Iterator[None]:
+    def deferred(self) -> Iterator[None]:
         """What is said meanwhile is handed to the thread at the end, so that it does not begin to work beside a frame
         that is not published yet."""
         with self._ready:
-            self._holding = True
+            self._deferring = True
         try:
             yield
         finally:
             with self._ready:
-                self._holding = False
+                self._deferring = False
                 self._hand_over()
 
-    def _take(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
+    def _enqueue(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
         """count: how many messages it is, where they are dropped."""
         with self._ready:
-            if not self._taking:
+            if not self._accepting:
                 # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
-                self._dropped += count if self._wanting and self._begun else 0
-            elif not self._put(_Item(write), size, count):
-                self._taking = False
-                self._wanting = True
+                self._dropped += count if self._start_wanted and self._started_once else 0
+            elif not self._append(_Item(write), size, count):
+                self._accepting = False
+                self._start_wanted = True
 
-    def _put(self, item: Begin | _Item | None, size: int, count: int = 1) -> bool:
+    def _append(self, item: Begin | _Item | None, size: int, count: int = 1) -> bool:
         """With the lock. False: there was no room."""
-        waiting = len(self._queue) + len(self._held)
-        waiting_bytes = self._queued_bytes + self._held_bytes + size
+        waiting = len(self._queue) + len(self._deferred)
+        waiting_bytes = self._queued_bytes + self._deferred_bytes + size
         full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
         if full and item is not None:
             self._dropped += count
             return False
-        self._held.append(item)
-        self._held_bytes += size
-        if not self._holding:
+        self._deferred.append(item)
+        self._deferred_bytes += size
+        if not self._deferring:
             self._hand_over()
         return True
 
     def _hand_over(self) -> None:
         """With the lock. Wakes the thread for a frame or for many samples; for a few it comes by itself, some times a
         second."""
-        self._queue.extend(self._held)
-        self._queued_bytes += self._held_bytes
-        self._held.clear()
-        self._held_bytes = 0
-        if self._much:
+        self._queue.extend(self._deferred)
+        self._queued_bytes += self._deferred_bytes
+        self._deferred.clear()
+        self._deferred_bytes = 0
+        if self._wake_due:
             self._ready.notify()
 
     @property
-    def _much(self) -> bool:
+    def _wake_due(self) -> bool:
         return self._queued_bytes >= _WAKE_BYTES or len(self._queue) >= _WAKE_ITEMS
 
     def close(self) -> None:
@@ -237,58 +237,58 @@ class Recorder:
         repairs.begin(self.flight)
         current = CurrentLog(self._folder, self.flight, self._run_info, self._params, repairs)
         repair_ns = time.monotonic_ns() + REPAIR_AFTER_NS
-        trouble = ""
+        fault = ""
         try:
             while (items := self._next_items()) is not None:
-                trouble = self._write(current, items, trouble)
+                fault = self._write(current, items, fault)
                 if current.path is not None or time.monotonic_ns() >= repair_ns:
                     with suppress(OSError):  # a folder that is gone has nothing to repair
                         repairs.step(current.room_for)
-                self._say(current, trouble or repairs.trouble)
+                self._update_status(current, fault or repairs.fault)
         finally:
             repairs.stop()
         try:
             current.finish()
         except OSError as error:
-            self._status = RecordStatus(trouble=f"the last file stays .active: {error.strerror}")
+            self._status = RecordStatus(fault=f"the last file stays .active: {error.strerror}")
 
-    def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], trouble: str) -> str:
+    def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], fault: str) -> str:
         """Into the file; why recording has stopped, in words, empty: it goes on. trouble: the one before."""
         try:
             for item in items:
                 if isinstance(item, Begin):
                     current.begin(item)
-                    trouble = ""
+                    fault = ""
                 elif item is None:
                     current.finish()
                 else:
                     current.write(item.write)
             current.sync()
         except (OSError, ValueError) as error:
-            trouble = f"recording stopped: {getattr(error, 'strerror', None) or error}"
+            fault = f"recording stopped: {getattr(error, 'strerror', None) or error}"
             current.abandon()
             with self._ready:
                 # where the file was taken away nothing keeps a new one from being begun at once
-                wait_ns = 0 if isinstance(error, LogTakenAwayError) else RETRY_NS
+                wait_ns = 0 if isinstance(error, LogRemovedError) else RETRY_NS
                 self._not_before_ns = time.monotonic_ns() + wait_ns
-                self._taking, self._wanting = False, True
+                self._accepting, self._start_wanted = False, True
                 self._dropped += 1
-        return trouble
+        return fault
 
-    def _say(self, current: CurrentLog, trouble: str) -> None:
+    def _update_status(self, current: CurrentLog, fault: str) -> None:
         with self._ready:
-            if current.wants_successor and self._taking:
-                self._wanting = True
+            if current.wants_successor and self._accepting:
+                self._start_wanted = True
             self._status = RecordStatus(
                 recording=current.path is not None, file=str(current.path or ""), files=current.files,
-                bytes=current.total_bytes, trouble=trouble, repairing=self._repairs.repairing,
+                bytes=current.total_bytes, fault=fault, repairing=self._repairs.repairing,
                 alive_ns=time.monotonic_ns(),
             )  # fmt: skip
 
     def _next_items(self) -> list[Begin | _Item | None] | None:
         """What is queued, waiting a little for it; None at the end."""
         with self._ready:
-            idle = not self._stop and not self._much
+            idle = not self._stop and not self._wake_due
             if idle and self._ready.wait(_IDLE_S) and not self._stop:
                 self._ready.wait(_AFTER_S)
             if not self._queue and self._stop:

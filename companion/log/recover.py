@@ -19,7 +19,7 @@ from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
 
 
 @dataclass(slots=True)
-class Recovery:
+class RecoverResult:
     """What was found. output None: the file is whole and nothing was written."""
 
     output: Path | None
@@ -28,7 +28,7 @@ class Recovery:
     damages: list[Damage] = field(default_factory=list)
 
 
-def recover(path: Path, output: Path | None = None) -> Recovery:
+def recover(path: Path, output: Path | None = None) -> RecoverResult:
     """Writes the readable part of an MCAP file, anybody's, into `output` (default: `default_output`). Raises
     DriverError when nothing is readable, ValueError when the output would overwrite something it should not."""
     target = output or default_output(path)
@@ -51,9 +51,9 @@ def default_output(path: Path) -> Path:
     return target
 
 
-def _copied(path: Path, target: Path) -> Recovery:
+def _copied(path: Path, target: Path) -> RecoverResult:
     """Copies message by message; the copy gets its name only when it is worth having."""
-    result = Recovery(target)
+    result = RecoverResult(target)
     scan = open_scan(path)
     active = target.with_name(target.name + ACTIVE + RECOVERING)
     stream = None
@@ -84,7 +84,7 @@ class _Copy:
         self._channels: dict[int, int] = {}
         self._schemas: dict[int, int] = {}
 
-    def take(self, item: Item, result: Recovery) -> None:
+    def take(self, item: Item, result: RecoverResult) -> None:
         """Copies one item, or notes the damage."""
         if isinstance(item, Damage):
             result.damages.append(item)

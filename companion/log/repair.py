@@ -75,7 +75,7 @@ class Repairs:
         self._waiting: list[Path] = []
         self._process: subprocess.Popen[str] | None = None
         self._path: Path | None = None
-        self.said: list[str] = []
+        self.results: list[str] = []
 
     @property
     def repairing(self) -> str:
@@ -83,9 +83,9 @@ class Repairs:
         return self._path.name if self._path is not None else ""
 
     @property
-    def trouble(self) -> str:
+    def fault(self) -> str:
         """Which files could not be repaired, in words; empty: none."""
-        return "; ".join(s for s in self.said if LEFT in s)
+        return "; ".join(s for s in self.results if LEFT in s)
 
     def begin(self, running: str) -> None:
         """Looks for what is to be repaired, and deletes copies that an earlier repair did not finish."""
@@ -108,7 +108,9 @@ class Repairs:
         except FileNotFoundError:
             return  # it made room for another
         if not room_for(size):
-            self._say(f"{path.name}: {LEFT} (no room for a copy of {size / 1e6:.0f} MB; `companion recover` makes one)")
+            self._add_result(
+                f"{path.name}: {LEFT} (no room for a copy of {size / 1e6:.0f} MB; `companion recover` makes one)"
+            )
             return
         log.info("log: repairs %s, %.0f MB, which a killed run left, beside the recording", path.name, size / 1e6)
         self._path = path
@@ -120,16 +122,16 @@ class Repairs:
     def _take_result(self) -> None:
         assert self._process is not None
         assert self._path is not None
-        words, _ = self._process.communicate()
+        text, _ = self._process.communicate()
         name, code = self._path.name, self._process.returncode
         self._process = self._path = None
-        self._say(words.strip() or f"{name}: {LEFT} (its repair ended with status {code})")
+        self._add_result(text.strip() or f"{name}: {LEFT} (its repair ended with status {code})")
 
-    def _say(self, words: str) -> None:
-        self.said.append(words)
-        log.log(logging.WARNING if LEFT in words else logging.INFO, "log: %s", words)
+    def _add_result(self, text: str) -> None:
+        self.results.append(text)
+        log.log(logging.WARNING if LEFT in text else logging.INFO, "log: %s", text)
 
-    def gone(self, paths: list[Path]) -> None:
+    def files_deleted(self, paths: list[Path]) -> None:
         """These files were deleted to make room: their repair ends."""
         if self._path in paths:
             self.stop("its file was deleted to make room")
@@ -139,7 +141,7 @@ class Repairs:
         if self._process is None:
             return False
         if why:
-            self._say(f"{self.repairing}: {LEFT} ({why})")
+            self._add_result(f"{self.repairing}: {LEFT} ({why})")
         self._process.kill()
         self._process.communicate()
         self._process = self._path = None

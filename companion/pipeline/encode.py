@@ -100,9 +100,9 @@ def prisms_bytes(result: PrismsResult) -> bytes:
     for name, value in zip(STATS, _stats(model.stats), strict=True):
         setattr(stats, name, value)
     message.ke_per_m = model.ke_per_m
-    from companion.pipeline.fast_encode import packed_model  # compiled: planners, who only read, need no numba
+    from companion.pipeline.fast_encode import encode_model  # compiled: planners, who only read, need no numba
 
-    return wire_bytes(message) + packed_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
+    return wire_bytes(message) + encode_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
 
 
 def prisms_message(result: PrismsResult) -> pb.PrismsFrame:

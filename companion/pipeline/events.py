@@ -10,7 +10,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 
 @dataclass(frozen=True, slots=True)
-class Overtaken:
+class SupersededFrame:
     """A frame that a newer one replaced; its pixels are gone."""
 
     camera: str
@@ -28,7 +28,7 @@ class RawFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Note:
+class LogMessage:
     """For the log alone: a message of the table of topics by its key."""
 
     key: str
@@ -36,5 +36,5 @@ class Note:
     t_arrival_ns: int
 
 
-Sample = AttitudeSample | PoseSample | DepthFrame | Overtaken | RawFrame | Note
+Sample = AttitudeSample | PoseSample | DepthFrame | SupersededFrame | RawFrame | LogMessage
 Item = Sample | CameraInfo

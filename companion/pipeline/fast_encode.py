@@ -29,7 +29,7 @@ _MOST_WHOLE = 5
 """Bytes of a whole number of 32 bits."""
 
 
-def packed_model(fields: NDArray[np.uint8], model: FrameModel) -> bytes:
+def encode_model(fields: NDArray[np.uint8], model: FrameModel) -> bytes:
     """Planes, prisms and free ranges. fields: (20,) uint8, the number of each by the places above, all of them 1 to 15."""
     table, free = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS, model.free
     planes, ranges = len(model.planes), free.free_from_m.size
@@ -49,7 +49,7 @@ def write_model(
     fields, planes, plane_margin, support_px, flags, plane_cluster, cluster, heights, closed, margin, vertex_begin, edge_begin,
     vertices, plane, azimuths, layers, free_from, free_to, end, out,
 ):  # fmt: skip
-    """See `packed_model`; the number of bytes written to `out`."""
+    """See `encode_model`; the number of bytes written to `out`."""
     at = _write_planes(fields, planes, plane_margin, support_px, flags, plane_cluster, out)
     at = _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out, at)
     return _write_free(fields, azimuths, layers, free_from, free_to, end, out, at)

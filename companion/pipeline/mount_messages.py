@@ -99,7 +99,7 @@ def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
     return None
 
 
-def mount_words(health: pb.MountHealth) -> str:
+def mount_text(health: pb.MountHealth) -> str:
     """One line for `companion status`."""
     words = {
         pb.MountState.VERDICT_UNKNOWN: "not verified yet",

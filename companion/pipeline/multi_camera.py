@@ -19,11 +19,11 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from .encode import SCHEMA_VERSION, blind_message, prisms_message
 from .pipeline import PrismsResult
-from .transform import LevelTransform, reframed
+from .transform import LevelTransform, transform_model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Blind:
+class UnavailableCamera:
     """A camera that says nothing: nothing of it may be taken as free, and no plane of it is carried on."""
 
     camera: str
@@ -33,22 +33,22 @@ class Blind:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surround:
+class AllCamerasModel:
     """One model of all cameras. t_ns: the newest exposure that says something (0: none does); frame: of all parts.
 
     parts: one a camera, in the order of the configuration."""
 
     t_ns: int
     frame: str
-    parts: tuple[PrismsResult | Blind, ...]
+    parts: tuple[PrismsResult | UnavailableCamera, ...]
 
     def valid(self, required: frozenset[str]) -> bool:
         """Whether every required camera says something, and any at all does."""
-        seeing = {part.camera for part in self.parts if isinstance(part, PrismsResult)}
-        return bool(seeing) and required <= seeing
+        available = {part.camera for part in self.parts if isinstance(part, PrismsResult)}
+        return bool(available) and required <= available
 
 
-class SurroundKeeper:
+class AllCamerasModelBuilder:
     """Keeps the newest result of each camera. cameras: all of them, so that one that never spoke is blind too."""
 
     def __init__(self, cameras: tuple[str, ...]) -> None:
@@ -59,29 +59,29 @@ class SurroundKeeper:
         """What a frame said, valid or not."""
         self._newest[result.camera] = result
 
-    def model(self, blind: Callable[[str], str], oldest_ns: int = 0) -> Surround:
+    def model(self, blind: Callable[[str], str], oldest_ns: int = 0) -> AllCamerasModel:
         """The model now. blind: why a camera is blind, in words; empty where it is not.
 
         What was exposed before oldest_ns says nothing, whatever blind says: it may know of a newer frame already whose
         result is not here yet."""
         words = {camera: blind(camera) for camera in self._cameras}
-        seeing = [self._newest[c] for c in self._cameras if not words[c] and self._sees(c, oldest_ns)]
-        frame, target = common_frame(seeing)
-        parts: list[PrismsResult | Blind] = []
+        available = [self._newest[c] for c in self._cameras if not words[c] and self._is_available(c, oldest_ns)]
+        frame, target = common_frame(available)
+        parts: list[PrismsResult | UnavailableCamera] = []
         for camera in self._cameras:
             newest = self._newest.get(camera)
-            if newest is not None and newest in seeing:
-                parts.append(moved(newest, frame, target))
+            if newest is not None and newest in available:
+                parts.append(to_common_frame(newest, frame, target))
                 continue
             cause = words[camera] or (
                 "no frame yet" if newest is None else newest.cause_text or "its newest frame is old"
             )
             sequence, t_ns = (0, 0) if newest is None else (newest.sequence, newest.t_exposure_ns)
-            parts.append(Blind(camera=camera, sequence=sequence, t_exposure_ns=t_ns, cause_text=cause))
-        newest_ns = max((r.t_exposure_ns for r in seeing), default=0)
-        return Surround(t_ns=newest_ns, frame=frame, parts=tuple(parts))
+            parts.append(UnavailableCamera(camera=camera, sequence=sequence, t_exposure_ns=t_ns, cause_text=cause))
+        newest_ns = max((r.t_exposure_ns for r in available), default=0)
+        return AllCamerasModel(t_ns=newest_ns, frame=frame, parts=tuple(parts))
 
-    def _sees(self, camera: str, oldest_ns: int) -> bool:
+    def _is_available(self, camera: str, oldest_ns: int) -> bool:
         newest = self._newest.get(camera)
         return newest is not None and newest.valid and newest.t_exposure_ns >= oldest_ns
 
@@ -103,19 +103,23 @@ def heading_rad(result: PrismsResult) -> float:
     return math.atan2(float(R_ned_frd[1, 0]), float(R_ned_frd[0, 0]))
 
 
-def moved(result: PrismsResult, frame: str, target_heading_rad: float) -> PrismsResult:
+def to_common_frame(result: PrismsResult, frame: str, target_heading_rad: float) -> PrismsResult:
     """The result in the common frame; the very same where it stands there already."""
     if result.frame == frame and (frame == "ned" or heading_rad(result) == target_heading_rad):
         return result
-    step = step_to_level(result, target_heading_rad)
+    step = transform_to_level(result, target_heading_rad)
     assert result.model is not None
     assert result.transform is not None
     return replace(
-        result, frame="level", model=reframed(result.model, step), transform=joined(step, result.transform), pose=None
+        result,
+        frame="level",
+        model=transform_model(result.model, step),
+        transform=compose(step, result.transform),
+        pose=None,
     )
 
 
-def step_to_level(result: PrismsResult, target_heading_rad: float) -> LevelTransform:
+def transform_to_level(result: PrismsResult, target_heading_rad: float) -> LevelTransform:
     """From the frame of the result to level with another heading: out of ned by its own position, then turned."""
     if result.frame == "ned":
         if result.pose is None:
@@ -125,7 +129,7 @@ def step_to_level(result: PrismsResult, target_heading_rad: float) -> LevelTrans
     return LevelTransform(math.remainder(heading_rad(result) - target_heading_rad, math.tau), (0.0, 0.0, 0.0))
 
 
-def joined(second: LevelTransform, first: LevelTransform) -> LevelTransform:
+def compose(second: LevelTransform, first: LevelTransform) -> LevelTransform:
     """One transform that does first, then second."""
     c, s = math.cos(second.yaw_rad), math.sin(second.yaw_rad)
     x, y, z = first.translation_m
@@ -133,13 +137,13 @@ def joined(second: LevelTransform, first: LevelTransform) -> LevelTransform:
     return LevelTransform(second.yaw_rad + first.yaw_rad, (c * x - s * y + tx, s * x + c * y + ty, z + tz))
 
 
-def surround_message(surround: Surround, required: frozenset[str]) -> pb.SurroundFrame:
+def all_cameras_message(surround: AllCamerasModel, required: frozenset[str]) -> pb.SurroundFrame:
     """The model for the stream. required: the cameras without which it is not valid."""
     message = pb.SurroundFrame(
         schema_version=SCHEMA_VERSION, t_ns=surround.t_ns, frame=surround.frame, valid=surround.valid(required)
     )
     for part in surround.parts:
-        if isinstance(part, Blind):
+        if isinstance(part, UnavailableCamera):
             message.cameras.append(blind_message(part.camera, part.sequence, part.t_exposure_ns, part.cause_text))
         else:
             message.cameras.append(prisms_message(part))

@@ -23,12 +23,12 @@ from core.self_check.mount_params import MountCheckParams
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, InvalidCause, PoseSample
 from drivers.base import Event
 
-from ..cameras.masks import Mask, without
+from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
-from .transform import LevelTransform, reframed
+from .transform import LevelTransform, transform_model
 
-UNSEEN = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
+UNPUBLISHED_DROPS = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
 """Dropped without a message of their own: the same or a newer exposure has been published already."""
 
 
@@ -174,7 +174,7 @@ class Pipeline:
         self._masks[info.camera] = self._mask(info)
         self._states[info.camera] = CameraState()
 
-    def overtaken(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
+    def superseded(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
         """The decision on a frame that a newer one replaced before it came here; it changes nothing."""
         return FrameDecision(
             camera=camera,
@@ -190,10 +190,10 @@ class Pipeline:
         """Stamp of the newest attitude held."""
         return self._sync.attitudes.newest_ns
 
-    def odd_samples(self) -> dict[str, int]:
+    def sample_anomalies(self) -> dict[str, int]:
         """How many attitudes and positions came twice, late or after a restart."""
         kinds = (("attitude", self._sync.attitudes.counts), ("pose", self._sync.poses.counts))
-        return {f"{kind}_{odd}": n for kind, counts in kinds for odd, n in sorted(counts.items())}
+        return {f"{kind}_{anomaly}": n for kind, counts in kinds for anomaly, n in sorted(counts.items())}
 
     def handle(self, event: Event) -> tuple[Output, ...]:
         """What one event leads to: nothing for a sample; for a frame its decision and, unless the same or a newer
@@ -212,12 +212,12 @@ class Pipeline:
             raise ValueError(
                 f"pipeline: a frame of the unknown camera {frame.camera!r}; known: {', '.join(self._infos)}"
             )
-        cause = self._place(frame, info)
+        cause = self._check_order(frame, info)
         attitude = self._sync.attitude_at(frame.t_exposure_ns) if cause is DropCause.NONE else cause
         if isinstance(attitude, DropCause):
-            return self._dropped(frame, attitude)
+            return self._drop(frame, attitude)
         pose = self._sync.pose_at(frame.t_exposure_ns) if self._sync.params.use_pose else "switched off"
-        result = self._extracted(frame, info, attitude, pose if isinstance(pose, PoseAt) else None)
+        result = self._extract(frame, info, attitude, pose if isinstance(pose, PoseAt) else None)
         decision = FrameDecision(
             camera=frame.camera,
             sequence=frame.sequence,
@@ -231,7 +231,7 @@ class Pipeline:
         )
         return decision, result
 
-    def _place(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
+    def _check_order(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
         """Whether the frame fits its camera and comes after what was handled; a camera that restarted begins anew."""
         last = self._states[frame.camera].last_t_exposure_ns
         if last is not None and frame.t_exposure_ns <= last - round(self._sync.params.restart_step_s * NS):
@@ -247,27 +247,25 @@ class Pipeline:
             return DropCause.WRONG_SIZE
         return DropCause.NONE
 
-    def _extracted(
-        self, frame: DepthFrame, info: CameraInfo, attitude: AttitudeAt, pose: PoseAt | None
-    ) -> PrismsResult:
+    def _extract(self, frame: DepthFrame, info: CameraInfo, attitude: AttitudeAt, pose: PoseAt | None) -> PrismsResult:
         R_level_optical, camera_rad, vehicle_rad, lever_ned_m = level_cam_at(attitude.q_ned_frd_wxyz, info.mount)
         transform = transform_from_level_cam(camera_rad, vehicle_rad, lever_ned_m, pose)
         state = self._states[frame.camera]
         extractor = self._extractors[frame.camera]
-        depth_mm = without(frame.depth_mm, self._masks[frame.camera])
+        depth_mm = apply_mask(frame.depth_mm, self._masks[frame.camera])
         model, after = extractor.extract(
             depth_mm,
             info,
             R_level_optical,
-            state=with_height(state.extractor, pose, transform),
+            state=seed_ground_height(state.extractor, pose, transform),
             keep_strips=False,
         )
         if not model.ground.seen:  # a height told by the pose is not carried on as one that was seen
             after = dataclasses.replace(after, ground_height_m=state.extractor.ground_height_m)
         mount = state.mount
         if model.valid and due(mount, frame.t_exposure_ns, self._mount_check):
-            mount = self._mount_measured(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
-        model = unless_mount_wrong(model, mount)
+            mount = self._update_mount(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
+        model = invalidate_if_mount_wrong(model, mount)
         self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns, mount)
         return PrismsResult(
             camera=frame.camera,
@@ -276,14 +274,14 @@ class Pipeline:
             t_arrival_ns=frame.t_arrival_ns,
             frame="level" if pose is None else "ned",
             drop=DropCause.NONE,
-            model=reframed(model, transform),
+            model=transform_model(model, transform),
             attitude=attitude,
             pose=pose,
             transform=transform,
             mount=mount,
         )
 
-    def _mount_measured(
+    def _update_mount(
         self, frame: DepthFrame, depth_mm: NDArray[np.uint16], info: CameraInfo, attitude: AttitudeAt,
         R_level_optical: NDArray[np.float64], camera_rad: float, ke_per_m: float,
     ) -> MountState:  # fmt: skip
@@ -297,7 +295,7 @@ class Pipeline:
             rotation_from_quaternion(attitude.q_ned_frd_wxyz), camera_rad, self._mount_check,
         )  # fmt: skip
 
-    def _dropped(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
+    def _drop(self, frame: DepthFrame, cause: DropCause) -> tuple[Output, ...]:
         decision = FrameDecision(
             camera=frame.camera,
             sequence=frame.sequence,
@@ -306,7 +304,7 @@ class Pipeline:
             cause=cause,
             attitude_cutoff_ns=self._sync.attitudes.newest_ns,
         )
-        if cause in UNSEEN:
+        if cause in UNPUBLISHED_DROPS:
             return (decision,)
         blind = PrismsResult(
             camera=frame.camera,
@@ -320,7 +318,7 @@ class Pipeline:
         return decision, blind
 
 
-def unless_mount_wrong(model: FrameModel, mount: MountState) -> FrameModel:
+def invalidate_if_mount_wrong(model: FrameModel, mount: MountState) -> FrameModel:
     """The model; an invalid one that reports nothing where the verdict on the mount makes frames invalid."""
     if not model.valid or not mount.verdict.invalid:
         return model
@@ -328,7 +326,7 @@ def unless_mount_wrong(model: FrameModel, mount: MountState) -> FrameModel:
     return invalid_model(model, InvalidCause.MOUNT_ERROR if wrong else InvalidCause.MOUNT_UNVERIFIED)
 
 
-def with_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTransform) -> ExtractorState:
+def seed_ground_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTransform) -> ExtractorState:
     """The state with the camera's height above the origin of ned as its ground seed, where no frame has left one yet.
 
     A hint only: the ground is still found in the image, or not seen. transform: level_cam to the published frame."""

@@ -60,7 +60,7 @@ def rotate_by_rates(q_ned_frd: Quaternion, rates_frd_rad_s: Vector, dt_s: float)
     return normalised(product(normalised(q_ned_frd), from_rotation_vector((wx * dt_s, wy * dt_s, wz * dt_s))))
 
 
-def body_rates(a: Quaternion, b: Quaternion, dt_s: float) -> Vector:
+def rates_between(a: Quaternion, b: Quaternion, dt_s: float) -> Vector:
     """The constant body rates, rad/s, that turn a into b within dt_s."""
     v = to_rotation_vector(product(conjugate(normalised(a)), normalised(b)))
     return (v[0] / dt_s, v[1] / dt_s, v[2] / dt_s)

@@ -17,12 +17,12 @@ from core.codes import Code
 from core.types import AttitudeSample, PoseSample
 
 from ..config.sync import SyncParams
-from .quaternion import Quaternion, Vector, body_rates, rotate_by_rates, slerp
+from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, slerp
 
 NS = 1_000_000_000
-MOST_RATE_RAD_S = 70.0
+MAX_RATE_RAD_S = 70.0
 """Twice what the gyros of autopilots can measure: faster rates are nonsense and carry no attitude."""
-FARTHEST_M = 100_000.0
+MAX_DISTANCE_M = 100_000.0
 """From the origin of ned: farther out float32 cannot hold the centimetres of a prism, nor an autopilot's local frame."""
 
 
@@ -109,9 +109,9 @@ class SampleBuffer(Generic[S]):
             self._samples.clear()
         i = bisect_left(self._stamps, sample.t_ns)
         if i < len(self._stamps):
-            odd = "duplicates" if self._stamps[i] == sample.t_ns else "out_of_order"
-            self.counts[odd] += 1
-            if odd == "duplicates":
+            anomaly = "duplicates" if self._stamps[i] == sample.t_ns else "out_of_order"
+            self.counts[anomaly] += 1
+            if anomaly == "duplicates":
                 return
         self._stamps.insert(i, sample.t_ns)
         self._samples.insert(i, sample)
@@ -153,9 +153,9 @@ class Synchroniser:
             if gap_ns <= self.params.max_gap_s * NS:
                 q = slerp(before.q_ned_frd_wxyz, after.q_ned_frd_wxyz, (t_ns - before.t_ns) / gap_ns)
                 return AttitudeAt(q, Source.INTERPOLATED, min(t_ns - before.t_ns, after.t_ns - t_ns))
-        return self._carried(t_ns, before, after)
+        return self._extrapolated(t_ns, before, after)
 
-    def _carried(
+    def _extrapolated(
         self, t_ns: int, before: AttitudeSample | None, after: AttitudeSample | None
     ) -> AttitudeAt | DropCause:
         nearest = _nearest(t_ns, before, after)
@@ -164,25 +164,25 @@ class Synchroniser:
             if before is None:
                 return DropCause.FRAME_TOO_OLD
             return DropCause.ATTITUDE_STALE if after is None else DropCause.GAP_TOO_WIDE
-        rates = _possible(nearest.rates_frd_rad_s) or _possible(self._turn(nearest))
+        rates = _plausible(nearest.rates_frd_rad_s) or _plausible(self._neighbour_rates(nearest))
         if rates is None:
             return DropCause.NO_RATES
         q = rotate_by_rates(nearest.q_ned_frd_wxyz, rates, (t_ns - nearest.t_ns) / NS)
         return AttitudeAt(q, Source.EXTRAPOLATED, distance_ns)
 
-    def _turn(self, sample: AttitudeSample) -> Vector | None:
+    def _neighbour_rates(self, sample: AttitudeSample) -> Vector | None:
         """Body rates from the sample's neighbour, where that is near enough to say something."""
         neighbour = self.attitudes.before(sample) or self.attitudes.around(sample.t_ns + 1)[1]
         if neighbour is None or abs(sample.t_ns - neighbour.t_ns) > self.params.max_gap_s * NS:
             return None
-        return body_rates(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
+        return rates_between(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
 
     def pose_at(self, t_ns: int) -> PoseAt | str:
         """The position at t_ns, or the words why there is none. Never across a jump of the autopilot's estimate, never
         so far from the origin that a prism there would lose its shape."""
         found = self._pose_at(t_ns)
-        if isinstance(found, PoseAt) and not all(abs(c) <= FARTHEST_M for c in found.position_ned_m):  # also NaN
-            return f"the position is farther than {FARTHEST_M / 1000.0:g} km from the origin of ned"
+        if isinstance(found, PoseAt) and not all(abs(c) <= MAX_DISTANCE_M for c in found.position_ned_m):  # also NaN
+            return f"the position is farther than {MAX_DISTANCE_M / 1000.0:g} km from the origin of ned"
         return found
 
     def _pose_at(self, t_ns: int) -> PoseAt | str:
@@ -195,7 +195,7 @@ class Synchroniser:
             gap_ns = after.t_ns - before.t_ns
             if gap_ns <= self.params.pose_max_gap_s * NS and before.reset_counter == after.reset_counter:
                 share = (t_ns - before.t_ns) / gap_ns
-                between = _line(before.position_ned_m, after.position_ned_m, share)
+                between = _interpolated(before.position_ned_m, after.position_ned_m, share)
                 distance_ns = min(t_ns - before.t_ns, after.t_ns - t_ns)
                 return PoseAt(between, Source.INTERPOLATED, distance_ns, after.reset_counter)
         nearest = _nearest(t_ns, before, after)
@@ -211,9 +211,9 @@ class Synchroniser:
         return PoseAt(moved, Source.EXTRAPOLATED, distance_ns, nearest.reset_counter)
 
 
-def _possible(rates_rad_s: Vector | None) -> Vector | None:
+def _plausible(rates_rad_s: Vector | None) -> Vector | None:
     """The rates, unless nothing that flies turns so fast."""
-    if rates_rad_s is None or max(map(abs, rates_rad_s)) > MOST_RATE_RAD_S:
+    if rates_rad_s is None or max(map(abs, rates_rad_s)) > MAX_RATE_RAD_S:
         return None
     return rates_rad_s
 
@@ -227,5 +227,5 @@ def _nearest(t_ns: int, before: S | None, after: S | None) -> S:
     return before
 
 
-def _line(a: Vector, b: Vector, share: float) -> Vector:
+def _interpolated(a: Vector, b: Vector, share: float) -> Vector:
     return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)

@@ -22,7 +22,7 @@ class LevelTransform:
         return LevelTransform(-self.yaw_rad, (-(c * x + s * y), s * x - c * y, -z))
 
 
-def reframed(model: FrameModel, transform: LevelTransform) -> FrameModel:
+def transform_model(model: FrameModel, transform: LevelTransform) -> FrameModel:
     """The model in the transform's target frame; one that says nothing where its numbers are not all finite. See
     `core.transformed`."""
     from core.transformed import turned  # compiled: planners, who only read, need no numba

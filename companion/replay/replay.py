@@ -16,7 +16,7 @@ from drivers.logs.reader import LoggedMessage, McapRecording
 from drivers.logs.topics import TOPICS
 from drivers.proto import osape_v1_pb2 as pb
 
-from ..cameras.masks import masked
+from ..cameras.masks import configured_mask
 from ..config.loader import Config, ConfigError, config_from_text, load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, progress, say_json
@@ -26,8 +26,8 @@ from ..pipeline.encode import prisms_message, state_from_message
 from ..pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from .compare import Comparison, Key, key_of
-from .replay_report import Replay, problems_of, report, say_report
-from .summary import Tally
+from .replay_report import Replay, print_report, replay_problems, report
+from .summary import ReplayCounts
 
 
 def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: PipelineState | None = None) -> Pipeline:
@@ -35,7 +35,7 @@ def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: Pipeline
     infos = effective_cameras(config, cameras)
     return Pipeline(
         infos, lambda info: Extractor(config.extractor), config.sync, state,
-        mask=lambda info: masked(config.camera(info.camera), info), mount_check=config.mount_check,
+        mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check,
     )  # fmt: skip
 
 
@@ -44,13 +44,15 @@ def effective_cameras(config: Config, cameras: Iterable[CameraInfo]) -> tuple[Ca
     return tuple(config.camera(info.camera).applied_to(info) for info in cameras)
 
 
-def process(events: Iterable[Event], pipeline: Pipeline, tally: Tally) -> Iterator[tuple[Event, tuple[Output, ...]]]:
+def process(
+    events: Iterable[Event], pipeline: Pipeline, counts: ReplayCounts
+) -> Iterator[tuple[Event, tuple[Output, ...]]]:
     """Each event with what it led to, counted."""
     for event in events:
         outputs = pipeline.handle(event)
-        tally.event(event)
+        counts.event(event)
         for output in outputs:
-            tally.output(output)
+            counts.output(output)
         yield event, outputs
 
 
@@ -77,17 +79,17 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         pipeline = make_pipeline(config, source.cameras, state)
         comparison = Comparison(options.tolerance) if options.check else None
         cameras = effective_cameras(config, source.cameras)
-        result = Replay(Tally(), {}, tuple(info.camera for info in cameras), comparison)
+        result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), comparison)
         skipped = _skipped_live(path) if options.check else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
         events = _without(_events(source, comparison), skipped)
-        monitor = ExposureOffsetMonitor(lambda info: masked(config.camera(info.camera), info))
+        monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
         for info in pipeline.cameras:
             monitor.announce(info)
         try:
             sink.begin(pipeline.state())
-            for event, outputs in process(events, pipeline, result.tally):
+            for event, outputs in process(events, pipeline, result.counts):
                 monitor.event(event)
                 sink.take(event, outputs)
                 if comparison is not None:
@@ -98,11 +100,11 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         except BadData as error:
             result.damage = str(error)
         sink.end()
-        result.odd_samples = pipeline.odd_samples()
+        result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
         result.configured_offsets_ms = _configured_offsets_ms(source)
         result.obstacle_range_m = {
-            info.camera: obstacle_range_m(info, result.tally.ke_per_m.get(info.camera), config.extractor)
+            info.camera: obstacle_range_m(info, result.counts.ke_per_m.get(info.camera), config.extractor)
             for info in cameras
         }
         return result
@@ -145,7 +147,7 @@ def _config(options: Options, source: McapRecording) -> Config:
     """The one given (raises ConfigError where its cameras are not those of the log), else the one in the log, else the default."""
     if options.config is not None:
         config = load_config(options.config)
-        _refuse_strangers(config, options.config, source)
+        _refuse_unknown_cameras(config, options.config, source)
         return config
     if source.run is not None and source.run.config_json:
         return config_from_text(source.run.config_json, f"the configuration in {source.path}")
@@ -160,7 +162,7 @@ def _configured_offsets_ms(source: McapRecording) -> dict[str, float]:
     return {info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras}
 
 
-def _refuse_strangers(config: Config, path: Path, source: McapRecording) -> None:
+def _refuse_unknown_cameras(config: Config, path: Path, source: McapRecording) -> None:
     """A mount or a range under a misspelt name would silently go nowhere. A configuration of more cameras than the log
     has is none, nor one that is silent about cameras."""
     there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
@@ -249,11 +251,11 @@ def run(args: argparse.Namespace) -> int:
     )
     with progress("replay") as on_progress:
         result = replay(args.input, options, on_progress)
-    problems = problems_of(result)
+    problems = replay_problems(result)
     if args.json:
         say_json(report(result, args.input, args.output, problems))
     else:
-        say_report(result, args.output)
+        print_report(result, args.output)
     for problem in problems:
         fail(problem)
     return 1 if problems else 0

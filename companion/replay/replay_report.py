@@ -10,11 +10,11 @@ from core.codes import text_of
 from core.types import InvalidCause
 
 from ..console import say
-from ..pipeline.pipeline import UNSEEN, FrameDecision
+from ..pipeline.pipeline import UNPUBLISHED_DROPS, FrameDecision
 from ..pipeline.sync import DropCause
 from ..self_check.exposure_offset import ExposureOffset, warning_text
 from .compare import Comparison, Key
-from .summary import Tally
+from .summary import ReplayCounts
 
 _LISTED = 5
 
@@ -24,8 +24,8 @@ class Replay:
     """What a replay found. damage: what was wrong with the input, None when it was whole. obstacle_range_m: by camera, the
     range up to which obstacles are found with the noise of its last frame."""
 
-    tally: Tally
-    odd_samples: dict[str, int]
+    counts: ReplayCounts
+    sample_anomalies: dict[str, int]
     cameras: tuple[str, ...]
     comparison: Comparison | None = None
     damage: str | None = None
@@ -34,12 +34,12 @@ class Replay:
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
 
 
-def problems_of(result: Replay) -> list[str]:
+def replay_problems(result: Replay) -> list[str]:
     """What keeps the command from success, in words with a remedy."""
     problems = [result.damage] if result.damage else []
-    if result.tally.first_dropped is not None and not _as_in_flight(result.comparison):
-        problems.append(_drop_problem(result.tally, result.tally.first_dropped))
-    elif result.tally.frames == 0 and not result.damage:
+    if result.counts.first_dropped is not None and not _as_in_flight(result.comparison):
+        problems.append(_drop_problem(result.counts, result.counts.first_dropped))
+    elif result.counts.frames == 0 and not result.damage:
         problems.append("no depth image in the input: nothing was computed")
     if result.comparison is not None and not result.comparison.passed:
         problems.append(_check_problem(result.comparison))
@@ -52,11 +52,11 @@ def _as_in_flight(comparison: Comparison | None) -> bool:
     return comparison is not None and comparison.passed and not comparison.gaps
 
 
-def _drop_problem(tally: Tally, first: FrameDecision) -> str:
-    causes = ", ".join(f"{n} x {text_of(code, DropCause)}" for code, n in sorted(tally.dropped.items()))
-    passed_over = sum(tally.dropped[cause.value] for cause in UNSEEN)
-    wrong_size = tally.dropped[DropCause.WRONG_SIZE.value]
-    blind = tally.dropped.total() - passed_over
+def _drop_problem(counts: ReplayCounts, first: FrameDecision) -> str:
+    causes = ", ".join(f"{n} x {text_of(code, DropCause)}" for code, n in sorted(counts.dropped.items()))
+    passed_over = sum(counts.dropped[cause.value] for cause in UNPUBLISHED_DROPS)
+    wrong_size = counts.dropped[DropCause.WRONG_SIZE.value]
+    blind = counts.dropped.total() - passed_over
     remedies = []
     if blind > wrong_size:
         remedies.append("Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]")
@@ -65,7 +65,7 @@ def _drop_problem(tally: Tally, first: FrameDecision) -> str:
     if passed_over:
         remedies.append(f"{passed_over} came twice or out of order and are passed over: look at the camera's stamps")
     return (
-        f"{tally.dropped.total()} of {tally.frames} frames were dropped and {blind} of them are published as blind "
+        f"{counts.dropped.total()} of {counts.frames} frames were dropped and {blind} of them are published as blind "
         f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
         + ". ".join(remedies)
     )
@@ -97,9 +97,9 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
         "input": str(path),
         "output": str(output) if output else None,
         "cameras": list(result.cameras),
-        **result.tally.as_json(),
+        **result.counts.as_json(),
         "obstacle_range_m": result.obstacle_range_m,
-        "odd_samples": result.odd_samples,
+        "sample_anomalies": result.sample_anomalies,
         "exposure_offsets": [_offset_json(offset, result) for offset in result.exposure_offsets],
         "check": check,
         "problems": problems,
@@ -127,9 +127,9 @@ def _named(key: Key) -> dict[str, Any]:
     return {"camera": key[0], "sequence": key[1], "t_exposure_ns": key[2]}
 
 
-def say_report(result: Replay, output: Path | None) -> None:
+def print_report(result: Replay, output: Path | None) -> None:
     """The summary for people."""
-    t = result.tally
+    t = result.counts
     say(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
     attitude = ", ".join(f"{n} {how}" for how, n in sorted(t.attitude.items())) or "none"
     say(f"attitude at exposure: {attitude}")
@@ -147,15 +147,15 @@ def say_report(result: Replay, output: Path | None) -> None:
     for offset in result.exposure_offsets:
         warning = _offset_warning(offset, result)
         say(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
-    for odd, n in result.odd_samples.items():
+    for odd, n in result.sample_anomalies.items():
         say(f"{n} {odd.replace('_', ' ', 1).replace('_', ' ')}")
     if result.comparison is not None:
-        _say_check(result.comparison)
+        _print_check(result.comparison)
     if output is not None:
         say(f"written: {output}")
 
 
-def _say_check(comparison: Comparison) -> None:
+def _print_check(comparison: Comparison) -> None:
     verdict = "equal" if comparison.passed else "NOT equal"
     how = "bit by bit" if comparison.tolerance == 0.0 else f"within {comparison.tolerance:g}"
     say(f"check: {comparison.compared} frames compared {how}: {verdict}")

@@ -15,7 +15,7 @@ from ..pipeline.sync import DropCause
 
 
 @dataclass(slots=True)
-class Tally:
+class ReplayCounts:
     """What came out, counted. blind and dropped: by the code of the cause."""
 
     frames: int = 0

@@ -19,7 +19,7 @@ from core.self_check.depth_registration import InverseDepthGrid, inverse_depth_g
 from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
 
-from ..cameras.masks import Mask, without
+from ..cameras.masks import Mask, apply_mask
 from .exposure_fit import LAGS_S, LagFit, fit_lag
 from .exposure_offset import ExposureOffset, OffsetState
 
@@ -154,7 +154,7 @@ class _Camera:
         if frame.depth_mm.shape == (k.height, k.width) and (
             newest is None or frame.t_exposure_ns - newest.t_ns >= PAIR_NS
         ):
-            grid = inverse_depth_grid(without(frame.depth_mm, self.mask), self.info)
+            grid = inverse_depth_grid(apply_mask(frame.depth_mm, self.mask), self.info)
             self._waiting.append(_Image(grid, frame.t_exposure_ns))
         if self._waiting and attitudes.newest_ns is not None:
             if attitudes.newest_ns > self._waiting[0].t_ns - int(LAGS_NS[0]):
@@ -192,7 +192,7 @@ class _Camera:
         self._predicted.append(predicted)
         self._fresh += 1
         if self.offset.state in (OffsetState.NO_ATTITUDE, OffsetState.NOT_ENOUGH_MOTION):
-            self._tell(OffsetState.COLLECTING)
+            self._report(OffsetState.COLLECTING)
         if self._fresh >= EVERY_PAIRS and len(self._measured) >= GUESS_PAIRS:
             self._fresh = 0
             self._fit()
@@ -205,16 +205,16 @@ class _Camera:
             self._guess_s = fit.lag_s
             for kept in (self._measured, self._sigma, self._predicted):
                 kept.clear()
-            self._tell(OffsetState.COLLECTING)
+            self._report(OffsetState.COLLECTING)
             return
         if len(self._measured) < LEAST_PAIRS:
-            self._tell(OffsetState.COLLECTING)
+            self._report(OffsetState.COLLECTING)
         elif fit.inside and fit.sigma_s <= SURE_S and fit.explained >= LEAST_EXPLAINED and away_s < 0.012:
-            self._tell(OffsetState.MEASURED, fit)
+            self._report(OffsetState.MEASURED, fit)
         else:
-            self._tell(OffsetState.UNCERTAIN)
+            self._report(OffsetState.UNCERTAIN)
 
-    def _tell(self, state: OffsetState, fit: LagFit | None = None) -> None:
+    def _report(self, state: OffsetState, fit: LagFit | None = None) -> None:
         self.offset = ExposureOffset(
             camera=self.info.camera,
             state=state,

@@ -21,7 +21,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import Event
 from drivers.proto import osape_v1_pb2 as pb
 
-from ..cameras.masks import Mask, without
+from ..cameras.masks import Mask, apply_mask
 from .exposure_monitor import AttitudeHistory
 
 Floats = NDArray[np.float64]
@@ -188,7 +188,7 @@ class _Camera:
             return
         fits = frame.depth_mm.shape == (k.height, k.width)
         if fits and (newest is None or frame.t_exposure_ns - newest.t_ns >= PAIR_NS):
-            grid = inverse_depth_grid(without(frame.depth_mm, self.mask), self.info)
+            grid = inverse_depth_grid(apply_mask(frame.depth_mm, self.mask), self.info)
             self._waiting.append(_Image(grid, frame.t_exposure_ns))
         if self._waiting and min(known_ns, attitudes.newest_ns or 0) > self._waiting[0].t_ns:
             image, before = self._waiting.popleft(), self._last

@@ -24,24 +24,24 @@ from ..log.log_writer import schema_bytes
 from ..pipeline.encode import prisms_from_message
 from ..pipeline.pipeline import PrismsResult
 from ..pipeline.sync import DropCause
-from .live_page import camera_words
-from .subscriber import NS, WATCHED_S, Feed
+from .live_page import camera_status
+from .subscriber import NS, WATCHED_S, LiveSubscriber
 
-SAID = "/said"
-AGAIN_NS = NS
+STATUS_TOPIC = "/said"
+REPEAT_NS = NS
 
 
 class FoxgloveServer:
     """`open`, then `tick` again and again. Raises DeviceNotFound from `open` where the extra is not installed or the port
     cannot be had."""
 
-    def __init__(self, feed: Feed, host: str, port: int) -> None:
-        self._feed, self._host, self.port = feed, host, port
+    def __init__(self, subscriber: LiveSubscriber, host: str, port: int) -> None:
+        self._subscriber, self._host, self.port = subscriber, host, port
         self._sdk: Any = None
         self._context: Any = None
         self._server: Any = None
         self._channels: dict[str, Any] = {}
-        self._told: dict[str, tuple[str | None, int]] = {}
+        self._sent: dict[str, tuple[str | None, int]] = {}
 
     def open(self) -> None:
         """Starts to answer; the feed's messages are handed on from then."""
@@ -62,17 +62,17 @@ class FoxgloveServer:
             ) from error
         self.port = self._server.port
         self._channel(TOPICS["health"].of(), pb.Health)
-        self._channel(SAID, Log)
-        self._feed.hear = self.hear
+        self._channel(STATUS_TOPIC, Log)
+        self._subscriber.on_message = self.on_message
 
     def close(self) -> None:
         """May be called again."""
-        self._feed.hear = None
+        self._subscriber.on_message = None
         if self._server is not None:
             self._server.stop()
             self._server = None
 
-    def hear(self, message: Message, info: CameraInfo | None) -> None:
+    def on_message(self, message: Message, info: CameraInfo | None) -> None:
         """Hands on what the feed heard, from its thread, as far as somebody listens. info: of the message's camera."""
         if isinstance(message, pb.Health):
             self._send(TOPICS["health"].of(), message, message.t_ns)
@@ -113,23 +113,23 @@ class FoxgloveServer:
     def tick(self) -> None:
         """Says of each camera that it is blind, once a second, and that it sees, once."""
         now_ns = time.monotonic_ns()
-        with self._feed.changed:
-            words = {name: self._words(name, now_ns) for name in self._feed.cameras}
-        heard = self._wants(SAID, Log)
-        for name, blind in words.items() if heard else ():
-            before, at_ns = self._told.get(name, (None, 0))
-            if blind == before and (not blind or now_ns - at_ns < AGAIN_NS):
+        with self._subscriber.changed:
+            words = {name: self._words(name, now_ns) for name in self._subscriber.cameras}
+        wanted = self._wants(STATUS_TOPIC, Log)
+        for name, blind in words.items() if wanted else ():
+            before, at_ns = self._sent.get(name, (None, 0))
+            if blind == before and (not blind or now_ns - at_ns < REPEAT_NS):
                 continue
-            self._told[name] = blind, now_ns
+            self._sent[name] = blind, now_ns
             text = f"{name} is BLIND: {blind}; nothing may be taken as free" if blind else f"{name} sees"
             level = Log.FATAL if blind else Log.INFO
-            self._send(SAID, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
+            self._send(STATUS_TOPIC, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
         depth = [TOPICS["depth"].of(name) for name in words]
         if any(topic in self._channels and self._channels[topic].has_sinks() for topic in depth):
-            self._feed.watch(WATCHED_S)
+            self._subscriber.watch(WATCHED_S)
 
     def _words(self, name: str, now_ns: int) -> str:
-        blind = camera_words(self._feed, name, None, "", now_ns)["blind"]
+        blind = camera_status(self._subscriber, name, None, "", now_ns)["blind"]
         return str(blind)
 
     def _wants(self, topic: str, kind: type[Message]) -> bool:

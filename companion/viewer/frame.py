@@ -14,7 +14,7 @@ from core.frames import rotation_level_cam_optical as level_cam_optical
 from core.types import CameraInfo, FrameModel, readonly
 
 
-class Standing(StrEnum):
+class FrameStatus(StrEnum):
     """How much may be read from a frame."""
 
     VALID = "VALID"
@@ -48,11 +48,11 @@ class ViewFrame:
             )
 
     @property
-    def standing(self) -> Standing:
+    def status(self) -> FrameStatus:
         """Blind wins: a dropped frame says nothing even where the log holds no prisms at all."""
         if self.dropped or (self.model is not None and not self.model.valid):
-            return Standing.BLIND
-        return Standing.VALID if self.model is not None else Standing.NO_PRISMS
+            return FrameStatus.BLIND
+        return FrameStatus.VALID if self.model is not None else FrameStatus.NO_PRISMS
 
     @property
     def cause(self) -> str:
@@ -114,7 +114,7 @@ def describe_model(model: FrameModel | None) -> str:
     )
 
 
-def choose(counts: list[int], blind: list[bool], *, spread: int = 5) -> list[int]:
+def select_frames(counts: list[int], blind: list[bool], *, spread: int = 5) -> list[int]:
     """Indices of the frames worth a picture: `spread` evenly over the log, the one with most planes, the first blind.
 
     counts: planes of each frame; blind: whether each frame is blind. Sorted, without doubles, empty for no frames."""

@@ -20,18 +20,18 @@ from .colors import depth_index, palette
 from .frame import ViewFrame
 from .log import view_frame
 from .page import camera_data, frame_data, live_page, packed_png
-from .subscriber import HEALTH_OLD_NS, NS, Feed, Shown
+from .subscriber import HEALTH_OLD_NS, NS, LiveSubscriber, Shown
 
 HOLD_S = 0.2
 """A page without news is answered after so long: it then knows that all is still well, or is not."""
 KEPT = 8
 
 
-class Newsroom:
+class LivePage:
     """Answers pages. One for all of them: what one has had drawn is ready for the others."""
 
-    def __init__(self, feed: Feed, title: str) -> None:
-        self.feed, self._title = feed, title
+    def __init__(self, subscriber: LiveSubscriber, title: str) -> None:
+        self.subscriber, self._title = subscriber, title
         self._name = f"{boot_id()}-{time.monotonic_ns()}"
         self._ready: OrderedDict[int, dict[str, Any]] = OrderedDict()
         self._drawing = threading.Lock()
@@ -41,7 +41,7 @@ class Newsroom:
         return live_page(
             {
                 "title": self._title, "note": "", "palette": palette().tobytes().hex(), "cameras": [], "frames": [],
-                "live": {"stale_s": self.feed.stale_s},
+                "live": {"stale_s": self.subscriber.stale_s},
             }
         )  # fmt: skip
 
@@ -49,31 +49,31 @@ class Newsroom:
         """JSON. name, after, world: of the newest answer that the page has had; "" and 0: none."""
         began_ns = time.monotonic_ns()
         after, world = (after, world) if name == self._name else (0, 0)
-        self.feed.wait(after, HOLD_S)
-        feed, frames = self.feed, []
-        with feed.changed:
-            shown = {name: c.shown for name, c in feed.cameras.items()}
-            number = feed.number
-        flaws = {}
+        self.subscriber.wait(after, HOLD_S)
+        subscriber, frames = self.subscriber, []
+        with subscriber.changed:
+            shown = {name: c.shown for name, c in subscriber.cameras.items()}
+            number = subscriber.number
+        decode_errors = {}
         for k, (name, s) in enumerate(shown.items()):
             drawn = None if s is None else self._drawn(s)
             if s is not None and drawn is not None and s.number > after:
                 frames.append(drawn | {"c": k})
-            flaws[name] = drawn["cause"] if s is not None and drawn is not None and s.message.valid else ""
+            decode_errors[name] = drawn["cause"] if s is not None and drawn is not None and s.message.valid else ""
         now_ns = time.monotonic_ns()
-        with feed.changed:
-            cameras = [camera_words(feed, name, s, flaws[name], now_ns) for name, s in shown.items()]
-            service = service_words(feed, now_ns)
-        news = {
+        with subscriber.changed:
+            cameras = [camera_status(subscriber, name, s, decode_errors[name], now_ns) for name, s in shown.items()]
+            service = service_status(subscriber, now_ns)
+        response = {
             "name": self._name, "number": number, "held_ms": (now_ns - began_ns) / 1e6, "service": service,
-            "cameras": cameras, "frames": frames, "world": feed.world.told(world),
+            "cameras": cameras, "frames": frames, "world": subscriber.world.update(world),
         }  # fmt: skip
-        return json.dumps(news, separators=(",", ":"), allow_nan=False).encode()
+        return json.dumps(response, separators=(",", ":"), allow_nan=False).encode()
 
     def _drawn(self, shown: Shown) -> dict[str, Any]:
         with self._drawing:
             if shown.number not in self._ready:
-                self._ready[shown.number] = frame_of(shown, self.feed.begun_ns)
+                self._ready[shown.number] = frame_of(shown, self.subscriber.begun_ns)
                 while len(self._ready) > KEPT:
                     self._ready.popitem(last=False)
             return self._ready[shown.number]
@@ -102,24 +102,26 @@ NO_CURRENT_MESSAGE = "no_current_message"
 """Code of a camera whose newest message is missing, old or cannot be drawn, as seen by the viewer."""
 
 
-def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: int) -> dict[str, Any]:
+def camera_status(
+    subscriber: LiveSubscriber, name: str, shown: Shown | None, decode_error: str, now_ns: int
+) -> dict[str, Any]:
     """How a camera is: blind says why, code is its code for programs (both empty: it is not blind); age_s: of its newest word's exposure; shown_s: of what the page draws of it. flaw:
     why that cannot be drawn; empty: it can."""
-    camera = feed.cameras[name]
+    camera = subscriber.cameras[name]
     m, code = camera.newest, ""
     age_s = (now_ns - camera.exposed_ns) / NS
     if m is None:
-        blind, age = silence(feed, now_ns) or "nothing has been heard of it yet", None
-    elif now_ns - camera.heard_ns > feed.stale_s * NS:
-        quiet_s = (now_ns - camera.heard_ns) / NS
-        blind, age = silence(feed, now_ns) or f"nothing has been heard of it for {quiet_s:.1f} s", age_s
+        blind, age = silence_text(subscriber, now_ns) or "nothing has been heard of it yet", None
+    elif now_ns - camera.received_ns > subscriber.stale_s * NS:
+        quiet_s = (now_ns - camera.received_ns) / NS
+        blind, age = silence_text(subscriber, now_ns) or f"nothing has been heard of it for {quiet_s:.1f} s", age_s
     elif not m.valid:
         blind, age = m.cause_text or "no cause given", age_s
         code = cause_code(m.cause)
     else:
-        blind, age = (f"its newest exposure is {age_s:.1f} s old" if age_s > feed.stale_s else ""), age_s
-    if not blind and flaw:
-        blind = flaw
+        blind, age = (f"its newest exposure is {age_s:.1f} s old" if age_s > subscriber.stale_s else ""), age_s
+    if not blind and decode_error:
+        blind = decode_error
     if not blind and camera.info is None:
         blind = "its description has not come yet (health report), so nothing can be drawn"
     shown_s = None if shown is None else (now_ns - shown.exposed_ns) / NS
@@ -129,37 +131,39 @@ def camera_words(feed: Feed, name: str, shown: Shown | None, flaw: str, now_ns: 
     return {"name": name, "blind": blind, "code": code, "age_s": age, "shown_s": shown_s, "info": info}
 
 
-def silence(feed: Feed, now_ns: int) -> str:
+def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
     """That the service as a whole says nothing, in words; empty: it does."""
-    if not feed.alive:
+    if not subscriber.alive:
         return "companion view listens no more: start it again"
-    if feed.health is None:
-        return f"nothing has been heard from the service on {feed.streams.health}: does it run? (companion status)"
-    newest_ns = max([feed.health_ns, *(c.heard_ns for c in feed.cameras.values())])
+    if subscriber.health is None:
+        return (
+            f"nothing has been heard from the service on {subscriber.streams.health}: does it run? (companion status)"
+        )
+    newest_ns = max([subscriber.health_ns, *(c.received_ns for c in subscriber.cameras.values())])
     quiet_s = (now_ns - newest_ns) / NS
-    if now_ns - newest_ns > feed.stale_s * NS and any(c.heard_ns for c in feed.cameras.values()):
+    if now_ns - newest_ns > subscriber.stale_s * NS and any(c.received_ns for c in subscriber.cameras.values()):
         return f"nothing has been heard from the service for {quiet_s:.1f} s: does it still run? (companion status)"
     return ""
 
 
-def service_words(feed: Feed, now_ns: int) -> dict[str, Any]:
+def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:
     """The health report in words, and what this page lacks."""
-    h = feed.health
+    h = subscriber.health
     missing = []
-    if h is None or now_ns - feed.health_ns > HEALTH_OLD_NS:
-        age = "" if h is None else f" for {(now_ns - feed.health_ns) / NS:.0f} s"
-        missing.append(f"no health report on {feed.streams.health}{age}: does the service run?")
-    elif not feed.cameras:
+    if h is None or now_ns - subscriber.health_ns > HEALTH_OLD_NS:
+        age = "" if h is None else f" for {(now_ns - subscriber.health_ns) / NS:.0f} s"
+        missing.append(f"no health report on {subscriber.streams.health}{age}: does the service run?")
+    elif not subscriber.cameras:
         missing.append("the service has no camera: add a [[camera]] to its configuration")
-    if not feed.streams.depth:
+    if not subscriber.streams.depth:
         missing.append("no depth images: [publish] depth is empty")
-    elif feed.depth_missing(now_ns) and not missing:
-        missing.append(f"no depth images on {feed.streams.depth} ([publish] depth)")
-    if feed.foreign:
-        missing.append(f"not understood: {feed.foreign}")
+    elif subscriber.depth_missing(now_ns) and not missing:
+        missing.append(f"no depth images on {subscriber.streams.depth} ([publish] depth)")
+    if subscriber.undecodable:
+        missing.append(f"not understood: {subscriber.undecodable}")
     return {
         "state": "" if h is None else STATES.get(h.state, "unknown"),
-        "age_s": None if h is None else (now_ns - feed.health_ns) / NS,
+        "age_s": None if h is None else (now_ns - subscriber.health_ns) / NS,
         "lines": [] if h is None else status_lines(h),
         "diagnostics": [] if h is None else [message_json(d) for d in h.diagnostics],
         "missing": missing,

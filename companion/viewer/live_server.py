@@ -23,8 +23,8 @@ from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, say, warn
 from ..paths import run_folder
-from .live_page import Newsroom
-from .subscriber import Feed, Streams
+from .live_page import LivePage
+from .subscriber import LiveSubscriber, Streams
 
 if TYPE_CHECKING:
     from .foxglove_server import FoxgloveServer
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 PAGES = 16
 """Questions that may be under way at a time."""
-PATIENCE_S = 20.0
+CLIENT_TIMEOUT_S = 20.0
 """With a browser that keeps a connection and says nothing."""
 POLL_S = 0.1
 NICE = 10
@@ -42,15 +42,15 @@ TICK_S = 0.1
 class LiveServer:
     """The pages. Raises DeviceNotFound from `open` where the port cannot be had."""
 
-    def __init__(self, room: Newsroom, host: str, port: int) -> None:
-        self._room, self.host, self.port = room, host, port
+    def __init__(self, page: LivePage, host: str, port: int) -> None:
+        self._page, self.host, self.port = page, host, port
         self._server: _Server | None = None
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
         """Starts to answer, in threads."""
         try:
-            self._server = _Server(self._room, self.host, self.port)
+            self._server = _Server(self._page, self.host, self.port)
         except OSError as error:
             raise DeviceNotFound(
                 f"the page: port {self.port} on {self.host} cannot be had ({error.strerror}); choose another with --port"
@@ -79,18 +79,18 @@ def is_loopback(host: str) -> bool:
     return host == "localhost" or host.startswith("127.")
 
 
-def answer(room: Newsroom, path: str) -> tuple[int, str, bytes]:
+def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
     """(status, type, body) of one question."""
     asked = urlsplit(path)
     if asked.path == "/":
-        return 200, "text/html; charset=utf-8", room.page().encode()
+        return 200, "text/html; charset=utf-8", page.page().encode()
     if asked.path != "/news":
         return 404, "text/plain", b"there is the page (/) and its news\n"
     words = parse_qs(asked.query)
     after, world = (words.get(key, ["0"])[0] for key in ("after", "world"))
     if not all(number.isascii() and number.isdigit() and len(number) < 16 for number in (after, world)):
         return 400, "text/plain", b"after, world: numbers were expected\n"
-    return 200, "application/json", room.answer(words.get("name", [""])[0], int(after), int(world))
+    return 200, "application/json", page.answer(words.get("name", [""])[0], int(after), int(world))
 
 
 class _Server(ThreadingTCPServer):
@@ -100,8 +100,8 @@ class _Server(ThreadingTCPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, room: Newsroom, host: str, port: int) -> None:
-        self._room, self._names = room, names_of(host)
+    def __init__(self, page: LivePage, host: str, port: int) -> None:
+        self._page, self._names = page, names_of(host)
         self._places = threading.BoundedSemaphore(PAGES)
         super().__init__((host, port), _Handler)
 
@@ -117,7 +117,7 @@ class _Server(ThreadingTCPServer):
         if not self._places.acquire(blocking=False):
             return 503, "text/plain", b"too many pages are open\n"
         try:
-            return answer(self._room, path)
+            return answer(self._page, path)
         finally:
             self._places.release()
 
@@ -126,7 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
     """Questions of one connection."""
 
     server: _Server
-    timeout = PATIENCE_S
+    timeout = CLIENT_TIMEOUT_S
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
     server_version = "osape-companion"
@@ -157,10 +157,10 @@ def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
     return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
 
 
-def _foxglove(feed: Feed, args: argparse.Namespace) -> FoxgloveServer:
+def _foxglove(subscriber: LiveSubscriber, args: argparse.Namespace) -> FoxgloveServer:
     from .foxglove_server import FoxgloveServer  # an extra: only where it is asked for
 
-    return FoxgloveServer(feed, args.listen, args.foxglove)
+    return FoxgloveServer(subscriber, args.listen, args.foxglove)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -169,15 +169,15 @@ def run(args: argparse.Namespace) -> int:
     publish = usual if args.config is None else load_config(args.config).publish
     if args.no_depth:
         publish = replace(publish, depth="")
-    feed = Feed(streams_of(publish, args.keys))
-    server = LiveServer(Newsroom(feed, "Live"), args.listen, args.port)
-    foxglove = None if args.foxglove is None else _foxglove(feed, args)
+    subscriber = LiveSubscriber(streams_of(publish, args.keys))
+    server = LiveServer(LivePage(subscriber, "Live"), args.listen, args.port)
+    foxglove = None if args.foxglove is None else _foxglove(subscriber, args)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     os.nice(NICE)  # nobody flies by this: the service goes first
     try:
-        feed.open()
+        subscriber.open()
         server.open()
         if foxglove is not None:
             foxglove.open()
@@ -192,7 +192,7 @@ def run(args: argparse.Namespace) -> int:
             say(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
         sys.stdout.flush()
         while not stop.wait(TICK_S):
-            if not feed.alive:
+            if not subscriber.alive:
                 fail("what listened to the service has ended; its last words stand above. Start it again")
                 return 1
             if foxglove is not None:
@@ -201,5 +201,5 @@ def run(args: argparse.Namespace) -> int:
         if foxglove is not None:
             foxglove.close()
         server.close()
-        feed.close()
+        subscriber.close()
     return 0

@@ -27,7 +27,7 @@ class LiveWorld:
         self._addresses, self._keys, self._vehicle = (address, requests), keys, vehicle
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="world", daemon=True)
-        self._told: dict[str, Any] = {"number": 0, "heard": False, "cause": "", "total": 0, "planes": []}
+        self._update: dict[str, Any] = {"number": 0, "heard": False, "cause": "", "total": 0, "planes": []}
 
     def open(self) -> None:
         """Starts to listen, where there is an address; the world may come later."""
@@ -40,11 +40,11 @@ class LiveWorld:
         if self._thread.ident is not None:
             self._thread.join(5.0)
 
-    def told(self, after: int) -> dict[str, Any]:
+    def update(self, after: int) -> dict[str, Any]:
         """number: of this; heard: whether a service tells of a world at all; cause: why it may not be used now, empty: it
         may; total: planes in it; planes: those drawn, flat whole centimetres of ned, None where the page has them."""
-        told = self._told
-        return told | {"planes": None} if told["number"] == after else told
+        update = self._update
+        return update | {"planes": None} if update["number"] == after else update
 
     def _run(self) -> None:
         with WorldMirror(*self._addresses, keys=self._keys) as mirror:
@@ -54,13 +54,13 @@ class LiveWorld:
                 now = (usable, mirror.cause if not usable else "", mirror.counts.messages, mirror.section)
                 if now != seen and mirror.counts.messages:
                     seen = now
-                    self._tell(mirror, usable)
+                    self._publish(mirror, usable)
 
-    def _tell(self, mirror: WorldMirror, usable: bool) -> None:
+    def _publish(self, mirror: WorldMirror, usable: bool) -> None:
         """A world that may not be used is not drawn either: nobody can tell from a picture how old it is."""
         picture = mirror.space.picture if usable else WorldPicture.empty()
-        self._told = {
-            "number": self._told["number"] + 1, "heard": True, "cause": "" if usable else mirror.cause,
+        self._update = {
+            "number": self._update["number"] + 1, "heard": True, "cause": "" if usable else mirror.cause,
             "total": len(picture.planes), "planes": nearest_cm(picture, self._vehicle()),
         }  # fmt: skip
 

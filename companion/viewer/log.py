@@ -18,8 +18,8 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import prisms_from_message, state_from_message
 from ..pipeline.pipeline import PrismsResult
-from ..pipeline.transform import reframed
-from .frame import Standing, ViewFrame
+from ..pipeline.transform import transform_model
+from .frame import FrameStatus, ViewFrame
 
 WAITING: Final = 30
 """Depth images that may wait for their prisms; a live log writes both within a fraction of a second."""
@@ -40,11 +40,11 @@ class LoggedFrame:
     state: ExtractorState
 
     @property
-    def standing(self) -> Standing:
+    def status(self) -> FrameStatus:
         """As ViewFrame.standing, without unpacking."""
         if self.message is None:
-            return Standing.NO_PRISMS
-        return Standing.VALID if self.message.valid else Standing.BLIND
+            return FrameStatus.NO_PRISMS
+        return FrameStatus.VALID if self.message.valid else FrameStatus.BLIND
 
     @property
     def plane_count(self) -> int:
@@ -100,7 +100,7 @@ def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint
     """The viewer's frame of what the pipeline said of one exposure."""
     model = result.model
     if model is not None and result.transform is not None:
-        model = reframed(model, result.transform.inverse())
+        model = transform_model(model, result.transform.inverse())
     k = info.intrinsics
     fits = depth_mm is not None and depth_mm.shape == (k.height, k.width)
     return ViewFrame(

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from core.frames import rotation_from_euler
 from core.types import CameraInfo, FrameModel, FreeProfile, Prism
 
-from ..pipeline.transform import LevelTransform, reframed
+from ..pipeline.transform import LevelTransform, transform_model
 from .colors import depth_index, palette
-from .frame import Standing, ViewFrame
+from .frame import FrameStatus, ViewFrame
 
 DEPTH_BUDGET_BYTES: Final = 3_000_000
 """What the depth images of a page may take together; many frames make each of them smaller."""
@@ -117,7 +117,7 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
         "c": camera,
         "sequence": frame.sequence,
         "t": round((frame.t_ns - t_start_ns) / 1e9, 4),
-        "standing": frame.standing.name,
+        "standing": frame.status.name,
         "cause": frame.cause,
         "attitude": None if frame.attitude_deg is None else [round(a, 1) for a in frame.attitude_deg],
         "heading": 0.0 if frame.attitude_deg is None else round(math.radians(frame.attitude_deg[2]), 5),
@@ -130,8 +130,8 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
     }
     if frame.depth_mm is not None:
         data["depth"] = packed_png(small_index(frame.depth_mm, frame.info, depth_width, frame.ke_per_m), 9)
-    if frame.model is not None and frame.standing is Standing.VALID:
-        data.update(_model(reframed(frame.model, LevelTransform(yaw, (float(t[0]), float(t[1]), float(t[2]))))))
+    if frame.model is not None and frame.status is FrameStatus.VALID:
+        data.update(_model(transform_model(frame.model, LevelTransform(yaw, (float(t[0]), float(t[1]), float(t[2]))))))
     return data
 
 

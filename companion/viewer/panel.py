@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.types import PlaneFlags
 
 from .colors import FAR_RGB, UNKNOWN_RGB, palette, range_index
-from .frame import Standing, ViewFrame
+from .frame import FrameStatus, ViewFrame
 from .geometry import nearest_m
 
 UNKNOWN_COLOR = tuple(c / 255 for c in UNKNOWN_RGB)
@@ -45,7 +45,7 @@ def wrapped(text: str, columns: int = 46) -> str:
 
 def model_missing(frame: ViewFrame) -> str:
     """Why there is no model to draw, in words; "" when there is one."""
-    if frame.standing is Standing.BLIND:
+    if frame.status is FrameStatus.BLIND:
         return f"BLIND: {frame.cause}\nnothing may be taken as free"
     return "no prisms in this log:\nrun companion replay first" if frame.model is None else ""
 

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from .depth import draw_depth
-from .frame import Standing, ViewFrame, describe
+from .frame import FrameStatus, ViewFrame, describe
 from .side import draw_side
 from .top import draw_top
 
 WIDTH_PX, HEIGHT_PX, DPI = 1600, 1000, 100
 BANNER_PX = 46
 """Height of the coloured band along the top edge that tells the frame's standing."""
-BANNER_COLOR = {Standing.VALID: "#2e7d32", Standing.BLIND: "#c62828", Standing.NO_PRISMS: "#b26a00"}
+BANNER_COLOR = {FrameStatus.VALID: "#2e7d32", FrameStatus.BLIND: "#c62828", FrameStatus.NO_PRISMS: "#b26a00"}
 
 
 class ViewError(ValueError):
@@ -60,17 +60,17 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
     """The band and the two lines under it."""
     from matplotlib.patches import Rectangle
 
-    standing, band = frame.standing, BANNER_PX / HEIGHT_PX
+    status, band = frame.status, BANNER_PX / HEIGHT_PX
     figure.patches.append(
-        Rectangle((0, 1 - band), 1, band, transform=figure.transFigure, facecolor=BANNER_COLOR[standing], zorder=-1)
+        Rectangle((0, 1 - band), 1, band, transform=figure.transFigure, facecolor=BANNER_COLOR[status], zorder=-1)
     )
     says = {
-        Standing.VALID: "VALID",
-        Standing.BLIND: f"BLIND: {frame.cause}",
-        Standing.NO_PRISMS: "NO PRISMS IN THIS LOG: run companion replay first",
-    }[standing]
+        FrameStatus.VALID: "VALID",
+        FrameStatus.BLIND: f"BLIND: {frame.cause}",
+        FrameStatus.NO_PRISMS: "NO PRISMS IN THIS LOG: run companion replay first",
+    }[status]
     who, what = describe(frame, t_start_ns)
-    if standing is Standing.BLIND:
+    if status is FrameStatus.BLIND:
         what = "Nothing may be taken as free in this frame."
         if frame.model is not None:
             what += f"   measured {frame.model.stats.measured_share:.0%} of the image"

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.types import FrameModel
 
-from .frame import Standing, ViewFrame
+from .frame import FrameStatus, ViewFrame
 from .geometry import elevation_ahead_rad, lowest_free_m
 from .panel import (
     FREE_COLOR,
@@ -32,7 +32,7 @@ def draw_side(ax: Any, frame: ViewFrame) -> None:
     ax.set_title("From the side (what stands straight ahead is drawn full)", fontsize=12, loc="left")
     missing = model_missing(frame)
     if frame.model is None or missing:
-        nothing_to_draw(ax, missing, blind=frame.standing is Standing.BLIND)
+        nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
         return
     forward = extent_m(frame)
     low, high = _heights(frame.model)

@@ -10,7 +10,7 @@ from core.extractor import Extractor
 from core.params import Params
 from core.types import ExtractorState, FrameModel
 
-from .frame import Standing, ViewFrame
+from .frame import FrameStatus, ViewFrame
 
 AGREE_M = 0.01
 """The planes found again may differ from the logged ones by rounding and by the kind of processor, no more."""
@@ -26,7 +26,7 @@ class StripFinder:
         """The frame with the strips behind its planes; unchanged where they cannot be found again: without depth, blind,
         or when another version or configuration made the logged planes, so that the strips would not be theirs."""
         R = frame.R_level_cam_optical
-        if frame.standing is not Standing.VALID or frame.depth_mm is None or frame.model is None or R is None:
+        if frame.status is not FrameStatus.VALID or frame.depth_mm is None or frame.model is None or R is None:
             return frame
         # the noise used is in the log, what it was measured from is not
         info = replace(frame.info, ke_per_m=frame.model.ke_per_m)

@@ -71,7 +71,7 @@ class Camera:
     info: CameraInfo | None = None
     newest: pb.PrismsFrame | None = None
     exposed_ns: int = 0
-    heard_ns: int = 0
+    received_ns: int = 0
     recent: OrderedDict[int, tuple[pb.PrismsFrame, int]] = field(default_factory=OrderedDict)
     preview: pb.DepthPreview | None = None
     preview_exposed_ns: int = 0
@@ -80,7 +80,7 @@ class Camera:
     shown_ns: int = 0
 
 
-class Feed:
+class LiveSubscriber:
     """Listens in a thread of its own; may be asked from any. hear: called from it with each message and its camera."""
 
     def __init__(self, streams: Streams, stale_s: float = STALE_S) -> None:
@@ -90,13 +90,13 @@ class Feed:
         self.health: pb.Health | None = None
         self.health_ns = 0
         self.number = 0
-        self.foreign = ""
-        self.hear: Callable[[Message, CameraInfo | None], None] | None = None
+        self.undecodable = ""
+        self.on_message: Callable[[Message, CameraInfo | None], None] | None = None
         self.begun_ns = time.monotonic_ns()
         self._watched_ns = self._depth_since_ns = 0
         self._stop = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._ears: dict[zmq.Socket[bytes], tuple[Ear, type[Message]]] = {}
+        self._receivers: dict[zmq.Socket[bytes], tuple[Ear, type[Message]]] = {}
         self._depth: zmq.Socket[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
         self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
@@ -109,7 +109,7 @@ class Feed:
             if not address:
                 continue
             socket = self._context.socket(zmq.SUB)
-            self._ears[socket] = Ear(socket), kind
+            self._receivers[socket] = Ear(socket), kind
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RCVHWM, 20)
             if self.streams.keys is not None:
@@ -164,15 +164,15 @@ class Feed:
 
     def _run(self) -> None:
         poller = zmq.Poller()
-        for socket in self._ears:
+        for socket in self._receivers:
             poller.register(socket, zmq.POLLIN)
         while not self._stop.is_set():
             poller.poll(round(1000 * POLL_S))
             now_ns = time.monotonic_ns()
             self._listen_to_depth(now_ns)
             with self.changed:
-                for ear, kind in self._ears.values():
-                    self._take(ear, kind, now_ns)
+                for receiver, kind in self._receivers.values():
+                    self._take(receiver, kind, now_ns)
                 for camera in self.cameras.values():
                     self._choose(camera, now_ns)
 
@@ -186,44 +186,44 @@ class Feed:
             self._depth.setsockopt(zmq.UNSUBSCRIBE, b"")
             self._depth_since_ns = 0
 
-    def _take(self, ear: Ear, kind: type[Message], now_ns: int) -> None:
+    def _take(self, receiver: Ear, kind: type[Message], now_ns: int) -> None:
         """All that has come on a socket. What waited there while this process was held up is as old as it may be."""
-        while (taken := ear.take()) is not None:
-            (data, came_ns), message = taken, kind()
+        while (taken := receiver.take()) is not None:
+            (data, arrival_ns), message = taken, kind()
             try:
                 message.ParseFromString(data)
                 if getattr(message, "schema_version", 0) != 1:
                     raise DecodeError(f"schema version {getattr(message, 'schema_version', 0)}; this page reads 1")
             except DecodeError as error:
-                self.foreign = f"{len(data)} bytes that are no {kind.DESCRIPTOR.name} ({error})"
+                self.undecodable = f"{len(data)} bytes that are no {kind.DESCRIPTOR.name} ({error})"
                 continue
             if isinstance(message, pb.Health):
                 self._health(message, now_ns)
             elif isinstance(message, pb.PrismsFrame):
-                self._prisms(message, now_ns, came_ns)
+                self._prisms(message, now_ns, arrival_ns)
             elif isinstance(message, pb.DepthPreview):
                 camera = self.cameras.setdefault(message.camera, Camera())
                 camera.preview = message
-                camera.preview_exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, came_ns)
-            hear = self.hear
-            if hear is not None:
+                camera.preview_exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, arrival_ns)
+            on_message = self.on_message
+            if on_message is not None:
                 known = self.cameras.get(getattr(message, "camera", ""))
-                hear(message, None if known is None else known.info)
+                on_message(message, None if known is None else known.info)
 
     def _health(self, message: pb.Health, now_ns: int) -> None:
         self.health, self.health_ns = message, now_ns
-        for told in message.cameras:
-            camera = self.cameras.setdefault(told.camera, Camera())
-            if told.HasField("info"):
+        for camera_health in message.cameras:
+            camera = self.cameras.setdefault(camera_health.camera, Camera())
+            if camera_health.HasField("info"):
                 try:
-                    camera.info = camera_from_message(told.info)
+                    camera.info = camera_from_message(camera_health.info)
                 except ValueError as error:
-                    self.foreign = f"a description of camera {told.camera} that cannot be ({error})"
+                    self.undecodable = f"a description of camera {camera_health.camera} that cannot be ({error})"
 
-    def _prisms(self, message: pb.PrismsFrame, now_ns: int, came_ns: int) -> None:
+    def _prisms(self, message: pb.PrismsFrame, now_ns: int, arrival_ns: int) -> None:
         camera = self.cameras.setdefault(message.camera, Camera())
-        camera.newest, camera.heard_ns = message, now_ns
-        camera.exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, came_ns)
+        camera.newest, camera.received_ns = message, now_ns
+        camera.exposed_ns = now_ns - age_ns(message.publication, message.t_exposure_ns, arrival_ns)
         camera.recent[message.sequence] = message, camera.exposed_ns
         if len(camera.recent) > RECENT:
             camera.recent.popitem(last=False)

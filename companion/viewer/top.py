@@ -10,7 +10,7 @@ import numpy as np
 from core.types import FrameModel
 
 from ..config.obstacle_range import obstacle_range_m
-from .frame import Standing, ViewFrame
+from .frame import FrameStatus, ViewFrame
 from .geometry import field_of_view_rad, free_normals, layer_at, level_range_m
 from .panel import (
     FREE_COLOR,
@@ -34,7 +34,7 @@ def draw_top(ax: Any, frame: ViewFrame) -> None:
     ax.set_title("From above (forward is up)", fontsize=12, loc="left")
     missing = model_missing(frame)
     if frame.model is None or missing:
-        nothing_to_draw(ax, missing, blind=frame.standing is Standing.BLIND)
+        nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
         return
     half_width, forward, behind = _limits(ax, frame)
     ax.set_facecolor(tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR))

@@ -14,7 +14,7 @@ from drivers.logs.reader import McapRecording
 
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, progress, say, say_json, warn
-from .frame import Standing, choose
+from .frame import FrameStatus, select_frames
 from .log import read_frames
 from .page import PageBuilder
 from .png import save_frame
@@ -56,13 +56,13 @@ class Views:
 
 
 @dataclass(frozen=True, slots=True)
-class _Glance:
+class _FrameSummary:
     """What choosing needs to know of a frame."""
 
     sequence: int
     t_ns: int
     planes: int
-    standing: Standing
+    status: FrameStatus
 
 
 def make_views(
@@ -74,60 +74,62 @@ def make_views(
     there, or the log holds none), OSError."""
     options = options or ViewOptions()
     with McapRecording(path) as source:
-        glances, damage = _glances(source, lambda share: on_progress(0.4 * share))
-        views = _counted(glances, damage)
-        if not glances:
+        summaries, damage = _summaries(source, lambda share: on_progress(0.4 * share))
+        views = _counted(summaries, damage)
+        if not summaries:
             raise ValueError(f"{path}: there is no depth frame in it; nothing to draw. {damage}".strip())
-        pictures = set(_chosen(glances, options)) if options.png else set()
-        stride = -(-len(glances) // PAGE_FRAMES)
-        builder = PageBuilder(path.name, -(-len(glances) // stride)) if options.page else None
+        pictures = set(_chosen(summaries, options)) if options.png else set()
+        stride = -(-len(summaries) // PAGE_FRAMES)
+        builder = PageBuilder(path.name, -(-len(summaries) // stride)) if options.page else None
         out_dir.mkdir(parents=True, exist_ok=True)
-        _draw(source, glances, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share))
+        _draw(
+            source, summaries, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share)
+        )
         if builder is not None and len(builder):
-            note = f"Shown is every {stride}. frame of {len(glances)}. " if stride > 1 else ""
+            note = f"Shown is every {stride}. frame of {len(summaries)}. " if stride > 1 else ""
             note += "The log is damaged: what came after is missing." if views.damage else ""
             views.page = out_dir / PAGE_NAME
             views.page.write_text(builder.page(note), encoding="utf-8")
     return views
 
 
-def _glances(source: McapRecording, on_progress: Progress) -> tuple[list[_Glance], str]:
+def _summaries(source: McapRecording, on_progress: Progress) -> tuple[list[_FrameSummary], str]:
     """One look over the log: (what there is, why it ended early)."""
-    glances: list[_Glance] = []
+    summaries: list[_FrameSummary] = []
     try:
         for logged in read_frames(source, on_progress):
-            glances.append(_Glance(logged.sequence, logged.t_ns, logged.plane_count, logged.standing))
+            summaries.append(_FrameSummary(logged.sequence, logged.t_ns, logged.plane_count, logged.status))
     except BadData as error:
-        return glances, str(error)
-    return glances, ""
+        return summaries, str(error)
+    return summaries, ""
 
 
-def _counted(glances: list[_Glance], damage: str) -> Views:
-    count = {standing: sum(g.standing is standing for g in glances) for standing in Standing}
-    views = Views(frames=len(glances), damage=damage)
-    views.valid, views.blind = count[Standing.VALID], count[Standing.BLIND]
-    views.without_prisms = count[Standing.NO_PRISMS]
-    if glances and views.without_prisms == len(glances):
+def _counted(summaries: list[_FrameSummary], damage: str) -> Views:
+    count = {status: sum(g.status is status for g in summaries) for status in FrameStatus}
+    views = Views(frames=len(summaries), damage=damage)
+    views.valid, views.blind = count[FrameStatus.VALID], count[FrameStatus.BLIND]
+    views.without_prisms = count[FrameStatus.NO_PRISMS]
+    if summaries and views.without_prisms == len(summaries):
         views.notes.append("no prisms in this log: run companion replay first; the pictures show the depth alone")
     return views
 
 
-def _chosen(glances: list[_Glance], options: ViewOptions) -> Sequence[int]:
+def _chosen(summaries: list[_FrameSummary], options: ViewOptions) -> Sequence[int]:
     """Places in the log of the frames that get a picture. Raises ValueError for one that is not there."""
     if options.frames:
-        missing = sorted(set(options.frames) - {g.sequence for g in glances})
+        missing = sorted(set(options.frames) - {g.sequence for g in summaries})
         if missing:
-            first, last = min(g.sequence for g in glances), max(g.sequence for g in glances)
+            first, last = min(g.sequence for g in summaries), max(g.sequence for g in summaries)
             raise ValueError(f"frame {missing[0]} is not in the log; its frames are {first} .. {last}")
-        return [k for k, g in enumerate(glances) if g.sequence in options.frames]
+        return [k for k, g in enumerate(summaries) if g.sequence in options.frames]
     if options.every is not None:
-        return range(0, len(glances), options.every)
-    return choose([g.planes for g in glances], [g.standing is Standing.BLIND for g in glances])
+        return range(0, len(summaries), options.every)
+    return select_frames([g.planes for g in summaries], [g.status is FrameStatus.BLIND for g in summaries])
 
 
 def _draw(
     source: McapRecording,
-    glances: list[_Glance],
+    summaries: list[_FrameSummary],
     pictures: set[int],
     builder: PageBuilder | None,
     stride: int,
@@ -137,7 +139,7 @@ def _draw(
 ) -> None:
     """The second pass: pictures of the chosen frames, all (or each stride-th) frames into the page."""
     strips = StripFinder(_params(source, views)) if pictures else None
-    t_start_ns = min(g.t_ns for g in glances)
+    t_start_ns = min(g.t_ns for g in summaries)
     try:
         for k, logged in enumerate(read_frames(source, on_progress)):
             on_page = builder is not None and k % stride == 0

@@ -17,7 +17,7 @@ from benchmarks.peers.install import install, peers
 
 MADE = "No figure here is real.\n\nWhat words mean.\n\n## A table\n\n| a |\n|---|\n| 1 |\n"
 TOLD = Stamp(
-    date="2026-11-21", commit="abc1234", command="python -m benchmarks", machine="a processor, 2 cores",
+    date="2026-11-21", commit="abc1234", command="python -m benchmarks", host_info="a processor, 2 cores",
     versions="python 3.11, numpy 2", minutes=12.2, quick=False,
 )  # fmt: skip
 

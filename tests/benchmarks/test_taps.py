@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.trace import Calls, tapped
-from companion.bench.frames import Flight, filmed
+from companion.bench.frames import Flight, render_sequence
 from core.extractor import Extractor
 
 
 def test_a_tapped_call_gives_the_same_model_and_copies_of_what_its_stages_saw() -> None:
-    shot = filmed("window", "window", (160, 120), roll_deg=5.0, pitch_deg=-5.0, images=1)
+    shot = render_sequence("window", "window", (160, 120), roll_deg=5.0, pitch_deg=-5.0, images=1)
     extractor = Extractor()
     plain = Flight(extractor, shot).frame()
     calls = Calls()

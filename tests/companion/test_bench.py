@@ -13,15 +13,15 @@ import pytest
 
 import companion.bench.bench as command
 import companion.bench.timing as timing
-from companion.bench.bench import Bench, busy_words, verdict
-from companion.bench.frames import Footage, Measured, filmed, measure
-from companion.bench.machine import Machine, machine, processor_model, versions
+from companion.bench.bench import Bench, busy_text, verdict
+from companion.bench.frames import FrameSequence, Measured, measure, render_sequence
+from companion.bench.host_info import HostInfo, host_info, processor_model, versions
 from companion.bench.timing import Clock, Times, one_core
 from companion.cli import main
 from companion.kernels.warmup import WarmupError
 from core.extractor import Extractor
 
-BOARD = Machine(
+BOARD = HostInfo(
     processor="Cortex-A76", architecture="aarch64", cores=4, governor="performance", board="A board", system="Linux"
 )
 
@@ -35,7 +35,7 @@ def bench_of(street_ms: list[float], trees_ms: list[float], share: float = 1.0, 
         for name, ms in (("street", street_ms), ("trees", trees_ms))
     )  # fmt: skip
     return Bench(
-        size=(640, 480), frames=3, hz=hz, ready_s=1.0, first_s=0.1, measured=measured, machine=BOARD, versions={}
+        size=(640, 480), frames=3, hz=hz, ready_s=1.0, first_s=0.1, measured=measured, host_info=BOARD, versions={}
     )
 
 
@@ -52,8 +52,8 @@ def test_the_verdict_is_about_slow_frames_of_the_slower_view() -> None:
 
 
 def test_other_work_on_the_machine_is_told() -> None:
-    assert busy_words(bench_of([2.0], [4.0])) == ""
-    assert "took 2.0 times what the processor spent" in busy_words(bench_of([2.0], [4.0], share=0.5))
+    assert busy_text(bench_of([2.0], [4.0])) == ""
+    assert "took 2.0 times what the processor spent" in busy_text(bench_of([2.0], [4.0], share=0.5))
 
 
 @pytest.fixture
@@ -145,7 +145,7 @@ class Recorder(Extractor):
 
 
 def test_images_are_flown_in_turn_and_each_hands_on_to_the_next() -> None:
-    shot = filmed("poles", "poles", (160, 120), images=3)
+    shot = render_sequence("poles", "poles", (160, 120), images=3)
     assert len({image.tobytes() for image in shot.depth_mm}) == 3, "they differ in their noise"
     recorder, beside = Recorder(), []
     measured = measure(shot, recorder, 6, watched=2, beside=(lambda: beside.append(1),))
@@ -155,7 +155,7 @@ def test_images_are_flown_in_turn_and_each_hands_on_to_the_next() -> None:
     assert all(image is shot.depth_mm[i % 3] for i, image in enumerate(recorder.depths))
     assert all(a is b for a, b in zip(recorder.given[1:], recorder.handed_on[:-1], strict=True))
     with pytest.raises(ValueError, match="no image"):
-        Footage(name="a", info=shot.info, R_level_optical=shot.R_level_optical, depth_mm=())
+        FrameSequence(name="a", info=shot.info, R_level_optical=shot.R_level_optical, depth_mm=())
 
 
 def test_a_clock_keeps_both_times_of_each_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -186,6 +186,6 @@ def test_the_machine_is_named_by_its_processor() -> None:
     assert processor_model("processor : 0\nmodel name\t: A Processor @ 3 GHz\n") == "A Processor @ 3 GHz"
     assert processor_model("processor : 0\nCPU part : 0xd0b\nCPU part : 0xd0b\n") == "ARM cores of part 0xd0b"
     assert processor_model("") == ""
-    assert machine().cores >= 1
-    assert BOARD.words() == "A board, Cortex-A76, aarch64, 4 cores, clock governor performance, Linux"
+    assert host_info().cores >= 1
+    assert BOARD.text() == "A board, Cortex-A76, aarch64, 4 cores, clock governor performance, Linux"
     assert versions()["numba"][0].isdigit()

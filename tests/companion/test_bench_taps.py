@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import core.extractor as host
-from companion.bench.frames import Flight, filmed
+from companion.bench.frames import Flight, render_sequence
 from companion.bench.taps import STAGE_OF_FUNCTION, STAGE_OF_MODULE, STAGES, Stopwatch, in_order, stage_of, tapped
 from core.extractor import Extractor
 from core.params import Params
@@ -37,7 +37,7 @@ def calls() -> set[tuple[str, str, str]]:
     """(stage, function, file) of every watched call of a frame, in both modes."""
     names = Names()
     for mode in ("safe", "paper"):
-        flight = Flight(Extractor(Params(mode=mode)), filmed("", "window", (160, 120), roll_deg=5.0, images=1))
+        flight = Flight(Extractor(Params(mode=mode)), render_sequence("", "window", (160, 120), roll_deg=5.0, images=1))
         flight.frame()
         with tapped(names):
             assert flight.frame().valid

@@ -15,7 +15,7 @@ import pytest
 
 from companion.cameras import supervisor as camera_supervisor
 from companion.cameras.factory import make_source
-from companion.cameras.supervisor import CameraCondition, CameraSupervisor, FrozenJudge
+from companion.cameras.supervisor import CameraCondition, CameraSupervisor, FrozenFrameDetector
 from companion.cameras.worker import info_from_json, info_to_json
 from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
@@ -34,20 +34,20 @@ CAMERA = textwrap.dedent("""
     writer = FrameWriter(int(sys.argv[2]), "front")
     habit, times = sys.argv[1].split(":")
     rng = np.random.default_rng(0)
-    writer.say("opened", info=info_to_json(CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))))
+    writer.send("opened", info=info_to_json(CameraInfo("front", Intrinsics(64, 48, 60.0, 60.0, 32.0, 24.0))))
     depth = np.full((48, 64), 3000, np.uint16)
     for k in range(1 << 30):
         after = k >= int(times)
         if habit == "frozen" and not after or habit != "frozen":
             depth = rng.integers(2000, 3000, (48, 64)).astype(np.uint16)
         if after and habit == "ends":
-            writer.say("failed", cause="the cable is out")
+            writer.send("failed", cause="the cable is out")
             sys.exit(1)
         if after and habit == "hangs":
             time.sleep(1000)
         now = time.monotonic_ns()
         if after and habit == "silent":
-            writer.say("alive")
+            writer.send("alive")
         else:
             try:
                 stamp = 5 if after and habit == "stuck" else now
@@ -137,7 +137,7 @@ def test_one_that_gives_no_frames_is_tried_later_and_later(tmp_path: Path, monke
 
 
 def test_one_that_ran_well_is_started_again_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera_supervisor, "_RAN_WELL_S", 0.05)
+    monkeypatch.setattr(camera_supervisor, "_STABLE_RUN_S", 0.05)
     assert starts_of(tmp_path, "ends:20", monkeypatch, 4) == [0.5, 0.5, 0.5]
 
 
@@ -199,13 +199,13 @@ def test_the_process_ends_with_the_service(tmp_path: Path) -> None:
 
 def test_a_static_scene_with_noise_is_not_frozen_and_one_without_is() -> None:
     rng = np.random.Generator(np.random.PCG64(0))
-    judge = FrozenJudge(4)
+    judge = FrozenFrameDetector(4)
     for k in range(20):
         depth = rng.integers(2990, 3010, (48, 64)).astype(np.uint16)
-        assert judge.judge(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth)) == ""
+        assert judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=depth)) == ""
     same = np.full((48, 64), 3000, np.uint16)
     said = [
-        judge.judge(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=same))
+        judge.check(DepthFrame(camera="a", sequence=k, t_exposure_ns=k, t_arrival_ns=k, depth_mm=same))
         for k in range(20, 26)
     ]
     assert said == ["", "", "", "", "the same image 5 times in a row", "the same image 6 times in a row"]

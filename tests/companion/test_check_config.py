@@ -12,7 +12,7 @@ import pytest
 from companion.cli import main
 from companion.config.loader import ConfigError
 from companion.install.install import config_step
-from companion.install.steps import places_of
+from companion.install.steps import install_paths
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -138,7 +138,7 @@ def test_paper_mode_that_sends_to_the_autopilot_is_refused(tmp_path: Path, capsy
     errors.append(ran.stderr)
     (tmp_path / "image" / "etc").mkdir(parents=True)
     with pytest.raises(ConfigError) as refused:
-        config_step(places_of(tmp_path / "image"), path, False)
+        config_step(install_paths(tmp_path / "image"), path, False)
     errors.append(str(refused.value))
     for error in errors:
         assert str(path) in error

@@ -18,7 +18,7 @@ from google.protobuf.message import Message
 
 from companion.client import Client, remember
 from companion.pipeline.encode import blind_message, prisms_message
-from companion.pipeline.multi_camera import SurroundKeeper, surround_message
+from companion.pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from companion.streams.curve_auth import AllowList, load_keys, make_keys
 from companion.streams.publisher import Publisher, Stream
@@ -189,8 +189,8 @@ def test_blind_is_told_and_leaves_nothing_free(service: Service) -> None:
 
 def test_several_cameras_as_one(service: Service) -> None:
     found = results({"front": None, "right": None})
-    both = surround_message(keeper(found).model(sees), frozenset())
-    only = SurroundKeeper(("front", "right"))
+    both = all_cameras_message(keeper(found).model(sees), frozenset())
+    only = AllCamerasModelBuilder(("front", "right"))
     only.result(found["front"])
     with Client(service.address, surround=True) as client:
         joined(client, service, both)
@@ -199,7 +199,7 @@ def test_several_cameras_as_one(service: Service) -> None:
         assert news is not None
         assert news.cause == ""
         many = news.space._rectangles.corner.shape[0]
-        service.say(surround_message(only.model(sees), frozenset({"right"})))
+        service.say(all_cameras_message(only.model(sees), frozenset({"right"})))
         news = client.wait(5.0)
         assert news is not None
         assert not news.valid

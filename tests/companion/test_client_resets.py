@@ -16,7 +16,7 @@ from companion.viewer.live_server import LiveServer
 
 
 class Room:
-    """In place of a Newsroom."""
+    """In place of a LivePage."""
 
     def page(self) -> str:
         return "x" * 5_000_000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.live.counts import NS, TOLD_NS, FrameRates, Losses
+from companion.live.counts import NS, REPORT_NS, FrameRates, RecentLosses
 
 
 def test_the_rate_is_that_of_the_last_seconds_and_not_of_the_whole_flight() -> None:
@@ -25,16 +25,16 @@ def test_cameras_are_counted_apart() -> None:
 
 
 def test_a_loss_is_told_for_ten_seconds_after_the_last() -> None:
-    losses = Losses()
-    assert not losses.of_late(0, 0, counts=True)
-    assert losses.of_late(3, NS, counts=True)
-    assert losses.of_late(4, 5 * NS, counts=True)
-    assert losses.of_late(4, 5 * NS + TOLD_NS - 1, counts=True)
-    assert not losses.of_late(4, 5 * NS + TOLD_NS, counts=True)
+    losses = RecentLosses()
+    assert not losses.active(0, 0, is_fault=True)
+    assert losses.active(3, NS, is_fault=True)
+    assert losses.active(4, 5 * NS, is_fault=True)
+    assert losses.active(4, 5 * NS + REPORT_NS - 1, is_fault=True)
+    assert not losses.active(4, 5 * NS + REPORT_NS, is_fault=True)
 
 
 def test_what_is_lost_at_a_start_is_no_trouble_and_none_later() -> None:
-    losses = Losses()
-    assert not losses.of_late(7, NS, counts=False)
-    assert not losses.of_late(7, 2 * NS, counts=True)
-    assert losses.of_late(8, 3 * NS, counts=True)
+    losses = RecentLosses()
+    assert not losses.active(7, NS, is_fault=False)
+    assert not losses.active(7, 2 * NS, is_fault=True)
+    assert losses.active(8, 3 * NS, is_fault=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import zmq
 
-from companion.live.depth_preview import WIDTH_PX, DepthPreviews, picked
+from companion.live.depth_preview import WIDTH_PX, DepthPreviews, subsample
 from core.types import DepthFrame
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -66,7 +66,7 @@ def listener(context: Context, address: str) -> zmq.Socket[bytes]:
 )
 def test_pixels_are_picked_and_never_blended(shape: tuple[int, int], small: tuple[int, int]) -> None:
     depth_mm = np.arange(shape[0] * shape[1], dtype=np.uint32).reshape(shape).astype(np.uint16)
-    got = picked(depth_mm)
+    got = subsample(depth_mm)
     assert got.shape == small
     assert got.shape[1] <= WIDTH_PX
     step = -(-shape[1] // WIDTH_PX)
@@ -120,7 +120,7 @@ def test_a_listener_gets_each_camera_no_more_often_than_asked(
     told = got["front"]
     sent = frame(3).depth_mm
     assert (told.schema_version, told.sequence, told.width_px, told.height_px) == (1, 3, 320, 240)
-    assert np.array_equal(np.frombuffer(told.depth_mm, "<u2").reshape(240, 320), picked(sent))
+    assert np.array_equal(np.frombuffer(told.depth_mm, "<u2").reshape(240, 320), subsample(sent))
     assert 40_000_000 <= told.publication.age_ns < 60_000_000_000
     assert told.publication.boot_id == "this boot"
 

@@ -46,8 +46,8 @@ def test_unchanged_template_intrinsics_are_named(name: str) -> None:
     own = replace(config.cameras[0], fx_px=384.1, calibration="/etc/osape-companion/SN00001234.conf")
     assert template_intrinsics([own]) == []
     findings = {f.part: f for f in config_findings(config)}
-    assert not findings["camera front"].good
-    assert "template_intrinsics" in findings["camera front"].words
+    assert not findings["camera front"].ok
+    assert "template_intrinsics" in findings["camera front"].text
 
 
 @pytest.mark.parametrize("name", ["oak", "simulated", "two-cameras", "indoor", "default"])
@@ -80,8 +80,8 @@ def test_doctor_names_a_low_rate_of_the_attitude() -> None:
     status = SimpleNamespace(vehicle=vehicle, attitude_hz=2.0, position_hz=1.0, received=9, clock=clock)
     link = SimpleNamespace(line=SimpleNamespace(error="", open=True))
     findings = {f.part: f for f in _link_findings(Config(), cast(Any, link), cast(Any, status))}
-    assert not findings["attitude"].good
-    assert findings["attitude"].words.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
+    assert not findings["attitude"].ok
+    assert findings["attitude"].text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
 
 
 def frame(measured: float, seen: bool, valid: bool = True, camera: str = "front") -> Any:

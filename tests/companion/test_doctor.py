@@ -15,7 +15,7 @@ import zmq
 
 from companion.cli import main
 from companion.doctor import doctor
-from companion.live.status import somebody_publishes
+from companion.live.status import address_in_use
 from companion.streams.publisher import Publisher, Stream
 from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
@@ -64,7 +64,7 @@ def looked(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20")
     assert said["ok"] == (status == 0)
     worst: dict[str, dict] = {}
     for finding in said["findings"]:
-        if finding["part"] not in worst or not finding["good"]:
+        if finding["part"] not in worst or not finding["ok"]:
             worst[finding["part"]] = finding
     return status, worst
 
@@ -72,8 +72,8 @@ def looked(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20")
 def test_all_is_well(live: Live, line: AutopilotLine, capsys: pytest.CaptureFixture[str]) -> None:
     status, said = looked(live, capsys)
     assert status == 0, said
-    assert said["camera front"]["words"].startswith("160x120, ")
-    assert line.autopilot.personality.kind in said["autopilot"]["words"]
+    assert said["camera front"]["text"].startswith("160x120, ")
+    assert line.autopilot.personality.kind in said["autopilot"]["text"]
     parts = {"safety keys", "service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
     assert set(said) == parts
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
@@ -86,7 +86,7 @@ def test_what_keeps_it_from_braking_is_said(
     line.change(lambda a: a.parameters.update(bad))
     status, said = looked(live, capsys)
     assert status == 1
-    assert next(iter(bad)) in said["parameters"]["words"]
+    assert next(iter(bad)) in said["parameters"]["text"]
 
 
 def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
@@ -97,17 +97,17 @@ def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
     monkeypatch.setattr(doctor, "COMPILED_S", 0.0)
     status, said = looked(live, capsys, "60")
     assert status == 1
-    assert "unplugged" in said["camera front"]["words"]
-    assert "set [autopilot] address" in said["autopilot"]["words"]
-    assert "companion warmup" in said["kernels"]["words"]
-    assert said["log"]["good"]
+    assert "unplugged" in said["camera front"]["text"]
+    assert "set [autopilot] address" in said["autopilot"]["text"]
+    assert "companion warmup" in said["kernels"]["text"]
+    assert said["log"]["ok"]
 
 
 def test_an_autopilot_that_is_not_there_is_named(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
     live.config.write_text("[autopilot]" + live.config.read_text().split("[autopilot]")[1])
     status, said = looked(live, capsys, "1")
     assert status == 1
-    assert f"no heartbeat on udpin:127.0.0.1:{live.port}: is it on" in said["autopilot"]["words"]
+    assert f"no heartbeat on udpin:127.0.0.1:{live.port}: is it on" in said["autopilot"]["text"]
 
 
 def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
@@ -119,15 +119,15 @@ def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     status, said = looked(live, capsys, "1")
     assert status == 1
-    assert "no line" in said["autopilot"]["words"]
-    assert "[record] folder" in said["log"]["words"]
-    assert "[[camera]]" in said["cameras"]["words"]
+    assert "no line" in said["autopilot"]["text"]
+    assert "[record] folder" in said["log"]["text"]
+    assert "[[camera]]" in said["cameras"]["text"]
 
 
 def test_a_full_disk_is_said(live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     live.config.write_text("[record]\nleast_free_mb = 100000\n")
     monkeypatch.setattr(doctor, "free_bytes", lambda folder: 5_000_000)
-    assert "5 MB free" in looked(live, capsys, "1")[1]["log"]["words"]
+    assert "5 MB free" in looked(live, capsys, "1")[1]["log"]["text"]
 
 
 def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
@@ -138,7 +138,7 @@ def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[st
         health.wait(lambda h: True, PATIENCE_S)
         status, said = looked(live, capsys, str(PATIENCE_S))
         assert status == 1
-        assert "no heartbeat of an autopilot" in said["service"]["words"]
+        assert "no heartbeat of an autopilot" in said["service"]["text"]
         assert set(said) == {"safety keys", "service", "log", "kernels"}
         assert live.stop() == 0
     finally:
@@ -153,16 +153,16 @@ def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
         held.listen()
         status, said = looked(live, capsys, "0.5")
         assert status == 1
-        assert "told nothing within 0.5 s: does it hang?" in said["service"]["words"]
+        assert "told nothing within 0.5 s: does it hang?" in said["service"]["text"]
         assert set(said) == {"safety keys", "service", "log", "kernels"}
-    assert not somebody_publishes(f"ipc://{live.folder}/run/health")
+    assert not address_in_use(f"ipc://{live.folder}/run/health")
 
     def closed(address: str) -> bool:
         raise PermissionError
 
-    monkeypatch.setattr(doctor, "somebody_publishes", closed)
+    monkeypatch.setattr(doctor, "address_in_use", closed)
     said = looked(live, capsys, "1")[1]
-    assert "closed to this user" in said["service"]["words"]
+    assert "closed to this user" in said["service"]["text"]
     assert set(said) == {"safety keys", "service", "log", "kernels"}
 
 
@@ -194,9 +194,9 @@ def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
 def test_whether_a_tcp_port_is_held_is_told_at_once() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        assert somebody_publishes(f"tcp://127.0.0.1:{port}")
-        assert somebody_publishes(f"tcp://*:{port}")
-    assert not somebody_publishes(f"tcp://127.0.0.1:{port}")
+        assert address_in_use(f"tcp://127.0.0.1:{port}")
+        assert address_in_use(f"tcp://*:{port}")
+    assert not address_in_use(f"tcp://127.0.0.1:{port}")
 
 
 def test_what_was_found_in_words(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,6 +225,6 @@ def test_the_line_s_budget_is_told(
     with AutopilotLine(SimulatedAutopilot(), end):
         main(["doctor", "-c", str(config), "--json", "--patience", "3"])
     (line,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "line"]
-    assert line["good"] == good
-    assert f"of {baud / 10_000:.1f} each way" in line["words"]
-    assert ("set 921600 baud" in line["words"]) != good
+    assert line["ok"] == good
+    assert f"of {baud / 10_000:.1f} each way" in line["text"]
+    assert ("set 921600 baud" in line["text"]) != good

@@ -89,4 +89,4 @@ def test_the_printed_lines_correct_a_wrong_mount(
     live.config.write_text(pasted)
     status, finding = measured(live, capsys)
     assert status == 0, finding
-    assert finding["good"]
+    assert finding["ok"]

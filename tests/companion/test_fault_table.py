@@ -19,7 +19,7 @@ import pytest
 
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
-from companion.cameras.supervisor import FrozenJudge
+from companion.cameras.supervisor import FrozenFrameDetector
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.types import AttitudeSample, DepthFrame, PoseSample
@@ -57,7 +57,7 @@ class Flown:
         )  # fmt: skip
         self.avoidance.announce(CAMERA)
         self._pipeline = Pipeline((CAMERA,), lambda info: Sees(CLEAR))
-        self._judge = FrozenJudge(4)
+        self._frozen_detector = FrozenFrameDetector(4)
         self._dice = np.random.default_rng(1)
         self._image = self._dice.integers(1000, 9000, (48, 64), np.uint16)
         self.frames = self.good_ns = self.judged_ns = 0
@@ -85,7 +85,7 @@ class Flown:
         frame = DepthFrame(
             camera="front", sequence=self.frames, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=self._image
         )
-        before, self.words = self.words, self._judge.judge(frame)
+        before, self.words = self.words, self._frozen_detector.check(frame)
         self.judged_ns = self.judged_ns if before or not self.words else time.monotonic_ns()
         for output in self._pipeline.handle(frame):
             if isinstance(output, PrismsResult):

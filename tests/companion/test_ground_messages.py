@@ -13,7 +13,7 @@ from companion.pipeline.decode_model import free_from_message, ground_from_messa
 from companion.pipeline.encode import prisms_message
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from core.query.queries import Answer, SeenFrom, Space
 from core.types import FrameModel
 from drivers.proto import osape_v1_pb2 as pb
@@ -25,7 +25,7 @@ from ..core.test_solid_ground import ahead, model_of, street
 def result(camera: str, model: FrameModel, transform: LevelTransform) -> PrismsResult:
     return PrismsResult(
         camera=camera, sequence=1, t_exposure_ns=10, t_arrival_ns=11, frame="level", drop=DropCause.NONE,
-        model=reframed(model, transform), transform=transform,
+        model=transform_model(model, transform), transform=transform,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import companion.install.install as install
 from companion.cli import main
-from companion.install.steps import InstallError, Places, folder_size_mb, run_command, shipped
+from companion.install.steps import InstallError, InstallPaths, folder_size_mb, packaged_file, run_command
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 OAK = str(CHECKOUT / "configs" / "oak.toml")
@@ -30,7 +30,7 @@ def needs(*tools: str) -> pytest.MarkDecorator:
 @pytest.fixture
 def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The root of an image; this test's interpreter may lie anywhere."""
-    monkeypatch.setattr(install, "check_reachable", lambda places: None)
+    monkeypatch.setattr(install, "check_reachable", lambda paths: None)
     (tmp_path / "image" / "etc").mkdir(parents=True)
     return tmp_path / "image"
 
@@ -44,13 +44,13 @@ def said(capsys: pytest.CaptureFixture[str], word: str) -> list[str]:
 
 @needs("systemctl", "systemd-sysusers")
 def test_into_an_image_once_and_not_twice(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    places = Places(image)
+    paths = InstallPaths(image)
     assert main(["install", "--root", str(image), "-c", OAK]) == 0
     assert len(said(capsys, "done")) == 6
-    assert places.config.read_text() == Path(OAK).read_text()
-    assert places.has_user()
-    assert places.enabled.is_symlink()
-    unit = places.unit.read_text()
+    assert paths.config.read_text() == Path(OAK).read_text()
+    assert paths.has_user()
+    assert paths.enabled.is_symlink()
+    unit = paths.unit.read_text()
     assert re.search(r"^ExecStart=/\S+/companion run -c /etc/osape-companion/config.toml$", unit, re.MULTILINE)
     assert "@" not in re.sub(r"[~]?@(system-service|privileged|resources)", "", unit)
     assert main(["install", "--root", str(image)]) == 0
@@ -59,22 +59,22 @@ def test_into_an_image_once_and_not_twice(image: Path, capsys: pytest.CaptureFix
 
 @needs("systemctl", "systemd-sysusers", "userdel")
 def test_out_again_but_for_what_is_the_users(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    places = Places(image)
+    paths = InstallPaths(image)
     assert main(["install", "--root", str(image), "-c", OAK]) == 0
-    flight = places.state / "logs" / "flight.mcap"
+    flight = paths.state / "logs" / "flight.mcap"
     flight.parent.mkdir(parents=True)
     flight.write_bytes(bytes(200_000))
-    (places.settings / "keys").mkdir()
+    (paths.settings / "keys").mkdir()
     capsys.readouterr()
     assert main(["uninstall", "--root", str(image)]) == 0
-    assert [line.split()[1] for line in said(capsys, "kept")] == [str(places.settings), str(places.state), "the"]
-    assert [p for p in (places.unit, places.enabled, places.rules, places.sysusers) if os.path.lexists(p)] == []
+    assert [line.split()[1] for line in said(capsys, "kept")] == [str(paths.settings), str(paths.state), "the"]
+    assert [p for p in (paths.unit, paths.enabled, paths.rules, paths.sysusers) if os.path.lexists(p)] == []
     assert flight.exists()
-    assert places.config.exists()
+    assert paths.config.exists()
     assert main(["uninstall", "--root", str(image), "--purge"]) == 0
     assert any("the logs, 0.2 MB" in line for line in said(capsys, "done"))
-    assert [p for p in (places.state, places.settings) if p.exists()] == []
-    assert not places.has_user()
+    assert [p for p in (paths.state, paths.settings) if p.exists()] == []
+    assert not paths.has_user()
     assert main(["uninstall", "--root", str(image), "--purge"]) == 0
     assert said(capsys, "done") == []
 
@@ -87,9 +87,9 @@ def test_a_configuration_that_is_there_stays_unless_it_is_to_go(
     zed = str(CHECKOUT / "configs" / "zed.toml")
     assert main(["install", "--root", str(image), "-c", zed]) == 1
     assert "--replace-config" in capsys.readouterr().err
-    assert Places(image).config.read_text() == Path(OAK).read_text()
+    assert InstallPaths(image).config.read_text() == Path(OAK).read_text()
     assert main(["install", "--root", str(image), "-c", zed, "--replace-config"]) == 0
-    assert Places(image).config.read_text() == Path(zed).read_text()
+    assert InstallPaths(image).config.read_text() == Path(zed).read_text()
 
 
 def test_told_beforehand_and_nothing_done(image: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,7 +175,7 @@ def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
 @pytest.fixture
 def unit(tmp_path: Path) -> Path:
     """The unit as it is installed, with a command that every machine has."""
-    text = shipped("systemd", "osape-companion.service").read_text()
+    text = packaged_file("systemd", "osape-companion.service").read_text()
     file = tmp_path / "osape-companion.service"
     file.write_text(text.replace("@COMPANION@", "/bin/true").replace("@DOCS@", "/etc/hostname"))
     return file
@@ -209,7 +209,7 @@ RULE = re.compile(r'^[A-Z_]+(\{[\w./]+\})?\s*(==|!=|\+=|=)\s*"[^"]*"$')
 
 
 def test_each_rule_is_one_that_udev_can_read() -> None:
-    rules = shipped("systemd", "60-osape-companion.rules").read_text().splitlines()
+    rules = packaged_file("systemd", "60-osape-companion.rules").read_text().splitlines()
     said = [line for line in rules if line and not line.startswith("#")]
     for line in said:
         for part in re.split(r",\s*(?=[A-Z])", line):

@@ -22,12 +22,12 @@ from companion.live.depth_preview import DepthPreviews
 from companion.pipeline.encode import blind_message, prisms_message
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import AttitudeAt, DropCause, Source
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from companion.streams.boot import boot_id
 from companion.streams.publisher import Publisher, Stream
-from companion.viewer.live_page import Newsroom
+from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
-from companion.viewer.subscriber import Feed, Streams
+from companion.viewer.subscriber import LiveSubscriber, Streams
 from core.frames import level_from_level_cam, quaternion_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, DepthFrame
 from drivers.base import DeviceNotFound
@@ -73,7 +73,7 @@ class Told:
         step = LevelTransform(yaw, (float(at[0]), float(at[1]), float(at[2])))
         result = PrismsResult(
             camera="front", sequence=self.sequence, t_exposure_ns=t_ns, t_arrival_ns=t_ns, frame="level",
-            model=reframed(model([WALL]), step), attitude=AttitudeAt(q, Source.EXACT, 0), transform=step, drop=DropCause.NONE,
+            model=transform_model(model([WALL]), step), attitude=AttitudeAt(q, Source.EXACT, 0), transform=step, drop=DropCause.NONE,
         )  # fmt: skip
         message = prisms_message(result)
         message.publication.boot_id, message.publication.age_ns = boot_id(), age_ns
@@ -116,26 +116,26 @@ def told(tmp_path: Path) -> Iterator[Told]:
 
 
 @pytest.fixture
-def room(told: Told) -> Iterator[Newsroom]:
-    feed = Feed(told.streams)
-    feed.open()
-    yield Newsroom(feed, "test")
-    feed.close()
+def page(told: Told) -> Iterator[LivePage]:
+    subscriber = LiveSubscriber(told.streams)
+    subscriber.open()
+    yield LivePage(subscriber, "test")
+    subscriber.close()
 
 
-def news(room: Newsroom, name: str = "", after: int = 0) -> dict[str, Any]:
-    answer: dict[str, Any] = json.loads(room.answer(name, after))
+def news(page: LivePage, name: str = "", after: int = 0) -> dict[str, Any]:
+    answer: dict[str, Any] = json.loads(page.answer(name, after))
     return answer
 
 
-def shown(told: Told, room: Newsroom, depth: bool = False) -> dict[str, Any]:
+def shown(told: Told, page: LivePage, depth: bool = False) -> dict[str, Any]:
     """Speaks until a frame arrives (joining takes a moment); the answer that holds it."""
     got: list[dict[str, Any]] = []
 
     def look() -> bool:
         told.health()
         told.frame(depth)
-        answer = news(room)
+        answer = news(page)
         if answer["frames"] and bool(answer["frames"][0]["depth"]) is depth and not answer["cameras"][0]["blind"]:
             got.append(answer)
         return bool(got)
@@ -144,25 +144,25 @@ def shown(told: Told, room: Newsroom, depth: bool = False) -> dict[str, Any]:
     return got[0]
 
 
-def quiet(told: Told, room: Newsroom, answer: dict[str, Any]) -> dict[str, Any]:
+def quiet(told: Told, page: LivePage, answer: dict[str, Any]) -> dict[str, Any]:
     """An answer after all that was said has been shown; nobody speaks any more."""
 
     def settled() -> bool:
-        with room.feed.changed:
-            camera = room.feed.cameras["front"]
+        with page.subscriber.changed:
+            camera = page.subscriber.cameras["front"]
             s, m = camera.shown, camera.newest
             return s is not None and m is not None and (s.message.sequence == told.sequence or not m.valid)
 
     assert until(settled)
-    return news(room, answer["name"], room.feed.number)
+    return news(page, answer["name"], page.subscriber.number)
 
 
 def test_without_a_service_it_is_said_what_is_missing(tmp_path: Path) -> None:
     streams = Streams(prisms=f"ipc://{tmp_path}/prisms", health=f"ipc://{tmp_path}/health", depth="")
-    feed = Feed(streams)
-    feed.open()
-    answer = news(Newsroom(feed, ""))
-    feed.close()
+    subscriber = LiveSubscriber(streams)
+    subscriber.open()
+    answer = news(LivePage(subscriber, ""))
+    subscriber.close()
     assert not answer["cameras"]
     assert not answer["frames"]
     assert answer["service"]["missing"] == [
@@ -171,8 +171,8 @@ def test_without_a_service_it_is_said_what_is_missing(tmp_path: Path) -> None:
     ]
 
 
-def test_a_frame_is_drawn_where_it_stands_and_its_age_is_told(told: Told, room: Newsroom) -> None:
-    answer = shown(told, room)
+def test_a_frame_is_drawn_where_it_stands_and_its_age_is_told(told: Told, page: LivePage) -> None:
+    answer = shown(told, page)
     (frame,), (camera,) = answer["frames"], answer["cameras"]
     assert frame["standing"] == "VALID"
     assert np.allclose(np.array(frame["planes"]) / 100.0, WALL, atol=0.011)
@@ -184,22 +184,22 @@ def test_a_frame_is_drawn_where_it_stands_and_its_age_is_told(told: Told, room: 
     assert "camera front: running, 30.0 Hz" in "\n".join(answer["service"]["lines"])
 
 
-def test_depth_is_paired_with_its_own_frame(told: Told, room: Newsroom) -> None:
-    frame = shown(told, room, depth=True)["frames"][0]
+def test_depth_is_paired_with_its_own_frame(told: Told, page: LivePage) -> None:
+    frame = shown(told, page, depth=True)["frames"][0]
     png = cv2.imdecode(np.frombuffer(b64decode(frame["depth"]), np.uint8), cv2.IMREAD_UNCHANGED)
     assert png.shape == (240, 320)
     assert 1 <= int(png[0, 0]) <= 254
     assert np.all(png == png[0, 0])
     told.frame()  # newer, without an image
-    assert until(lambda: room.feed.cameras["front"].newest.sequence == told.sequence)
-    paired = news(room)["frames"][0]
+    assert until(lambda: page.subscriber.cameras["front"].newest.sequence == told.sequence)
+    paired = news(page)["frames"][0]
     assert paired["sequence"] < told.sequence
     assert paired["depth"]
 
 
-def test_depth_is_asked_for_only_while_a_page_asks(told: Told, room: Newsroom) -> None:
-    shown(told, room, depth=True)
-    room.feed.watch(0.0)
+def test_depth_is_asked_for_only_while_a_page_asks(told: Told, page: LivePage) -> None:
+    shown(told, page, depth=True)
+    page.subscriber.watch(0.0)
 
     def quiet() -> bool:
         before = told.previews.sent
@@ -210,14 +210,14 @@ def test_depth_is_asked_for_only_while_a_page_asks(told: Told, room: Newsroom) -
     assert until(quiet)
 
 
-def test_a_blind_camera_is_told_at_once_and_its_word_only_once(told: Told, room: Newsroom) -> None:
-    before = shown(told, room)
+def test_a_blind_camera_is_told_at_once_and_its_word_only_once(told: Told, page: LivePage) -> None:
+    before = shown(told, page)
     told.blind("lost: its process has ended")
     began_s = time.monotonic()
-    answer = news(room, before["name"], before["number"])
+    answer = news(page, before["name"], before["number"])
     while not answer["frames"] or answer["frames"][0]["standing"] != "BLIND":
         assert time.monotonic() - began_s < 2.0
-        answer = news(room, answer["name"], answer["number"])
+        answer = news(page, answer["name"], answer["number"])
     (frame,) = answer["frames"]
     assert "lost: its process has ended" in frame["cause"]
     assert frame["planes"] == []
@@ -225,18 +225,18 @@ def test_a_blind_camera_is_told_at_once_and_its_word_only_once(told: Told, room:
     assert answer["cameras"][0]["blind"] == "lost: its process has ended"
     assert answer["cameras"][0]["code"] == "camera"
     told.blind("lost: its process has ended")
-    assert quiet(told, room, answer)["number"] == answer["number"]
+    assert quiet(told, page, answer)["number"] == answer["number"]
 
 
-def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, room: Newsroom) -> None:
-    shown(told, room)
-    assert until(lambda: news(room)["cameras"][0]["blind"], 5.0)
+def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, page: LivePage) -> None:
+    shown(told, page)
+    assert until(lambda: news(page)["cameras"][0]["blind"], 5.0)
     words = "nothing has been heard from the service for "
-    assert until(lambda: news(room)["cameras"][0]["blind"].startswith(words), 5.0)
-    assert news(room)["cameras"][0]["code"] == "no_current_message"
+    assert until(lambda: news(page)["cameras"][0]["blind"].startswith(words), 5.0)
+    assert news(page)["cameras"][0]["code"] == "no_current_message"
 
 
-def test_of_two_cameras_each_is_told_for_itself(told: Told, room: Newsroom) -> None:
+def test_of_two_cameras_each_is_told_for_itself(told: Told, page: LivePage) -> None:
     def both() -> bool:
         report = pb.Health(schema_version=1, state=pb.Health.STATE_BLIND)
         for camera in ("front", "rear"):
@@ -245,75 +245,75 @@ def test_of_two_cameras_each_is_told_for_itself(told: Told, room: Newsroom) -> N
         told.publish_health(report)
         told.frame()
         told.blind("silent: its process says nothing", "rear")
-        now = news(room)
+        now = news(page)
         return len(now["frames"]) == 2 and sum(not camera["blind"] for camera in now["cameras"]) == 1
 
     assert until(both)
-    answer = news(room)
+    answer = news(page)
     words = {camera["name"]: camera["blind"] for camera in answer["cameras"]}
     assert words == {"front": "", "rear": "silent: its process says nothing"}
     names = list(words)
-    standing = {names[frame["c"]]: frame["standing"] for frame in answer["frames"]}
-    assert standing == {"front": "VALID", "rear": "BLIND"}
+    status = {names[frame["c"]]: frame["standing"] for frame in answer["frames"]}
+    assert status == {"front": "VALID", "rear": "BLIND"}
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_feed_that_has_ended_is_no_clear_view(told: Told, room: Newsroom) -> None:
-    shown(told, room)
+def test_a_feed_that_has_ended_is_no_clear_view(told: Told, page: LivePage) -> None:
+    shown(told, page)
 
     def broken(message: Message, info: CameraInfo | None) -> None:
         raise RuntimeError("a defect")
 
-    room.feed.hear = broken
+    page.subscriber.on_message = broken
     told.frame()
-    assert until(lambda: not room.feed.alive)
-    assert until(lambda: news(room)["cameras"][0]["blind"] == "companion view listens no more: start it again")
+    assert until(lambda: not page.subscriber.alive)
+    assert until(lambda: news(page)["cameras"][0]["blind"] == "companion view listens no more: start it again")
 
 
-def test_an_old_exposure_is_blind_however_fresh_the_message(told: Told, room: Newsroom) -> None:
-    shown(told, room)
+def test_an_old_exposure_is_blind_however_fresh_the_message(told: Told, page: LivePage) -> None:
+    shown(told, page)
 
     def old() -> bool:
         told.health()
         told.frame(age_ns=900_000_000)
-        return "its newest exposure is 0.9 s old" in news(room)["cameras"][0]["blind"]
+        return "its newest exposure is 0.9 s old" in news(page)["cameras"][0]["blind"]
 
     assert until(old)
 
 
-def test_numbers_that_do_not_fit_are_blind(told: Told, room: Newsroom) -> None:
-    shown(told, room)
+def test_numbers_that_do_not_fit_are_blind(told: Told, page: LivePage) -> None:
+    shown(told, page)
     broken = told.message()
     broken.planes.corners_m.append(1.0)
 
     def told_blind() -> bool:
         told.publish(broken)
-        answer = news(room)
+        answer = news(page)
         return bool(answer["frames"]) and "does not fit together" in answer["frames"][0]["cause"]
 
     assert until(told_blind)
-    answer = news(room)
+    answer = news(page)
     assert answer["frames"][0]["standing"] == "BLIND"
     assert answer["frames"][0]["planes"] == []
     assert answer["cameras"][0]["blind"]
 
 
-def test_foreign_bytes_are_named_and_hurt_nothing(told: Told, room: Newsroom) -> None:
-    shown(told, room)
+def test_foreign_bytes_are_named_and_hurt_nothing(told: Told, page: LivePage) -> None:
+    shown(told, page)
     told.nonsense()
-    assert until(lambda: any("no PrismsFrame" in line for line in news(room)["service"]["missing"]))
-    assert shown(told, room)["frames"]
+    assert until(lambda: any("no PrismsFrame" in line for line in news(page)["service"]["missing"]))
+    assert shown(told, page)["frames"]
 
 
-def test_a_page_of_another_server_gets_all_anew(told: Told, room: Newsroom) -> None:
-    answer = quiet(told, room, shown(told, room))
-    assert news(room, "another", answer["number"])["frames"]
-    assert news(room, answer["name"], answer["number"])["frames"] == []
+def test_a_page_of_another_server_gets_all_anew(told: Told, page: LivePage) -> None:
+    answer = quiet(told, page, shown(told, page))
+    assert news(page, "another", answer["number"])["frames"]
+    assert news(page, answer["name"], answer["number"])["frames"] == []
 
 
 @pytest.fixture
-def server(room: Newsroom) -> Iterator[LiveServer]:
-    server = LiveServer(room, "127.0.0.1", 0)
+def server(page: LivePage) -> Iterator[LiveServer]:
+    server = LiveServer(page, "127.0.0.1", 0)
     server.open()
     yield server
     server.close()
@@ -350,9 +350,9 @@ def test_a_foreign_name_that_leads_here_is_refused(server: LiveServer, host: str
     assert get(server, "/news?after=0", host)[0] == 403
 
 
-def test_a_port_that_is_taken_is_named(room: Newsroom, server: LiveServer) -> None:
+def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> None:
     with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 .*--port"):
-        LiveServer(room, "127.0.0.1", server.port).open()
+        LiveServer(page, "127.0.0.1", server.port).open()
 
 
 @pytest.mark.parametrize(

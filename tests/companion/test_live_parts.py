@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from companion.cameras.supervisor import CameraCondition, CameraStatus
-from companion.live.event_queue import TOGETHER, Inbox
+from companion.live.event_queue import WAKE_ITEMS, EventQueue
 from companion.live.sd_notify import Notifier
-from companion.live.staleness import Blindness
-from companion.pipeline.events import Overtaken, RawFrame
+from companion.live.staleness import StalenessMonitor
+from companion.pipeline.events import RawFrame, SupersededFrame
 from companion.pipeline.latency import Latencies, LatencyStage
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause
@@ -43,67 +43,70 @@ def image(camera: str, sequence: int) -> DepthFrame:
 
 
 def test_the_order_of_arrival_is_kept_and_a_frame_ends_a_turn() -> None:
-    inbox = Inbox()
-    inbox.put([attitude(1), RawFrame(b"x", 2)])
-    inbox.put_frame(image("front", 3))
-    inbox.put([attitude(4)])
-    first = inbox.take(0.0)
+    event_queue = EventQueue()
+    event_queue.put([attitude(1), RawFrame(b"x", 2)])
+    event_queue.put_frame(image("front", 3))
+    event_queue.put([attitude(4)])
+    first = event_queue.take(0.0)
     assert [type(i).__name__ for i in first] == ["AttitudeSample", "RawFrame", "DepthFrame"]
-    assert inbox.take(0.0) == [attitude(4)]
-    assert inbox.take(0.0) == []
+    assert event_queue.take(0.0) == [attitude(4)]
+    assert event_queue.take(0.0) == []
 
 
 def test_a_frame_that_is_overtaken_stays_in_its_place_as_a_word() -> None:
-    inbox = Inbox()
-    inbox.put_frame(image("front", 1))
-    inbox.put([attitude(2)])
-    inbox.put_frame(image("right", 3))
-    inbox.put_frame(image("front", 4))
-    taken = inbox.take(0.0)
-    assert taken[0] == Overtaken("front", 1, 1, 2)
+    event_queue = EventQueue()
+    event_queue.put_frame(image("front", 1))
+    event_queue.put([attitude(2)])
+    event_queue.put_frame(image("right", 3))
+    event_queue.put_frame(image("front", 4))
+    taken = event_queue.take(0.0)
+    assert taken[0] == SupersededFrame("front", 1, 1, 2)
     assert isinstance(taken[2], DepthFrame)
     assert taken[2].camera == "right"
-    (newest,) = inbox.take(0.0)
+    (newest,) = event_queue.take(0.0)
     assert isinstance(newest, DepthFrame)
     assert newest.sequence == 4
 
 
 def test_who_waits_is_woken_by_a_frame_and_by_several_samples() -> None:
     """A single sample matters to the next frame only."""
-    inbox = Inbox()
+    event_queue = EventQueue()
     with ThreadPoolExecutor(1) as pool:
-        for wake, count in ((lambda: inbox.put_frame(image("front", 2)), 2), (put_many(inbox), 1 + TOGETHER)):
-            inbox.put([attitude(1)])
-            waiting = pool.submit(inbox.take, 30.0)
+        for wake, count in (
+            (lambda: event_queue.put_frame(image("front", 2)), 2),
+            (put_many(event_queue), 1 + WAKE_ITEMS),
+        ):
+            event_queue.put([attitude(1)])
+            waiting = pool.submit(event_queue.take, 30.0)
             assert not wait([waiting], 0.05).done
             wake()
             assert len(waiting.result(10.0)) == count
-    inbox.put([attitude(1)])
-    assert inbox.take(0.01) == [attitude(1)]
+    event_queue.put([attitude(1)])
+    assert event_queue.take(0.01) == [attitude(1)]
 
 
-def put_many(inbox: Inbox) -> Callable[[], None]:
-    return lambda: inbox.put([attitude(k) for k in range(TOGETHER)])
+def put_many(event_queue: EventQueue) -> Callable[[], None]:
+    return lambda: event_queue.put([attitude(k) for k in range(WAKE_ITEMS)])
 
 
 def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:
-    inbox = Inbox(most=10)
-    inbox.put([attitude(k) for k in range(25)])
-    assert inbox.lost == 15
-    assert inbox.take(0.0) == [attitude(k) for k in range(15, 25)]
+    event_queue = EventQueue(max_items=10)
+    event_queue.put([attitude(k) for k in range(25)])
+    assert event_queue.lost == 15
+    assert event_queue.take(0.0) == [attitude(k) for k in range(15, 25)]
 
 
 def test_what_gives_way_is_never_the_description_of_a_camera() -> None:
     """As at a first start, when kernels are compiled for a minute and nobody takes anything out."""
-    inbox = Inbox(most=10)
+    event_queue = EventQueue(max_items=10)
     other = dataclasses.replace(INFO, camera="right")
-    inbox.put([attitude(0), INFO, attitude(1), other])
+    event_queue.put([attitude(0), INFO, attitude(1), other])
     for k in range(2, 40):
-        inbox.put([attitude(k)])
-    taken = inbox.take(0.0)
+        event_queue.put([attitude(k)])
+    taken = event_queue.take(0.0)
     assert taken[:2] == [INFO, other]
     assert taken[2:] == [attitude(k) for k in range(30, 40)]
-    assert inbox.lost == 30
+    assert event_queue.lost == 30
 
 
 # ---- latencies ----------------------------------------------------------------------------------------------------------
@@ -137,13 +140,13 @@ def status(condition: CameraCondition, cause: str) -> CameraStatus:
 
 
 def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -> None:
-    blindness = Blindness(("front",), stale_s=0.3)
-    assert blindness.cause("front", 0) == "no frame yet"
-    blindness.result(result(1000 * MS))
-    assert blindness.cause("front", 1300 * MS) == ""
-    assert blindness.age_ns("front", 1300 * MS) == 300 * MS
-    assert blindness.cause("front", 1301 * MS) == "the newest valid exposure is 0.3 s old"
-    assert blindness.sequence("front") == 7
+    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    assert staleness.cause("front", 0) == "no frame yet"
+    staleness.result(result(1000 * MS))
+    assert staleness.cause("front", 1300 * MS) == ""
+    assert staleness.age_ns("front", 1300 * MS) == 300 * MS
+    assert staleness.cause("front", 1301 * MS) == "the newest valid exposure is 0.3 s old"
+    assert staleness.sequence("front") == 7
 
 
 @pytest.mark.parametrize(
@@ -154,20 +157,20 @@ def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -
     ],
 )
 def test_a_frame_that_says_nothing_blinds_at_once(said: PrismsResult, words: str) -> None:
-    blindness = Blindness(("front",), stale_s=0.3)
-    blindness.result(result(990 * MS))
-    blindness.result(said)
-    assert blindness.cause("front", 1000 * MS) == words
-    blindness.result(result(1030 * MS))
-    assert blindness.cause("front", 1031 * MS) == ""
+    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness.result(result(990 * MS))
+    staleness.result(said)
+    assert staleness.cause("front", 1000 * MS) == words
+    staleness.result(result(1030 * MS))
+    assert staleness.cause("front", 1031 * MS) == ""
 
 
 def test_what_ails_the_camera_is_told_first_once_its_frames_are_old() -> None:
-    blindness = Blindness(("front",), stale_s=0.3)
-    blindness.result(result(1000 * MS))
+    staleness = StalenessMonitor(("front",), stale_s=0.3)
+    staleness.result(result(1000 * MS))
     ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
-    assert blindness.cause("front", 1100 * MS, ill) == ""
-    assert blindness.cause("front", 1600 * MS, ill) == "silent: no frame for 0.6 s"
+    assert staleness.cause("front", 1100 * MS, ill) == ""
+    assert staleness.cause("front", 1600 * MS, ill) == "silent: no frame for 0.6 s"
 
 
 # ---- systemd --------------------------------------------------------------------------------------------------------------
@@ -185,8 +188,8 @@ def test_words_to_systemd(tmp_path: Path) -> None:
         notifier.ready()
         notifier.status("two\nlines")
         notifier.status("two\nlines")
-        notifier.alive()
-        notifier.needs_longer(1.5)
+        notifier.feed_watchdog()
+        notifier.extend_timeout(1.5)
         notifier.stopping()
         said = [systemd.recv(100).decode() for _ in range(5)]
     assert said == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", STOPPING]

@@ -54,26 +54,26 @@ def test_a_world_is_drawn_while_it_may_be_used_and_taken_away_when_not(tmp_path:
     speaker = Speaker(tmp_path)
     world = LiveWorld(*speaker.addresses, None, lambda: None)
     try:
-        assert world.told(0) == {"number": 0, "heard": False, "cause": "", "total": 0, "planes": None}
+        assert world.update(0) == {"number": 0, "heard": False, "cause": "", "total": 0, "planes": None}
         world.open()
         speaker.service.open()
 
         def drawn() -> bool:
             look(speaker)
-            return world.told(0)["total"] > 0
+            return world.update(0)["total"] > 0
 
         assert until(drawn)
-        told = world.told(0)
-        assert told["heard"]
-        assert told["cause"] == ""
-        assert len(told["planes"]) == 6 * told["total"]
-        assert told["planes"][0] == 800
+        update = world.update(0)
+        assert update["heard"]
+        assert update["cause"] == ""
+        assert len(update["planes"]) == 6 * update["total"]
+        assert update["planes"][0] == 800
         speaker.service.close()
-        assert until(lambda: world.told(0)["cause"] != "", 20.0)
-        gone = world.told(told["number"])
+        assert until(lambda: world.update(0)["cause"] != "", 20.0)
+        gone = world.update(update["number"])
         assert "old" in gone["cause"]
         assert gone["planes"] == []
-        assert world.told(gone["number"])["planes"] is None
+        assert world.update(gone["number"])["planes"] is None
     finally:
         world.close()
         speaker.close()

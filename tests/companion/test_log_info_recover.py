@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from companion.cli import main
-from companion.log.info import gather
+from companion.log.info import read_log_info
 from companion.log.log_writer import LIBRARY, LogWriter, schema_bytes, write_recording
 from companion.log.provenance import run_info
 from companion.log.recover import default_output, recover
@@ -163,7 +163,7 @@ def test_info_counts_decisions_and_blind_frames(tmp_path, capsys):
             log.event(event)
             for output in pipeline.handle(event):
                 log.output(output)
-    facts = gather(path)
+    facts = read_log_info(path)
     assert dict(facts.decisions) == {"no_attitude": 1, "used": 1}
     assert (facts.valid, dict(facts.invalid)) == (1, {"no_attitude": 1})
     assert main(["info", str(path)]) == 0

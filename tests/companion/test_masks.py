@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
 from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
-from companion.cameras.masks import hidden, masked, polygons, without
+from companion.cameras.masks import apply_mask, configured_mask, polygons, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
 from companion.config.loader import ConfigError, config_of, config_text
@@ -44,9 +44,9 @@ def flown(
     b.box("horizon", 60.0, 0.0, 0.3, 200.0, 12.0)
     scene = b.build()
     camera = section(masks, unmatched_left_px=unmatched_left_px)
-    pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: masked(camera, info))
+    pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: configured_mask(camera, info))
     teller = ObstacleTeller(AVOID, ("front",), 0.3)
-    teller.announce(INFO, hidden(camera, INFO))
+    teller.announce(INFO, unmeasured_mask(camera, INFO))
     result, now_ns = None, 0
     for n in range(1, 11):
         now_ns = n * 100 * MS
@@ -110,8 +110,8 @@ def test_unmatched_columns_stand_in_nobodys_way() -> None:
 
 def test_an_obstacle_beside_and_below_a_mask_is_told() -> None:
     depth = np.full((120, 160), 4000, np.uint16)
-    hidden_px = masked(section(ARM), INFO)
-    out = without(depth, hidden_px)
+    hidden_px = configured_mask(section(ARM), INFO)
+    out = apply_mask(depth, hidden_px)
     assert (out[:60, :40] == 0).all()
     assert (out[70:, :] == 4000).all()
     assert (out[:, 50:] == 4000).all()
@@ -121,13 +121,13 @@ def test_an_obstacle_beside_and_below_a_mask_is_told() -> None:
 def test_polygons_and_rectangles() -> None:
     assert polygons("0,0 8,4; 1,1 5,1 1,5") == [[(0, 0), (8, 0), (8, 4), (0, 4)], [(1, 1), (5, 1), (1, 5)]]
     assert polygons("") == []
-    mask = masked(section("10,20 30,40; 100,100 140,100 100,119"), INFO)
+    mask = configured_mask(section("10,20 30,40; 100,100 140,100 100,119"), INFO)
     assert mask is not None
     assert mask[20:40, 10:30].all()
     assert mask.sum() == 20 * 20 + sum(math.ceil(40 * (19 - row) / 19) for row in range(19))
     assert mask[101, 102]
     assert not mask[118, 138]
-    whole = masked(section("-5,-5 400,400"), INFO)
+    whole = configured_mask(section("-5,-5 400,400"), INFO)
     assert whole is not None
     assert whole.all()
 
@@ -140,22 +140,22 @@ def test_what_is_no_polygon_is_refused_with_its_key(text: str) -> None:
 
 def test_a_zed_never_matches_its_first_columns_unless_told_otherwise() -> None:
     zed = CameraConfig(name="z", kind="zed", device="/dev/video9", calibration="SN1.conf", disparities=32)
-    mask = hidden(zed, INFO)
+    mask = unmeasured_mask(zed, INFO)
     assert mask is not None
     assert mask[:, :32].all()
     assert not mask[:, 32:].any()
-    assert hidden(replace(zed, unmatched_left_px=0), INFO) is None
-    assert hidden(section(), INFO) is None
+    assert unmeasured_mask(replace(zed, unmatched_left_px=0), INFO) is None
+    assert unmeasured_mask(section(), INFO) is None
 
 
 def test_coverage_counts_what_is_left_of_the_heights() -> None:
     free = looked_into(INFO, AVOID)
     assert set(np.unique(free)) == {Look.NOTHING, Look.WHOLE}
-    corner = looked_into(INFO, AVOID, masked(section("0,0 44,30"), INFO))  # above the band
+    corner = looked_into(INFO, AVOID, configured_mask(section("0,0 44,30"), INFO))  # above the band
     assert (corner == free).all()
-    arm = looked_into(INFO, AVOID, masked(section(ARM), INFO))
+    arm = looked_into(INFO, AVOID, configured_mask(section(ARM), INFO))
     assert (arm[66] == Look.SOME).all()
-    column = looked_into(INFO, AVOID, masked(section("0,0 44,120"), INFO))
+    column = looked_into(INFO, AVOID, configured_mask(section("0,0 44,120"), INFO))
     assert (column[66] == Look.NOTHING).all()
     assert (column[3] == Look.WHOLE).all()
 
@@ -187,7 +187,7 @@ def test_a_camera_described_anew_is_masked_anew() -> None:
 
     def mask(info: CameraInfo) -> np.ndarray | None:
         seen.append(info)
-        return masked(section(ARM), info)
+        return configured_mask(section(ARM), info)
 
     pipeline = Pipeline((), lambda info: Extractor(), mask=mask)
     larger = camera_info(320, 240)

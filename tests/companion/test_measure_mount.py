@@ -49,29 +49,29 @@ def measured(plan: FlightPlan, told: CameraMount, count: int | None = None) -> M
 )
 def test_the_lines_to_paste_hold_the_true_mount(told: CameraMount) -> None:
     finding = finding_of(measured(by_hand(120.0), told))
-    assert finding.good is (told == TRUE)
+    assert finding.ok is (told == TRUE)
     assert finding.lines[:2] == ("[[camera]]", 'name = "front"')
     said = {key: float(value) for key, value in (line.split(" = ") for line in finding.lines[2:])}
     assert said["roll_deg"] == pytest.approx(1.0, abs=0.5)
     assert said["pitch_deg"] == pytest.approx(-12.0, abs=0.7)
-    assert finding.words.startswith("1.2")
+    assert finding.text.startswith("1.2")
 
 
 def test_too_little_turning_is_refused() -> None:
     finding = finding_of(measured(by_hand(20.0), TRUE))
-    assert not finding.good
+    assert not finding.ok
     assert not finding.lines
-    assert "turn the vehicle" in finding.words
+    assert "turn the vehicle" in finding.text
 
 
 def test_no_ground_is_refused() -> None:
     finding = finding_of(measured(by_hand(120.0, scene="no_ground"), TRUE))
-    assert "ground in 0 of" in finding.words
+    assert "ground in 0 of" in finding.text
     assert not finding.lines
 
 
 def test_no_frame_is_refused() -> None:
-    assert "no frame came" in finding_of(measured(by_hand(120.0), TRUE, count=0)).words
+    assert "no frame came" in finding_of(measured(by_hand(120.0), TRUE, count=0)).text
 
 
 def test_frames_without_an_attitude_are_refused() -> None:
@@ -81,7 +81,7 @@ def test_frames_without_an_attitude_are_refused() -> None:
     frame = flight.frame(0)
     assert frame is not None
     measurement.add(frame)
-    assert "attitude" in finding_of(measurement).words
+    assert "attitude" in finding_of(measurement).text
 
 
 def test_it_is_done_when_roll_and_pitch_are_known_well() -> None:

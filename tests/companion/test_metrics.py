@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from companion.config.loader import config_of
-from companion.live.prometheus import LOOPBACK, OLDEST_NS, MetricsServer, metrics_text
+from companion.live.prometheus import LOOPBACK, MAX_REPORT_AGE_NS, OLD_NAMES, MetricsServer, metrics_text
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.proto import osape_v1_pb2 as pb
@@ -51,7 +51,7 @@ def fetched(port: int, path: str = "/metrics") -> tuple[int, str]:
 def server() -> Iterator[MetricsServer]:
     server = MetricsServer(0)  # any port that is free
     server.open()
-    assert server.trouble == ""
+    assert server.fault == ""
     yield server
     server.close()
     server.close()
@@ -68,7 +68,7 @@ def test_the_figures_are_those_of_the_report() -> None:
     expected = {
         'osape_state{state="degraded"}': 1.0,
         'osape_state{state="active"}': 0.0,
-        "osape_troubles": 1.0,
+        "osape_diagnostics": 1.0,
         'osape_diagnostic{code="optional_camera_unavailable",camera="right"}': 1.0,
         'osape_camera_condition{camera="right",condition="lost"}': 1.0,
         'osape_camera_condition{camera="right",condition="running"}': 0.0,
@@ -92,9 +92,21 @@ def test_what_is_unknown_has_no_sample() -> None:
     unheard = pb.Health()
     unheard.autopilot.line_open = True
     assert {n for n in samples(metrics_text(unheard)) if "autopilot" in n or "clock" in n} == {
+        "osape_autopilot_link_open",
         "osape_autopilot_line_open",
+        "osape_autopilot_connected",
         "osape_autopilot_heard",
     }
+
+
+def test_renamed_metrics_keep_their_old_names_for_one_release() -> None:
+    h = report()
+    h.autopilot.counts["unknown_message"] = 2
+    found = samples(metrics_text(h))
+    for new, old in OLD_NAMES.items():
+        values = {n.replace(new, old, 1): v for n, v in found.items() if n.startswith(f"osape_{new}")}
+        assert values, new
+        assert {n: found.get(n) for n in values} == values
 
 
 def test_any_name_can_be_read() -> None:
@@ -115,7 +127,7 @@ def test_an_old_report_is_not_handed_on(server: MetricsServer) -> None:
     """A service that hangs must not look well."""
     assert fetched(server.port)[0] == 503
     health = fresh()
-    health.t_ns -= OLDEST_NS
+    health.t_ns -= MAX_REPORT_AGE_NS
     server.update(health)
     assert fetched(server.port)[0] == 503
     server.update(fresh())
@@ -140,7 +152,7 @@ def test_a_client_that_says_nothing_does_not_stop_the_others(server: MetricsServ
 def test_a_taken_port_is_told_and_no_error(server: MetricsServer) -> None:
     second = MetricsServer(server.port)
     second.open()
-    assert f"port {server.port} on 127.0.0.1 cannot be had" in second.trouble
+    assert f"port {server.port} on 127.0.0.1 cannot be bound" in second.fault
     second.close()
 
 
@@ -178,7 +190,7 @@ def test_the_service_goes_on_where_the_port_is_taken(tmp_path: Path) -> None:
             running.open()
             assert running.loop.begun.wait(10.0)
             running.tick()
-            assert any("choose another [service] metrics_port" in t for t in running.troubles)
+            assert any("choose another [service] metrics_port" in t for t in running.diagnostic_texts)
         finally:
             running.close()
 

@@ -13,7 +13,7 @@ from companion.diagnostic import DiagnosticCode
 from companion.live.health import CameraView, camera_message
 from companion.live.status import status_lines
 from companion.pipeline.encode import prisms_from_message, prisms_message, state_from_message, state_message
-from companion.pipeline.mount_messages import mount_diagnostic, mount_health, mount_words
+from companion.pipeline.mount_messages import mount_diagnostic, mount_health, mount_text
 from companion.pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
 from companion.self_check.mount_watch import MountWatch
 from core.extractor import Extractor
@@ -155,7 +155,7 @@ def test_each_verdict_has_its_code(verdict: MountVerdict, code: str) -> None:
     health = mount_health(known(0.0, 2.0, verdict), CameraMount())
     found = mount_diagnostic("front", health)
     assert (found.code, found.camera) == (code, "front") if found is not None else not code
-    assert mount_words(health)
+    assert mount_text(health)
 
 
 def watched(state: MountState, ground: Ground, measured: float) -> tuple[MountWatch, CameraInfo]:

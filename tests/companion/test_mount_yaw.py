@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from companion.pipeline.mount_messages import mount_words
+from companion.pipeline.mount_messages import mount_text
 from companion.self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
 from core.types import CameraMount
 from drivers.proto import osape_v1_pb2 as pb
@@ -83,6 +83,6 @@ def test_small_and_uncertain_errors_give_no_warning() -> None:
     assert "set yaw_deg = 4.0" in known.warning
     health = pb.MountHealth()
     add_yaw(health, known)
-    assert "yaw +4.0 +- 1.0 deg" in mount_words(health)
+    assert "yaw +4.0 +- 1.0 deg" in mount_text(health)
     assert not dataclasses.replace(known, error_rad=2.0 * DEG).warns
     assert not dataclasses.replace(known, sd_rad=1.4 * DEG).warns

@@ -7,9 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.pipeline.pipeline import FrameDecision, Pipeline, PrismsResult, transform_from_level_cam, with_height
+from companion.pipeline.pipeline import (
+    FrameDecision,
+    Pipeline,
+    PrismsResult,
+    seed_ground_height,
+    transform_from_level_cam,
+)
 from companion.pipeline.sync import DropCause, PoseAt, Source
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from core.frames import (
     level_cam_at,
     quaternion_from_euler,
@@ -160,7 +166,7 @@ def test_a_point_ends_where_the_chain_of_rotations_puts_it(mount, with_pose):
 def test_reframing_moves_everything_alike_and_back():
     transform = LevelTransform(0.7, (3.0, -4.0, 5.0))
     model = easy_model(4.0, 2.0)
-    moved = reframed(model, transform)
+    moved = transform_model(model, transform)
     c, s = np.cos(0.7), np.sin(0.7)
     a = model.planes[0, 0:2]
     np.testing.assert_allclose(moved.planes[0, 0:2], [c * a[0] - s * a[1] + 3, s * a[0] + c * a[1] - 4], rtol=1e-6)
@@ -171,7 +177,7 @@ def test_reframing_moves_everything_alike_and_back():
     np.testing.assert_allclose(moved.free.layer_edges_m, model.free.layer_edges_m + 5.0)
     assert moved.ground.slope_x == pytest.approx(c * 0.01 + s * 0.02)
     assert moved.ground.height_m == model.ground.height_m
-    back = reframed(moved, transform.inverse())
+    back = transform_model(moved, transform.inverse())
     np.testing.assert_allclose(back.planes, model.planes, atol=1e-5)
     np.testing.assert_allclose(back.ground.slope_y, model.ground.slope_y)
 
@@ -180,7 +186,7 @@ def test_a_very_low_plane_far_from_the_origin_stays_a_plane():
     low = dataclasses.replace(easy_model(4.0, 2.0), prisms=())
     planes = low.planes.copy()
     planes[:, 5] = np.nextafter(planes[:, 4], np.float32(np.inf))
-    moved = reframed(dataclasses.replace(low, planes=planes), LevelTransform(0.0, (0.0, 0.0, -5000.0)))
+    moved = transform_model(dataclasses.replace(low, planes=planes), LevelTransform(0.0, (0.0, 0.0, -5000.0)))
     assert np.all(moved.planes[:, 4] < moved.planes[:, 5])
 
 
@@ -200,12 +206,12 @@ def test_what_is_no_number_makes_the_frame_blind(field, value):
         )
     else:
         model = dataclasses.replace(model, **{field: spoilt(getattr(model, field), value)})
-    assert_says_nothing(reframed(model, LevelTransform(0.7, (3.0, -4.0, 5.0))))
+    assert_says_nothing(transform_model(model, LevelTransform(0.7, (3.0, -4.0, 5.0))))
 
 
 def test_a_place_that_is_no_number_makes_the_frame_blind():
-    assert_says_nothing(reframed(easy_model(4.0, 2.0), LevelTransform(0.7, (np.nan, 0.0, 0.0))))
-    assert_says_nothing(reframed(easy_model(4.0, 2.0), LevelTransform(0.7, (0.0, 0.0, 1e39))))  # not in float32
+    assert_says_nothing(transform_model(easy_model(4.0, 2.0), LevelTransform(0.7, (np.nan, 0.0, 0.0))))
+    assert_says_nothing(transform_model(easy_model(4.0, 2.0), LevelTransform(0.7, (0.0, 0.0, 1e39))))  # not in float32
 
 
 def spoilt(values, value):
@@ -240,7 +246,7 @@ def test_positions_can_be_left_aside():
 def test_a_frame_is_not_an_odd_sample():
     line = pipeline()
     outputs([attitude(START_NS), attitude(START_NS)], line)
-    assert line.odd_samples() == {"attitude_duplicates": 1}
+    assert line.sample_anomalies() == {"attitude_duplicates": 1}
     assert isinstance(frame(0, 0), DepthFrame)
 
 
@@ -255,6 +261,6 @@ def test_a_frame_is_not_an_odd_sample():
 )
 def test_the_height_of_the_pose_seeds_the_ground_until_it_was_seen(z_m, seen_m, with_pose, expected_m):
     place = PoseAt((0.0, 0.0, z_m), Source.EXACT, 0, 0) if with_pose else None
-    seeded = with_height(ExtractorState(seen_m, 0.002), place, LevelTransform(0.1, (1.0, 2.0, z_m)))
+    seeded = seed_ground_height(ExtractorState(seen_m, 0.002), place, LevelTransform(0.1, (1.0, 2.0, z_m)))
     np.testing.assert_equal(seeded.ground_height_m, expected_m)
     assert seeded.ke_per_m == 0.002

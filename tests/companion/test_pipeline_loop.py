@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.live.event_queue import Inbox
-from companion.live.pipeline_thread import TIDY_AT, TIDY_OLDER_AT, Clockwork, PipelineLoop, tidy
-from companion.live.staleness import Blindness
+from companion.live.event_queue import EventQueue
+from companion.live.pipeline_thread import COLLECT_AT, COLLECT_OLDER_AT, ClockCallbacks, PipelineThread, collect_garbage
+from companion.live.staleness import StalenessMonitor
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.pipeline.pipeline import Pipeline, PrismsResult
@@ -26,7 +26,7 @@ from drivers.simulation.source import camera_info
 
 from .live import until
 
-KEPT_A_FRAME = TIDY_AT // 3
+KEPT_A_FRAME = COLLECT_AT // 3
 
 
 class Node:
@@ -53,26 +53,26 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
         if phase == "start" and threading.current_thread().name == "pipeline":
             collected.append(in_frame.is_set())
 
-    inbox = Inbox()
-    loop = PipelineLoop(
-        Pipeline((), lambda info: Extractor()), inbox, Blindness(("front",), 0.3), publish, None, "off",
-        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
+    event_queue = EventQueue()
+    loop = PipelineThread(
+        Pipeline((), lambda info: Extractor()), event_queue, StalenessMonitor(("front",), 0.3), publish, None, "off",
+        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
     )  # fmt: skip
     gc.callbacks.append(seen)
     try:
         loop.open()
-        inbox.put([camera_info(160, 120)])
+        event_queue.put([camera_info(160, 120)])
         for k in range(120):  # without an attitude each is blind, and published at once
             said.clear()
             now_ns = time.monotonic_ns()
-            inbox.put_frame(
+            event_queue.put_frame(
                 DepthFrame(
                     camera="front", sequence=k, t_exposure_ns=now_ns, t_arrival_ns=now_ns,
                     depth_mm=np.zeros((120, 160), np.uint16),
                 )
             )  # fmt: skip
             assert said.wait(10.0)
-            assert loop.rest(10.0)
+            assert loop.wait_idle(10.0)
             if k < 3:  # modules are imported in the first
                 gc.collect()
                 collected.clear()
@@ -118,19 +118,19 @@ class Breaks(Pipeline):
         return super().handle(event)
 
 
-def two_frames(folder: Path, said: list[str], fault: Callable[[], None]) -> PipelineLoop:
+def two_frames(folder: Path, said: list[str], fault: Callable[[], None]) -> PipelineThread:
     """A loop that has been given two frames, of which the second is `fault`'s. said: what was sent and recorded."""
-    recorder, inbox = Heard(folder, said), Inbox()
-    loop = PipelineLoop(
-        Breaks(fault), inbox, Blindness(("front",), 0.3), lambda result, prisms: said.append(f"sent {result.sequence}"),
-        recorder, "always", Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
+    recorder, event_queue = Heard(folder, said), EventQueue()
+    loop = PipelineThread(
+        Breaks(fault), event_queue, StalenessMonitor(("front",), 0.3), lambda result, prisms: said.append(f"sent {result.sequence}"),
+        recorder, "always", ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False), lambda: None,
     )  # fmt: skip
-    inbox.put([camera_info(160, 120)])
+    event_queue.put([camera_info(160, 120)])
     loop.open()
     for k in range(2):
-        inbox.put([AttitudeSample(1_000 + k, 1_000 + k, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+        event_queue.put([AttitudeSample(1_000 + k, 1_000 + k, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
         frame = np.zeros((120, 160), np.uint16)
-        inbox.put_frame(
+        event_queue.put_frame(
             DepthFrame(camera="front", sequence=k, t_exposure_ns=1_000 + k, t_arrival_ns=2_000, depth_mm=frame)
         )
         assert k == 1 or until(lambda: "PrismsResult 0, True" in said, 10.0)
@@ -185,10 +185,10 @@ def test_older_garbage_is_collected_in_its_turn(survived: int) -> None:
         gc.collect(survived)
         lost = weakref.ref(node)
         del node
-        for _ in range((TIDY_OLDER_AT + 2) ** (survived + 1)):
+        for _ in range((COLLECT_OLDER_AT + 2) ** (survived + 1)):
             assert lost() is not None
-            new = [[k] for k in range(2 * TIDY_AT)]
-            tidy()
+            new = [[k] for k in range(2 * COLLECT_AT)]
+            collect_garbage()
             del new
             if lost() is None:
                 break

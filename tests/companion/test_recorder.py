@@ -118,7 +118,7 @@ def test_what_is_held_is_handed_over_at_the_end_and_counts_before(tmp_path: Path
     source = flight(1.0)
     pipeline = make_pipeline(Config(), source.cameras)
     events = [e for e in source.events() if isinstance(e, DepthFrame)]
-    with recorder.holding():
+    with recorder.deferred():
         recorder.begin(events[0].t_arrival_ns, pipeline.cameras, pipeline.state())
         for event in events:
             recorder.event(event)
@@ -162,7 +162,7 @@ def test_what_is_held_is_bounded_too(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, run_info("live"), RecordParams(queue_items=100, least_free_mb=1.0))
     recorder.open()
     sample = AttitudeSample(1, 1, (1.0, 0.0, 0.0, 0.0), None)
-    with recorder.holding():
+    with recorder.deferred():
         recorder.begin(1, (), Pipeline((), lambda info: pytest.fail("no camera")).state())
         for _ in range(150):
             recorder.event(sample)
@@ -225,12 +225,12 @@ def test_a_full_disk_is_told_and_recording_begins_again(tmp_path: Path, monkeypa
     recorder.open()
     free[0] = 0
     recorder.begin(0, pipeline.cameras, pipeline.state())
-    assert until(lambda: "less than 1 MB free" in recorder.status.trouble)
+    assert until(lambda: "less than 1 MB free" in recorder.status.fault)
     assert not recorder.status.recording
     free[0] = 10**12
     assert until(lambda: recorder.wants_begin)
     run_through(recorder, pipeline, source.events())
-    assert until(lambda: recorder.status.recording and recorder.status.trouble == "")
+    assert until(lambda: recorder.status.recording and recorder.status.fault == "")
     recorder.close()
     assert len(files_of(tmp_path)) == 1
 
@@ -246,8 +246,8 @@ def test_a_write_that_fails_leaves_what_was_written(tmp_path: Path, monkeypatch:
     def no_space(log: object) -> None:
         raise OSError(28, "No space left on device")
 
-    recorder._take(no_space, 10)
-    assert until(lambda: recorder.status.trouble == "recording stopped: No space left on device")
+    recorder._enqueue(no_space, 10)
+    assert until(lambda: recorder.status.fault == "recording stopped: No space left on device")
     recorder.close()
     (left,) = files_of(tmp_path)
     assert left.active
@@ -298,7 +298,7 @@ def test_a_flight_that_has_spent_the_budget_stops_being_recorded(tmp_path: Path)
     fake_log(tmp_path, recorder.flight, 1, 5_000_000, 0)
     again._thread.start()
     again.begin(0, pipeline.cameras, pipeline.state())
-    assert until(lambda: bool(again.status.trouble))
+    assert until(lambda: bool(again.status.fault))
     again.close()
 
 
@@ -335,8 +335,8 @@ def test_a_killed_recording_is_made_whole_at_the_next_start(tmp_path: Path) -> N
         service.send_signal(signal.SIGKILL)
         service.wait()
     assert any(f.active for f in files_of(tmp_path))
-    said = repair(tmp_path, "another flight")
-    assert any("messages recovered" in s for s in said)
+    results = repair(tmp_path, "another flight")
+    assert any("messages recovered" in s for s in results)
     logs = files_of(tmp_path)
     assert not any(f.active for f in logs)
     with McapRecording(logs[0].path) as recording:
@@ -387,9 +387,9 @@ def test_an_old_file_is_repaired_beside_the_recording_and_that_is_said(
     recorder.open()
     source = flight()
     run_through(recorder, make_pipeline(Config(), source.cameras), source.events())
-    assert until(lambda: bool(recorder._repairs.said), 60.0)
+    assert until(lambda: bool(recorder._repairs.results), 60.0)
     recorder.close()
-    assert recorder.status.trouble == ""
+    assert recorder.status.fault == ""
     assert not old.exists()
     assert any("repairs 20260101-000000.000.mcap.active" in m for m in caplog.messages)
     assert any("20260101-000000.000.mcap: " in m and "messages recovered" in m for m in caplog.messages)
@@ -409,8 +409,8 @@ def test_a_kill_during_a_repair_loses_nothing(tmp_path: Path) -> None:
     assert repairs.repairing == old.name
     repairs.stop()
     assert old.read_bytes() == content
-    (said,) = repair(tmp_path, "now")
-    assert "messages recovered" in said
+    (results,) = repair(tmp_path, "now")
+    assert "messages recovered" in results
 
 
 def test_a_repair_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
@@ -424,8 +424,8 @@ def test_a_repair_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
 
 def test_a_file_that_is_written_is_not_repaired(tmp_path: Path) -> None:
     log = LogWriter(part_path(tmp_path, "other", 0))
-    (said,) = repair(tmp_path, "mine")
-    assert "another process writes" in said
+    (results,) = repair(tmp_path, "mine")
+    assert "another process writes" in results
     log.abandon()
 
 
@@ -463,9 +463,9 @@ def test_a_folder_that_is_taken_away_in_flight_is_made_anew(tmp_path: Path, how:
     else:
         Path(first).unlink()
     assert until(lambda: recorder.wants_begin)
-    assert "was deleted or moved away" in recorder.status.trouble
+    assert "was deleted or moved away" in recorder.status.fault
     run_through(recorder, pipeline, events)
-    assert until(lambda: recorder.status.recording and not recorder.status.trouble)
+    assert until(lambda: recorder.status.recording and not recorder.status.fault)
     recorder.close()
     assert files_of(folder)
     for log in files_of(folder):
@@ -477,8 +477,8 @@ def test_a_folder_that_is_taken_away_in_flight_is_made_anew(tmp_path: Path, how:
 def test_repair_leaves_what_it_cannot_read(tmp_path: Path) -> None:
     broken = tmp_path / "20260101-000000.000.mcap.active"
     broken.write_bytes(b"no log at all")
-    (said,) = repair(tmp_path, "x")
-    assert "left as it is" in said
+    (results,) = repair(tmp_path, "x")
+    assert "left as it is" in results
     assert broken.read_bytes() == b"no log at all"
 
 

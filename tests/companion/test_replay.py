@@ -21,7 +21,7 @@ from companion.pipeline.encode import prisms_message, state_from_message, wire_b
 from companion.pipeline.pipeline import PipelineState
 from companion.replay.compare import Comparison, first_difference
 from companion.replay.replay import Options, make_pipeline, replay
-from companion.replay.replay_report import problems_of
+from companion.replay.replay_report import replay_problems
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.logs.codec import attitude_message, camera_message, depth_message
 from drivers.logs.reader import McapRecording
@@ -374,10 +374,10 @@ def test_what_is_missing_at_the_end_of_a_camera_is_no_gap():
 
 def test_problems_have_words_for_an_empty_run(recorded):
     result = replay(recorded, Options())
-    assert problems_of(result) == []
-    emptied = dataclasses.replace(result.tally, frames=0)
-    result.tally = emptied
-    assert "no depth image" in problems_of(result)[0]
+    assert replay_problems(result) == []
+    emptied = dataclasses.replace(result.counts, frames=0)
+    result.counts = emptied
+    assert "no depth image" in replay_problems(result)[0]
 
 
 def test_an_unfinished_log_is_never_written_over(tmp_path, recorded, capsys):

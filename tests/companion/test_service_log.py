@@ -14,9 +14,9 @@ from pathlib import Path
 
 from companion.config.loader import Config
 from companion.config.service import RecordParams
-from companion.live.event_queue import Inbox
-from companion.live.pipeline_thread import Clockwork, PipelineLoop
-from companion.live.staleness import Blindness
+from companion.live.event_queue import EventQueue
+from companion.live.pipeline_thread import ClockCallbacks, PipelineThread
+from companion.live.staleness import StalenessMonitor
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
 from companion.pipeline.pipeline import Pipeline, PrismsResult
@@ -123,21 +123,21 @@ def recorder_in(folder: Path) -> Recorder:
 
 
 def loop_of(
-    inbox: Inbox,
+    event_queue: EventQueue,
     recorder: Recorder,
     publish: Callable[[PrismsResult, bytes], None],
     warm_up: Callable[[], None] = lambda: None,
-) -> PipelineLoop:
+) -> PipelineThread:
     """A pipeline of its own, without an autopilot's clock, recorded always."""
     config = Config()
-    return PipelineLoop(
+    return PipelineThread(
         Pipeline((), lambda info: Extractor(config.extractor), config.sync),
-        inbox,
-        Blindness(("front", "right"), 0.3),
+        event_queue,
+        StalenessMonitor(("front", "right"), 0.3),
         publish,
         recorder,
         "always",
-        Clockwork(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
+        ClockCallbacks(clock=lambda: (ClockEstimate(ClockSource.NONE), 0), armed=lambda: False),
         warm_up,
     )
 
@@ -145,32 +145,32 @@ def loop_of(
 def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_again(tmp_path: Path) -> None:
     flight = SimulatedFlight("trees", width=160, height=120, duration_s=1.0, rates=Rates(depth_hz=20.0))
     recorder = recorder_in(tmp_path / "logs")
-    inbox, held = Inbox(), threading.Event()
+    event_queue, held = EventQueue(), threading.Event()
     said: list[int] = []
     rested: list[bool] = []
 
     def publish(result: PrismsResult, prisms: bytes) -> None:
         said.append(result.sequence)
-        rested.append(loop.rest(0.0))
+        rested.append(loop.wait_idle(0.0))
         if len(said) == 3:
             assert held.wait(30.0)
 
     def said_up_to(frames: int) -> bool:
         return until(lambda: len(said) >= frames, 30.0)
 
-    loop = loop_of(inbox, recorder, publish)
+    loop = loop_of(event_queue, recorder, publish)
     recorder.open()
     loop.open()
-    inbox.put([camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m)])
+    event_queue.put([camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m)])
     for event in flight.events():
         if not isinstance(event, DepthFrame):
-            inbox.put([event])
+            event_queue.put([event])
             continue
         assert said_up_to(min(event.sequence, 3))
-        inbox.put_frame(event)
+        event_queue.put_frame(event)
     held.set()
     assert until(lambda: said[-1] == 20, 30.0)
-    assert loop.rest(30.0)
+    assert loop.wait_idle(30.0)
     assert rested == 4 * [False]  # reports of the service wait for the frame at hand
     loop.close()
     recorder.close()
@@ -187,25 +187,25 @@ def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_w
     """What came meanwhile is handled at one go: frames that were passed over, the other camera, then the first image."""
     flight = SimulatedFlight("street", width=160, height=120, duration_s=0.5, rates=Rates(depth_hz=20.0))
     info, recorder = camera_info(160, 120, ke_per_m=flight.cameras[0].ke_per_m), recorder_in(tmp_path / "logs")
-    inbox, warm, said = Inbox(), threading.Event(), list[int]()
+    event_queue, warm, said = EventQueue(), threading.Event(), list[int]()
 
     def warm_up() -> None:
         assert warm.wait(30.0)
 
-    loop = loop_of(inbox, recorder, lambda result, prisms: said.append(result.sequence), warm_up)
+    loop = loop_of(event_queue, recorder, lambda result, prisms: said.append(result.sequence), warm_up)
     recorder.open()
     loop.open()
-    inbox.put([info])
+    event_queue.put([info])
     for event in flight.events():
         if not isinstance(event, DepthFrame):
-            inbox.put([event])
+            event_queue.put([event])
             continue
-        inbox.put_frame(event)
+        event_queue.put_frame(event)
         if event.sequence == 4:
-            inbox.put([replace(info, camera="right")])
+            event_queue.put([replace(info, camera="right")])
     warm.set()
     assert until(lambda: said == [10], 30.0)
-    assert loop.rest(30.0)
+    assert loop.wait_idle(30.0)
     loop.close()
     recorder.close()
     (log,) = (tmp_path / "logs").iterdir()

@@ -48,7 +48,7 @@ def service_in(folder: Path) -> Service:
         camera._stop.wait()
         return "the service stops"
 
-    camera._live = no_process  # type: ignore[method-assign]
+    camera._run_process = no_process  # type: ignore[method-assign]
     return service
 
 
@@ -60,7 +60,7 @@ def served(service: Service) -> Iterator[list[int]]:
     try:
         service.open()
         loop.start()
-        assert until(lambda: service.started and service.troubles)
+        assert until(lambda: service.started and service.diagnostic_texts)
         yield status
     finally:
         stop.set()
@@ -95,7 +95,7 @@ class Autopilot:
 
 
 def of_pipeline(service: Service) -> None:
-    service.inbox.take = broken  # type: ignore[assignment,method-assign]
+    service.event_queue.take = broken  # type: ignore[assignment,method-assign]
 
 
 def of_line(service: Service) -> None:
@@ -116,8 +116,8 @@ def of_sender(service: Service) -> None:
 
 
 def of_camera(service: Service) -> None:
-    service.cameras["front"]._say = broken  # type: ignore[method-assign]
-    service.cameras["front"]._live = broken  # type: ignore[assignment,method-assign]
+    service.cameras["front"]._set_condition = broken  # type: ignore[method-assign]
+    service.cameras["front"]._run_process = broken  # type: ignore[assignment,method-assign]
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_the_flight_goes_on_and_what_ended_is_named(
     service = service_in(tmp_path)
     with served(service) as status:
         inject(service)
-        assert until(lambda: any(name in trouble for trouble in service.troubles)), service.troubles
+        assert until(lambda: any(name in trouble for trouble in service.diagnostic_texts)), service.diagnostic_texts
         time.sleep(0.2)
         assert status == []
         assert service.loop.running
@@ -206,7 +206,7 @@ def test_an_error_in_a_viewers_image_ends_its_stream_only(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(previews, "_show", bad)
     previews.show(None)  # type: ignore[arg-type]
-    assert previews.trouble == "no depth images for viewers any more (ValueError: injected)"
+    assert previews.fault == "no depth images for viewers any more (ValueError: injected)"
 
 
 def test_a_part_that_raises_keeps_no_other_from_being_closed(tmp_path: Path) -> None:

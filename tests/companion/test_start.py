@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from companion.config.loader import config_of
-from companion.live.event_queue import MOST
+from companion.live.event_queue import MAX_ITEMS
 from companion.live.service import Service
 from companion.paths import Folders
 from core.types import AttitudeSample
@@ -66,9 +66,9 @@ def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
     service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: time.sleep(0.7))
     try:
         service.open()
-        assert service.hung() == ""
+        assert service.stalled_part() == ""
         assert service.loop.begun.wait(10.0)
-        assert service.hung() == ""
+        assert service.stalled_part() == ""
     finally:
         service.close()
 
@@ -78,18 +78,18 @@ def test_samples_that_give_way_are_told(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     config = config_of({"record": {"record": "off"}}, "test")
     service = Service(config, Folders(tmp_path / "run", tmp_path / "state"), lambda: None)
-    flood = [AttitudeSample(k, k, (1.0, 0.0, 0.0, 0.0)) for k in range(1, MOST + 101)]
+    flood = [AttitudeSample(k, k, (1.0, 0.0, 0.0, 0.0)) for k in range(1, MAX_ITEMS + 101)]
     try:
-        service.inbox.put(flood)
+        service.event_queue.put(flood)
         service.tick()
-        assert service.troubles[0].startswith("starting")  # nothing sees yet, nothing is lacking
+        assert service.diagnostic_texts[0].startswith("starting")  # nothing sees yet, nothing is lacking
         service.open()
         assert service.loop.begun.wait(10.0)
         service.tick()
-        assert not any("samples" in t for t in service.troubles)
-        service.inbox.put(flood)
+        assert not any("samples" in t for t in service.diagnostic_texts)
+        service.event_queue.put(flood)
         service.tick()
-        assert f"{service.inbox.lost} samples of the autopilot were lost" in " ".join(service.troubles)
-        assert service.inbox.lost >= 200
+        assert f"{service.event_queue.lost} samples of the autopilot were lost" in " ".join(service.diagnostic_texts)
+        assert service.event_queue.lost >= 200
     finally:
         service.close()

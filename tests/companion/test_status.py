@@ -176,7 +176,7 @@ def test_troubles_name_the_worst_first() -> None:
     found = diagnostics_of(
         [camera("a", "silent: no frame for 0.6 s")],
         None,
-        RecordStatus(trouble="recording stopped: full"),
+        RecordStatus(fault="recording stopped: full"),
         "the pipeline",
     )
     assert [(d.code, d.camera, d.text) for d in found] == [
@@ -198,7 +198,7 @@ def test_temperatures_are_those_of_the_sensors_that_work(tmp_path: Path, monkeyp
             (zone / "temp").write_text(told)
     monkeypatch.setattr(health, "THERMAL", tmp_path)
     report = pb.Health()
-    health.Machine().fill(report)
+    health.ProcessUsage().fill(report)
     assert [(t.sensor, t.celsius) for t in report.temperatures] == [
         ("cpu-thermal", pytest.approx(51.234)),
         ("npu", -3.0),

@@ -8,7 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.pipeline.multi_camera import Blind, Surround, SurroundKeeper, surround_message
+from companion.pipeline.multi_camera import (
+    AllCamerasModel,
+    AllCamerasModelBuilder,
+    UnavailableCamera,
+    all_cameras_message,
+)
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.frames import horizontal_heading_rad, rotation_frd_optical, rotation_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, CameraMount, PoseSample
@@ -41,8 +46,8 @@ def results(poses: dict[str, PoseSample | None] | None = None) -> dict[str, Pris
     return out
 
 
-def keeper(found: dict[str, PrismsResult]) -> SurroundKeeper:
-    keeper = SurroundKeeper(tuple(info.camera for info in BOTH))
+def keeper(found: dict[str, PrismsResult]) -> AllCamerasModelBuilder:
+    keeper = AllCamerasModelBuilder(tuple(info.camera for info in BOTH))
     for result in found.values():
         keeper.result(result)
     return keeper
@@ -59,7 +64,7 @@ def corners_ned_minus_vehicle(info: CameraInfo, t_ns: int) -> np.ndarray:
     return (rotation_from_euler(0.0, 0.0, heading) @ points.T).T[:, :2] + lever[:2]
 
 
-def planes_of(surround: Surround, camera: str) -> np.ndarray:
+def planes_of(surround: AllCamerasModel, camera: str) -> np.ndarray:
     part = next(p for p in surround.parts if p.camera == camera)
     assert isinstance(part, PrismsResult)
     assert part.model is not None
@@ -116,9 +121,11 @@ def test_a_jump_of_the_position_between_the_exposures_is_not_smeared_over_the_mo
 def test_a_blind_camera_is_said_and_keeps_no_planes() -> None:
     surround = keeper(results()).model(lambda camera: "silent: unplugged" if camera == "right" else "")
     blind = surround.parts[1]
-    assert blind == Blind(camera="right", sequence=7, t_exposure_ns=START_NS + 60 * MS, cause_text="silent: unplugged")
+    assert blind == UnavailableCamera(
+        camera="right", sequence=7, t_exposure_ns=START_NS + 60 * MS, cause_text="silent: unplugged"
+    )
     assert surround.t_ns == START_NS
-    message = surround_message(surround, frozenset({"front"}))
+    message = all_cameras_message(surround, frozenset({"front"}))
     assert message.valid
     assert [c.valid for c in message.cameras] == [True, False]
     assert not message.cameras[1].planes.corners_m
@@ -129,20 +136,20 @@ def test_a_blind_camera_is_said_and_keeps_no_planes() -> None:
 def test_a_result_of_long_ago_is_not_taken_for_the_frame_that_ended_the_blindness() -> None:
     """Whoever judges blindness may know of a good frame before its result is here."""
     surround = keeper(results()).model(sees, oldest_ns=START_NS + 30 * MS)
-    assert isinstance(surround.parts[0], Blind)
+    assert isinstance(surround.parts[0], UnavailableCamera)
     assert surround.parts[0].cause_text
     assert isinstance(surround.parts[1], PrismsResult)
 
 
 @pytest.mark.parametrize("required", [frozenset(), frozenset({"front"}), frozenset({"right"})])
 def test_without_a_required_camera_or_without_any_it_is_not_valid(required: frozenset[str]) -> None:
-    only_front = SurroundKeeper(("front", "right"))
+    only_front = AllCamerasModelBuilder(("front", "right"))
     only_front.result(results()["front"])
-    assert surround_message(only_front.model(sees), required).valid == ("right" not in required)
-    nothing = SurroundKeeper(("front", "right")).model(sees)
+    assert all_cameras_message(only_front.model(sees), required).valid == ("right" not in required)
+    nothing = AllCamerasModelBuilder(("front", "right")).model(sees)
     assert nothing.t_ns == 0
     assert [p.cause_text for p in nothing.parts] == ["no frame yet", "no frame yet"]
-    assert not surround_message(nothing, required).valid
+    assert not all_cameras_message(nothing, required).valid
 
 
 def test_an_invalid_frame_takes_the_place_of_a_valid_one() -> None:
@@ -153,5 +160,5 @@ def test_an_invalid_frame_takes_the_place_of_a_valid_one() -> None:
     assert isinstance(dropped, PrismsResult)
     both.result(dropped)
     part = both.model(sees).parts[0]
-    assert isinstance(part, Blind)
+    assert isinstance(part, UnavailableCamera)
     assert part.cause_text == dropped.cause_text != ""

@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 
 from companion.config.sync import SyncParams
 from companion.pipeline.quaternion import (
-    body_rates,
     conjugate,
     from_rotation_vector,
     normalised,
     product,
+    rates_between,
     rotate_by_rates,
     slerp,
     to_rotation_vector,
 )
-from companion.pipeline.sync import FARTHEST_M, NS, DropCause, PoseAt, Source, Synchroniser
+from companion.pipeline.sync import MAX_DISTANCE_M, NS, DropCause, PoseAt, Source, Synchroniser
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 
@@ -101,7 +101,7 @@ def test_the_error_between_samples_of_an_accelerated_turn_is_the_analytic_one(ac
 @given(vectors, st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.floats(0.01, 0.5))
 def test_body_rates_undo_the_turn_they_are_taken_from(start, rates, dt_s):
     q = from_rotation_vector(start)
-    found = body_rates(q, rotate_by_rates(q, rates, dt_s), dt_s)
+    found = rates_between(q, rotate_by_rates(q, rates, dt_s), dt_s)
     np.testing.assert_allclose(found, rates, atol=1e-6)
 
 
@@ -223,10 +223,10 @@ def test_rates_that_nothing_flies_with_carry_no_attitude(rate):
     assert angle_between(at.q_ned_frd_wxyz, q) < 1e-9
 
 
-@pytest.mark.parametrize("far_m", [1.01 * FARTHEST_M, -1e8, 1e39, 1e300])
+@pytest.mark.parametrize("far_m", [1.01 * MAX_DISTANCE_M, -1e8, 1e39, 1e300])
 def test_a_position_beyond_every_local_frame_is_none(far_m):
     exact = synchroniser(PoseSample(0, 0, (0.0, far_m, 0.0)))
     assert "km from the origin" in exact.pose_at(0)
     carried = synchroniser(PoseSample(0, 0, (0.0, 0.0, 0.0), (far_m * 100, 0.0, 0.0)))
     assert "km from the origin" in carried.pose_at(100 * MS)
-    assert isinstance(synchroniser(PoseSample(0, 0, (0.0, 0.0, -FARTHEST_M))).pose_at(0), PoseAt)
+    assert isinstance(synchroniser(PoseSample(0, 0, (0.0, 0.0, -MAX_DISTANCE_M))).pose_at(0), PoseAt)

@@ -28,7 +28,7 @@ from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered
 from companion.autopilot.polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState, covered, looked_into, scan
 from companion.autopilot.view_free import View, points_free
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.transform import LevelTransform, reframed
+from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.params import Params
 from core.types import CameraInfo, CameraMount, FrameModel
@@ -201,7 +201,7 @@ def test_a_plane_seen_from_aside_does_not_vouch_for_the_way_of_a_blind_camera() 
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     R_level_cam = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     R_optical_level = np.asarray(plain.R_optical_level) @ R_level_cam.T
-    view = View(reframed(plain.model, place), place, INFO.intrinsics, R_optical_level)
+    view = View(transform_model(plain.model, place), place, INFO.intrinsics, R_optical_level)
     found = scan([view], AVOID)
     ahead = found.distance_m[0]
     assert ahead == pytest.approx(8.0 - AVOID.radius_m, abs=0.6)  # the plane is there

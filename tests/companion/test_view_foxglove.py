@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from companion.viewer.foxglove_server import FoxgloveServer
-from companion.viewer.subscriber import Feed
+from companion.viewer.subscriber import LiveSubscriber
 from drivers.base import DeviceNotFound
 from drivers.proto import osape_v1_pb2 as pb
 
@@ -113,13 +113,13 @@ def told(tmp_path: Path) -> Iterator[Told]:
 
 @pytest.fixture
 def server(told: Told) -> Iterator[FoxgloveServer]:
-    feed = Feed(told.streams)
-    feed.open()
-    server = FoxgloveServer(feed, "127.0.0.1", 0)
+    subscriber = LiveSubscriber(told.streams)
+    subscriber.open()
+    server = FoxgloveServer(subscriber, "127.0.0.1", 0)
     server.open()
     yield server
     server.close()
-    feed.close()
+    subscriber.close()
 
 
 def test_a_viewer_gets_what_a_log_would_hold_and_is_told_of_blindness(told: Told, server: FoxgloveServer) -> None:
@@ -167,10 +167,10 @@ def test_a_viewer_gets_what_a_log_would_hold_and_is_told_of_blindness(told: Told
 
 def test_a_port_that_is_taken_is_named(told: Told, server: FoxgloveServer) -> None:
     with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 cannot be had"):
-        FoxgloveServer(Feed(told.streams), "127.0.0.1", server.port).open()
+        FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", server.port).open()
 
 
 def test_without_the_extra_the_remedy_is_told(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(DeviceNotFound, match=r"pip install 'osape-companion\[foxglove\]'"):
-        FoxgloveServer(Feed(told.streams), "127.0.0.1", 0).open()
+        FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", 0).open()

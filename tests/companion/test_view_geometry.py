@@ -20,7 +20,7 @@ from companion.viewer.colors import (
     palette,
     range_index,
 )
-from companion.viewer.frame import Standing, choose
+from companion.viewer.frame import FrameStatus, select_frames
 from companion.viewer.geometry import (
     clip_near,
     elevation_ahead_rad,
@@ -136,11 +136,11 @@ def test_byte_of_a_distance_stands_for_it_within_one_step(distance: float) -> No
 
 
 def test_standing_of_frames() -> None:
-    assert frame().standing is Standing.VALID
-    assert frame(model=None).standing is Standing.NO_PRISMS
-    assert frame(model=None, dropped="no attitude").standing is Standing.BLIND
+    assert frame().status is FrameStatus.VALID
+    assert frame(model=None).status is FrameStatus.NO_PRISMS
+    assert frame(model=None, dropped="no attitude").status is FrameStatus.BLIND
     assert frame(model=None, dropped="no attitude").cause == "frame not used: no attitude"
-    assert blind().standing is Standing.BLIND
+    assert blind().status is FrameStatus.BLIND
     assert blind().cause == "too few pixels hold a measurement"
     with pytest.raises(ValueError, match="without the attitude"):
         frame(R_ned_frd=None)
@@ -152,7 +152,7 @@ def test_pictures_spread_over_the_log_with_the_fullest_and_the_first_blind_frame
     counts = [0] * 100
     counts[33] = 9
     blind_frames = [k in (61, 62) for k in range(100)]
-    assert choose(counts, blind_frames, spread=3) == [0, 33, 50, 61, 99]
-    assert choose([1, 1], [False, False]) == [0, 1]
-    assert choose([5], [True]) == [0]
-    assert choose([], []) == []
+    assert select_frames(counts, blind_frames, spread=3) == [0, 33, 50, 61, 99]
+    assert select_frames([1, 1], [False, False]) == [0, 1]
+    assert select_frames([5], [True]) == [0]
+    assert select_frames([], []) == []

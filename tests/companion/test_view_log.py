@@ -18,7 +18,7 @@ from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from companion.replay.replay import Options, replay
-from companion.viewer.frame import Standing
+from companion.viewer.frame import FrameStatus
 from companion.viewer.log import WAITING, LoggedFrame, read_frames
 from companion.viewer.strips import StripFinder
 from companion.viewer.view import PAGE_NAME, ViewOptions, make_views
@@ -63,7 +63,7 @@ def page_data(folder: Path) -> Any:
 
 def test_every_frame_comes_back_with_its_image_and_its_model(log: Path, logged: list[LoggedFrame]) -> None:
     frames = [item.frame() for item in logged]
-    assert [f.standing for f in frames] == [item.standing for item in logged]
+    assert [f.status for f in frames] == [item.status for item in logged]
     assert [0 if f.model is None else len(f.model.planes) for f in frames] == [item.plane_count for item in logged]
     recorded: list[DepthFrame] = frames_of(log)
     assert [f.sequence for f in frames] == [d.sequence for d in recorded]
@@ -72,9 +72,9 @@ def test_every_frame_comes_back_with_its_image_and_its_model(log: Path, logged: 
         assert f.depth_mm is not None
         np.testing.assert_array_equal(f.depth_mm, d.depth_mm)
         assert f.t_ns == d.t_exposure_ns
-    standings = {s: sum(f.standing is s for f in frames) for s in Standing}
-    assert standings == {Standing.VALID: 40, Standing.BLIND: 17, Standing.NO_PRISMS: 0}
-    causes = {f.cause for f in frames if f.standing is Standing.BLIND}
+    statuses = {s: sum(f.status is s for f in frames) for s in FrameStatus}
+    assert statuses == {FrameStatus.VALID: 40, FrameStatus.BLIND: 17, FrameStatus.NO_PRISMS: 0}
+    causes = {f.cause for f in frames if f.status is FrameStatus.BLIND}
     assert any("too few pixels" in c for c in causes)
     assert any("attitude" in c and c.startswith("frame not used") for c in causes)
 
@@ -84,7 +84,7 @@ def test_model_comes_back_in_the_cameras_own_level_frame(logged: list[LoggedFram
     extractor, compared = Extractor(Params()), 0
     for item in logged[:8]:
         f = item.frame()
-        if f.standing is not Standing.VALID:
+        if f.status is not FrameStatus.VALID:
             continue
         assert f.model is not None
         assert f.depth_mm is not None
@@ -206,19 +206,19 @@ def made_by_hand(path: Path, order: list[tuple[str, int]], spoil: int | None = N
     return path
 
 
-def frames_in(path: Path) -> list[tuple[int, Standing, bool]]:
+def frames_in(path: Path) -> list[tuple[int, FrameStatus, bool]]:
     with McapRecording(path) as source:
-        return [(f.sequence, f.standing, f.depth_mm is not None) for f in read_frames(source)]
+        return [(f.sequence, f.status, f.depth_mm is not None) for f in read_frames(source)]
 
 
 def test_prisms_find_their_depth_in_a_live_logs_order(tmp_path: Path) -> None:
     order = [("depth", 0), ("depth", 1), ("prisms", 0), ("depth", 2), ("duplicate", 2), ("prisms", 1), ("depth", 3)]
     assert frames_in(made_by_hand(tmp_path / "live.mcap", order)) == [
-        (0, Standing.VALID, True),
-        (1, Standing.VALID, True),
-        (3, Standing.NO_PRISMS, True),
+        (0, FrameStatus.VALID, True),
+        (1, FrameStatus.VALID, True),
+        (3, FrameStatus.NO_PRISMS, True),
     ]
-    assert frames_in(made_by_hand(tmp_path / "nodepth.mcap", [("prisms", 5)])) == [(5, Standing.VALID, False)]
+    assert frames_in(made_by_hand(tmp_path / "nodepth.mcap", [("prisms", 5)])) == [(5, FrameStatus.VALID, False)]
 
 
 def test_depth_without_prisms_does_not_pile_up(tmp_path: Path) -> None:
@@ -227,7 +227,7 @@ def test_depth_without_prisms_does_not_pile_up(tmp_path: Path) -> None:
         first = next(read_frames(source))
         assert first.sequence == 0
         assert source.share_read < 1.0, "the first one is handed on before the log is at its end"
-    assert frames_in(path) == [(n, Standing.NO_PRISMS, True) for n in range(WAITING + 5)]
+    assert frames_in(path) == [(n, FrameStatus.NO_PRISMS, True) for n in range(WAITING + 5)]
 
 
 def test_prisms_of_another_version_are_left_out_and_told(tmp_path: Path) -> None:

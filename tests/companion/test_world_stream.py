@@ -15,7 +15,7 @@ import pytest
 import zmq
 
 from companion.config.loader import config_of
-from companion.live.world_thread import WorldService, opened_world
+from companion.live.world_thread import WorldThread, open_world
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
 from companion.pipeline.transform import LevelTransform
@@ -51,7 +51,7 @@ class Speaker:
         self.addresses = f"ipc://{folder}/w", f"ipc://{folder}/r"
         changes = Publisher(Stream("world", self.addresses[0]), self.context, newest_only=False)
         requests = Publisher(Stream("world_requests", self.addresses[1]), self.context, None, zmq.REP, False)
-        self.service = WorldService(WorldParams(), changes, requests, boot)
+        self.service = WorldThread(WorldParams(), changes, requests, boot)
 
     def close(self) -> None:
         self.service.close()
@@ -277,7 +277,7 @@ def test_what_comes_twice_or_too_late_changes_nothing() -> None:
 def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
     speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now())))
     speaker.service._take()
-    whole = speaker.service._told(speaker.service._snapshot(now()), now()).SerializeToString()
+    whole = speaker.service._completed(speaker.service._snapshot(now()), now()).SerializeToString()
     with WorldMirror(*speaker.addresses) as mirror:
         for size in range(len(whole)):
             mirror._read(whole[:size], now())
@@ -345,10 +345,10 @@ def test_where_one_address_cannot_be_had_the_other_is_given_back(tmp_path: Path)
     good = config_of({"publish": {"world": "ipc://{run}/w", "world_requests": "ipc://{run}/r"}}, "t")
     try:
         with pytest.raises(DriverError, match="world_requests"):
-            opened_world(broken, tmp_path, context, None, "one")
-        service = opened_world(good, tmp_path, context, None, "one")
+            open_world(broken, tmp_path, context, None, "one")
+        service = open_world(good, tmp_path, context, None, "one")
         assert service is not None
         service.close()
-        assert opened_world(config_of({}, "t"), tmp_path, context, None, "one") is None
+        assert open_world(config_of({}, "t"), tmp_path, context, None, "one") is None
     finally:
         context.destroy(linger=0)

@@ -33,7 +33,7 @@ def scene(x_m: float, slant_deg: float, house: bool, cable: bool = True) -> Scen
     return s
 
 
-def filmed(s: SceneBuilder, ke: float) -> tuple[Rendered, FrameModel]:
+def render_sequence(s: SceneBuilder, ke: float) -> tuple[Rendered, FrameModel]:
     """640 pixels wide, with the noise, holes and mismatches of a good stereo camera."""
     info = camera_info(640, 480, ke_per_m=ke)
     position = (0.0, 0.0, -CAMERA_M)
@@ -70,7 +70,7 @@ def stopped(points: NDArray[np.float64], model: FrameModel) -> NDArray[np.bool_]
     ("x_m", "slant_deg"), [(2.0, 0.0), (2.0, 30.0), (3.0, 10.0), (3.0, 60.0), (4.0, 0.0), (4.0, 60.0)]
 )
 def test_a_near_thin_cable_is_kept(x_m: float, slant_deg: float, house: bool, ke: float) -> None:
-    r, model = filmed(scene(x_m, slant_deg, house), ke)
+    r, model = render_sequence(scene(x_m, slant_deg, house), ke)
     points = points_on_cable(r)
     assert len(points) > 500
     hit = stopped(points, model)
@@ -80,6 +80,6 @@ def test_a_near_thin_cable_is_kept(x_m: float, slant_deg: float, house: bool, ke
 
 
 def test_without_the_cable_nothing_stops_those_rays() -> None:
-    r, _ = filmed(scene(3.0, 10.0, True), 0.0015)
-    _, without = filmed(scene(3.0, 10.0, True, cable=False), 0.0015)
+    r, _ = render_sequence(scene(3.0, 10.0, True), 0.0015)
+    _, without = render_sequence(scene(3.0, 10.0, True, cable=False), 0.0015)
     assert not stopped(points_on_cable(r), without).any()

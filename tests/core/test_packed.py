@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.pipeline.encode import MODEL_FIELDS
-from companion.pipeline.fast_encode import packed_model
+from companion.pipeline.fast_encode import encode_model
 from core.stages.prism_table import prism_table
 from core.types import FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
 from drivers.proto import osape_v1_pb2 as pb
@@ -60,7 +60,7 @@ def told_one_by_one(model: FrameModel) -> pb.PrismsFrame:
 
 
 def check(told: FrameModel) -> None:
-    read, expected = pb.PrismsFrame.FromString(packed_model(MODEL_FIELDS, told)), told_one_by_one(told)
+    read, expected = pb.PrismsFrame.FromString(encode_model(MODEL_FIELDS, told)), told_one_by_one(told)
     assert read == expected
     assert read.SerializeToString(deterministic=True) == expected.SerializeToString(deterministic=True)
 

@@ -13,7 +13,15 @@ import pytest
 
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceLost
-from drivers.cameras.frame_channel import _FRAME, SLOTS, FrameReader, FrameWriter, Word, _Told, slot_bytes
+from drivers.cameras.frame_channel import (
+    _FRAME,
+    SLOTS,
+    FrameReader,
+    FrameWriter,
+    Notification,
+    _FrameNotice,
+    slot_bytes,
+)
 
 
 def frame(sequence: int, width: int = 64, height: int = 48) -> DepthFrame:
@@ -33,11 +41,11 @@ def test_a_frame_comes_out_as_it_went_in() -> None:
     rng = np.random.Generator(np.random.PCG64(1))
     depth = rng.integers(0, 65536, (48, 64)).astype(np.uint16)
     writer.write(DepthFrame(camera="front", sequence=7, t_exposure_ns=10**15, t_arrival_ns=10**15 + 3, depth_mm=depth))
-    got, words = reader.read(1.0)
+    got, notifications = reader.read(1.0)
     assert got is not None
     assert (got.sequence, got.t_exposure_ns, got.t_arrival_ns) == (7, 10**15, 10**15 + 3)
     assert np.array_equal(got.depth_mm, depth)
-    assert words == []
+    assert notifications == []
 
 
 def test_only_the_newest_frame_is_delivered_and_the_others_are_counted() -> None:
@@ -70,11 +78,11 @@ def test_a_reader_that_sleeps_never_makes_the_writer_wait_and_gets_whole_frames(
 def test_a_frame_that_was_overwritten_meanwhile_is_not_delivered() -> None:
     reader, writer = pair()
     writer.write(frame(1))
-    told = reader._receive()
-    assert isinstance(told, _Told)
+    payload = reader._receive()
+    assert isinstance(payload, _FrameNotice)
     for k in range(2, 6):
         writer.write(frame(k))
-    assert reader._frame(told) is None
+    assert reader._frame(payload) is None
     assert reader.dropped == 1
 
 
@@ -83,12 +91,12 @@ def test_pixels_of_another_frame_under_the_right_marks_are_not_delivered(rows: s
     """What a processor with weak ordering may show of a writer that overtakes: the new pixels, and still the old marks."""
     reader, writer = pair()
     writer.write(frame(1))
-    told = reader._receive()
-    assert isinstance(told, _Told)
+    payload = reader._receive()
+    assert isinstance(payload, _FrameNotice)
     assert writer._memory is not None
-    at = (told.number % SLOTS) * slot_bytes(64, 48) + 8
+    at = (payload.number % SLOTS) * slot_bytes(64, 48) + 8
     np.ndarray((48, 64), np.uint16, writer._memory, at)[rows] = 1005
-    assert reader._frame(told) is None
+    assert reader._frame(payload) is None
     assert reader.dropped == 1
 
 
@@ -105,7 +113,7 @@ def test_the_size_of_the_image_may_change() -> None:
 def test_a_reader_that_was_too_slow_for_the_memory_gets_it_later() -> None:
     reader, writer = pair()
     for k in range(2000):
-        writer.say("alive", number=k)
+        writer.send("alive", number=k)
     writer.write(frame(1))
     assert reader.read(0.0)[0] is None
     writer.write(frame(2))
@@ -116,20 +124,20 @@ def test_a_reader_that_was_too_slow_for_the_memory_gets_it_later() -> None:
 
 def test_words_come_with_what_they_tell() -> None:
     reader, writer = pair()
-    writer.say("opened", device="OAK-D", baseline_m=0.075)
-    assert reader.read(1.0) == (None, [Word("opened", {"device": "OAK-D", "baseline_m": 0.075})])
+    writer.send("opened", device="OAK-D", baseline_m=0.075)
+    assert reader.read(1.0) == (None, [Notification("opened", {"device": "OAK-D", "baseline_m": 0.075})])
 
 
 def test_the_last_words_of_a_process_are_heard_before_its_end() -> None:
     reader, writer = pair()
     writer.write(frame(3))
-    writer.say("failed", cause="the cable is out")
+    writer.send("failed", cause="the cable is out")
     reader.close_child()
     writer.close()
-    got, words = reader.read(1.0)
+    got, notifications = reader.read(1.0)
     assert got is not None
     assert got.sequence == 3
-    assert words == [Word("failed", {"cause": "the cable is out"})]
+    assert notifications == [Notification("failed", {"cause": "the cable is out"})]
     with pytest.raises(DeviceLost, match="has ended"):
         reader.read(1.0)
 
@@ -161,7 +169,7 @@ CHILD = textwrap.dedent("""
     from core.types import DepthFrame
     from drivers.cameras.frame_channel import FrameWriter
     writer = FrameWriter(int(sys.argv[1]), "front")
-    writer.say("opened", pid=0)
+    writer.send("opened", pid=0)
     for k in range(100000):
         depth = np.full((480, 640), k % 60000 + 1, np.uint16)
         now = time.monotonic_ns()

@@ -17,7 +17,7 @@ _BOARD: Final = Path("/proc/device-tree/model")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Machine:
+class HostInfo:
     """processor: its model in the maker's words; cores: that this process may use; governor: how the clock rate is
     chosen, "" where the system does not tell; board: of a single-board computer, "" elsewhere."""
 
@@ -28,16 +28,16 @@ class Machine:
     board: str
     system: str
 
-    def words(self) -> str:
+    def text(self) -> str:
         """One line."""
         parts = [self.board, self.processor, self.architecture, f"{self.cores} core{'s' * (self.cores != 1)}"]
         parts.append(f"clock governor {self.governor}" if self.governor else "clock governor not told")
         return ", ".join(part for part in [*parts, self.system] if part)
 
 
-def machine() -> Machine:
+def host_info() -> HostInfo:
     """The machine that this runs on."""
-    return Machine(
+    return HostInfo(
         processor=processor_model(_text(_CPUINFO)) or platform.processor() or "unknown processor",
         architecture=platform.machine(),
         cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
