@@ -15,7 +15,7 @@ from typing import Any
 
 from benchmarks import draw_pixels as px
 from benchmarks import draw_planes as pl
-from benchmarks.trace import Calls, tapped
+from benchmarks.trace import Calls, traced
 from companion.viewer.frame import ViewFrame
 from companion.viewer.png import save_frame
 from core.extractor import Extractor
@@ -82,7 +82,7 @@ def look(name: str) -> tuple[Rendered, Calls, FrameModel, Extractor]:
     for number in range(2):
         calls = Calls()
         frame = render(made, camera_info(), position_ned_m=position, sensor=sensor, seed=1, frame=number, **angles)
-        with tapped(calls):
+        with traced(calls):
             model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state, keep_strips=True)
     return frame, calls, model, extractor
 

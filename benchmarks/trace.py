@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from companion.bench.taps import tapped
+from companion.bench.stage_trace import traced
 
-__all__ = ["Call", "Calls", "tapped"]
+__all__ = ["Call", "Calls", "traced"]
 
 
 class Calls:

@@ -61,11 +61,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _INTERRUPTED
     except _expected_errors() as error:
-        print(f"companion: error: {_words(error)}", file=sys.stderr)
+        print(f"companion: error: {_error_text(error)}", file=sys.stderr)
         return 1
 
 
-def _words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """The error's message; of the operating system's, the file first and what to look at."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; check the path, its rights and the free space"

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from typing import Any
 
 
-def say(text: str = "") -> None:
+def print_line(text: str = "") -> None:
     """A line for the reader of the command's output."""
     sys.stdout.write(text + "\n")
 
 
-def say_json(what: Mapping[str, Any]) -> None:
+def print_json(what: Mapping[str, Any]) -> None:
     """The one object that `--json` promises. Numbers that JSON lacks (nan, inf) are the caller's to replace by None."""
     sys.stdout.write(json.dumps(what, indent=2, allow_nan=False) + "\n")
 

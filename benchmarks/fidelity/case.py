@@ -55,7 +55,7 @@ def frames_of(case: Case, count: int) -> list[Rendered]:
     """`count` frames of a case that differ in their noise only."""
     exact = _exact(case.scene, case.seed, case.roll_deg, case.pitch_deg, case.height_m, case.width)
     sensor = replace(FAULTS[case.faults], ke_per_m=case.ke_per_m).scaled_to(case.width)
-    info = camera_info(case.width, case.width * 3 // 4, ke_per_m=case.told_per_m)
+    info = camera_info(case.width, case.width * 3 // 4, ke_per_m=case.configured_ke_per_m)
     return [
         replace(exact, info=info, depth_mm=measure(exact.truth.depth_m, info, sensor, case.seed, frame))
         for frame in range(count)

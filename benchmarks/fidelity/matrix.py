@@ -72,7 +72,7 @@ def cases(
                     roll_deg=roll,
                     pitch_deg=pitch,
                     ke_per_m=ke,
-                    told_per_m=tell,
+                    configured_ke_per_m=tell,
                     height_m=height,
                     seed=seed,
                     faults=wrong,

@@ -17,7 +17,7 @@ class Case:
     roll_deg: float = 0.0
     pitch_deg: float = 0.0
     ke_per_m: float
-    told_per_m: float
+    configured_ke_per_m: float
     height_m: float = 2.0
     seed: int
     faults: str = "all"
@@ -26,7 +26,7 @@ class Case:
     @property
     def name(self) -> str:
         """The case in a few words, as given to `python -m benchmarks.fidelity.run`."""
-        told = "" if self.told_per_m == self.ke_per_m else f" told {self.told_per_m:g}"
+        told = "" if self.configured_ke_per_m == self.ke_per_m else f" told {self.configured_ke_per_m:g}"
         faults = "" if self.faults == "all" else f" faults {self.faults}"
         return (
             f"{self.scene} {self.roll_deg:+.0f}/{self.pitch_deg:+.0f} h {self.height_m:g} "

@@ -170,7 +170,7 @@ def _varied(parts: dict[str, list[Row]]) -> list[str]:
     """The parts in which one thing is varied."""
 
     def both(row: Row) -> tuple[float, float]:
-        return row.case.ke_per_m, row.case.told_per_m
+        return row.case.ke_per_m, row.case.configured_ke_per_m
 
     few = "Twelve scenes that stand for the rest, level, rolled and pitched by 30 degrees. Worst case (all rays, or median)."
     told = sorted(parts["told"], key=both)

@@ -32,7 +32,7 @@ def _line(row: Row) -> str:
     )  # fmt: skip
     return (
         f"{c.scene[:15]:<16}{f'{c.roll_deg:+.0f}/{c.pitch_deg:+.0f}':>10}{c.height_m:>5.1f}"
-        f"{f'{c.ke_per_m:g} ({c.told_per_m:.2g})':>16}{c.faults[:7]:>8}{s.mean_m:>7.3f}{s.p95_m:>6.2f}"
+        f"{f'{c.ke_per_m:g} ({c.configured_ke_per_m:.2g})':>16}{c.faults[:7]:>8}{s.mean_m:>7.3f}{s.p95_m:>6.2f}"
         + "".join(f"{100 * share:>7.2f}" for share in shares)
         + f"{s.planes:>7}{row.bytes:>7}{plane_ratio(row):>7.2f}{byte_ratio(row):>7.2f}{error_ratio(row):>9.2f}"
         f"{row.ground_height_m:>8.2f}{row.ke_estimate_per_m:>8.4f}" + ("" if row.valid else "  INVALID")

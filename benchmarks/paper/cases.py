@@ -57,7 +57,7 @@ class Condition:
     name: str
     ke_per_m: float
     faults: bool
-    told_per_m: float
+    configured_ke_per_m: float
 
     def sensor(self, width: int) -> SensorModel:
         """The simulated camera."""
@@ -102,7 +102,7 @@ def frames_of(
     info: CameraInfo | None = None,
 ) -> list[Rendered]:
     """`count` frames of a scene that differ in their noise only, 640x480 unless `info` says otherwise."""
-    info = info or camera_info(ke_per_m=condition.told_per_m)
+    info = info or camera_info(ke_per_m=condition.configured_ke_per_m)
     return [
         render(
             scene,
@@ -181,7 +181,9 @@ def rays_under(frame: Rendered, condition: Condition, params: Params) -> Rays:
     noise that the method is told do not count, whatever the true noise: it gives that stretch up."""
     blind = round(condition.blind_left_px * frame.info.intrinsics.width / 640)
     rays = rays_of(frame, condition.ke_per_m, params.min_obstacle_height_m, blind)
-    within = frame.truth.depth_m < clear_range_m(frame.info, max(condition.told_per_m, condition.ke_per_m), params)
+    within = frame.truth.depth_m < clear_range_m(
+        frame.info, max(condition.configured_ke_per_m, condition.ke_per_m), params
+    )
     return replace(rays, obstacle=np.asarray(rays.obstacle & within))
 
 

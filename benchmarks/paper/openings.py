@@ -115,7 +115,7 @@ def run(quick: bool) -> list[OpeningRow]:
 def one(opening: str, condition: Condition, distance_m: float, seed: int, params: Params) -> list[OpeningRow]:
     """The rows of one frame: the opening, and the slit where there is one."""
     scene = opening_scene(opening, distance_m, seed)
-    info = zed_info(condition.told_per_m)
+    info = zed_info(condition.configured_ke_per_m)
     frames = frames_of(scene, condition, seed, position_ned_m=(0.0, 0.0, -CAMERA_M), info=info)
     planes = model_of(frames, Extractor(params)).planes.astype(np.float64)
     rows = []

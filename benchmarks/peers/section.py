@@ -75,7 +75,7 @@ def compared(out: Path, effort: Effort) -> str:
     return "\n\n".join(
         [
             f"{HEAD}{gone}",
-            scenes_told({r.case: r.family for r in rows}),
+            scene_names({r.case: r.family for r in rows}),
             "## Figures",
             _LEGEND,
             f"![Distance over bytes]({ERROR_PNG})\n![Missed over stopped]({RAYS_PNG})",
@@ -95,7 +95,7 @@ def compared(out: Path, effort: Effort) -> str:
     )
 
 
-def scenes_told(families: dict[Case, str]) -> str:
+def scene_names(families: dict[Case, str]) -> str:
     """What was looked at, from the cases themselves."""
     tilts = dict.fromkeys(f"{c.roll_deg:+.0f}/{c.pitch_deg:+.0f}" for c in families)
     names = {f: ", ".join(dict.fromkeys(c.scene for c in families if families[c] == f)) for f in families.values()}

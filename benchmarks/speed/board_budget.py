@@ -35,8 +35,8 @@ REFERENCES = re.compile(r"I +refs: +([\d,]+)")
 def fly(file: str, frames: int) -> None:
     """Models so many frames of a footage that lies in a file."""
     with open(file, "rb") as stream:
-        footage = pickle.load(stream)
-    flight = Flight(Extractor(), footage)
+        sequence = pickle.load(stream)
+    flight = Flight(Extractor(), sequence)
     for _ in range(frames):
         flight.frame()
 

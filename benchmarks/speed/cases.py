@@ -17,7 +17,7 @@ SIZE = (640, 480)
 KE_PER_M = (0.0015, 0.005)
 TILT_DEG = 20.0
 SEED = HELD_OUT_SEEDS[0]
-NEAREST_MM, FARTHEST_MM = 300, 20000
+NEAREST_MM, MAX_MM = 300, 20000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,13 +40,13 @@ class Kind:
 
 def noise(depth: Depth, rng: np.random.Generator) -> Depth:
     """Every pixel at random between the nearest and the farthest distance."""
-    return rng.integers(NEAREST_MM, FARTHEST_MM, depth.shape, np.uint16)
+    return rng.integers(NEAREST_MM, MAX_MM, depth.shape, np.uint16)
 
 
 def block_noise(depth: Depth, rng: np.random.Generator, side: int = 2) -> Depth:
     """As noise, but in blocks of side x side pixels, as a matcher's windows make it."""
     height, width = depth.shape
-    coarse = rng.integers(NEAREST_MM, FARTHEST_MM, (-(-height // side), -(-width // side)), np.uint16)
+    coarse = rng.integers(NEAREST_MM, MAX_MM, (-(-height // side), -(-width // side)), np.uint16)
     return np.ascontiguousarray(np.kron(coarse, np.ones((side, side), np.uint16))[:height, :width])
 
 
@@ -85,16 +85,16 @@ KINDS = (
 )
 
 
-def footage(kind: Kind, size: tuple[int, int], ke_per_m: float, images: int) -> FrameSequence:
+def kind_sequence(kind: Kind, size: tuple[int, int], ke_per_m: float, images: int) -> FrameSequence:
     """Images of a kind, from where the held-out seed puts the camera."""
-    shot = scene_footage(kind.scene, size, ke_per_m, images, kind.roll_deg, kind.pitch_deg)
+    shot = scene_sequence(kind.scene, size, ke_per_m, images, kind.roll_deg, kind.pitch_deg)
     if kind.spoil is None:
         return replace(shot, name=kind.name)
     rng = np.random.Generator(np.random.PCG64(SEED))
     return replace(shot, name=kind.name, depth_mm=tuple(kind.spoil(image, rng) for image in shot.depth_mm))
 
 
-def scene_footage(
+def scene_sequence(
     scene: str, size: tuple[int, int], ke_per_m: float, images: int, roll_deg: float = 0.0, pitch_deg: float = 0.0
 ) -> FrameSequence:
     """Images of a scene of benchmarks.scenes.catalogue, made and seen as the held-out seed has it."""

@@ -38,7 +38,7 @@ PATIENCE_S = 180.0
 SEED = EMBEDDED.cameras[0].seed
 """As it has it, too."""
 SHIPPED = Path(__file__).parents[2] / "configs" / "simulated.toml"
-PLACES = """
+ADDRESS_KEYS = """
 [record]
 record = "{record}"
 folder = "{folder}/logs"
@@ -167,7 +167,7 @@ def measure(args: argparse.Namespace, folder: Path) -> dict[str, Any]:
             "address": f"udpin:127.0.0.1:{free_port()}",
         }
     )  # fmt: skip
-    config.write_text(text + PLACES.format(folder=folder, record="off" if args.no_log else "always"))
+    config.write_text(text + ADDRESS_KEYS.format(folder=folder, record="off" if args.no_log else "always"))
     ear, stop, health = Ear(), threading.Event(), f"ipc://{folder}/health"
     with ExitStack() as stack:
         stack.enter_context(running("simulate-autopilot", "-c", str(config), log=folder / "autopilot.txt"))

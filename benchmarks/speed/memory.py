@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.speed.cases import KINDS, SEED, Kind, footage
+from benchmarks.speed.cases import KINDS, SEED, Kind, kind_sequence
 from companion.bench.frames import Depth, FrameSequence
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
@@ -40,13 +40,13 @@ Frame = tuple[Any, CameraInfo, Any]
 """Depth, camera, rotation."""
 
 
-def _odd_attitudes() -> tuple[NDArray[np.float64], ...]:
+def _rejected_attitudes() -> tuple[NDArray[np.float64], ...]:
     rng = np.random.Generator(np.random.PCG64(SEED))
     angles = np.radians(rng.uniform(-65.0, 65.0, (12, 2)))
     return tuple(rotation_level_cam_optical(rotation_from_euler(r, p, 0.0) @ R_CAMFRD_OPTICAL) for r, p in angles)
 
 
-ODD_ATTITUDES: Final = _odd_attitudes()
+REJECTED_ATTITUDES: Final = _rejected_attitudes()
 """Rolled and pitched at random; views of other sizes, and beyond 60 degrees none at all."""
 
 
@@ -67,7 +67,7 @@ def every_frame(shots: Sequence[FrameSequence]) -> Iterator[Frame]:
     for shot in shots:
         for depth in shot.depth_mm:
             yield in_metres(depth), shot.info, shot.R_level_optical
-            for R in (shot.R_level_optical, *ODD_ATTITUDES):
+            for R in (shot.R_level_optical, *REJECTED_ATTITUDES):
                 yield depth, shot.info, R
 
 
@@ -86,7 +86,11 @@ def mixed_frames(shots: Sequence[FrameSequence], large: Sequence[FrameSequence],
         if rng.random() < 0.1:
             depth = in_metres(depth)
         odd = rng.random() < 0.5
-        yield depth, shot.info, ODD_ATTITUDES[int(rng.integers(len(ODD_ATTITUDES)))] if odd else shot.R_level_optical
+        yield (
+            depth,
+            shot.info,
+            REJECTED_ATTITUDES[int(rng.integers(len(REJECTED_ATTITUDES)))] if odd else shot.R_level_optical,
+        )
 
 
 def watch(
@@ -180,7 +184,7 @@ def shots_of(
 ) -> list[FrameSequence]:
     """Footage of every kind at each size, but for those that take too long; half of the kinds noisier."""
     wanted = [k for k in kinds if k.name not in LEFT_OUT]
-    return [footage(k, size, 0.005 if i % 2 else 0.0015, images) for size in sizes for i, k in enumerate(wanted)]
+    return [kind_sequence(k, size, 0.005 if i % 2 else 0.0015, images) for size in sizes for i, k in enumerate(wanted)]
 
 
 def table(samples: Sequence[Sample], rows: int = 20) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from benchmarks.paper.plots import figure, label
 from benchmarks.speed.tables import Timed
 from companion.bench.frames import Measured
-from companion.bench.taps import in_order
+from companion.bench.stage_trace import in_order
 
 _WIDTH_IN, _HEIGHT_IN = 9.0, 3.8
 _LIMITS = (("structured: must", 4.0, "#1f77b4"), ("foliage: must", 8.0, "#2ca02c"))

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.scenes.catalogue import FAMILIES
-from benchmarks.speed.cases import KE_PER_M, KINDS, SEED, SIZE, SIZES, TILT_DEG, crowd, footage, scene_footage
+from benchmarks.speed.cases import KE_PER_M, KINDS, SEED, SIZE, SIZES, TILT_DEG, crowd, kind_sequence, scene_sequence
 from benchmarks.speed.plots import draw_curves, draw_kinds, draw_stages
 from benchmarks.speed.reference import WORDS, Reference
 from benchmarks.speed.tables import (
@@ -63,14 +63,14 @@ class Lap:
         self._extractor = Extractor()
         print("speed: compiling what is not compiled yet", file=sys.stderr, flush=True)
         for kind in KINDS[:2]:  # level and tilted
-            Flight(self._extractor, footage(kind, (160, 120), KE_PER_M[0], 1)).frame()
+            Flight(self._extractor, kind_sequence(kind, (160, 120), KE_PER_M[0], 1)).frame()
 
     def time(self, what: str, make: Callable[[], FrameSequence], runs: int, watched: int = 0) -> Measured:
         """Times some footage."""
         print(f"speed: {what}", file=sys.stderr, flush=True)
-        beside = (self.reference.run,)
+        interleaved = (self.reference.run,)
         budget_s = self.effort.budget_s
-        return measure(make(), self._extractor, runs, watched=watched, budget_s=budget_s, beside=beside)
+        return measure(make(), self._extractor, runs, watched=watched, budget_s=budget_s, interleaved=interleaved)
 
 
 def section(out: Path, quick: bool) -> str:
@@ -147,7 +147,7 @@ def kinds_at(lap: Lap, size: tuple[int, int], before: list[Timed]) -> Iterator[T
             if kind in slow:
                 continue
             what = f"{kind.name}, {size[0]}x{size[1]}, ke {ke:g}"
-            measured = lap.time(what, partial(footage, kind, size, ke, lap.effort.images), runs, watched)
+            measured = lap.time(what, partial(kind_sequence, kind, size, ke, lap.effort.images), runs, watched)
             yield Timed(kind=kind, size=size, ke_per_m=ke, measured=measured)
 
 
@@ -173,7 +173,7 @@ def _sizes(lap: Lap) -> dict[str, list[tuple[tuple[int, int], Measured]]]:
     for name, kind in kinds.items():
         for width in lap.effort.widths:
             size = (width, width * 3 // 4)
-            make = partial(footage, kind, size, KE_PER_M[0], lap.effort.images)
+            make = partial(kind_sequence, kind, size, KE_PER_M[0], lap.effort.images)
             measured = lap.time(f"{name}, {size[0]}x{size[1]}", make, max(3, lap.effort.runs // 5))
             found.setdefault(name, []).append((size, measured))
     return found
@@ -208,7 +208,7 @@ def _families(lap: Lap) -> dict[str, list[list[Measured]]]:
             row = [
                 lap.time(
                     f"{name}, rolled {tilt:g}, ke {ke:g}",
-                    partial(scene_footage, name, SIZE, ke, 2, tilt),
+                    partial(scene_sequence, name, SIZE, ke, 2, tilt),
                     max(3, lap.effort.runs // 10),
                 )
                 for tilt, ke in _scene_columns()

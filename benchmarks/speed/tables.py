@@ -8,7 +8,7 @@ from typing import Final
 
 from benchmarks.speed.cases import Kind
 from companion.bench.frames import Measured
-from companion.bench.taps import in_order
+from companion.bench.stage_trace import in_order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

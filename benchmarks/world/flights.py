@@ -80,7 +80,7 @@ def flights(seed: int) -> tuple[Flight, ...]:
 def frame(scene: Scene, pose: Pose, condition: Condition, seed: int, number: int) -> Rendered:
     """What the camera delivers at a pose."""
     x, y, z, heading, pitch = pose
-    info = camera_info(WIDTH, WIDTH * 3 // 4, ke_per_m=condition.told_per_m)
+    info = camera_info(WIDTH, WIDTH * 3 // 4, ke_per_m=condition.configured_ke_per_m)
     R = rotation_from_euler(0.0, pitch, heading) @ R_CAMFRD_OPTICAL
     at = np.array([x, y, z])
     truth = look(scene, info, R, at)

@@ -21,7 +21,7 @@ from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import EndlessFlight
 
 from ..config.loader import Config, load_config
-from ..console import say, say_json
+from ..console import print_json, print_line
 
 EVERYWHERE = ("0.0.0.0", "::", "")
 
@@ -122,9 +122,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _tell(args: argparse.Namespace, flight: EndlessFlight, line: str) -> None:
     if args.json:
-        say_json({"autopilot": args.kind, "flight": flight.plan.name, "line": line})
+        print_json({"autopilot": args.kind, "flight": flight.plan.name, "line": line})
     else:
-        say(f'{args.kind}, simulated, flies "{flight.plan.name}" there and back on {line}; Ctrl-C ends it')
+        print_line(f'{args.kind}, simulated, flies "{flight.plan.name}" there and back on {line}; Ctrl-C ends it')
         if line.startswith("/"):
-            say(f'in the configuration: [autopilot] address = "serial:{line}"')
+            print_line(f'in the configuration: [autopilot] address = "serial:{line}"')
     sys.stdout.flush()

@@ -14,12 +14,12 @@ from core.extractor import Extractor
 from core.params import Params
 
 from ..config.loader import load_config
-from ..console import fail, progress, say, say_json
+from ..console import fail, print_json, print_line, progress
 from ..kernels.warmup import WarmupError, warm_up
 from ..log.provenance import software
 from .frames import Flight, FrameSequence, Measured, measure, render_sequence
 from .host_info import HostInfo, host_info, versions
-from .taps import in_order
+from .stage_trace import in_order
 from .timing import one_core
 
 VIEWS: Final = (("street", "buildings, cars, lamps"), ("trees", "foliage"))
@@ -122,35 +122,35 @@ def run(args: argparse.Namespace) -> int:
         fail(str(error))
         return 1
     if args.json:
-        say_json(_json(done))
+        print_json(_json(done))
     else:
-        _say(done)
+        _print_summary(done)
     return 0
 
 
-def _say(done: Bench) -> None:
+def _print_summary(done: Bench) -> None:
     width, height = done.size
-    say(f"From a depth image of {width}x{height} pixels to planes, prisms and free ranges, on one core:")
-    say()
-    say(f"{'what the camera sees':<34}{'median':>10}{'p95':>10}{'p99':>10}{'a second':>10}")
+    print_line(f"From a depth image of {width}x{height} pixels to planes, prisms and free ranges, on one core:")
+    print_line()
+    print_line(f"{'what the camera sees':<34}{'median':>10}{'p95':>10}{'p99':>10}{'a second':>10}")
     for m, (name, what) in zip(done.measured, VIEWS, strict=True):
         figures = "".join(f"{m.times.wall(p):>7.1f} ms" for p in (50, 95, 99))
-        say(f"{f'{name} ({what})':<34}{figures}{1000.0 / m.times.wall():>10.0f}")
-    say()
-    say("Where the processor's time goes, ms:")
-    say(f"  {'':<32}" + "".join(f"{m.name:>10}" for m in done.measured))
+        print_line(f"{f'{name} ({what})':<34}{figures}{1000.0 / m.times.wall():>10.0f}")
+    print_line()
+    print_line("Where the processor's time goes, ms:")
+    print_line(f"  {'':<32}" + "".join(f"{m.name:>10}" for m in done.measured))
     for stage in in_order(stage for m in done.measured for stage in m.stages_ms):
-        say(f"  {stage:<32}" + "".join(f"{m.stages_ms.get(stage, 0.0):>10.2f}" for m in done.measured))
-    say(f"  {'between the stages':<32}" + "".join(f"{m.rest_ms():>10.2f}" for m in done.measured))
-    say(f"  {'whole frame, median':<32}" + "".join(f"{m.times.cpu():>10.2f}" for m in done.measured))
-    say()
-    say(f"Start: {done.ready_s:.1f} s until every kernel was ready, {done.first_s:.2f} s for the first frame.")
-    say(f"{done.frames} frames of each view. Machine: {done.host_info.text()}.")
-    say(f"{software()}; " + ", ".join(f"{name} {version}" for name, version in done.versions.items()) + ".")
-    say()
-    say(verdict(done))
+        print_line(f"  {stage:<32}" + "".join(f"{m.stages_ms.get(stage, 0.0):>10.2f}" for m in done.measured))
+    print_line(f"  {'between the stages':<32}" + "".join(f"{m.rest_ms():>10.2f}" for m in done.measured))
+    print_line(f"  {'whole frame, median':<32}" + "".join(f"{m.times.cpu():>10.2f}" for m in done.measured))
+    print_line()
+    print_line(f"Start: {done.ready_s:.1f} s until every kernel was ready, {done.first_s:.2f} s for the first frame.")
+    print_line(f"{done.frames} frames of each view. Machine: {done.host_info.text()}.")
+    print_line(f"{software()}; " + ", ".join(f"{name} {version}" for name, version in done.versions.items()) + ".")
+    print_line()
+    print_line(verdict(done))
     if busy := busy_text(done):
-        say(busy)
+        print_line(busy)
 
 
 def verdict(done: Bench) -> str:

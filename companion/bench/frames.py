@@ -19,13 +19,13 @@ from drivers.simulation.scenes import Scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info, render
 
-from .taps import Stopwatch, in_order, tapped
+from .stage_trace import Stopwatch, in_order, traced
 from .timing import Clock, Times
 
 HEIGHT_M = 2.0
 """Of the camera above the ground."""
 
-LEAST_RUNS = 1
+MIN_RUNS = 1
 
 Depth = NDArray[np.uint16]
 Progress = Callable[[float], None]
@@ -63,10 +63,10 @@ def render_sequence(
     """Images of a scene by a camera with the typical faults, `size` (width, height) px; pitch is positive upwards."""
     info = camera_info(*size, ke_per_m=ke_per_m)
     sensor = replace(TYPICAL, ke_per_m=ke_per_m).scaled_to(size[0])
-    made = make_scene(scene, seed) if isinstance(scene, str) else scene
+    scene_model = make_scene(scene, seed) if isinstance(scene, str) else scene
     pose = {"roll_rad": math.radians(roll_deg), "pitch_rad": math.radians(pitch_deg), "yaw_rad": yaw_rad}
     frames = [
-        render(made, info, **pose, position_ned_m=position_ned_m, sensor=sensor, seed=seed, frame=i)
+        render(scene_model, info, **pose, position_ned_m=position_ned_m, sensor=sensor, seed=seed, frame=i)
         for i in range(images)
     ]
     return FrameSequence(
@@ -78,16 +78,16 @@ class Flight:
     """Models the images of some footage one after the other, again and again, as in flight: what a frame hands to the
     next one is handed on."""
 
-    def __init__(self, extractor: Extractor, footage: FrameSequence) -> None:
-        self._extractor, self._footage = extractor, footage
+    def __init__(self, extractor: Extractor, frames: FrameSequence) -> None:
+        self._extractor, self._frames = extractor, frames
         self._state = ExtractorState()
         self._number = count()
 
     def frame(self) -> FrameModel:
         """The model of the next image."""
-        shot = self._footage
-        depth = shot.depth_mm[next(self._number) % len(shot.depth_mm)]
-        model, self._state = self._extractor.extract(depth, shot.info, shot.R_level_optical, self._state)
+        frames = self._frames
+        depth = frames.depth_mm[next(self._number) % len(frames.depth_mm)]
+        model, self._state = self._extractor.extract(depth, frames.info, frames.R_level_optical, self._state)
         return model
 
 
@@ -109,48 +109,48 @@ class Measured:
 
 
 def measure(
-    footage: FrameSequence,
+    frames: FrameSequence,
     extractor: Extractor,
     runs: int,
     *,
     watched: int = 0,
     budget_s: float = math.inf,
-    beside: Sequence[Callable[[], object]] = (),
+    interleaved: Sequence[Callable[[], object]] = (),
     progress: Progress = lambda share: None,
 ) -> Measured:
     """Times `runs` calls after warm-up, then `watched` more by stage; fewer, but one at least, once `budget_s` is over.
 
     beside: calls made between the runs, outside of their time (a reference workload with a clock of its own)."""
-    flight, clock = Flight(extractor, footage), Clock()
+    flight, clock = Flight(extractor, frames), Clock()
     end_s = time.monotonic() + budget_s
 
-    def late(done: int) -> bool:
-        return done >= LEAST_RUNS and time.monotonic() > end_s
+    def out_of_time(done: int) -> bool:
+        return done >= MIN_RUNS and time.monotonic() > end_s
 
-    for i in range(2 + len(footage.depth_mm)):
-        if not late(i):
+    for i in range(2 + len(frames.depth_mm)):
+        if not out_of_time(i):
             flight.frame()
     models: list[tuple[bool, int, int]] = []
     for i in range(runs):
-        if late(i):
+        if out_of_time(i):
             break
         model = clock.run(flight.frame)
         models.append((model.valid, len(model.planes), model.stats.strips))
-        for other in beside:
+        for other in interleaved:
             other()
         progress((i + 1) / (runs + watched))
     spent: list[dict[str, float]] = []
     for i in range(watched):
-        if late(i):
+        if out_of_time(i):
             break
         watch = Stopwatch()
-        with tapped(watch):
+        with traced(watch):
             flight.frame()
         spent.append(watch.spent_ms)
         progress((runs + i + 1) / (runs + watched))
     stages = in_order(stage for one in spent for stage in one)
     return Measured(
-        name=footage.name,
+        name=frames.name,
         times=clock.times(),
         stages_ms={stage: median(one.get(stage, 0.0) for one in spent) for stage in stages},
         valid=all(valid for valid, _, _ in models),

@@ -8,7 +8,7 @@ from typing import Any
 
 from core.types import CameraInfo, Intrinsics
 
-from ..console import fail, say, say_json
+from ..console import fail, print_json, print_line
 from .camera import CameraConfig
 from .differences import PAPER_NOTE, Difference, differences
 from .loader import ConfigError, load_config
@@ -28,25 +28,25 @@ def run(args: argparse.Namespace) -> int:
         config = load_config(args.file)
     except ConfigError as error:
         if args.json:
-            say_json({"file": str(args.file), "ok": False, "problems": list(error.problems)})
+            print_json({"file": str(args.file), "ok": False, "problems": list(error.problems)})
         fail(str(error))
         return 1
     found = differences(config)
     if args.json:
-        say_json({"file": str(args.file), "ok": True, "problems": [], "changes": _as_json(found)})
+        print_json({"file": str(args.file), "ok": True, "problems": [], "changes": _as_json(found)})
         return 0
-    say(f"{args.file}: usable")
+    print_line(f"{args.file}: usable")
     cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
-    say(f"  cameras: {cameras}")
+    print_line(f"  cameras: {cameras}")
     for camera in config.cameras:
         if camera.max_range_m is not None:
-            say(f"  {_range_line(camera)}")
+            print_line(f"  {_range_line(camera)}")
     if config.extractor.paper:
-        say(f"  warning: {PAPER_NOTE}")
+        print_line(f"  warning: {PAPER_NOTE}")
     for difference in found:
-        say(f"  {'safety key: ' if difference.safety else ''}{difference.words()}")
+        print_line(f"  {'safety key: ' if difference.safety else ''}{difference.words()}")
     if not found:
-        say("  all parameters have their defaults")
+        print_line("  all parameters have their defaults")
     return 0
 
 

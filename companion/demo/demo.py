@@ -13,7 +13,7 @@ from typing import Any
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig
-from ..console import fail, progress, say, say_json, warn
+from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.warmup import WarmupError, warm_up
 from ..live.message_json import message_json
 from ..live.status import status_lines
@@ -28,7 +28,7 @@ EMBEDDED = Config(
     cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
 )  # fmt: skip
 """The embedded default: what configs/simulated.toml says too."""
-MOST_FPS = 15.0
+MAX_FPS = 15.0
 """So many frames a second make a page that is still small enough to open."""
 SECONDS, FAST_SECONDS, FAST_WIDTH_PX = 10.0, 3.0, 320
 PICTURES = 4
@@ -62,7 +62,7 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
             'no camera of kind = "simulated" in the configuration; configs/simulated.toml is one for the demo'
         )
     cameras = tuple(
-        replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MOST_FPS)) for c in simulated
+        replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MAX_FPS)) for c in simulated
     )  # fmt: skip
     return replace(config, cameras=cameras)
 
@@ -133,9 +133,9 @@ def run(args: argparse.Namespace) -> int:
         return 1
     problems = demo_problems(done)
     if args.json:
-        say_json(_json(done, problems))
+        print_json(_json(done, problems))
     else:
-        _say(done)
+        _print_summary(done)
     for note in done.views.notes:
         warn(note)
     for problem in problems:
@@ -145,46 +145,48 @@ def run(args: argparse.Namespace) -> int:
 
 def _announced(label: str) -> Any:
     """A progress bar with a line before it, for people who see no bar."""
-    say(f"- {label} ...")
+    print_line(f"- {label} ...")
     return progress(label)
 
 
-def _say(done: Demo) -> None:
+def _print_summary(done: Demo) -> None:
     received, counts = done.live.received, done.replay.counts
     valid = max(1, counts.valid)
-    say()
-    say("How the service was, as `companion status` told at the end of the flight:")
+    print_line()
+    print_line("How the service was, as `companion status` told at the end of the flight:")
     for line in status_lines(done.live.health):
-        say(f"  {line}")
-    say()
-    say(
+        print_line(f"  {line}")
+    print_line()
+    print_line(
         f"A planner in another process got {received.messages} messages: {received.valid} with obstacles and free space,"
     )
     said = f"{received.age_ms[0]:.0f} ms after the exposure in the median, {received.age_ms[1]:.0f} ms at most of 99 in 100"
-    say(f"{said};")
+    print_line(f"{said};")
     blind = ", ".join(f"{n} x {received.texts[code]}" for code, n in sorted(received.causes.items())) or "none"
-    say(f"and blind ones before the service saw: {blind}.")
-    say(
+    print_line(f"and blind ones before the service saw: {blind}.")
+    print_line(
         f"On average {counts.planes / valid:.0f} vertical planes, joined to {counts.prisms / valid:.0f} prisms, stood in an image."
     )
     comparison = done.replay.comparison
     if comparison is not None and comparison.passed:
-        say("The log, replayed, gave the same prisms bit for bit.")
-    say()
-    say("Look at:")
+        print_line("The log, replayed, gave the same prisms bit for bit.")
+    print_line()
+    print_line("Look at:")
     if done.views.page is not None:
-        say(f"  {_shown(done.views.page)}  the obstacles in 3-D: open it in a browser, turn it, step through time")
+        print_line(
+            f"  {_shown(done.views.page)}  the obstacles in 3-D: open it in a browser, turn it, step through time"
+        )
     if done.views.pictures:
         folder = _shown(done.views.pictures[0].parent)
-        say(
+        print_line(
             f"  {folder}/*.png  {len(done.views.pictures)} pictures: depth with planes over it, from above, from the side"
         )
-    say(f"  {_shown(done.log)}  the log of the flight; Foxglove and Lichtblick open it too")
-    say()
-    say("Next:")
-    say(f"  companion info {_shown(done.log)}")
-    say("  companion run -c configs/simulated.toml   the same service, until you end it")
-    say("  companion import FOLDER -o my.mcap   a recording of your own (docs/how-to/import-recordings.md)")
+    print_line(f"  {_shown(done.log)}  the log of the flight; Foxglove and Lichtblick open it too")
+    print_line()
+    print_line("Next:")
+    print_line(f"  companion info {_shown(done.log)}")
+    print_line("  companion run -c configs/simulated.toml   the same service, until you end it")
+    print_line("  companion import FOLDER -o my.mcap   a recording of your own (docs/how-to/import-recordings.md)")
 
 
 def _shown(path: Path) -> str:

@@ -116,9 +116,9 @@ def _wait_until_active(address: str, processes: Processes) -> float:
             continue
         if report.state in ACTIVE_STATES and report.frames_used > 0:
             return time.monotonic()
-    troubles = "; ".join(report.troubles) if report is not None else "it gave no report"
+    diagnostics = "; ".join(report.troubles) if report is not None else "it gave no report"
     raise DemoError(
-        f"the service did not see anything within {ACTIVE_TIMEOUT_S:g} s: {troubles}\n{processes.output('service')}"
+        f"the service did not see anything within {ACTIVE_TIMEOUT_S:g} s: {diagnostics}\n{processes.output('service')}"
     )
 
 
@@ -127,25 +127,25 @@ class Processes:
 
     def __init__(self, run: Path) -> None:
         self._run = run
-        self._of: dict[str, subprocess.Popen[bytes]] = {}
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, module: str, *output: str) -> None:
         """Starts `python -m module words`."""
         environment = {**os.environ, "RUNTIME_DIRECTORY": str(self._run), "STATE_DIRECTORY": str(self._run)}
         with (self._run / f"{name}.out").open("wb") as out, (self._run / f"{name}.err").open("wb") as err:
-            self._of[name] = subprocess.Popen(
+            self._processes[name] = subprocess.Popen(
                 [sys.executable, "-m", module, *output], stdout=out, stderr=err, env=environment
             )
 
     def check(self) -> None:
         """Raises DemoError when one has ended by itself."""
-        for name, process in self._of.items():
+        for name, process in self._processes.items():
             if process.poll() is not None:
                 raise DemoError(f"the {name} ended by itself with status {process.returncode}\n{self.output(name)}")
 
     def end(self, name: str) -> str:
         """Tells one to end and gives what it wrote. Raises DemoError when it does not, or not well."""
-        process = self._of.pop(name)
+        process = self._processes.pop(name)
         process.terminate()
         try:
             status = process.wait(END_S)
@@ -162,10 +162,10 @@ class Processes:
 
     def kill(self) -> None:
         """Ends what still runs, at once."""
-        for process in self._of.values():
+        for process in self._processes.values():
             process.kill()
             process.wait()
-        self._of.clear()
+        self._processes.clear()
 
 
 def free_port() -> int:

@@ -34,10 +34,10 @@ from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
 from ..config.differences import PAPER_NOTE, safety_lines
 from ..config.loader import Config, load_config
-from ..console import say, say_json
+from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
 from ..kernels.warmup import COMPILED_S, discard_damaged, run_kernels
-from ..live.diagnostics import LEAST_ATTITUDE_HZ, attitude_rate_low, template_intrinsics
+from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low, template_intrinsics
 from ..live.status import address_in_use, newest_health
 from ..log.log_directory import free_bytes
 from ..paths import folders
@@ -45,7 +45,7 @@ from .measure_mount import measured_mounts
 
 NS = 1_000_000_000
 FAR_MM = 65_534
-LEAST_MEASURED = 0.05
+MIN_MEASURED_SHARE = 0.05
 """Of the pixels: with fewer, a frame is blind."""
 ATTITUDE_SHARE = 0.8
 """Of the wanted rate of the attitude: with less, something on the line holds it up."""
@@ -147,7 +147,7 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     measured = float(np.mean((depth > 0) & (depth < FAR_MM)))
     late_ms = float(np.median([f.t_arrival_ns - f.t_exposure_ns for f in frames])) / 1e6
     text = f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {late_ms:.0f} ms from exposure to here, {100 * measured:.0f} % measured"
-    if measured < LEAST_MEASURED:
+    if measured < MIN_MEASURED_SHARE:
         return Finding(
             part,
             False,
@@ -243,7 +243,7 @@ def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Ite
     yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
     rate = f"{status.attitude_hz:.0f} Hz of {wanted_hz:g} wanted, position {status.position_hz:.0f} Hz"
     enough = status.attitude_hz >= ATTITUDE_SHARE * wanted_hz
-    if 0.0 < status.attitude_hz < LEAST_ATTITUDE_HZ:
+    if 0.0 < status.attitude_hz < MIN_ATTITUDE_HZ:
         low = attitude_rate_low(status.attitude_hz, wanted_hz)
         yield Finding("attitude", False, low.line(), low.code)
     else:
@@ -326,9 +326,9 @@ def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding
 
 def _typed_yes(wanted: list[Change]) -> bool:
     """Whether somebody who read the list typed yes."""
-    say("to be written to the autopilot:")
+    print_line("to be written to the autopilot:")
     for change in wanted:
-        say(f"    {change.words()}")
+        print_line(f"    {change.words()}")
     sys.stdout.write("type yes to write them: ")
     sys.stdout.flush()
     return sys.stdin.readline().strip() == "yes"
@@ -339,15 +339,15 @@ def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
     if running_service(config, args.patience) is not None:
         raise DriverError("the service has the cameras and the line; stop it first (systemctl stop osape-companion)")
     found = []
-    for finding in measured_mounts(config, args.seconds, (lambda text: None) if args.json else say):
+    for finding in measured_mounts(config, args.seconds, (lambda text: None) if args.json else print_line):
         found.append(finding)
         if not args.json:
-            say(f"{'ok ' if finding.ok else ' ! '} camera {finding.camera}: {finding.text}")
+            print_line(f"{'ok ' if finding.ok else ' ! '} camera {finding.camera}: {finding.text}")
             for line in finding.lines:
-                say(f"    {line}")
+                print_line(f"    {line}")
     ok = bool(found) and all(f.ok for f in found)
     if args.json:
-        say_json({"ok": ok, "mounts": [asdict(f) for f in found]})
+        print_json({"ok": ok, "mounts": [asdict(f) for f in found]})
     return 0 if ok else 1
 
 
@@ -387,10 +387,10 @@ def run(args: argparse.Namespace) -> int:
     for finding in chain(writing, examine(config, args.patience)):
         findings.append(finding)
         if not args.json:
-            say(f"{'ok ' if finding.ok else ' ! '} {finding.part}: {finding.text}")
+            print_line(f"{'ok ' if finding.ok else ' ! '} {finding.part}: {finding.text}")
     well = all(f.ok for f in findings)
     if args.json:
-        say_json({"ok": well, "findings": [asdict(f) for f in findings]})
+        print_json({"ok": well, "findings": [asdict(f) for f in findings]})
     elif well:
-        say("all is as it should be")
+        print_line("all is as it should be")
     return 0 if well else 1

@@ -30,10 +30,10 @@ from ..config.sync import SyncParams
 from ..paths import folders
 from ..pipeline.sync import AttitudeAt, Synchroniser
 
-LEAST_TURN_RAD = math.radians(60.0)
-LEAST_FRAMES = 30
-GOOD_SD_RAD = math.radians(0.3)
-SURE_SD_RAD = math.radians(0.25)
+MIN_TURN_RAD = math.radians(60.0)
+MIN_FRAMES = 30
+TARGET_SD_RAD = math.radians(0.3)
+MAX_SD_RAD = math.radians(0.25)
 """When roll and pitch are known this well, measuring ends before its time."""
 PARAMS = MountCheckParams(interval_s=0.05, terrain_deg_per_sqrt_s=0.05)
 Incoming = queue.SimpleQueue[Event | CameraInfo]
@@ -91,8 +91,8 @@ class MountMeasurement:
     @property
     def done(self) -> bool:
         """Whether more would not make the result better."""
-        sure = max(self.state.error_sd_rad) <= SURE_SD_RAD
-        return sure and len(self.heights_m) >= LEAST_FRAMES and self.turned_rad >= LEAST_TURN_RAD
+        sure = max(self.state.error_sd_rad) <= MAX_SD_RAD
+        return sure and len(self.heights_m) >= MIN_FRAMES and self.turned_rad >= MIN_TURN_RAD
 
     def refusal(self) -> str:
         """Why there is no result, and what to do; empty: there is one."""
@@ -100,18 +100,18 @@ class MountMeasurement:
             if self.without_attitude:
                 return f"{self.without_attitude} frames came, none with an attitude: check the autopilot with `companion doctor`"
             return "no frame came: check the camera with `companion doctor`"
-        if len(self.heights_m) < LEAST_FRAMES:
+        if len(self.heights_m) < MIN_FRAMES:
             return (
-                f"ground in {len(self.heights_m)} of {self.frames} frames only, {LEAST_FRAMES} are needed: hold the vehicle above "
+                f"ground in {len(self.heights_m)} of {self.frames} frames only, {MIN_FRAMES} are needed: hold the vehicle above "
                 "level, textured ground so that the lower half of the image shows it"
             )
-        if self.turned_rad < LEAST_TURN_RAD:
+        if self.turned_rad < MIN_TURN_RAD:
             return (
                 f"turned by {math.degrees(self.turned_rad):.0f} degrees only: turn the vehicle by "
-                f"{math.degrees(LEAST_TURN_RAD):.0f} degrees or more to both sides, slowly, and tilt it by about 15 degrees"
+                f"{math.degrees(MIN_TURN_RAD):.0f} degrees or more to both sides, slowly, and tilt it by about 15 degrees"
             )
         sd_deg = math.degrees(max(self.state.error_sd_rad))
-        if max(self.state.error_sd_rad) > GOOD_SD_RAD:
+        if max(self.state.error_sd_rad) > TARGET_SD_RAD:
             return f"known to {sd_deg:.1f} degrees only: the ground is uneven or the turn was too quick; repeat it on level ground"
         return ""
 
@@ -156,7 +156,7 @@ def finding_of(measurement: MountMeasurement) -> MountFinding:
     return MountFinding(name, not wrong, measurement.text(), tuple(measurement.lines()))
 
 
-def measured_mounts(config: Config, seconds: float, say: Callable[[str], None]) -> Iterator[MountFinding]:
+def measured_mounts(config: Config, seconds: float, print_line: Callable[[str], None]) -> Iterator[MountFinding]:
     """Measures all cameras at once over the autopilot's own line. Raises DriverError."""
     if not config.autopilot.address:
         yield MountFinding("all", False, "the attitude is needed: set [autopilot] address")
@@ -176,7 +176,7 @@ def measured_mounts(config: Config, seconds: float, say: Callable[[str], None]) 
         link.open()
         for camera in cameras:
             camera.open()
-        say(
+        print_line(
             f"Hold the vehicle above level ground. Turn it slowly by 90 degrees to both sides and tilt it by about 15 degrees, "
             f"for up to {seconds:g} s."
         )

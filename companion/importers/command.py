@@ -19,7 +19,7 @@ from drivers.base import BadData, DeviceNotFound, Event
 
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
-from ..console import fail, say, say_json, warn
+from ..console import fail, print_json, print_line, warn
 from ..log.log_writer import refuse_output, write_recording
 from ..log.provenance import run_info
 from ..pipeline.sync import NS
@@ -159,9 +159,9 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args.config) if args.config is not None else Config()
     done = import_recording(args.source, args.output, _options(args, config), config)
     if args.json:
-        say_json(_json(done))
+        print_json(_json(done))
     else:
-        _say(done)
+        _print_summary(done)
     for note in done.notes if args.json else ():
         warn(note)
     for problem in done.problems:
@@ -198,14 +198,14 @@ def _options(args: argparse.Namespace, config: Config) -> ImportOptions:
     )
 
 
-def _say(done: Imported) -> None:
-    say(
+def _print_summary(done: Imported) -> None:
+    print_line(
         f"{done.output}: {done.frames} frames over {done.duration_s:.1f} s, {done.attitudes} attitudes, {done.poses} positions"
     )
     for note in done.notes:
-        say(f"  {note}")
+        print_line(f"  {note}")
     if not done.problems:
-        say(f"next: companion replay {done.output} -o prisms.mcap")
+        print_line(f"next: companion replay {done.output} -o prisms.mcap")
 
 
 def _json(done: Imported) -> dict[str, Any]:

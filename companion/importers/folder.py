@@ -28,9 +28,9 @@ from .tlog import TiltRow, tlog_samples
 
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 POSITION = ("x_m", "y_m", "z_m")
-MOST_RAD = 2.0 * math.pi
+MAX_ANGLE_RAD = 2.0 * math.pi
 """No angle of an attitude in radians is more than a turn."""
-GAP_FACTOR, GAP_LEAST_S = 5.0, 0.5
+GAP_FACTOR, GAP_MIN_S = 5.0, 0.5
 """A pause this many times the usual interval, and at least this long, is told."""
 
 
@@ -64,7 +64,7 @@ class FolderSource:
         self._rows, self.frame_count = read_rows(folder / "frames.csv", report)
         if not self._rows:
             raise BadData(f"{folder / 'frames.csv'}: no usable row; expected one for each depth image")
-        self._tell_unlisted()
+        self._report_unlisted()
         self._attitudes, self._poses = self._samples()
         self.shift_ns = self._shift()
 
@@ -134,42 +134,42 @@ class FolderSource:
             attitudes = [
                 AttitudeSample(r.t_ns, r.t_ns, quaternion_from_euler(*r.euler_rad))
                 for r in self._rows
-                if r.euler_rad is not None and not _too_far_round(r)
+                if r.euler_rad is not None and not _looks_like_degrees(r)
             ]
             poses = [PoseSample(r.t_ns, r.t_ns, r.position_ned_m) for r in self._rows if r.position_ned_m is not None]
-            self._tell_unusable()
+            self._report_unusable()
         missing = uncovered(exposures, [a.t_ns for a in attitudes], self._options.sync)
         if missing and log is not None:
-            bare_ns = set(missing)
-            lines = spans(r.line for r in self._rows if r.t_ns in bare_ns)
+            missing_ns = set(missing)
+            lines = spans(r.line for r in self._rows if r.t_ns in missing_ns)
             self._report.problem(
                 "attitude",
                 f"{log.name}: no attitude near the frames of frames.csv line {lines}; they are kept without one",
             )
         return attitudes, poses
 
-    def _tell_unusable(self) -> None:
+    def _report_unusable(self) -> None:
         """Attitudes and positions of frames.csv that are left out."""
         path = self._folder / "frames.csv"
-        bare = [r.line for r in self._rows if r.euler_rad is None]
-        if bare:
+        without_attitude = [r.line for r in self._rows if r.euler_rad is None]
+        if without_attitude:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(bare)} rows without a usable attitude (line {spans(bare)}): the frames are kept, their "
+                f"{path}: {len(without_attitude)} rows without a usable attitude (line {spans(without_attitude)}): the frames are kept, their "
                 "attitude is left out; fill in roll_rad, pitch_rad and yaw_rad, or put a .tlog beside it",
             )
-        turned = [r.line for r in self._rows if _too_far_round(r)]
-        if turned:
+        too_large = [r.line for r in self._rows if _looks_like_degrees(r)]
+        if too_large:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(turned)} rows with angles of more than a full turn (line {spans(turned)}): the frames are "
+                f"{path}: {len(too_large)} rows with angles of more than a full turn (line {spans(too_large)}): the frames are "
                 "kept, their attitude is left out; roll_rad, pitch_rad and yaw_rad are radians, these look like degrees",
             )
-        lost = [r.line for r in self._rows if r.position_ned_m is None]
-        if 0 < len(lost) < len(self._rows):
+        without_position = [r.line for r in self._rows if r.position_ned_m is None]
+        if 0 < len(without_position) < len(self._rows):
             self._report.problem(
                 "position",
-                f"{path}: {len(lost)} rows without a usable position (line {spans(lost)}): the frames are kept, their "
+                f"{path}: {len(without_position)} rows without a usable position (line {spans(without_position)}): the frames are kept, their "
                 "position is left out; fill in x_m, y_m and z_m",
             )
 
@@ -184,7 +184,7 @@ class FolderSource:
             )
         return found[0] if found else None
 
-    def _tell_unlisted(self) -> None:
+    def _report_unlisted(self) -> None:
         """Images that no row names have no time and cannot be used."""
         listed = {(self._folder / r.file).resolve() for r in self._rows}
         for parent in sorted({p.parent for p in listed}):
@@ -259,17 +259,17 @@ def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
             f"{path} line 1: column {', '.join(missing)} is missing (found: {', '.join(columns) or 'nothing'}); "
             f"expected file, t_ns, {', '.join(ATTITUDE)} and, where known, {', '.join(POSITION)}"
         )
-    twice = [c for c in ("file", "t_ns", *ATTITUDE, *POSITION) if columns.count(c) > 1]
-    if twice:
-        raise BadData(f"{path} line 1: column {', '.join(twice)} stands there more than once; keep the right one")
-    absent = [c for c in ATTITUDE if c not in columns]
-    if absent:
+    duplicated = [c for c in ("file", "t_ns", *ATTITUDE, *POSITION) if columns.count(c) > 1]
+    if duplicated:
+        raise BadData(f"{path} line 1: column {', '.join(duplicated)} stands there more than once; keep the right one")
+    missing_angles = [c for c in ATTITUDE if c not in columns]
+    if missing_angles:
         report.problem(
-            "column", f"{path} line 1: column {', '.join(absent)} is missing, hence no frame has an attitude"
+            "column", f"{path} line 1: column {', '.join(missing_angles)} is missing, hence no frame has an attitude"
         )
-    told = [row for n, (line, cells) in enumerate(content) if (row := _row(path, line, n, cells, report)) is not None]
-    rows = _in_order(path, told, report)
-    _tell_pauses(path, rows, report)
+    usable = [row for n, (line, cells) in enumerate(content) if (row := _row(path, line, n, cells, report)) is not None]
+    rows = _in_order(path, usable, report)
+    _report_gaps(path, rows, report)
     return rows, len(content)
 
 
@@ -325,9 +325,9 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
     )
 
 
-def _too_far_round(row: FrameRow) -> bool:
+def _looks_like_degrees(row: FrameRow) -> bool:
     """Whether its angles cannot be radians."""
-    return row.euler_rad is not None and max(map(abs, row.euler_rad)) > MOST_RAD
+    return row.euler_rad is not None and max(map(abs, row.euler_rad)) > MAX_ANGLE_RAD
 
 
 def _three(cells: dict[str | None, Any], names: tuple[str, str, str]) -> tuple[float, float, float] | None:
@@ -339,13 +339,13 @@ def _three(cells: dict[str | None, Any], names: tuple[str, str, str]) -> tuple[f
     return (a, b, c) if math.isfinite(a + b + c) else None
 
 
-def _tell_pauses(path: Path, rows: list[FrameRow], report: Report) -> None:
+def _report_gaps(path: Path, rows: list[FrameRow], report: Report) -> None:
     if len(rows) < 3:
         return
     intervals = [(b.t_ns - a.t_ns) / NS for a, b in pairwise(rows)]
     usual = median(intervals)
     for (a, b), interval in zip(pairwise(rows), intervals, strict=True):
-        if interval > max(GAP_FACTOR * usual, GAP_LEAST_S):
+        if interval > max(GAP_FACTOR * usual, GAP_MIN_S):
             report.problem(
                 "gap",
                 f"{path} lines {a.line}-{b.line}: a gap of {interval:.2f} s (usual: {usual:.3f} s); rows are missing or the "

@@ -21,14 +21,14 @@ from drivers.logs.topics import TOPICS
 from ..pipeline.sync import NS
 from .report import ImportOptions, Report, uncovered
 from .ros2_decode import CAMERA_INFO, IMAGE, MOTION_TYPES, TF, Ros2Decoder, type_of
-from .ros2_frames import DEPTH_TYPES, TransformTree, depth_of, mount_of, rigid
+from .ros2_frames import DEPTH_TYPES, TransformTree, depth_from_image, mount_of, rigid
 from .ros2_motion import Motion
 
 CLOCKS_APART_NS = 5 * NS
 """Log times farther than this from the stamps are of another clock (simulated time, a recorder without a clock)."""
 
 
-STRANGE_NS = 60 * NS
+MAX_STAMP_ERROR_NS = 60 * NS
 """A stamp this far from its arrival is damaged or was never set."""
 
 
@@ -48,10 +48,10 @@ class Ros2Source:
         self._first_images: dict[str, Any] = {}
         self._infos: dict[str, Any] = {}
         self._counts: dict[str, int] = {}
-        self._fixed = TransformTree()
+        self._static_tree = TransformTree()
         self._motion = Motion(options.topics.base_frame)
         self._delays_ns: list[int] = []
-        self._survey()
+        self._scan_topics()
         self._offset_ns = self._clock_offset()
         self._depth_topic = self._choose_depth()
         self._info = self._camera_info()
@@ -110,7 +110,7 @@ class Ros2Source:
             )
             return None
         try:
-            depth_mm = depth_of(message)
+            depth_mm = depth_from_image(message)
         except BadData as error:
             self._report.problem("image", f"{where}: {error}")
             return None
@@ -141,7 +141,7 @@ class Ros2Source:
         finally:
             scan.close()
 
-    def _survey(self) -> None:
+    def _scan_topics(self) -> None:
         undecoded: dict[str, int] = {}
         for item in self._messages():
             topic, kind = item.channel.topic, type_of(item.schema.name if item.schema else "")
@@ -159,7 +159,7 @@ class Ros2Source:
                 self._transforms(topic, message, item.message.log_time)
             else:
                 self._delays_ns.append(item.message.log_time - stamp_ns(message.header))
-                self._motion.take(topic, kind, message, stamp_ns(message.header), item.message.log_time)
+                self._motion.add_message(topic, kind, message, stamp_ns(message.header), item.message.log_time)
         for topic, number in undecoded.items():
             self._report.problem(
                 "decode", f"{self._path}: {number} messages of {topic} do not fit their own definition"
@@ -169,12 +169,12 @@ class Ros2Source:
         for transform in message.transforms:
             if not topic.endswith("tf_static"):
                 self._delays_ns.append(log_ns - stamp_ns(transform.header))
-                self._motion.moved(topic, transform, stamp_ns(transform.header), log_ns)
+                self._motion.add_moving(topic, transform, stamp_ns(transform.header), log_ns)
                 continue
             placed = rigid(transform.transform.translation, transform.transform.rotation)
             if placed is not None:
-                self._fixed.add(transform.header.frame_id, transform.child_frame_id, placed)
-                self._motion.fixed(transform.header.frame_id, transform.child_frame_id, placed)
+                self._static_tree.add(transform.header.frame_id, transform.child_frame_id, placed)
+                self._motion.add_static(transform.header.frame_id, transform.child_frame_id, placed)
 
     def _clock_offset(self) -> int:
         """What log times are ahead of the stamps' clock: 0 unless they are of another one."""
@@ -189,7 +189,7 @@ class Ros2Source:
     def _arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
         """The log time on the stamps' clock, never before the measurement; None for a stamp that cannot be true."""
         arrival_ns = log_ns - self._offset_ns
-        return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= STRANGE_NS else None
+        return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= MAX_STAMP_ERROR_NS else None
 
     def _choose_depth(self) -> str:
         images = {t: m.encoding for t, m in self._first_images.items()}
@@ -197,16 +197,16 @@ class Ros2Source:
         wanted = self._options.topics.depth
         if wanted is not None and wanted not in depth:
             is_there = f"is {images[wanted]}" if wanted in images else "is not there"
-            raise BadData(f"{self._path}: {wanted} {is_there}; depth images: {_listed(depth) or 'none'}")
+            raise BadData(f"{self._path}: {wanted} {is_there}; depth images: {_joined(depth) or 'none'}")
         if wanted is not None:
             return wanted
         if len(depth) > 1:
-            raise BadData(f"{self._path}: several topics with depth: {_listed(depth)}; choose with --depth-topic")
+            raise BadData(f"{self._path}: several topics with depth: {_joined(depth)}; choose with --depth-topic")
         if not depth:
-            raise BadData(f"{self._path}: no depth image in it; {self._what_there_is()}")
+            raise BadData(f"{self._path}: no depth image in it; {self._found_text()}")
         return depth[0]
 
-    def _what_there_is(self) -> str:
+    def _found_text(self) -> str:
         ours = sum(kind in {t.schema for t in TOPICS.values()} for kind in self._types.values())
         if ours and not self._first_images:
             return "it is a log of this project already: replay it directly"
@@ -223,7 +223,7 @@ class Ros2Source:
     def _camera_info(self) -> CameraInfo:
         topic = self._options.topics.camera_info or self._info_topic()
         if topic not in self._infos:
-            raise BadData(f"{self._path}: no camera info on {topic}; there is: {_listed(list(self._infos)) or 'none'}")
+            raise BadData(f"{self._path}: no camera info on {topic}; there is: {_joined(list(self._infos)) or 'none'}")
         k_message, image = self._infos[topic], self._first_images[self._depth_topic]
         fx, _, cx, _, fy, cy = list(k_message.k)[:6]
         if any(abs(d) > 1e-6 for d in k_message.d):
@@ -232,7 +232,7 @@ class Ros2Source:
             intrinsics = Intrinsics(int(k_message.width), int(k_message.height), fx, fy, cx, cy)
             info = CameraInfo(self._options.camera.name, intrinsics)
             base, optical = self._options.topics.base_frame, image.header.frame_id
-            chain = self._fixed.between(base, optical)
+            chain = self._static_tree.between(base, optical)
             if chain is not None:
                 info = CameraInfo(info.camera, intrinsics, mount_of(chain, base))
                 self._report.note(f"mount from the transforms {base} -> {optical}")
@@ -252,27 +252,29 @@ class Ros2Source:
         if len(self._infos) == 1:
             return next(iter(self._infos))
         raise BadData(
-            f"{self._path}: no camera info beside {self._depth_topic}; there is: {_listed(list(self._infos)) or 'none'}; "
+            f"{self._path}: no camera info beside {self._depth_topic}; there is: {_joined(list(self._infos)) or 'none'}; "
             "choose with --info-topic"
         )
 
     def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:
         topics = self._options.topics
-        attitude = _chosen(self._path, "attitude", topics.attitude, self._motion.attitude_topics(), self._types)
+        attitude = _choose_topic(self._path, "attitude", topics.attitude, self._motion.attitude_topics(), self._types)
         pose_topics = self._motion.pose_topics()
         pose: str | None = topics.pose
         if pose is None:
             pose = attitude if attitude in pose_topics else pose_topics[0] if len(pose_topics) == 1 else None
         elif pose not in pose_topics:
-            raise BadData(f"{self._path}: no position on {pose}; there is: {_listed(pose_topics) or 'none'}")
+            raise BadData(f"{self._path}: no position on {pose}; there is: {_joined(pose_topics) or 'none'}")
         self._report.note(f"attitude from {attitude}, position from {pose or 'nowhere'}")
-        bad = self._motion.unusable(attitude)
-        if bad:
-            self._report.problem("attitude", f"{self._path}: {bad} attitudes of {attitude} are no rotation, left out")
-        to_child = self._fixed.between
-        for stranger in self._motion.strangers(attitude, to_child):
+        invalid = self._motion.unusable(attitude)
+        if invalid:
+            self._report.problem(
+                "attitude", f"{self._path}: {invalid} attitudes of {attitude} are no rotation, left out"
+            )
+        to_child = self._static_tree.between
+        for unconnected in self._motion.unconnected_frames(attitude, to_child):
             self._report.note(
-                f"no transform joins {stranger} and {topics.base_frame}: {attitude} is taken as the attitude of the vehicle "
+                f"no transform joins {unconnected} and {topics.base_frame}: {attitude} is taken as the attitude of the vehicle "
                 "itself; if it is not, record /tf_static, or choose with --base-frame"
             )
         attitudes, poses = (
@@ -296,7 +298,7 @@ class Ros2Source:
         return None if arrival_ns is None else replace(p, t_arrival_ns=arrival_ns)
 
 
-def _chosen(path: Path, what: str, wanted: str | None, there: list[str], types: dict[str, str]) -> str:
+def _choose_topic(path: Path, what: str, wanted: str | None, there: list[str], types: dict[str, str]) -> str:
     named = ", ".join(f"{t} ({types[t]})" for t in there)
     if wanted is not None:
         if wanted not in there:
@@ -312,5 +314,5 @@ def _chosen(path: Path, what: str, wanted: str | None, there: list[str], types: 
     )
 
 
-def _listed(topics: list[str]) -> str:
+def _joined(topics: list[str]) -> str:
     return ", ".join(sorted(topics))

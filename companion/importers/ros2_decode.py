@@ -44,7 +44,7 @@ _READ_OF_TRANSFORM: Final = (
     *_paths("transform.translation", "xyz"),
     *_paths("transform.rotation", "wxyz"),
 )
-_LEAST: Final = {CAMERA_INFO: ("k", 9), IMU: ("orientation_covariance", 9)}
+_MIN: Final = {CAMERA_INFO: ("k", 9), IMU: ("orientation_covariance", 9)}
 """Arrays that are read by place, and their length."""
 _ERRORS: Final = (
     struct.error,
@@ -82,8 +82,8 @@ class Ros2Decoder:
                 attrgetter(*_READ[kind])(message)
                 for transform in message.transforms if kind == TF else ():
                     attrgetter(*_READ_OF_TRANSFORM)(transform)
-                name, least = _LEAST.get(kind, ("", 0))
-                if name and len(getattr(message, name)) < least:
+                name, minimum = _MIN.get(kind, ("", 0))
+                if name and len(getattr(message, name)) < minimum:
                     return None
         except _ERRORS:
             return None

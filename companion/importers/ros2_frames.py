@@ -48,11 +48,11 @@ IDENTITY = Rigid(np.eye(3), np.zeros(3))
 def rigid(translation: Any, rotation: Any) -> Rigid | None:
     """Of a geometry_msgs translation (or position) and quaternion; None when they are no numbers or no rotation."""
     t = np.array([translation.x, translation.y, translation.z], dtype=np.float64)
-    R = rotation_of(rotation)
+    R = rotation_from_message(rotation)
     return None if R is None or not np.isfinite(t).all() else Rigid(R, t)
 
 
-def rotation_of(q: Any) -> Rotation | None:
+def rotation_from_message(q: Any) -> Rotation | None:
     """(3, 3) of a geometry_msgs quaternion, None when it is none (all zero means "not told")."""
     norm = math.hypot(q.w, q.x, q.y, q.z)
     return rotation_from_quaternion((q.w, q.x, q.y, q.z)) if 0.9 < norm < 1.1 else None
@@ -60,15 +60,15 @@ def rotation_of(q: Any) -> Rotation | None:
 
 def to_ned(world_frame: str) -> Rotation:
     """R_ned_world: ENU unless a word of the frame's name is ned (`map_ned`, but not `aligned_map`)."""
-    return np.eye(3) if "ned" in _words(world_frame) else R_NED_ENU
+    return np.eye(3) if "ned" in _name_parts(world_frame) else R_NED_ENU
 
 
 def to_frd(body_frame: str) -> Rotation:
     """R_frd_body: FLU unless a word of the frame's name is frd (`base_link_frd`)."""
-    return np.eye(3) if "frd" in _words(body_frame) else R_FRD_FLU
+    return np.eye(3) if "frd" in _name_parts(body_frame) else R_FRD_FLU
 
 
-def _words(frame: str) -> list[str]:
+def _name_parts(frame: str) -> list[str]:
     return re.split(r"[^a-z]+", frame.lower())
 
 
@@ -90,7 +90,7 @@ def mount_of(base_from_optical: Rigid, base_frame: str) -> CameraMount:
     return CameraMount(roll, pitch, yaw, x, y, z)
 
 
-def depth_of(message: Any) -> NDArray[np.uint16]:
+def depth_from_image(message: Any) -> NDArray[np.uint16]:
     """(H, W) uint16 millimetres of a sensor_msgs/Image; UNKNOWN_MM where it holds no finite positive number or one that
     millimetres cannot hold. Rows may be padded, bytes swapped. Raises BadData."""
     size = DEPTH_TYPES.get(message.encoding)
@@ -109,8 +109,8 @@ def depth_of(message: Any) -> NDArray[np.uint16]:
         return depth
     with np.errstate(invalid="ignore", over="ignore"):
         millimetres = np.rint(pixels.astype(np.float64) * 1000.0)
-        good = (millimetres > 0) & (millimetres < FAR_MM)  # false for NaN
-    return np.where(good, millimetres, UNKNOWN_MM).astype(np.uint16)
+        valid = (millimetres > 0) & (millimetres < FAR_MM)  # false for NaN
+    return np.where(valid, millimetres, UNKNOWN_MM).astype(np.uint16)
 
 
 class TransformTree:

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from core.types import AttitudeSample, PoseSample
 
 from .ros2_decode import IMU, ODOMETRY
-from .ros2_frames import IDENTITY, Rigid, TransformTree, quaternion_wxyz, rigid, rotation_of, to_frd, to_ned, triple
+from .ros2_frames import (
+    IDENTITY,
+    Rigid,
+    TransformTree,
+    quaternion_wxyz,
+    rigid,
+    rotation_from_message,
+    to_frd,
+    to_ned,
+    triple,
+)
 
 Between = Callable[[str, str], Rigid | None]
 """(target frame, source frame) -> transform, None where no chain joins them."""
@@ -38,13 +48,13 @@ class Motion:
     def __init__(self, base_frame: str) -> None:
         self._base = base_frame
         self._readings: dict[str, list[Reading]] = {}
-        self._bad: dict[str, int] = {}
+        self._invalid: dict[str, int] = {}
         self._tree = TransformTree()
 
     def attitude_topics(self) -> list[str]:
         """Those with rotations; transforms only where nothing else tells (they are usually made of it)."""
-        told = [t for t in self._readings if not t.endswith("/tf")]
-        return sorted(told or self._readings)
+        has_values = [t for t in self._readings if not t.endswith("/tf")]
+        return sorted(has_values or self._readings)
 
     def pose_topics(self) -> list[str]:
         """Those with positions, likewise."""
@@ -53,16 +63,16 @@ class Motion:
 
     def unusable(self, topic: str) -> int:
         """Messages of a topic that were no rotation."""
-        return self._bad.get(topic, 0)
+        return self._invalid.get(topic, 0)
 
-    def take(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
+    def add_message(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
         """One message of a type in MOTION_TYPES."""
         world, body = message.header.frame_id, self._base
         rates = velocity = t_m = None
         if kind == IMU:
             if message.orientation_covariance[0] == -1.0:  # "no orientation", by the message's definition
                 return
-            R = rotation_of(message.orientation)
+            R = rotation_from_message(message.orientation)
             world, body = "", message.header.frame_id or self._base
             rates = _vector(message.angular_velocity)
         else:
@@ -73,19 +83,19 @@ class Motion:
                 body = message.child_frame_id or self._base
                 rates, velocity = _vector(message.twist.twist.angular), _vector(message.twist.twist.linear)
         if R is None:
-            self._bad[topic] = self._bad.get(topic, 0) + 1
+            self._invalid[topic] = self._invalid.get(topic, 0) + 1
         else:
             self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, world, body))
 
-    def fixed(self, parent: str, child: str, placed: Rigid) -> None:
+    def add_static(self, parent: str, child: str, placed: Rigid) -> None:
         """A transform that never changes."""
         self._tree.add(parent, child, placed)
 
-    def moved(self, topic: str, message: Any, t_ns: int, log_ns: int) -> None:
+    def add_moving(self, topic: str, message: Any, t_ns: int, log_ns: int) -> None:
         """A geometry_msgs/TransformStamped that changes; one of the base frame is a reading."""
         placed = rigid(message.transform.translation, message.transform.rotation)
         if placed is None:
-            self._bad[topic] = self._bad.get(topic, 0) + 1
+            self._invalid[topic] = self._invalid.get(topic, 0) + 1
             return
         self._tree.add(message.header.frame_id, message.child_frame_id, placed)
         if message.child_frame_id.lstrip("/") == self._base:
@@ -98,31 +108,33 @@ class Motion:
     def attitudes(self, topic: str, between: Between) -> list[AttitudeSample]:
         """Attitudes of the base frame, ned from frd, in file order. Rates that are zero throughout were never filled in
         (a real gyro is never still): they are not told."""
-        told = any(r.rates is not None and r.rates.any() for r in self._readings[topic])
+        has_values = any(r.rates is not None and r.rates.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
             joined = between(r.body, self._base)
             # where no chain joins the two they are taken as the same body, each with the axes that its name says
             R_frd_body = to_frd(r.body) if joined is None else to_frd(self._base) @ joined.R.T
             R = to_ned(r.world) @ r.R_world_body @ R_frd_body.T
-            rates = None if r.rates is None or not told else triple(R_frd_body @ r.rates)
+            rates = None if r.rates is None or not has_values else triple(R_frd_body @ r.rates)
             out.append(AttitudeSample(r.t_ns, r.log_ns, quaternion_wxyz(R), rates))
         return out
 
     def poses(self, topic: str, between: Between) -> list[PoseSample]:
         """Positions of the base frame in ned, in file order. Velocities that are zero throughout are not told."""
-        told = any(r.velocity is not None and r.velocity.any() for r in self._readings[topic])
+        has_values = any(r.velocity is not None and r.velocity.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
             if r.t_m is None:
                 continue
             lever_m = r.R_world_body @ self._body_from_base(r, between).t_m
             R_ned_world = to_ned(r.world)
-            velocity = None if r.velocity is None or not told else triple(R_ned_world @ r.R_world_body @ r.velocity)
+            velocity = (
+                None if r.velocity is None or not has_values else triple(R_ned_world @ r.R_world_body @ r.velocity)
+            )
             out.append(PoseSample(r.t_ns, r.log_ns, triple(R_ned_world @ (r.t_m + lever_m)), velocity))
         return out
 
-    def strangers(self, topic: str, between: Between) -> list[str]:
+    def unconnected_frames(self, topic: str, between: Between) -> list[str]:
         """Body frames of a topic that no chain joins with the base frame: taken as the same body."""
         bodies = {r.body for r in self._readings[topic]} - {self._base}
         return sorted(body for body in bodies if between(body, self._base) is None)

@@ -44,7 +44,7 @@ def tlog_samples(
     Raises BadData when the log holds nothing for them, or when nothing says where its clock stands."""
     log = read_tlog(path)
     vehicle = vehicle_log(log, options.system_id)
-    _tell(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
+    _report_log(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
     epoch_us = options.tlog_epoch_us
     if epoch_us is None:
         epoch_us = _derived_epoch(path, vehicle, frames_ns, rows, report)
@@ -68,7 +68,7 @@ def tlog_samples(
     return attitudes, poses
 
 
-def _tell(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncated: bool, report: Report) -> None:
+def _report_log(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncated: bool, report: Report) -> None:
     report.note(
         f"attitude from {path.name}: {vehicle.kind} of system {vehicle.system}, component 1"
         + (f", clock drift {vehicle.drift * 1e6:.0f} ppm" if vehicle.drift else "")

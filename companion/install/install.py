@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..config.loader import load_config
-from ..console import say, say_json, warn
+from ..console import print_json, print_line, warn
 from ..paths import NAME
 from .steps import (
     UNIT,
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     steps = install_steps(paths, args.config, args.replace_config, not args.no_start)
     carry_out(steps, paths, args.dry_run, args.json)
     if not args.json and not args.dry_run and paths.live:
-        say(f"it starts with the machine; `companion status` and `journalctl -u {NAME}` tell how it is")
+        print_line(f"it starts with the machine; `companion status` and `journalctl -u {NAME}` tell how it is")
     return 0
 
 
@@ -153,16 +153,16 @@ def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json
         told = [{"step": s.words, "already": s.done} for s in steps]
     else:
         for step in steps:
-            say(f"{'already' if step.done else 'would' if dry_run else 'will'}: {step.words}")
+            print_line(f"{'already' if step.done else 'would' if dry_run else 'will'}: {step.words}")
     if not dry_run:
         check_permissions(paths)
         for step in steps:
             if not step.done:
                 step.act()
                 if not as_json:
-                    say(f"done: {step.words}")
+                    print_line(f"done: {step.words}")
     if as_json:
-        say_json({"dry_run": dry_run, "steps": told})
+        print_json({"dry_run": dry_run, "steps": told})
 
 
 def _warm_up(paths: InstallPaths) -> Any:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..console import say
+from ..console import print_line
 from ..paths import NAME
 from .install import carry_out
 from .steps import UNIT, InstallPaths, Step, command_step, folder_size_mb, install_paths, remove_step
@@ -28,19 +28,19 @@ def run(args: argparse.Namespace) -> int:
     if not args.json and not args.purge:
         for kept in (paths.settings, paths.drop_ins, paths.state):
             if kept.exists():
-                say(f"kept: {kept} ({folder_size_mb(kept):.1f} MB); --purge deletes it")
+                print_line(f"kept: {kept} ({folder_size_mb(kept):.1f} MB); --purge deletes it")
         if paths.has_user():
-            say(f"kept: the user {NAME}, who owns the logs; --purge deletes it")
+            print_line(f"kept: the user {NAME}, who owns the logs; --purge deletes it")
     return 0
 
 
 def uninstall_steps(paths: InstallPaths, purge: bool) -> list[Step]:
     """All steps, in order."""
-    gone = not paths.unit.exists()
+    uninstalled = not paths.unit.exists()
     where = [] if paths.live else [f"--root={paths.root}"]
     stop = ["systemctl", *where, "disable", *(["--now"] if paths.live else []), UNIT]
     steps = [
-        command_step(stop, "stop it, and no start with the machine", gone),
+        command_step(stop, "stop it, and no start with the machine", uninstalled),
         remove_step(paths.unit, "the service"),
         remove_step(paths.rules, "who may use the cameras"),
         remove_step(paths.cache, "compiled kernels"),
@@ -55,8 +55,8 @@ def uninstall_steps(paths: InstallPaths, purge: bool) -> list[Step]:
     steps.append(remove_step(paths.sysusers, "the service's user and groups"))
     if paths.live:
         steps += [
-            command_step(["systemctl", "daemon-reload"], "the unit is gone", gone),
-            command_step(["udevadm", "control", "--reload"], "the rules are gone", gone),
+            command_step(["systemctl", "daemon-reload"], "the unit is gone", uninstalled),
+            command_step(["udevadm", "control", "--reload"], "the rules are gone", uninstalled),
         ]
     return steps
 

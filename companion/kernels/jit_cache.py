@@ -30,7 +30,7 @@ from .manifest import copy_entries
 
 VARIABLE: Final = "NUMBA_CACHE_DIR"
 ROOT: Final = Path(__file__).resolve().parents[2]
-KEPT: Final = 3
+MAX_CACHES: Final = 3
 """Directories that stay, the one in use among them."""
 _PREFIX: Final = "kernels-"
 _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
@@ -170,7 +170,7 @@ def prune(base: Path, current: Path) -> None:
     """Deletes the directories of old states but for the latest KEPT (with `current`) and those that a running process
     uses. Nothing else below `base` is touched."""
     others = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f.is_dir() and f != current]
-    for folder in sorted(others, key=_last_use, reverse=True)[KEPT - 1 :]:
+    for folder in sorted(others, key=_last_use, reverse=True)[MAX_CACHES - 1 :]:
         descriptor = _lock(folder, fcntl.LOCK_EX)
         if descriptor is not None:
             shutil.rmtree(folder, ignore_errors=True)

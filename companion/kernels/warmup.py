@@ -26,7 +26,7 @@ import numpy as np
 
 from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
 
-from ..console import fail, say, say_json
+from ..console import fail, print_json, print_line
 from .jit_cache import VARIABLE, base_of
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
 
@@ -77,11 +77,11 @@ def run(args: argparse.Namespace) -> int:
         fail(str(error))
         return 1
     if args.json:
-        say_json({"cache": list(done.cache), "deleted": done.deleted, "cached": done.cached})
+        print_json({"cache": list(done.cache), "deleted": done.deleted, "cached": done.cached})
         return 0
     if done.deleted:
-        say(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
-    say(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}")
+        print_line(f"the cache of compiled kernels was damaged: {done.deleted} files deleted, compiled again")
+    print_line(f"all kernels are compiled: {done.cached} files in {', '.join(done.cache)}")
     return 0
 
 

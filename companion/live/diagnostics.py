@@ -10,7 +10,7 @@ from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.pipeline import PrismsResult
 
 NS = 1_000_000_000
-LEAST_ATTITUDE_HZ = 10.0
+MIN_ATTITUDE_HZ = 10.0
 """Below it the attitudes before and after an exposure are 0.1 s and more apart: interpolation is coarse in a turn, and
 with [sync] max_gap_s = 0.15 frames are dropped as soon as one attitude is lost."""
 LOW_FOR_NS = 3 * NS
@@ -44,7 +44,7 @@ def template_intrinsics(cameras: Iterable[CameraConfig]) -> list[Diagnostic]:
 def attitude_rate_low(rate_hz: float, wanted_hz: float) -> Diagnostic:
     """What a low rate of the attitude means. rate_hz: measured; wanted_hz: [autopilot] attitude_hz."""
     text = (
-        f"attitude arrives at {rate_hz:.1f} Hz, at least {LEAST_ATTITUDE_HZ:g} Hz are needed and {wanted_hz:g} Hz were "
+        f"attitude arrives at {rate_hz:.1f} Hz, at least {MIN_ATTITUDE_HZ:g} Hz are needed and {wanted_hz:g} Hz were "
         "requested; likely cause: the stream rate of this port is low, another station resets it, or the link is too slow. "
         "ArduPilot: raise SRx_EXTRA1 (MAVx_EXTRA1 in newer versions); PX4: raise MAV_x_RATE; use 921600 baud"
     )
@@ -60,7 +60,7 @@ class AttitudeRateCheck:
 
     def check(self, rate_hz: float, now_ns: int) -> list[Diagnostic]:
         """rate_hz: over the last two seconds; 0: none arrive, which is another fault."""
-        if rate_hz == 0.0 or rate_hz >= LEAST_ATTITUDE_HZ:
+        if rate_hz == 0.0 or rate_hz >= MIN_ATTITUDE_HZ:
             self._low_since_ns = None
             return []
         if self._low_since_ns is None:

@@ -157,7 +157,7 @@ def _family_lines(name: str, kind: str, meaning: str, samples: list[Sample]) -> 
 
 def _families(h: pb.Health) -> Iterator[tuple[str, str, str, list[Sample]]]:
     """Name, type, meaning and samples of each metric."""
-    states: list[Sample] = [({"state": word}, float(h.state == value)) for value, word in STATES.items()]
+    states: list[Sample] = [({"state": state}, float(h.state == value)) for value, state in STATES.items()]
     yield "state", "gauge", "1 for the present state", states
     yield "diagnostics", "gauge", "Number of active diagnostics", [({}, float(len(h.diagnostics)))]
     active: dict[tuple[str, str], int] = Counter((d.code, d.camera) for d in h.diagnostics)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..config.differences import PAPER_NOTE, safety_lines
 from ..config.loader import load_config
-from ..console import say
+from ..console import print_line
 from ..paths import folders
 from .sd_notify import Notifier
 
@@ -153,4 +153,4 @@ def run(args: argparse.Namespace) -> int:
         try:
             service.close()
         finally:
-            say("stopped")
+            print_line("stopped")

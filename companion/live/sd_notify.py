@@ -14,12 +14,12 @@ class Notifier:
 
     def __init__(self, environment: dict[str, str] | None = None) -> None:
         env = os.environ if environment is None else environment
-        place = env.get("NOTIFY_SOCKET", "")
-        self._address = "\0" + place[1:] if place.startswith("@") else place
+        address = env.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if self._address else None
         usec = env.get("WATCHDOG_USEC", "")
-        mine = env.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
-        self.watchdog_s: float | None = int(usec) / 1e6 if usec.isdecimal() and mine else None
+        for_this_process = env.get("WATCHDOG_PID", "") in ("", str(os.getpid()))
+        self.watchdog_s: float | None = int(usec) / 1e6 if usec.isdecimal() and for_this_process else None
         self._status = ""
 
     def ready(self) -> None:
@@ -44,8 +44,8 @@ class Notifier:
     def stopping(self) -> None:
         """We end because we were told to. Nobody feeds the watchdog while a log is finished on a slow disk: it is
         given more time than the unit gives us to stop."""
-        patience = f"\nWATCHDOG_USEC={round(STOPPING_S * 1e6)}" if self.watchdog_s is not None else ""
-        self._send("STOPPING=1" + patience)
+        watchdog = f"\nWATCHDOG_USEC={round(STOPPING_S * 1e6)}" if self.watchdog_s is not None else ""
+        self._send("STOPPING=1" + watchdog)
 
     def _send(self, text: str) -> None:
         if self._socket is None:

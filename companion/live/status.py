@@ -17,7 +17,7 @@ from drivers.proto import osape_v1_pb2 as pb
 
 from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
-from ..console import say, say_json
+from ..console import print_json, print_line
 from ..paths import run_folder
 from ..pipeline.mount_messages import mount_text
 from ..pipeline.sync import DropCause
@@ -71,15 +71,15 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
 def status_lines(h: pb.Health) -> list[str]:
     """A report for people."""
     lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
-    wrong = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older versions: texts alone
-    lines += [f"  ! {line}" for line in wrong] or ["  OK"]
+    diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older versions: texts alone
+    lines += [f"  ! {line}" for line in diagnostics] or ["  OK"]
     lines += [f"  note: {note}" for note in h.notes]
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
         age = f"newest valid exposure {c.age_ns / MS:.0f} ms ago" if c.HasField("age_ns") else "no valid exposure yet"
         kind = "" if c.required else ", not required"
-        again = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
-        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{again}")
+        restarts = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
+        lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{restarts}")
         if c.HasField("exposure_offset"):
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
         if c.HasField("mount"):
@@ -156,8 +156,8 @@ def run(args: argparse.Namespace) -> int:
     default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
     report = newest_health(default.replace("{run}", str(run_folder())), args.timeout)
     if args.json:
-        say_json(health_json(report))
+        print_json(health_json(report))
     else:
         for line in status_lines(report):
-            say(line)
+            print_line(line)
     return 0 if report.state in (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED) else 1

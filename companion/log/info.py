@@ -20,7 +20,7 @@ from drivers.logs.record_scanner import Damage, Logged
 from drivers.proto import osape_v1_pb2 as pb
 
 from ..config.obstacle_range import obstacle_range_m
-from ..console import fail, say, say_json
+from ..console import fail, print_json, print_line
 from ..pipeline.causes import cause_code
 from ..pipeline.sync import DropCause
 
@@ -196,28 +196,30 @@ def print_info(info: LogInfo) -> None:
     """The same for people."""
     span = info.span_ns
     duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
-    say(f"{info.path}: {info.path.stat().st_size / 1e6:.2f} MB{duration}")
+    print_line(f"{info.path}: {info.path.stat().st_size / 1e6:.2f} MB{duration}")
     if info.run is not None:
-        say(f"made by {info.run.software} ({info.run.source or 'source not told'})")
+        print_line(f"made by {info.run.software} ({info.run.source or 'source not told'})")
     if not info.ours:
-        say("not a recording of this software: none of its topics is known")
+        print_line("not a recording of this software: none of its topics is known")
     for camera in info.cameras:
-        say(_camera_line(camera))
+        print_line(_camera_line(camera))
     listed = list(info.topics.values())[:_LISTED]
     width = max((len(topic.topic) for topic in listed), default=0)
     for topic in listed:
         rate = f"{topic.rate_hz:8.2f} Hz" if topic.rate_hz is not None else " " * 11
-        say(f"  {topic.topic:<{width}} {len(topic.times_ns):8d} {rate}  {topic.size / 1e6:9.3f} MB  {topic.schema}")
+        print_line(
+            f"  {topic.topic:<{width}} {len(topic.times_ns):8d} {rate}  {topic.size / 1e6:9.3f} MB  {topic.schema}"
+        )
     if len(info.topics) > len(listed):
-        say(f"  and {len(info.topics) - len(listed)} more topics (--json lists all)")
+        print_line(f"  and {len(info.topics) - len(listed)} more topics (--json lists all)")
     start_ns = span[0] if span else 0
     for topic in info.topics.values():
         _print_anomalies(topic, start_ns)
     if info.decisions:
-        say("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(info.decisions.items())))
+        print_line("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(info.decisions.items())))
     if info.valid or info.invalid:
         blind = "".join(f"; {n} blind: {_text(code)}" for code, n in sorted(info.invalid.items()))
-        say(f"prisms: {info.valid} frames say something{blind}")
+        print_line(f"prisms: {info.valid} frames say something{blind}")
 
 
 def _camera_line(info: CameraInfo) -> str:
@@ -234,9 +236,11 @@ def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
     gaps = topic.gaps() if topic.key in _REGULAR else []
     if gaps:
         at, longest = max(gaps, key=lambda gap: gap[1])
-        say(f"{topic.topic}: {len(gaps)} gaps, the longest {longest / _NS:.3f} s, {(at - start_ns) / _NS:.3f} s in")
+        print_line(
+            f"{topic.topic}: {len(gaps)} gaps, the longest {longest / _NS:.3f} s, {(at - start_ns) / _NS:.3f} s in"
+        )
     if topic.steps_back:
-        say(f"{topic.topic}: its time goes back {topic.steps_back} times")
+        print_line(f"{topic.topic}: its time goes back {topic.steps_back} times")
 
 
 def add_parser(subparsers: Any) -> None:
@@ -250,7 +254,7 @@ def run(args: argparse.Namespace) -> int:
     """Runs the command; 1 when the file is damaged."""
     info = read_log_info(args.input)
     if args.json:
-        say_json(as_json(info))
+        print_json(as_json(info))
     else:
         print_info(info)
     for damage in info.damages:

@@ -14,7 +14,7 @@ from drivers.base import BadData
 from drivers.logs.reader import open_scan
 from drivers.logs.record_scanner import Damage, Item, Logged, McapScan
 
-from ..console import say, say_json
+from ..console import print_json, print_line
 from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
 
 
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     """Runs the command; 0 also when there was nothing to do."""
     result = recover(args.input, args.output)
     if args.json:
-        say_json(
+        print_json(
             {
                 "input": str(args.input),
                 "output": str(result.output) if result.output else None,
@@ -147,9 +147,9 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     if result.output is None:
-        say(f"{args.input} is whole ({result.messages} messages): nothing to recover, nothing written")
+        print_line(f"{args.input} is whole ({result.messages} messages): nothing to recover, nothing written")
         return 0
     for damage in result.damages:
-        say(f"damaged at byte {damage.offset}: {damage.cause}")
-    say(f"{result.messages} messages recovered: {result.output}")
+        print_line(f"damaged at byte {damage.offset}: {damage.cause}")
+    print_line(f"{result.messages} messages recovered: {result.output}")
     return 0

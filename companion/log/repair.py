@@ -18,7 +18,7 @@ from typing import Final
 
 from drivers.base import DriverError
 
-from ..console import say
+from ..console import print_line
 from .log_directory import files_of, recovering_files
 from .log_writer import ACTIVE
 from .recover import recover
@@ -153,7 +153,7 @@ class Repairs:
 def run_child() -> None:
     """The child process: repairs the file that its command line names, and says on standard output what was done."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    say(repair_file(Path(sys.argv[1])))
+    print_line(repair_file(Path(sys.argv[1])))
 
 
 def _end_with_parent() -> None:

@@ -19,13 +19,13 @@ from core.types import FrameModel
     CLUSTER, TOP, BOTTOM, CLOSED, MARGIN, VERTICES, EDGES,
     AZIMUTHS, LAYERS, FREE_FROM, FREE_TO, END,
 ) = range(20)  # fmt: skip
-_WHOLE, _BYTES, _FLOAT = 0, 2, 5
+_VARINT, _BYTES, _FLOAT = 0, 2, 5
 """How a field is written: with eight times its number it is its key."""
 _HEAD_BYTES = 64
 """At most, of a prism but for its vertices and planes: keys, lengths and numbers. The same of all else in a model."""
 _FIXED = 20
 """Bytes of a prism's keys and of the numbers that take the same always."""
-_MOST_WHOLE = 5
+_MAX_VARINT_BYTES = 5
 """Bytes of a whole number of 32 bits."""
 
 
@@ -34,8 +34,8 @@ def encode_model(fields: NDArray[np.uint8], model: FrameModel) -> bytes:
     table, free = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS, model.free
     planes, ranges = len(model.planes), free.free_from_m.size
     floats = 7 * planes + len(free.azimuth_edges_rad) + len(free.layer_edges_m) + 2 * ranges
-    prisms = _HEAD_BYTES * len(table) + 8 * len(table.vertices_m) + _MOST_WHOLE * len(table.plane)
-    out = np.empty(4 * _HEAD_BYTES + 4 * floats + 3 * _MOST_WHOLE * planes + ranges + prisms, np.uint8)
+    prisms = _HEAD_BYTES * len(table) + 8 * len(table.vertices_m) + _MAX_VARINT_BYTES * len(table.plane)
+    out = np.empty(4 * _HEAD_BYTES + 4 * floats + 3 * _MAX_VARINT_BYTES * planes + ranges + prisms, np.uint8)
     size = write_model(
         fields, model.planes, model.margin_m, model.support_px, model.flags, model.cluster, table.cluster, table.heights_m,
         table.closed, table.margin_m, table.vertex_begin, table.edge_begin, table.vertices_m, table.plane,
@@ -68,20 +68,20 @@ def _write_planes(fields, planes, margin, support_px, flags, cluster, out):
     inside = 5
     for size in (24 * n, 4 * n, sizes[0], sizes[1], sizes[2]):
         inside += _length(size) + size
-    at = _begin(out, 0, fields[PLANES], inside)
-    at = _begin(out, at, fields[CORNERS], 24 * n)
+    at = _tag_and_length(out, 0, fields[PLANES], inside)
+    at = _tag_and_length(out, at, fields[CORNERS], 24 * n)
     for k in range(n):
         at = _floats(out, at, planes[k])
-    at = _floats(out, _begin(out, at, fields[PLANE_MARGIN], 4 * n), margin)
-    at = _begin(out, at, fields[SUPPORT], sizes[0])
+    at = _floats(out, _tag_and_length(out, at, fields[PLANE_MARGIN], 4 * n), margin)
+    at = _tag_and_length(out, at, fields[SUPPORT], sizes[0])
     for k in range(n):
-        at = _whole(out, at, _unsigned(support_px[k]))
-    at = _begin(out, at, fields[FLAGS], sizes[1])
+        at = _varint(out, at, _unsigned(support_px[k]))
+    at = _tag_and_length(out, at, fields[FLAGS], sizes[1])
     for k in range(n):
-        at = _whole(out, at, _unsigned(flags[k]))
-    at = _begin(out, at, fields[PLANE_CLUSTER], sizes[2])
+        at = _varint(out, at, _unsigned(flags[k]))
+    at = _tag_and_length(out, at, fields[PLANE_CLUSTER], sizes[2])
     for k in range(n):
-        at = _whole(out, at, _unsigned(cluster[k]))
+        at = _varint(out, at, _unsigned(cluster[k]))
     return at
 
 
@@ -93,22 +93,22 @@ def _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_b
             packed += _length(_unsigned(plane[e]))
         corners = 8 * (vertex_begin[k + 1] - vertex_begin[k])
         inside = _FIXED + _length(_unsigned(cluster[k])) + _length(corners) + corners + _length(packed) + packed
-        at = _begin(out, at, fields[PRISMS], inside)
-        out[at] = 8 * fields[CLUSTER] + _WHOLE
-        at = _whole(out, at + 1, _unsigned(cluster[k]))
+        at = _tag_and_length(out, at, fields[PRISMS], inside)
+        out[at] = 8 * fields[CLUSTER] + _VARINT
+        at = _varint(out, at + 1, _unsigned(cluster[k]))
         out[at] = 8 * fields[TOP] + _FLOAT
         at = _float(out, at + 1, heights[k, 0])
         out[at] = 8 * fields[BOTTOM] + _FLOAT
         at = _float(out, at + 1, heights[k, 1])
-        out[at], out[at + 1] = 8 * fields[CLOSED] + _WHOLE, closed[k]
+        out[at], out[at + 1] = 8 * fields[CLOSED] + _VARINT, closed[k]
         out[at + 2] = 8 * fields[MARGIN] + _FLOAT
         at = _float(out, at + 3, margin[k])
-        at = _begin(out, at, fields[VERTICES], corners)
+        at = _tag_and_length(out, at, fields[VERTICES], corners)
         for v in range(vertex_begin[k], vertex_begin[k + 1]):
             at = _floats(out, at, vertices[v])
-        at = _begin(out, at, fields[EDGES], packed)
+        at = _tag_and_length(out, at, fields[EDGES], packed)
         for e in range(edge_begin[k], edge_begin[k + 1]):
-            at = _whole(out, at, _unsigned(plane[e]))
+            at = _varint(out, at, _unsigned(plane[e]))
     return at
 
 
@@ -119,16 +119,16 @@ def _write_free(fields, azimuths, layers, free_from, free_to, end, out, at):
     inside = 5
     for size in sizes:
         inside += _length(size) + size
-    at = _begin(out, at, fields[FREE], inside)
-    at = _floats(out, _begin(out, at, fields[AZIMUTHS], sizes[0]), azimuths)
-    at = _floats(out, _begin(out, at, fields[LAYERS], sizes[1]), layers)
-    at = _begin(out, at, fields[FREE_FROM], sizes[2])
+    at = _tag_and_length(out, at, fields[FREE], inside)
+    at = _floats(out, _tag_and_length(out, at, fields[AZIMUTHS], sizes[0]), azimuths)
+    at = _floats(out, _tag_and_length(out, at, fields[LAYERS], sizes[1]), layers)
+    at = _tag_and_length(out, at, fields[FREE_FROM], sizes[2])
     for d in range(free_from.shape[0]):
         at = _floats(out, at, free_from[d])
-    at = _begin(out, at, fields[FREE_TO], sizes[3])
+    at = _tag_and_length(out, at, fields[FREE_TO], sizes[3])
     for d in range(free_to.shape[0]):
         at = _floats(out, at, free_to[d])
-    at = _begin(out, at, fields[END], sizes[4])
+    at = _tag_and_length(out, at, fields[END], sizes[4])
     for d in range(end.shape[0]):
         for layer in range(end.shape[1]):
             out[at] = end[d, layer]
@@ -137,10 +137,10 @@ def _write_free(fields, azimuths, layers, free_from, free_to, end, out, at):
 
 
 @inner
-def _begin(out, at, field, size):
+def _tag_and_length(out, at, field, size):
     """The key and length of so many bytes, at a place; the place behind them."""
     out[at] = 8 * field + _BYTES
-    return _whole(out, at + 1, size)
+    return _varint(out, at + 1, size)
 
 
 @inner
@@ -160,7 +160,7 @@ def _length(value):
 
 
 @inner
-def _whole(out, at, value):
+def _varint(out, at, value):
     """A whole number, seven bits a byte, the lowest first, at a place; the place behind it."""
     while value > 127:
         out[at] = value & 127 | 128

@@ -28,23 +28,23 @@ FRAME_STAGES = (
     LatencyStage.PUBLISH,
     LatencyStage.EXPOSURE_TO_PUBLISH,
 )
-_HELD = 512
+_WINDOW = 512
 
 
 class Latencies:
     """`add` in nanoseconds; `percentiles` in milliseconds."""
 
     def __init__(self, stages: tuple[LatencyStage, ...] = FRAME_STAGES) -> None:
-        self._held: dict[LatencyStage, deque[int]] = {stage: deque(maxlen=_HELD) for stage in stages}
+        self._newest_ns: dict[LatencyStage, deque[int]] = {stage: deque(maxlen=_WINDOW) for stage in stages}
 
     def add(self, stage: LatencyStage, took_ns: int) -> None:
         """One frame's time in a stage."""
-        self._held[stage].append(took_ns)
+        self._newest_ns[stage].append(took_ns)
 
     def percentiles(self) -> list[tuple[LatencyStage, float, float, float]]:
         """(stage, p50, p95, p99) of the stages with frames; the p-th is the least that p % do not exceed."""
         found = []
-        for stage, held in self._held.items():
+        for stage, held in self._newest_ns.items():
             if held:
                 ordered = sorted(held)
                 last = len(ordered) - 1

@@ -19,7 +19,7 @@ from drivers.proto import osape_v1_pb2 as pb
 from ..cameras.masks import configured_mask
 from ..config.loader import Config, ConfigError, config_from_text, load_config
 from ..config.obstacle_range import obstacle_range_m
-from ..console import fail, progress, say_json
+from ..console import fail, print_json, progress
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
 from ..pipeline.encode import prisms_message, state_from_message
@@ -116,7 +116,7 @@ class _Sink:
     def __init__(self, log: LogWriter | None, config: Config, depth: bool, cameras: tuple[CameraInfo, ...]) -> None:
         self._log, self._config, self._depth, self._cameras = log, config, depth, cameras
         self._state: PipelineState | None = None
-        self._begun = False
+        self._is_open = False
 
     def begin(self, state: PipelineState) -> None:
         """Keeps the state that the log opens with."""
@@ -138,8 +138,8 @@ class _Sink:
             self._open(0)
 
     def _open(self, t_ns: int) -> None:
-        if self._log is not None and not self._begun:
-            self._begun = True
+        if self._log is not None and not self._is_open:
+            self._is_open = True
             self._log.begin(run_info("replay", self._config), self._cameras, self._state, t_ns)
 
 
@@ -166,14 +166,14 @@ def _refuse_unknown_cameras(config: Config, path: Path, source: McapRecording) -
     """A mount or a range under a misspelt name would silently go nowhere. A configuration of more cameras than the log
     has is none, nor one that is silent about cameras."""
     there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
-    strange, bare = [name for name in said if name not in there], [name for name in there if name not in said]
-    if strange and bare:
+    unknown, missing = [name for name in said if name not in there], [name for name in there if name not in said]
+    if unknown and missing:
         raise ConfigError(
             str(path),
             [
-                f'[[camera]] "{name}": {source.path} has no such camera, and nothing is said of its {", ".join(bare)}; '
+                f'[[camera]] "{name}": {source.path} has no such camera, and nothing is said of its {", ".join(missing)}; '
                 "correct the name, or leave the section out"
-                for name in strange
+                for name in unknown
             ],
         )
 
@@ -253,7 +253,7 @@ def run(args: argparse.Namespace) -> int:
         result = replay(args.input, options, on_progress)
     problems = replay_problems(result)
     if args.json:
-        say_json(report(result, args.input, args.output, problems))
+        print_json(report(result, args.input, args.output, problems))
     else:
         print_report(result, args.output)
     for problem in problems:

@@ -9,7 +9,7 @@ from typing import Any
 from core.codes import text_of
 from core.types import InvalidCause
 
-from ..console import say
+from ..console import print_line
 from ..pipeline.pipeline import UNPUBLISHED_DROPS, FrameDecision
 from ..pipeline.sync import DropCause
 from ..self_check.exposure_offset import ExposureOffset, warning_text
@@ -37,7 +37,7 @@ class Replay:
 def replay_problems(result: Replay) -> list[str]:
     """What keeps the command from success, in words with a remedy."""
     problems = [result.damage] if result.damage else []
-    if result.counts.first_dropped is not None and not _as_in_flight(result.comparison):
+    if result.counts.first_dropped is not None and not _same_as_recorded(result.comparison):
         problems.append(_drop_problem(result.counts, result.counts.first_dropped))
     elif result.counts.frames == 0 and not result.damage:
         problems.append("no depth image in the input: nothing was computed")
@@ -46,7 +46,7 @@ def replay_problems(result: Replay) -> list[str]:
     return problems
 
 
-def _as_in_flight(comparison: Comparison | None) -> bool:
+def _same_as_recorded(comparison: Comparison | None) -> bool:
     """Whether the log holds the same, frame by frame, as far as it goes: what was dropped then is dropped again, and is no
     news."""
     return comparison is not None and comparison.passed and not comparison.gaps
@@ -54,16 +54,16 @@ def _as_in_flight(comparison: Comparison | None) -> bool:
 
 def _drop_problem(counts: ReplayCounts, first: FrameDecision) -> str:
     causes = ", ".join(f"{n} x {text_of(code, DropCause)}" for code, n in sorted(counts.dropped.items()))
-    passed_over = sum(counts.dropped[cause.value] for cause in UNPUBLISHED_DROPS)
+    not_published = sum(counts.dropped[cause.value] for cause in UNPUBLISHED_DROPS)
     wrong_size = counts.dropped[DropCause.WRONG_SIZE.value]
-    blind = counts.dropped.total() - passed_over
+    blind = counts.dropped.total() - not_published
     remedies = []
     if blind > wrong_size:
         remedies.append("Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]")
     if wrong_size:
         remedies.append("Give the camera the description of its image size")
-    if passed_over:
-        remedies.append(f"{passed_over} came twice or out of order and are passed over: look at the camera's stamps")
+    if not_published:
+        remedies.append(f"{not_published} came twice or out of order and are passed over: look at the camera's stamps")
     return (
         f"{counts.dropped.total()} of {counts.frames} frames were dropped and {blind} of them are published as blind "
         f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
@@ -130,37 +130,37 @@ def _named(key: Key) -> dict[str, Any]:
 def print_report(result: Replay, output: Path | None) -> None:
     """The summary for people."""
     t = result.counts
-    say(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
+    print_line(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
     attitude = ", ".join(f"{n} {how}" for how, n in sorted(t.attitude.items())) or "none"
-    say(f"attitude at exposure: {attitude}")
+    print_line(f"attitude at exposure: {attitude}")
     if t.valid:
         mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms a frame on average"
-        say(f"{t.valid} frames say something: {mean}; ground seen in {t.ground_seen}")
+        print_line(f"{t.valid} frames say something: {mean}; ground seen in {t.ground_seen}")
     for camera, ke in sorted(t.ke_per_m.items()):
-        say(
+        print_line(
             f"{camera}: obstacles are found up to {result.obstacle_range_m[camera]:.1f} m, with the last noise ke {ke:.4f}/m"
         )
     for code, n in sorted(t.blind.items()):
-        say(f"{n} frames say nothing: {text_of(code, InvalidCause)}")
+        print_line(f"{n} frames say nothing: {text_of(code, InvalidCause)}")
     for code, n in sorted(t.dropped.items()):
-        say(f"{n} frames dropped: {text_of(code, DropCause)}")
+        print_line(f"{n} frames dropped: {text_of(code, DropCause)}")
     for offset in result.exposure_offsets:
         warning = _offset_warning(offset, result)
-        say(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
-    for odd, n in result.sample_anomalies.items():
-        say(f"{n} {odd.replace('_', ' ', 1).replace('_', ' ')}")
+        print_line(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
+    for anomaly, n in result.sample_anomalies.items():
+        print_line(f"{n} {anomaly.replace('_', ' ', 1).replace('_', ' ')}")
     if result.comparison is not None:
         _print_check(result.comparison)
     if output is not None:
-        say(f"written: {output}")
+        print_line(f"written: {output}")
 
 
 def _print_check(comparison: Comparison) -> None:
     verdict = "equal" if comparison.passed else "NOT equal"
     how = "bit by bit" if comparison.tolerance == 0.0 else f"within {comparison.tolerance:g}"
-    say(f"check: {comparison.compared} frames compared {how}: {verdict}")
+    print_line(f"check: {comparison.compared} frames compared {how}: {verdict}")
     for keys, what in ((comparison.only_computed, "missing from the log"), (comparison.only_logged, "without depth")):
         if keys:
             some = ", ".join(f"{camera} {sequence}" for camera, sequence, _ in keys[:_LISTED])
             more = ", ..." if len(keys) > _LISTED else ""
-            say(f"check: {len(keys)} frames not comparable, {what}: {some}{more}")
+            print_line(f"check: {len(keys)} frames not comparable, {what}: {some}{more}")

@@ -20,7 +20,7 @@ LAGS_S: Floats = np.arange(-10.0, 16.0) * 0.01
 """Lags that are tried, s; positive: the stamp is later than the exposure."""
 MOUNT_PRIOR_RAD = math.radians(3.0)
 """Standard deviation of the mount's error."""
-LEAST_FLOOR_RAD = 2e-4
+MIN_NOISE_RAD = 2e-4
 """No axis is measured better than this, a twentieth of a pixel: what the model leaves out."""
 OUTLIER = 3.0
 """Residuals beyond this many standard deviations lose most of their weight."""
@@ -57,7 +57,7 @@ def fit_lag(measured: Floats, sigma: Floats, predicted: Floats) -> LagFit:
         before, at, after = predicted[:, middle - 1], predicted[:, middle], predicted[:, middle + 1]
         model = at + 0.5 * share * (after - before) + 0.5 * share**2 * (after - 2.0 * at + before)
         residual = measured - model - np.cross(turns[middle], model)
-        floor = np.maximum(1.4826 * np.median(np.abs(residual), axis=0), LEAST_FLOOR_RAD)
+        floor = np.maximum(1.4826 * np.median(np.abs(residual), axis=0), MIN_NOISE_RAD)
         trust = 1.0 / (1.0 + residual**2 / ((sigma**2 + floor**2) * OUTLIER**2))
     step_s = float(LAGS_S[1] - LAGS_S[0])
     slope = _without_turn((after - before) / (2.0 * step_s), model, weights)

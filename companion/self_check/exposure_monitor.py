@@ -24,20 +24,20 @@ from .exposure_fit import LAGS_S, LagFit, fit_lag
 from .exposure_offset import ExposureOffset, OffsetState
 
 NS = 1_000_000_000
-SURE_S = 0.0015
+MAX_SIGMA_S = 0.0015
 """Standard deviation above which nothing is reported."""
-LEAST_EXPLAINED = 0.8
+MIN_EXPLAINED = 0.8
 """Share of the images' rotation that the attitude must explain: less means another cause than a lag."""
-LEAST_PAIRS, MOST_PAIRS, EVERY_PAIRS = 48, 180, 12
+MIN_PAIRS, MAX_PAIRS, EVERY_PAIRS = 48, 180, 12
 """Pairs for a report, pairs kept (about 25 s of motion), and pairs between two fits."""
 GUESS_PAIRS, GUESS_S = 24, 0.004
 """Pairs for a first estimate, and how far the lag that the registration begins with may be from the estimate."""
-PAIR_NS, PAIR_MOST_NS = 110_000_000, 300_000_000
+PAIR_NS, PAIR_MAX_NS = 110_000_000, 300_000_000
 """Between the two images of a pair: more rotation for the same noise, and less work a second; at most so much that both
 show much of the same."""
-HELD_NS, GAP_NS = 3 * NS, 150_000_000
+HISTORY_NS, GAP_NS = 3 * NS, 150_000_000
 """Attitudes held, and the widest gap between two that is interpolated across."""
-LEAST_SPREAD_RAD = 1e-3
+MIN_SPREAD_RAD = 1e-3
 """Pairs whose rotation changes less than this over all lags say nothing about the lag, and are not registered."""
 LAGS_NS = np.round(LAGS_S * NS).astype(np.int64)
 ZERO_LAG = int(np.argmin(np.abs(LAGS_NS)))
@@ -97,7 +97,7 @@ class AttitudeHistory:
         if self._samples and sum(a * b for a, b in zip(q, self._samples[-1][1], strict=True)) < 0.0:
             q = (-q[0], -q[1], -q[2], -q[3])  # the same rotation; neighbours are interpolated component by component
         self._samples.append((sample.t_ns, q))
-        while self._samples[0][0] < sample.t_ns - HELD_NS:
+        while self._samples[0][0] < sample.t_ns - HISTORY_NS:
             self._samples.popleft()
         self._stale = True
         return not restarted
@@ -140,9 +140,9 @@ class _Camera:
         self._guess_s = 0.0
         self._still = 0
         self._fresh = 0
-        self._measured: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
-        self._sigma: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
-        self._predicted: deque[NDArray[np.float64]] = deque(maxlen=MOST_PAIRS)
+        self._measured: deque[NDArray[np.float64]] = deque(maxlen=MAX_PAIRS)
+        self._sigma: deque[NDArray[np.float64]] = deque(maxlen=MAX_PAIRS)
+        self._predicted: deque[NDArray[np.float64]] = deque(maxlen=MAX_PAIRS)
 
     def frame(self, frame: DepthFrame, attitudes: AttitudeHistory) -> None:
         """Keeps the image where it is its turn; registers one pair for which all attitudes are there."""
@@ -170,13 +170,13 @@ class _Camera:
             return
         turned = np.array([rotation_from_quaternion(tuple(row)) for row in q[::-1]]) @ self._R_frd_optical
         image = self._last = _Image(image.grid, image.t_ns, turned)
-        if before is not None and before.R_ned_optical is not None and image.t_ns - before.t_ns <= PAIR_MOST_NS:
+        if before is not None and before.R_ned_optical is not None and image.t_ns - before.t_ns <= PAIR_MAX_NS:
             self._pair(before, image, before.R_ned_optical, turned)
 
     def _pair(self, a: _Image, b: _Image, R_a: NDArray[np.float64], R_b: NDArray[np.float64]) -> None:
         R_b_a = R_b.transpose(0, 2, 1) @ R_a
         predicted = _rotation_vectors(R_b_a)
-        if float(np.max(np.ptp(predicted, axis=0))) < LEAST_SPREAD_RAD:
+        if float(np.max(np.ptp(predicted, axis=0))) < MIN_SPREAD_RAD:
             self._still += 1
             if self.offset.state is OffsetState.NO_ATTITUDE:
                 self.offset = ExposureOffset(camera=self.info.camera, state=OffsetState.NOT_ENOUGH_MOTION)
@@ -207,9 +207,9 @@ class _Camera:
                 kept.clear()
             self._report(OffsetState.COLLECTING)
             return
-        if len(self._measured) < LEAST_PAIRS:
+        if len(self._measured) < MIN_PAIRS:
             self._report(OffsetState.COLLECTING)
-        elif fit.inside and fit.sigma_s <= SURE_S and fit.explained >= LEAST_EXPLAINED and away_s < 0.012:
+        elif fit.inside and fit.sigma_s <= MAX_SIGMA_S and fit.explained >= MIN_EXPLAINED and away_s < 0.012:
             self._report(OffsetState.MEASURED, fit)
         else:
             self._report(OffsetState.UNCERTAIN)

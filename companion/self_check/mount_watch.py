@@ -16,7 +16,7 @@ from ..pipeline.pipeline import PrismsResult
 
 AT_LIMIT = 0.98
 """Share of the steepest slope that ground may have at which the fit of the ground is taken to be held by that limit."""
-LEAST_MEASURED = 0.5
+MIN_MEASURED_SHARE = 0.5
 """Share of the pixels that must be measured for a ground that is not found to be reported as lost."""
 
 
@@ -40,7 +40,7 @@ class MountWatch:
             return
         ground, stats = result.model.ground, result.model.stats
         slope = math.hypot(ground.slope_x, ground.slope_y) if ground.seen else 0.0
-        lost = result.mount.ground and not ground.seen and stats.measured_share >= LEAST_MEASURED
+        lost = result.mount.ground and not ground.seen and stats.measured_share >= MIN_MEASURED_SHARE
         self._newest[result.camera] = _Newest(result.mount, slope, lost)
 
     def health(self, camera: str, info: CameraInfo | None) -> pb.MountHealth | None:

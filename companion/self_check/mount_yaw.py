@@ -28,26 +28,26 @@ Floats = NDArray[np.float64]
 NS = 1_000_000_000
 CODE = "mount_yaw_error"
 WARN_RAD = math.radians(3.0)
-SURE_RAD = math.radians(1.5)
+MAX_SIGMA_RAD = math.radians(1.5)
 """Standard deviation above which nothing is reported."""
 SYSTEMATIC_RAD = math.radians(0.5)
 """Least standard deviation: velocity, heading and registration have errors that no average removes."""
-LEAST_PAIRS, MOST_PAIRS = 20, 120
+MIN_PAIRS, MAX_PAIRS = 20, 120
 CORRELATED_PAIRS = 4.0
 """So many successive pairs share their errors: those of the velocity last about a second."""
-PAIR_NS, PAIR_MOST_NS = 180_000_000, 400_000_000
+PAIR_NS, PAIR_MAX_NS = 180_000_000, 400_000_000
 """Between the images of a pair."""
-LEAST_SPEED_M_S = 1.0
+MIN_SPEED_M_S = 1.0
 MAX_CLIMB = 0.2
 """Vertical over horizontal speed."""
 MAX_TURN_RAD = math.radians(3.0)
 """Most that attitude and course may turn within a pair."""
-LEAST_LENGTH, MOST_LENGTH = 0.7, 1.3
+MIN_LENGTH, MAX_LENGTH = 0.7, 1.3
 """Distance measured by the camera over that of the velocity: beyond it the registration, or the velocity, is wrong."""
 ROUNDS = 5
 """Of the registration, from the motion that the velocity predicts: one ends too near to where it began."""
-HELD_NS = NS
-MOST_WAITING = 8
+HISTORY_NS = NS
+MAX_WAITING = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,7 +141,7 @@ class _Velocities:
                 return
             self._samples.clear()
         self._samples.append((sample.t_ns, np.array(sample.velocity_ned_m_s)))
-        while self._samples[0][0] < sample.t_ns - 2 * HELD_NS:
+        while self._samples[0][0] < sample.t_ns - 2 * HISTORY_NS:
             self._samples.popleft()
 
     @property
@@ -152,7 +152,7 @@ class _Velocities:
         """(n, 3) velocities from the last before begin_ns to the first after end_ns; None where they do not cover it."""
         t_ns = np.array([t for t, _ in self._samples], np.int64)
         first, last = int(np.searchsorted(t_ns, begin_ns, "right")) - 1, int(np.searchsorted(t_ns, end_ns))
-        if first < 0 or last >= len(t_ns) or int(np.diff(t_ns[first : last + 1]).max(initial=0)) > HELD_NS // 2:
+        if first < 0 or last >= len(t_ns) or int(np.diff(t_ns[first : last + 1]).max(initial=0)) > HISTORY_NS // 2:
             return None
         return np.array([v for _, v in self._samples])[first : last + 1]
 
@@ -172,7 +172,7 @@ class _Camera:
         self._R_frd_optical = rotation_frd_optical(info.mount)
         self._waiting: deque[_Image] = deque()
         self._last: _Image | None = None
-        self._errors_rad: deque[float] = deque(maxlen=MOST_PAIRS)
+        self._errors_rad: deque[float] = deque(maxlen=MAX_PAIRS)
 
     def frame(self, frame: DepthFrame, attitudes: AttitudeHistory, velocities: _Velocities) -> None:
         """Keeps the image where it is its turn; registers one pair for which attitudes and velocities are there."""
@@ -182,7 +182,7 @@ class _Camera:
             self._waiting.clear()
             self._last = newest = None
         known_ns = velocities.newest_ns
-        if known_ns is None or frame.t_exposure_ns - known_ns > HELD_NS:
+        if known_ns is None or frame.t_exposure_ns - known_ns > HISTORY_NS:
             self._waiting.clear()
             self._last = None
             return
@@ -193,9 +193,9 @@ class _Camera:
         if self._waiting and min(known_ns, attitudes.newest_ns or 0) > self._waiting[0].t_ns:
             image, before = self._waiting.popleft(), self._last
             self._last = image
-            if before is not None and image.t_ns - before.t_ns <= PAIR_MOST_NS:
+            if before is not None and image.t_ns - before.t_ns <= PAIR_MAX_NS:
                 self._pair(before, image, attitudes, velocities)
-        elif len(self._waiting) > MOST_WAITING:
+        elif len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
 
     def _pair(self, a: _Image, b: _Image, attitudes: AttitudeHistory, velocities: _Velocities) -> None:
@@ -213,7 +213,7 @@ class _Camera:
             return
         moved = R_b @ -motion.given_rotation_m  # of the camera, in ned as the configured mount has it
         share = math.hypot(moved[0], moved[1]) / math.hypot(expected_m[0], expected_m[1])
-        if not LEAST_LENGTH <= share <= MOST_LENGTH:
+        if not MIN_LENGTH <= share <= MAX_LENGTH:
             return
         course_rad = math.atan2(expected_m[1], expected_m[0])
         self._errors_rad.append(math.remainder(course_rad - math.atan2(moved[1], moved[0]), math.tau))
@@ -222,13 +222,13 @@ class _Camera:
     def _estimate(self) -> None:
         """Median and its standard deviation by the median deviation: pairs with something that moves in view are outliers."""
         n = len(self._errors_rad)
-        if n < LEAST_PAIRS:
+        if n < MIN_PAIRS:
             return
         errors = np.array(self._errors_rad)
         middle = float(np.median(errors))
         spread = 1.4826 * float(np.median(np.abs(errors - middle)))
         sd_rad = math.hypot(SYSTEMATIC_RAD, 1.25 * spread * math.sqrt(CORRELATED_PAIRS / n))
-        known = sd_rad <= SURE_RAD
+        known = sd_rad <= MAX_SIGMA_RAD
         self.yaw = MountYaw(
             camera=self.info.camera, yaw_rad=self.info.mount.yaw_rad, pairs=n,
             error_rad=middle if known else None, sd_rad=sd_rad if known else None,
@@ -238,7 +238,7 @@ class _Camera:
 def _straight(velocity: Floats) -> bool:
     """Whether velocities (n, 3) in ned are of straight and level flight, fast enough."""
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    if float(speed.min()) < LEAST_SPEED_M_S or bool(np.any(np.abs(velocity[:, 2]) > MAX_CLIMB * speed)):
+    if float(speed.min()) < MIN_SPEED_M_S or bool(np.any(np.abs(velocity[:, 2]) > MAX_CLIMB * speed)):
         return False
     course = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
     return float(np.ptp(course)) <= MAX_TURN_RAD

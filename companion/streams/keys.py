@@ -10,7 +10,7 @@ from typing import Any
 
 from drivers.mavlink.signing_key import make_key
 
-from ..console import say, say_json
+from ..console import print_json, print_line
 from .curve_auth import make_keys
 
 
@@ -36,12 +36,14 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("give the FOLDER of the keys, or --signing FILE")
     written = make_keys(args.folder, args.client)
     if args.json:
-        say_json({"written": [str(f) for f in written]})
+        print_json({"written": [str(f) for f in written]})
         return 0
     for file in written:
-        say(f"{file} (mode {file.stat().st_mode & 0o777:o})")
-    say(f"give {written[-1].name} and server.public to the client, over a private channel; delete {written[-1]} here")
-    say(f'in the configuration: [publish] keys = "{args.folder}"')
+        print_line(f"{file} (mode {file.stat().st_mode & 0o777:o})")
+    print_line(
+        f"give {written[-1].name} and server.public to the client, over a private channel; delete {written[-1]} here"
+    )
+    print_line(f'in the configuration: [publish] keys = "{args.folder}"')
     return 0
 
 
@@ -53,9 +55,9 @@ def _signing(args: argparse.Namespace) -> int:
             raise ValueError("no passphrase was given; type one, or leave --passphrase out for a random key")
     make_key(args.signing, phrase)
     if args.json:
-        say_json({"written": [str(args.signing)]})
+        print_json({"written": [str(args.signing)]})
         return 0
-    say(f"{args.signing} (mode 600); the user who runs the service must own it")
-    say(f'in the configuration: [autopilot] signing_key = "{args.signing.absolute()}"')
-    say("the autopilot needs the same key: docs/explanation/failsafe.md tells how it gets it")
+    print_line(f"{args.signing} (mode 600); the user who runs the service must own it")
+    print_line(f'in the configuration: [autopilot] signing_key = "{args.signing.absolute()}"')
+    print_line("the autopilot needs the same key: docs/explanation/failsafe.md tells how it gets it")
     return 0

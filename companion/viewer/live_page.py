@@ -24,7 +24,7 @@ from .subscriber import HEALTH_OLD_NS, NS, LiveSubscriber, Shown
 
 HOLD_S = 0.2
 """A page without news is answered after so long: it then knows that all is still well, or is not."""
-KEPT = 8
+MAX_READY = 8
 
 
 class LivePage:
@@ -74,7 +74,7 @@ class LivePage:
         with self._drawing:
             if shown.number not in self._ready:
                 self._ready[shown.number] = frame_of(shown, self.subscriber.begun_ns)
-                while len(self._ready) > KEPT:
+                while len(self._ready) > MAX_READY:
                     self._ready.popitem(last=False)
             return self._ready[shown.number]
 
@@ -133,7 +133,7 @@ def camera_status(
 
 def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
     """That the service as a whole says nothing, in words; empty: it does."""
-    if not subscriber.alive:
+    if not subscriber.running:
         return "companion view listens no more: start it again"
     if subscriber.health is None:
         return (

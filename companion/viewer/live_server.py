@@ -21,7 +21,7 @@ from drivers.base import DeviceNotFound
 
 from ..config.loader import load_config
 from ..config.service import PublishConfig
-from ..console import fail, say, warn
+from ..console import fail, print_line, warn
 from ..paths import run_folder
 from .live_page import LivePage
 from .subscriber import LiveSubscriber, Streams
@@ -187,12 +187,12 @@ def run(args: argparse.Namespace) -> int:
                 "nothing on the way is encrypted; `ssh -L` is the safe way to look from elsewhere"
             )
         shown = LOOPBACK if args.listen == "0.0.0.0" else args.listen
-        say(f"the page is at http://{shown}:{server.port}/ until Ctrl-C")
+        print_line(f"the page is at http://{shown}:{server.port}/ until Ctrl-C")
         if foxglove is not None:
-            say(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
+            print_line(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
         sys.stdout.flush()
         while not stop.wait(TICK_S):
-            if not subscriber.alive:
+            if not subscriber.running:
                 fail("what listened to the service has ended; its last words stand above. Start it again")
                 return 1
             if foxglove is not None:

@@ -13,17 +13,17 @@ from core.world.snapshot import WorldPicture
 
 from ..world_mirror import WorldMirror
 
-MOST = 3000
+MAX_PLANES = 3000
 """Planes drawn, the nearest to the vehicle: a page redraws them all."""
 PERIOD_S = 0.5
 
-Place = Callable[[], tuple[float, float, float] | None]
+VehiclePosition = Callable[[], tuple[float, float, float] | None]
 
 
 class LiveWorld:
     """`told` may be asked from any thread. vehicle: where it is in ned, None: not known."""
 
-    def __init__(self, address: str, requests: str, keys: Path | None, vehicle: Place) -> None:
+    def __init__(self, address: str, requests: str, keys: Path | None, vehicle: VehiclePosition) -> None:
         self._addresses, self._keys, self._vehicle = (address, requests), keys, vehicle
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="world", daemon=True)
@@ -65,7 +65,9 @@ class LiveWorld:
         }  # fmt: skip
 
 
-def nearest_cm(picture: WorldPicture, vehicle_m: tuple[float, float, float] | None, most: int = MOST) -> list[int]:
+def nearest_cm(
+    picture: WorldPicture, vehicle_m: tuple[float, float, float] | None, most: int = MAX_PLANES
+) -> list[int]:
     """Planes a_x, a_y, b_x, b_y, top, bottom in whole centimetres of ned, flat: those whose middles are nearest to the
     vehicle; without one the newest."""
     planes = picture.planes.astype(np.float64)

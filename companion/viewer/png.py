@@ -64,7 +64,7 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
     figure.patches.append(
         Rectangle((0, 1 - band), 1, band, transform=figure.transFigure, facecolor=BANNER_COLOR[status], zorder=-1)
     )
-    says = {
+    label = {
         FrameStatus.VALID: "VALID",
         FrameStatus.BLIND: f"BLIND: {frame.cause}",
         FrameStatus.NO_PRISMS: "NO PRISMS IN THIS LOG: run companion replay first",
@@ -74,7 +74,7 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
         what = "Nothing may be taken as free in this frame."
         if frame.model is not None:
             what += f"   measured {frame.model.stats.measured_share:.0%} of the image"
-    figure.text(0.015, 1 - band / 2, shorten(says, 120), color="white", fontsize=17, weight="bold", va="center")
+    figure.text(0.015, 1 - band / 2, shorten(label, 120), color="white", fontsize=17, weight="bold", va="center")
     figure.text(0.015, 1 - band - 0.02, who, fontsize=12, weight="bold", va="center", color="#202020")
     figure.text(0.015, 1 - band - 0.043, what, fontsize=11, va="center", color="#202020")
 

@@ -131,7 +131,7 @@ class LiveSubscriber:
         self._context.destroy(linger=0)
 
     @property
-    def alive(self) -> bool:
+    def running(self) -> bool:
         """Whether it listens."""
         return self._thread.is_alive()
 
@@ -169,14 +169,14 @@ class LiveSubscriber:
         while not self._stop.is_set():
             poller.poll(round(1000 * POLL_S))
             now_ns = time.monotonic_ns()
-            self._listen_to_depth(now_ns)
+            self._subscribe_depth(now_ns)
             with self.changed:
                 for receiver, kind in self._receivers.values():
                     self._take(receiver, kind, now_ns)
                 for camera in self.cameras.values():
                     self._choose(camera, now_ns)
 
-    def _listen_to_depth(self, now_ns: int) -> None:
+    def _subscribe_depth(self, now_ns: int) -> None:
         if self._depth is None or (now_ns < self._watched_ns) == (self._depth_since_ns > 0):
             return
         if self._depth_since_ns == 0:
@@ -235,10 +235,10 @@ class LiveSubscriber:
         if m is None or camera.info is None:
             return
         if p is not None and now_ns - camera.preview_exposed_ns <= PICTURE_NS:
-            of_p, exposed_ns = camera.recent.get(p.sequence, (None, 0))
-            same = of_p is not None and (not of_p.valid or of_p.t_exposure_ns == p.t_exposure_ns)
-            if of_p is not None and same and of_p.valid == m.valid and camera.exposed_ns - exposed_ns < PAIR_NS:
-                self._show(camera, of_p, p, exposed_ns, now_ns)
+            paired, exposed_ns = camera.recent.get(p.sequence, (None, 0))
+            same = paired is not None and (not paired.valid or paired.t_exposure_ns == p.t_exposure_ns)
+            if paired is not None and same and paired.valid == m.valid and camera.exposed_ns - exposed_ns < PAIR_NS:
+                self._show(camera, paired, p, exposed_ns, now_ns)
                 return
         turned = camera.shown is None or camera.shown.message.valid != m.valid
         if turned or not m.valid or now_ns - camera.shown_ns >= PLAIN_NS:

@@ -13,7 +13,7 @@ from drivers.base import BadData
 from drivers.logs.reader import McapRecording
 
 from ..config.loader import ConfigError, config_from_text
-from ..console import fail, progress, say, say_json, warn
+from ..console import fail, print_json, print_line, progress, warn
 from .frame import FrameStatus, select_frames
 from .log import read_frames
 from .page import PageBuilder
@@ -224,9 +224,9 @@ def run(args: argparse.Namespace) -> int:
     with progress("view") as on_progress:
         views = make_views(args.input, args.output, options, on_progress)
     if args.json:
-        say_json(_report(views, args.input))
+        print_json(_report(views, args.input))
     else:
-        _say(views)
+        _print_summary(views)
     for note in views.notes:
         warn(note)
     if views.damage:
@@ -249,9 +249,11 @@ def _report(views: Views, path: Path) -> dict[str, Any]:
     }
 
 
-def _say(views: Views) -> None:
-    say(f"{views.frames} frames: {views.valid} valid, {views.blind} blind, {views.without_prisms} without prisms")
+def _print_summary(views: Views) -> None:
+    print_line(
+        f"{views.frames} frames: {views.valid} valid, {views.blind} blind, {views.without_prisms} without prisms"
+    )
     for picture in views.pictures:
-        say(f"picture  {picture}")
+        print_line(f"picture  {picture}")
     if views.page is not None:
-        say(f"page     {views.page}  (open it in a browser; it needs no network)")
+        print_line(f"page     {views.page}  (open it in a browser; it needs no network)")

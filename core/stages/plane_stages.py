@@ -1,7 +1,7 @@
 """Sections 5.2 and 5.3 as one kernel: from strips to planes, stage by stage.
 
 A call from Python costs some microseconds and more after each pause, whatever it does; here the stages follow each other
-without Python. Each can still be watched: `shape_planes.py_func` is the same way in Python (see companion/bench/taps.py).
+without Python. Each can still be watched: `shape_planes.py_func` is the same way in Python (see companion/bench/stage_trace.py).
 """
 
 from __future__ import annotations

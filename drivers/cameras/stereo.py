@@ -16,7 +16,7 @@ from .zed_calibration import StereoCalibration
 Gray = NDArray[np.uint8]
 _SUBPIXEL = 16.0
 """The matcher counts in sixteenths of a pixel."""
-_MOST_MM = 65_000.0
+_MAX_MM = 65_000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ class StereoDepth:
 
     def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
         """(H, W) float32 px of a rectified pair; negative: no match."""
-        disparity = disparity_of(self._matcher, left, right, self._params)
+        disparity = compute_disparity(self._matcher, left, right, self._params)
         edge = self._params.edge_px
         if edge:
             disparity[:edge], disparity[-edge:], disparity[:, :edge], disparity[:, -edge:] = -1, -1, -1, -1
@@ -91,7 +91,7 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
     )  # fmt: skip
 
 
-def disparity_of(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
+def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
     """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none."""
     found = np.asarray(sgbm.compute(left, right), np.float32) / np.float32(_SUBPIXEL)
     # the same search from the right: mirrored, so that it looks the same way
@@ -108,18 +108,18 @@ def depth_mm(disparity: NDArray[np.float32], f_px: float, baseline_m: float) -> 
     """Z = f B / d as uint16 mm; no match, and what lies beyond 65 m, is unknown."""
     with np.errstate(divide="ignore"):
         mm = np.float32(1000.0 * f_px * baseline_m) / disparity
-    good = (disparity > 0.0) & (mm < _MOST_MM)
+    good = (disparity > 0.0) & (mm < _MAX_MM)
     return np.where(good, mm + np.float32(0.5), np.float32(UNKNOWN_MM)).astype(np.uint16)
 
 
 def vertical_disparity_px(left: Gray, right: Gray) -> tuple[float, int]:
     """(median of the row difference of matched corners, their number) of a rectified pair: 0 when the calibration fits."""
     finder = cv2.ORB.create(nfeatures=800)
-    points_l, words_l = finder.detectAndCompute(left, np.empty(0))
-    points_r, words_r = finder.detectAndCompute(right, np.empty(0))
-    if words_l is None or words_r is None:
+    points_l, descriptors_l = finder.detectAndCompute(left, np.empty(0))
+    points_r, descriptors_r = finder.detectAndCompute(right, np.empty(0))
+    if descriptors_l is None or descriptors_r is None:
         return float("nan"), 0
-    matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(words_l, words_r)
+    matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(descriptors_l, descriptors_r)
     rows = [
         points_r[m.trainIdx].pt[1] - points_l[m.queryIdx].pt[1]
         for m in matches

@@ -129,11 +129,11 @@ class V4l2Source:
             sequence=buffer.sequence,
             t_exposure_ns=exposure_ns,
             t_arrival_ns=arrival_ns,
-            depth_mm=depth_of(buffer, s),
+            depth_mm=depth_from_buffer(buffer, s),
         )
 
 
-def depth_of(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.uint16]:
+def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.uint16]:
     """(H, W) uint16 millimetres of a Z16 buffer; what is beyond 65.5 m is no measurement. Raises BadData."""
     width, height = settings.intrinsics.width, settings.intrinsics.height
     line = buffer.bytes_per_line or 2 * width

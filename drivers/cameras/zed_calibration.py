@@ -77,11 +77,11 @@ def parse_zed_calibration(text: str, source: str, width: int, height: int) -> St
     if not 20.0 <= baseline_mm <= 500.0:
         raise BadData(f"{source}: a baseline of {baseline_mm:g} mm; expected about 63 or 120")
     return StereoCalibration(
-        width=width, height=height, left=left, right=right, R=rotation_of(vector), T=offset_mm / 1000.0
+        width=width, height=height, left=left, right=right, R=rotation_from_vector(vector), T=offset_mm / 1000.0
     )
 
 
-def rotation_of(vector: Floats) -> Floats:
+def rotation_from_vector(vector: Floats) -> Floats:
     """(3, 3) rotation by |vector| about it (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:

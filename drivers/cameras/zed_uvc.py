@@ -23,8 +23,8 @@ from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
 """Prior of the matching's noise; the extractor measures the true one."""
-MOST_VERTICAL_PX = 1.5
-LEAST_CORNERS = 30
+MAX_VERTICAL_PX = 1.5
+MIN_CORNERS = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,9 +165,9 @@ class ZedSource:
         """Corners of both eyes must lie on the same rows once rectified. Raises BadData."""
         assert self._stereo is not None
         self.vertical_px, corners = vertical_disparity_px(*self._stereo.rectified(*halves(image)))
-        if corners < LEAST_CORNERS:
+        if corners < MIN_CORNERS:
             self.warning = f"too few corners in view ({corners}) to check the calibration"
-        elif abs(self.vertical_px) > MOST_VERTICAL_PX:
+        elif abs(self.vertical_px) > MAX_VERTICAL_PX:
             raise BadData(
                 f"camera {self._settings.camera}: both eyes are {self.vertical_px:+.1f} px apart in height after "
                 f"rectification; {self._settings.calibration} is another camera's, or this one was bent"

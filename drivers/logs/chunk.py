@@ -16,9 +16,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Chunk
 
-MOST_CHUNK_BYTES: Final = 1 << 26
+MAX_CHUNK_BYTES: Final = 1 << 26
 """Unpacked. Writers make chunks of about 1 MiB; a larger one holds a single large message."""
-MOST_WINDOW_BYTES: Final = 1 << 27
+MAX_WINDOW_BYTES: Final = 1 << 27
 """Of a zstd frame: what the decompressor may allocate for it."""
 _FIXED: Final = struct.Struct("<QQQI")
 """First and last time, unpacked size, checksum."""
@@ -29,8 +29,8 @@ def unpacked(payload: bytes, whole: bool) -> bytes:
     """The records of a chunk. payload: the content of the chunk's record. whole: False for the last chunk of a cut file,
     which gives what can be unpacked. Raises one of PARSE_ERRORS."""
     _, _, size, crc = _FIXED.unpack_from(payload)
-    if size > MOST_CHUNK_BYTES:
-        raise McapError(f"it claims to unpack to {size} bytes, more than the limit of {MOST_CHUNK_BYTES}")
+    if size > MAX_CHUNK_BYTES:
+        raise McapError(f"it claims to unpack to {size} bytes, more than the limit of {MAX_CHUNK_BYTES}")
     chunk = Chunk.read(ReadDataStream(io.BytesIO(payload)))
     data = _content(chunk, size, whole)
     if len(data) > size:
@@ -46,7 +46,7 @@ def _content(chunk: Chunk, size: int, whole: bool) -> bytes:
         case "":
             return chunk.data[: size + 1]
         case "zstd":
-            decompressor = zstandard.ZstdDecompressor(max_window_size=MOST_WINDOW_BYTES)
+            decompressor = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW_BYTES)
             return decompressor.stream_reader(chunk.data).read(size + 1)
         case "lz4":
             return _lz4(chunk.data, size + 1) if whole else b""

@@ -24,7 +24,7 @@ from .chunk import PARSE_ERRORS, unpacked
 MAGIC: Final = b"\x89MCAP0\r\n"
 _FRAME: Final = struct.Struct("<BQ")
 _FOOTER_BYTES: Final = _FRAME.size + 20
-_MOST_RECORD_BYTES: Final = 1 << 28
+_MAX_RECORD_BYTES: Final = 1 << 28
 """In the file; a longer record is left out."""
 _FIRST_RECORDS: Final = 100_000
 """Records in chunks that are read of any file, and one more for each byte of it. Real messages need several bytes each,
@@ -113,13 +113,13 @@ class McapScan:
                 yield Damage(at, f"no record begins with 0x{opcode:02x}", fatal=True)
                 return
             if at + _FRAME.size + length > self._size:
-                if opcode == Opcode.CHUNK and self._size - at <= _MOST_RECORD_BYTES:
+                if opcode == Opcode.CHUNK and self._size - at <= _MAX_RECORD_BYTES:
                     yield from self._chunk(at, self._stream.read(self._size - at - _FRAME.size), whole=False)
                 break
             ended = ended or opcode == Opcode.FOOTER
-            if length > _MOST_RECORD_BYTES:
+            if length > _MAX_RECORD_BYTES:
                 yield Damage(
-                    at, f"record left out: {length} bytes, more than the limit of {_MOST_RECORD_BYTES}", fatal=False
+                    at, f"record left out: {length} bytes, more than the limit of {_MAX_RECORD_BYTES}", fatal=False
                 )
             else:
                 yield from self._record(at, opcode, length)
@@ -222,7 +222,7 @@ class McapScan:
         footer = Footer.read(ReadDataStream(io.BytesIO(end[_FRAME.size :])))
         if not len(MAGIC) <= footer.summary_start < self._size - tail:
             return None
-        if self._size - tail - footer.summary_start > _MOST_RECORD_BYTES:
+        if self._size - tail - footer.summary_start > _MAX_RECORD_BYTES:
             return None
         self._stream.seek(footer.summary_start)
         data = self._stream.read(self._size - tail - footer.summary_start)

@@ -15,7 +15,7 @@ def made(seed: int, rays: int = 1000, valid: bool = True, **figures: float) -> R
     )
     bins = [0] * RANGE_BINS
     return Row(
-        case=Case(scene="wall", ke_per_m=0.005, told_per_m=0.005, seed=seed),
+        case=Case(scene="wall", ke_per_m=0.005, configured_ke_per_m=0.005, seed=seed),
         family="structured",
         valid=valid,
         score=Score(**score),

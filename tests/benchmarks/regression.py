@@ -22,7 +22,7 @@ Golden = dict[str, Figures]
 
 WIDTH = 320
 CASES: tuple[Case, ...] = tuple(
-    Case(scene=scene, roll_deg=roll, pitch_deg=pitch, ke_per_m=ke, told_per_m=ke, seed=seed, width=WIDTH)
+    Case(scene=scene, roll_deg=roll, pitch_deg=pitch, ke_per_m=ke, configured_ke_per_m=ke, seed=seed, width=WIDTH)
     for scene, roll, pitch, ke, seed in (
         ("street", 30.0, 0.0, 0.0015, 1),
         ("paper_window", 0.0, 0.0, 0.005, 2),

@@ -21,17 +21,17 @@ from benchmarks.scenes.catalogue import FAMILIES, HELD_OUT_SEEDS, SCENES
 
 
 def case(scene: str, ke: float = 0.005, faults: str = "all") -> Case:
-    return Case(scene=scene, ke_per_m=ke, told_per_m=0.002, seed=1, width=160, height_m=9.0, faults=faults)
+    return Case(scene=scene, ke_per_m=ke, configured_ke_per_m=0.002, seed=1, width=160, height_m=9.0, faults=faults)
 
 
 def test_the_command_line_makes_its_cases() -> None:
     args = parse(["--scenes", "unstructured,wall", "--tilts", "0:0,30:-10", "--ke", "0.0015,0.005", "--told", "0.003"])
     made = asked(args)
     assert len(made) == (len(FAMILIES["unstructured"]) + 1) * 2 * 2
-    assert {c.told_per_m for c in made} == {0.003}
+    assert {c.configured_ke_per_m for c in made} == {0.003}
     assert {(c.roll_deg, c.pitch_deg) for c in made} == {(0.0, 0.0), (30.0, -10.0)}
     assert {c.faults for c in made} == {"all"}
-    assert {c.told_per_m == c.ke_per_m for c in asked(parse(["--quick"]))} == {True}
+    assert {c.configured_ke_per_m == c.ke_per_m for c in asked(parse(["--quick"]))} == {True}
     assert {c.faults for c in asked(parse(["--quick", "--no-faults"]))} == {"none"}
     assert len(asked(parse(["--quick", "--faults", "none,holes"]))) == 2 * len(asked(parse(["--quick"])))
 
@@ -79,7 +79,7 @@ def test_the_parts_of_the_matrix_vary_what_they_say() -> None:
     assert {c.ke_per_m for c in made["noise"]} == {0.008, 0.01}
     assert {c.faults for c in made["faults"]} == set(FAULTS)
     assert {c.height_m for c in made["heights"]} >= {0.7, 10.0}
-    assert {round(c.told_per_m / c.ke_per_m, 2) for c in made["told"]} == {0.33, 1.0, 3.0}
+    assert {round(c.configured_ke_per_m / c.ke_per_m, 2) for c in made["told"]} == {0.33, 1.0, 3.0}
     for cases in made.values():
         assert len(set(cases)) == len(cases)
 

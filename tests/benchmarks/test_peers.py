@@ -24,7 +24,7 @@ KE = 0.0015
 INFO = camera_info(160, 120, ke_per_m=KE)
 WALL_X = 8.07
 """No multiple of any cell size."""
-CASE = Case(scene="wall", ke_per_m=KE, told_per_m=KE, seed=1, width=160)
+CASE = Case(scene="wall", ke_per_m=KE, configured_ke_per_m=KE, seed=1, width=160)
 PEERS, ABSENT = contestants()
 
 

@@ -31,7 +31,7 @@ from benchmarks.peers.tables import (
 from benchmarks.scenes.catalogue import HELD_OUT_SEEDS
 from companion.bench.timing import Times
 
-CASE = Case(scene="wall", ke_per_m=0.0015, told_per_m=0.0015, seed=100)
+CASE = Case(scene="wall", ke_per_m=0.0015, configured_ke_per_m=0.0015, seed=100)
 OURS = Figures(
     peer=SAFE, unit="planes", family="structured", case=CASE, valid=True, primitives=10, facing=10, bytes=240, mean_m=0.02,
     p95_m=0.05, body_mean_m=0.02, missed=1, phantom=2, phantom_open=3, open_stopped=40, obstacle_rays=1000, open_rays=2000,

@@ -13,7 +13,7 @@ from benchmarks.speed.cases import (
     Kind,
     block_noise,
     crowd,
-    footage,
+    kind_sequence,
     noise,
     noise_in_a_tenth,
     noise_on_every_tenth,
@@ -122,7 +122,7 @@ def test_the_kinds_are_those_of_the_goals() -> None:
     for goal in GOALS:
         assert any(goal.holds_for(kind) for kind in KINDS)
     assert len({kind.name for kind in KINDS}) == len(KINDS)
-    shot = footage(KINDS[-1], (160, 120), 0.0015, 2)
+    shot = kind_sequence(KINDS[-1], (160, 120), 0.0015, 2)
     assert shot.name == "nothing measured"
     assert not any(image.any() for image in shot.depth_mm)
 

@@ -147,9 +147,9 @@ class Recorder(Extractor):
 def test_images_are_flown_in_turn_and_each_hands_on_to_the_next() -> None:
     shot = render_sequence("poles", "poles", (160, 120), images=3)
     assert len({image.tobytes() for image in shot.depth_mm}) == 3, "they differ in their noise"
-    recorder, beside = Recorder(), []
-    measured = measure(shot, recorder, 6, watched=2, beside=(lambda: beside.append(1),))
-    assert len(measured.times) == len(beside) == 6
+    recorder, interleaved = Recorder(), []
+    measured = measure(shot, recorder, 6, watched=2, interleaved=(lambda: interleaved.append(1),))
+    assert len(measured.times) == len(interleaved) == 6
     assert measured.planes > 0
     assert len(recorder.depths) > 6 + 2, "some are for warming up"
     assert all(image is shot.depth_mm[i % 3] for i, image in enumerate(recorder.depths))

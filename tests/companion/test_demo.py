@@ -13,7 +13,7 @@ from companion.cli import main
 from companion.config.camera import CameraConfig
 from companion.config.loader import Config, config_of, load_config
 from companion.config.service import AutopilotConfig
-from companion.demo.demo import CAMERA, EMBEDDED, MOST_FPS, DemoOptions, demo_config
+from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config
 from companion.demo.live import DemoError, Processes, live_config, toml_of
 from companion.kernels.warmup import run_kernels
 
@@ -46,7 +46,7 @@ def test_the_configuration_is_flown_with_lines_of_its_own(tmp_path: Path) -> Non
     nose = CameraConfig(name="nose", kind="simulated", flight="alley", width_px=320, pitch_deg=-9)
     config = Config(cameras=(nose, CameraConfig(name="real", kind="oak")), autopilot=AutopilotConfig(attitude_hz=55.0))
     flown = demo_config(config, DemoOptions(width_px=160))
-    assert [(c.name, c.flight, c.width_px, c.fps) for c in flown.cameras] == [("nose", "alley", 160, MOST_FPS)]
+    assert [(c.name, c.flight, c.width_px, c.fps) for c in flown.cameras] == [("nose", "alley", 160, MAX_FPS)]
     live = live_config(flown, tmp_path / "logs", tmp_path)
     assert live.autopilot.attitude_hz == 55.0
     assert live.autopilot.address != config.autopilot.address
@@ -90,7 +90,7 @@ def processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Processes:
 
 def test_a_process_that_ends_by_itself_is_told_with_its_words(processes: Processes) -> None:
     processes.start("service", "fails")
-    next(iter(processes._of.values())).wait(20.0)
+    next(iter(processes._processes.values())).wait(20.0)
     with pytest.raises(DemoError, match="the service ended by itself with status 1\nno camera"):
         processes.check()
     with pytest.raises(DemoError, match="the service ended with status 1\nno camera"):
@@ -102,7 +102,7 @@ def test_one_that_does_not_end_is_killed_and_told(
 ) -> None:
     monkeypatch.setattr("companion.demo.live.END_S", 0.3)
     processes.start("service", "deaf")
-    process = next(iter(processes._of.values()))
+    process = next(iter(processes._processes.values()))
     while not (tmp_path / "service.out").read_text():
         assert process.poll() is None
     with pytest.raises(DemoError, match=r"did not end within 0\.3 s"):

@@ -14,7 +14,7 @@ from companion.config.loader import Config, config_of, load_config
 from companion.doctor.doctor import _link_findings, config_findings
 from companion.live.diagnostics import (
     GROUND_FRAMES,
-    LEAST_ATTITUDE_HZ,
+    MIN_ATTITUDE_HZ,
     TEMPLATE_V4L2_PX,
     TEMPLATE_ZED_CALIBRATION,
     AttitudeRateCheck,
@@ -68,7 +68,7 @@ def test_a_low_rate_of_the_attitude_is_named_after_three_seconds() -> None:
 def test_a_rate_that_rises_or_ends_is_not_low() -> None:
     check = AttitudeRateCheck(100.0)
     check.check(2.0, 0)
-    assert check.check(LEAST_ATTITUDE_HZ, 2 * S) == []
+    assert check.check(MIN_ATTITUDE_HZ, 2 * S) == []
     assert check.check(2.0, 4 * S) == []
     assert check.check(0.0, 6 * S) == []  # silence is told by its age
     assert check.check(2.0, 8 * S) == []

@@ -266,7 +266,7 @@ def test_a_feed_that_has_ended_is_no_clear_view(told: Told, page: LivePage) -> N
 
     page.subscriber.on_message = broken
     told.frame()
-    assert until(lambda: not page.subscriber.alive)
+    assert until(lambda: not page.subscriber.running)
     assert until(lambda: news(page)["cameras"][0]["blind"] == "companion view listens no more: start it again")
 
 

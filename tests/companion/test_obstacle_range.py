@@ -9,7 +9,7 @@ import pytest
 from companion.cli import main
 from companion.config.obstacle_range import obstacle_range_m
 from companion.live.status import status_lines
-from companion.replay.replay_report import Replay, say_report
+from companion.replay.replay_report import Replay, print_report
 from companion.replay.summary import ReplayCounts
 from core.types import CameraInfo, Intrinsics
 from drivers.logs.codec import camera_message
@@ -35,7 +35,7 @@ def test_check_config_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_a_replay_prints_it_with_the_noise_of_the_last_frame(capsys: pytest.CaptureFixture[str]) -> None:
     result = Replay(ReplayCounts(valid=1, ke_per_m={"front": 0.0015}), {}, ("front",))
     result.obstacle_range_m = {"front": obstacle_range_m(INFO, 0.0015)}
-    say_report(result, None)
+    print_report(result, None)
     assert "front: obstacles are found up to 18.3 m, with the last noise ke 0.0015/m" in capsys.readouterr().out
 
 

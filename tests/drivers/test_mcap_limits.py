@@ -14,7 +14,7 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 
-from drivers.logs.chunk import MOST_CHUNK_BYTES
+from drivers.logs.chunk import MAX_CHUNK_BYTES
 from drivers.logs.record_scanner import Damage, Logged, McapScan
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -73,7 +73,7 @@ def zeros_of_a_gibibyte(path: Path) -> Path:
 
 def many_messages(path: Path) -> Path:
     """66 kB of chunks within the limit of size, each of two million empty messages."""
-    one = chunk(CHANNEL + MESSAGE * ((MOST_CHUNK_BYTES - len(CHANNEL)) // len(MESSAGE)), "zstd")
+    one = chunk(CHANNEL + MESSAGE * ((MAX_CHUNK_BYTES - len(CHANNEL)) // len(MESSAGE)), "zstd")
     return file_of(path, [one] * (66_000 // len(one)))
 
 
@@ -96,7 +96,7 @@ def test_a_small_file_that_unpacks_to_gigabytes_needs_little_memory(build, words
 
 
 def test_a_chunk_at_the_limit_is_read(tmp_path) -> None:
-    payload = bytes(MOST_CHUNK_BYTES - len(CHANNEL) - len(MESSAGE))
+    payload = bytes(MAX_CHUNK_BYTES - len(CHANNEL) - len(MESSAGE))
     message = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 5, 5) + payload)
     scan = McapScan(file_of(tmp_path / "a.mcap", [chunk(CHANNEL + message, "zstd")]))
     found = [item for item in scan.items() if isinstance(item, Logged)]

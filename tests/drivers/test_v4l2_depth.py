@@ -13,7 +13,7 @@ import pytest
 
 from core.types import Intrinsics
 from drivers.base import BadData, DeviceLost, DeviceNotFound
-from drivers.cameras.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_of
+from drivers.cameras.v4l2_depth import RawBuffer, V4l2Settings, V4l2Source, depth_from_buffer
 
 SIZE = Intrinsics(32, 16, 30.0, 30.0, 15.5, 7.5)
 SETTINGS = V4l2Settings(camera="front", device="/dev/video9", intrinsics=SIZE, exposure_latency_s=0.012)
@@ -144,24 +144,24 @@ def test_a_stamp_a_little_ahead_is_now() -> None:
 def test_padded_lines_are_cut() -> None:
     rows = np.zeros((16, 40), np.uint16)
     rows[:, :32] = pixels()
-    assert np.array_equal(depth_of(buffer(data=rows.tobytes(), bytes_per_line=80), SETTINGS), pixels())
+    assert np.array_equal(depth_from_buffer(buffer(data=rows.tobytes(), bytes_per_line=80), SETTINGS), pixels())
 
 
 def test_units_become_millimetres_and_what_does_not_fit_is_unknown() -> None:
     settings = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=0.25)
     units = np.full((16, 32), 8002, np.uint16)
     units[0, 0] = 0
-    mm = depth_of(buffer(data=units.tobytes()), settings)
+    mm = depth_from_buffer(buffer(data=units.tobytes()), settings)
     assert mm[0, 0] == 0
     assert mm[1, 1] == 2001
     coarse = V4l2Settings(camera="a", device="x", intrinsics=SIZE, depth_unit_mm=10.0)
-    assert depth_of(buffer(data=units.tobytes()), coarse)[1, 1] == 0
+    assert depth_from_buffer(buffer(data=units.tobytes()), coarse)[1, 1] == 0
 
 
 @pytest.mark.parametrize(("size", "line"), [(100, 64), (1024, 32)])
 def test_a_buffer_of_another_size_says_what_to_set(size: int, line: int) -> None:
     with pytest.raises(BadData, match="set width_px and height_px"):
-        depth_of(buffer(data=bytes(size), bytes_per_line=line), SETTINGS)
+        depth_from_buffer(buffer(data=bytes(size), bytes_per_line=line), SETTINGS)
 
 
 def test_a_device_that_is_not_there(tmp_path: Path) -> None:

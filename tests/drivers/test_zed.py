@@ -17,7 +17,7 @@ from drivers.cameras.zed_calibration import (
     StereoCalibration,
     load_zed_calibration,
     parse_zed_calibration,
-    rotation_of,
+    rotation_from_vector,
 )
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource, halves
 
@@ -86,8 +86,8 @@ def test_a_newer_file_with_k3_and_offsets() -> None:
 
 def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
     vector = np.array([-0.00325192, 0.0228216, -0.00116869])
-    assert np.allclose(rotation_of(vector), cv2.Rodrigues(vector)[0], atol=1e-12)
-    assert np.array_equal(rotation_of(np.zeros(3)), np.eye(3))
+    assert np.allclose(rotation_from_vector(vector), cv2.Rodrigues(vector)[0], atol=1e-12)
+    assert np.array_equal(rotation_from_vector(np.zeros(3)), np.eye(3))
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,19 @@ import pytest
 
 import core.extractor as host
 from companion.bench.frames import Flight, render_sequence
-from companion.bench.taps import STAGE_OF_FUNCTION, STAGE_OF_MODULE, STAGES, Stopwatch, in_order, stage_of, tapped
+from companion.bench.stage_trace import (
+    STAGE_OF_FUNCTION,
+    STAGE_OF_MODULE,
+    STAGES,
+    Stopwatch,
+    in_order,
+    stage_of,
+    traced,
+)
 from core.extractor import Extractor
 from core.params import Params
 
-TABLE = "the tables in companion/bench/taps.py"
+TABLE = "the tables in companion/bench/stage_trace.py"
 
 
 class Names:
@@ -39,7 +47,7 @@ def calls() -> set[tuple[str, str, str]]:
     for mode in ("safe", "paper"):
         flight = Flight(Extractor(Params(mode=mode)), render_sequence("", "window", (160, 120), roll_deg=5.0, images=1))
         flight.frame()
-        with tapped(names):
+        with traced(names):
             assert flight.frame().valid
     return names.calls
 
@@ -82,14 +90,14 @@ def test_the_extractor_is_itself_again_after_the_block_even_after_an_error() -> 
         assert vars(host)["classify"] is not before["classify"]
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError), tapped(Stopwatch()):
+    with pytest.raises(ZeroDivisionError), traced(Stopwatch()):
         fail()
     assert vars(host) == before
 
 
 def test_a_modules_other_names_are_as_they_are() -> None:
     plain = host.support
-    with tapped(Stopwatch()):
+    with traced(Stopwatch()):
         assert host.support is not plain
         assert host.support.PX == plain.PX
         assert isinstance(host.support.compact, FunctionType)

@@ -75,30 +75,30 @@ STAGES: Final = (
 )
 """The stages in the order of the algorithm, in which tables list them."""
 
-Tap = Callable[[str, str, Callable[..., Any], tuple[Any, ...], dict[str, Any]], Any]
+TraceFunction = Callable[[str, str, Callable[..., Any], tuple[Any, ...], dict[str, Any]], Any]
 """tap(stage, name, function, args, kwargs) -> what the function returned."""
 
 
 @contextmanager
-def tapped(tap: Tap) -> Iterator[None]:
+def traced(trace: TraceFunction) -> Iterator[None]:
     """Every call of a stage goes through `tap` inside the block, also after an error as before it."""
     hosts = [import_module(name) for name in HOSTS]
     known = [(host, name, value) for host in hosts for name, value in vars(host).items()]
     changed = [(host, name, value) for host, name, value in known if _is_stage(value, host) or _is_core(value)]
     try:
         for host, name, value in changed:
-            setattr(host, name, _led(value, name, tap))
+            setattr(host, name, _replacement(value, name, trace))
         yield
     finally:
         for host, name, value in changed:
             setattr(host, name, value)
 
 
-def _led(value: Any, name: str, tap: Tap) -> Any:
+def _replacement(value: Any, name: str, trace: TraceFunction) -> Any:
     """What stands in for a stage, for a module of stages, or for a kernel that is put together of stages."""
     if isinstance(value, ModuleType):
-        return _Watched(value, tap)
-    return getattr(value, "py_func", value) if _of_host(value) else _through(value, name, tap)
+        return _TracedModule(value, trace)
+    return getattr(value, "py_func", value) if _is_composite(value) else _wrapped(value, name, trace)
 
 
 def stage_of(function: Callable[..., Any]) -> str:
@@ -118,7 +118,7 @@ def _is_core(value: object) -> bool:
     return isinstance(value, ModuleType) and value.__name__.startswith("core.")
 
 
-def _of_host(value: object) -> bool:
+def _is_composite(value: object) -> bool:
     """A kernel put together of stages, which runs as Python so that these are seen."""
     return hasattr(value, "py_func") and getattr(value, "__module__", "") in HOSTS
 
@@ -129,25 +129,25 @@ def _is_stage(value: object, host: ModuleType) -> bool:
     return callable(value) and not isinstance(value, type) and module.startswith("core.") and module != host.__name__
 
 
-def _through(function: Callable[..., Any], name: str, tap: Tap) -> Callable[..., Any]:
+def _wrapped(function: Callable[..., Any], name: str, trace: TraceFunction) -> Callable[..., Any]:
     stage = stage_of(function)
-    return lambda *args, **kwargs: tap(stage, name, function, args, kwargs)
+    return lambda *args, **kwargs: trace(stage, name, function, args, kwargs)
 
 
-class _Watched:
+class _TracedModule:
     """Stands in for a module of core: its functions lead through the tap, all else is as it is."""
 
-    def __init__(self, module: ModuleType, tap: Tap) -> None:
-        self._module, self._tap = module, tap
-        self._made: dict[str, Any] = {}
+    def __init__(self, module: ModuleType, trace: TraceFunction) -> None:
+        self._module, self._trace = module, trace
+        self._wrappers: dict[str, Any] = {}
 
     def __getattr__(self, name: str) -> Any:
-        made: dict[str, Any] = self.__dict__["_made"]
-        if name not in made:
+        wrappers: dict[str, Any] = self.__dict__["_wrappers"]
+        if name not in wrappers:
             value = getattr(self._module, name)
             own = callable(value) and not isinstance(value, type)
-            made[name] = _through(value, name, self._tap) if own else value
-        return made[name]
+            wrappers[name] = _wrapped(value, name, self._trace) if own else value
+        return wrappers[name]
 
 
 class Stopwatch:

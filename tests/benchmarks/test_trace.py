@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.trace import Calls, tapped
+from benchmarks.trace import Calls, traced
 from companion.bench.frames import Flight, render_sequence
 from core.extractor import Extractor
 
@@ -14,7 +14,7 @@ def test_a_tapped_call_gives_the_same_model_and_copies_of_what_its_stages_saw() 
     extractor = Extractor()
     plain = Flight(extractor, shot).frame()
     calls = Calls()
-    with tapped(calls):
+    with traced(calls):
         seen = Flight(extractor, shot).frame()
     assert len(plain.planes) > 0
     assert np.array_equal(plain.planes, seen.planes)
