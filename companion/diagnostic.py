@@ -14,7 +14,7 @@ class DiagnosticCode(Code):
     STARTING = "starting", "the service is starting; nothing is detected yet"
     THREAD_STALLED = "thread_stalled", "a thread of the service has ended or does not respond"
     SERVICE_UNREACHABLE = "service_unreachable", "a service runs, but does not answer or refuses access"
-    RESEARCH_MODE = "research_mode", "the extractor runs in a mode that is not for flight"
+    RESEARCH_MODE = "research_mode", "the extractor runs in a mode that is not for flight (earlier versions only)"
     # cameras
     NO_CAMERA_CONFIGURED = "no_camera_configured", "the configuration has no camera"
     NOT_A_LIVE_CAMERA = "not_a_live_camera", "the camera's kind is for recordings"

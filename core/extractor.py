@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from .buffers import Scratch
 from .frames import Rotation
 from .params import Params
-from .stages import clusters, planes_paper, support
-from .stages import gap_filling as fill
 from .stages.classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
 from .stages.columns import extract_strips
 from .stages.free_space import SeenFree, free_profile, seen_free
-from .stages.ground import NO_GROUND, doubt_settings, find_ground, ground_gate, with_ranges
-from .stages.level import level_paper, level_safe, pool_columns
+from .stages.ground import doubt_settings, find_ground, ground_gate, with_ranges
+from .stages.level import level_safe, pool_columns
 from .stages.model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
 from .stages.noise_check import flying_off_ramps, noisy_share
 from .stages.openings import opening_masks
@@ -33,7 +31,6 @@ from .stages.view_geometry import (
     pooled_geometry,
     tilt_rad,
     view_geometry,
-    view_geometry_paper,
 )
 from .types import CameraInfo, ExtractorState, FrameModel, Ground, InvalidCause
 
@@ -121,9 +118,12 @@ class Extractor:
     ) -> tuple[NDArray[np.uint16], tuple[int, int, int]]:
         """The image with unknown and far marked, flying pixels taken out; counts (measured, far, flying)."""
         marks = self._buffer("marks", depth_mm.shape, np.uint16)
-        relative = 1e9 if self.params.paper else self.params.flying_relative
         counts = classify(
-            depth_mm, *measured_mm(info, ke, self.params), relative, self.params.flying_sigmas * ke, marks
+            depth_mm,
+            *measured_mm(info, ke, self.params),
+            self.params.flying_relative,
+            self.params.flying_sigmas * ke,
+            marks,
         )
         return marks, counts
 
@@ -135,7 +135,7 @@ class Extractor:
         Pure noise has 27 % flying, foliage 0.2 %; flying pixels on ramps are ground close below the camera and do not count.
         Without this such an image would cost minutes in the merge, and its model would be no one's."""
         p, (measured, _, flying) = self.params, counts
-        if p.paper or flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
+        if flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
             return False
         limits = measured_mm(info, ke, p)
         if flying > p.max_flying_share * measured:
@@ -148,7 +148,7 @@ class Extractor:
         """Whether there are more strips than any scene has: noise whose pixels come in blocks, so that none flies by itself.
 
         The merge would take half a second of it. Blocks of 8 px give 27 to 55 strips a column, foliage at most 15."""
-        return not self.params.paper and strips > self.params.max_strips_per_column * view.cols
+        return strips > self.params.max_strips_per_column * view.cols
 
     def _level(
         self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, view: ViewGeometry
@@ -156,20 +156,16 @@ class Extractor:
         """Stage 0: the codes (cols, rows) of the levelled view and its geometry, pooled by the sampling interval. view: of
         `view_geometry`.
 
-        Third: the exactly levelled view without pooling, by which free space is judged: pooled columns and the paper's
-        view would hide what is unknown."""
+        Third: the exactly levelled view without pooling, by which free space is judged: pooled columns
+        would hide what is unknown."""
         codes = self._buffer("codes", (view.cols, view.rows), np.uint16)
         level_safe(marks, info, R, view, codes, self._buffer("picked", (marks.size,), np.uint8))
         exact = codes, view
-        if self.params.paper:
-            view = view_geometry_paper(info, R, self.params)
-            codes = self._buffer("paper_codes", (view.cols, view.rows), np.uint16)
-            level_paper(marks, view.H, view.lateral, view.f_px * view.quantum, codes)
         step = self.params.column_step
         if step > 1:
             apart = math.sqrt(2.0) * self.params.column_agree_sigmas * max(ke * view.f_px, self.params.min_sigma_px)
             pooled = self._buffer("pooled", (-(-view.cols // step), view.rows), np.uint16)
-            pool_columns(codes, step, 0 if self.params.paper else int(apart * view.quantum), pooled)
+            pool_columns(codes, step, int(apart * view.quantum), pooled)
             view = pooled_geometry(view, step)
             codes = pooled
         return codes, view, exact
@@ -177,9 +173,7 @@ class Extractor:
     def _ground(
         self, marks: NDArray[np.uint16], info: CameraInfo, R: Rotation, ke: float, state: ExtractorState
     ) -> Ground:
-        """The ground, before any density; the paper looks for horizontal surfaces among the rest only."""
-        if self.params.paper:
-            return NO_GROUND
+        """The ground, before any density."""
         points = self._buffer("points", (self.params.ground_max_samples, 7), np.float32)
         return find_ground(marks, info, R, ke, state.ground_height_m, self.params, points)
 
@@ -213,8 +207,6 @@ class Extractor:
                 bins.weights, bins.first_code, fs, si, ints, floats,
             ),
         )  # fmt: skip
-        if p.paper:
-            return self._paper_clusters(view, found), found, ground_px, overflow
         doubt = doubt_settings(ground, view, ke, p)
         n, found = settle_strips(
             found, p.max_strips_per_column * view.cols, codes, view.tan_mid, shift, doubt, ground.seen, view.cols, view.cu,
@@ -222,16 +214,6 @@ class Extractor:
             *scratch,
         )  # fmt: skip
         return n, found, ground_px, overflow
-
-    def _paper_clusters(self, view: ViewGeometry, n: int) -> int:
-        """Algorithm 1 and Section 5.1 as printed; every strip stays."""
-        p, (ints, floats, place, columns, _, last, *_) = self.params, self._strip_tables
-        support.index_columns(ints, n, view.cols, columns)
-        support.sort_columns(ints, floats, view.cols, columns)
-        clusters.place_strips(ints, floats, n, view.f_px, view.cu, view.lateral, view.tan_edge, place)
-        count = clusters.cluster_paper(ints, place, n, p.passable_width_m, last)
-        fill.fill_paper(ints, place, n, p.passable_height_m, count, np.empty((max(count, 1), 2), np.float32))
-        return n
 
     # ---- planes -------------------------------------------------------------------------------------------------
 
@@ -251,9 +233,6 @@ class Extractor:
             self._plane_tables = plane_tables(self._room_for_strips, p.merge_partners)
         tables = self._plane_tables
         planes, plane_ints, moments = tables[:3]
-        if p.paper:
-            count = planes_paper.planes_paper(ints, floats, place, n, view, p, planes, plane_ints, moments)
-            return count, planes, plane_ints, moments
         masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p, self._buffer)
         cell, k = p.evidence_cell_px, info.intrinsics
         seen = self._buffer("seen", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)

@@ -1,6 +1,6 @@
 """Every constant of the algorithm: a name, a default, a range, a unit and what it means.
 
-Symbols in brackets are the paper's. `mode = "paper"` selects the paper's form of each stage, "safe" the corrected one.
+Symbols in brackets are the paper's.
 """
 
 from __future__ import annotations
@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .param_field import check, choice, critical, number, switch
+from .param_field import check, critical, number, switch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Params:
     """Parameters of the extractor. Raises ValueError naming the field, its value and its range."""
-
-    mode: str = choice("safe", ("safe", "paper"), "the corrected form of each stage, or the paper's", safety=True)
 
     # The vehicle and what counts as an obstacle
     min_obstacle_height_m: float = critical(0.6, 0.05, 3.0, "m", "least height of an obstacle [Hm]")
@@ -88,7 +86,6 @@ class Params:
         74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown"
     )
     max_view_ratio: float = number(2.0, 1.0, 4.0, "", "cells of the levelled view per source pixel, at most")
-    paper_roll_deg: float = number(2.0, 0.0, 30.0, "deg", "the paper rotates the image when it rolls more [phi0]")
     column_step: int = critical(1, 1, 16, "", "columns pooled into one [sampling interval]")
     column_agree_sigmas: float = critical(
         2.0,
@@ -360,9 +357,6 @@ class Params:
         2.0, 0.0, 10.0, "px", "what stands out beside a plane by no more than this is still hidden"
     )
     covered_depth_m: float = number(1.0, 0.0, 5.0, "m", "planes hide what stands at most so far behind them")
-    paper_line_tolerance_m: float = number(
-        0.2, 0.02, 1.0, "m", "greatest misfit of a plane in mode paper, if line_tolerance_m is less [eps_l]"
-    )
 
     # Openings: boxes of Ws x Hs seen to be free, which no plane may cover
     opening_cell_px: int = number(4, 3, 16, "px", "side of a cell in which free boxes are looked for")
@@ -408,9 +402,4 @@ class Params:
     def noise_alike_px(self) -> float:
         """Length of a run of neighbouring pixels whose mean is no better than one of them, px: the integral of a
         Gaussian correlation, at least 1; the paper takes pixels for independent."""
-        return 1.0 if self.paper else max(1.0, math.sqrt(math.pi) * self.noise_length_px)
-
-    @property
-    def paper(self) -> bool:
-        """Whether the paper's form of each stage is selected."""
-        return self.mode == "paper"
+        return max(1.0, math.sqrt(math.pi) * self.noise_length_px)

@@ -101,7 +101,6 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--held-out", action="store_true", help="the seeds that are for reporting only")
     parser.add_argument("--frames", type=int, default=FRAMES, help="frames in a row, the last of which is scored")
     parser.add_argument("--width", type=int, default=640, help="image width; the height is 3/4 of it")
-    parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the extractor")
     parser.add_argument("--faults", type=_faults, default=["all"], help=f"of {', '.join(FAULTS)} (all)")
     parser.add_argument("--no-faults", action="store_true", help="noise only: no holes, mismatches, flying pixels")
@@ -116,7 +115,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     if not 1 <= args.seeds <= len(TUNING_SEEDS):
         parser.error(f"--seeds: expected 1..{len(TUNING_SEEDS)}")
     try:
-        args.params = _set(Params(mode=args.mode), args.set)
+        args.params = _set(Params(), args.set)
     except ValueError as error:
         parser.error(str(error))
     return args

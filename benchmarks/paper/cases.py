@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.fidelity.metrics import Rays, distances, rays_of, score
+from benchmarks.paper.forms import MODES as MODES
+from benchmarks.paper.forms import AnyExtractor, extractor_of, mode_of
+from benchmarks.paper.printed.params import PaperParams
 from benchmarks.peers.cloud import cloud_of
 from benchmarks.peers.grid_prisms import grid_prisms
 from benchmarks.scenes import catalogue as scenes
-from core.extractor import Extractor
 from core.params import Params
 from core.stages.classify import clear_range_m
 from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
@@ -28,7 +30,6 @@ from drivers.simulation.source import Rendered, camera_info, render
 Floats = NDArray[np.float64]
 
 NAN = float("nan")
-MODES = ("safe", "paper")
 
 PRINTED = {
     "osape_ms": 18.6,
@@ -135,7 +136,7 @@ def named_frames(
     return tuple(frames_of(scene, condition, seed, roll_deg, pitch_deg, position, yaw, count, info))
 
 
-def model_of(frames: Sequence[Rendered], extractor: Extractor, keep_strips: bool = False) -> FrameModel:
+def model_of(frames: Sequence[Rendered], extractor: AnyExtractor, keep_strips: bool = False) -> FrameModel:
     """The model of the last frame; the state goes on from frame to frame, as in flight."""
     state = ExtractorState()
     for frame in frames[:-1]:
@@ -191,7 +192,7 @@ def measure(
     frames: Sequence[Rendered], condition: Condition, scene: str, seed: int, params: Params, method: str = ""
 ) -> Figures:
     """The figures of the extractor on the last frame."""
-    model = model_of(frames, Extractor(params), keep_strips=True)
+    model = model_of(frames, extractor_of(params), keep_strips=True)
     rays = rays_under(frames[-1], condition, params)
     s = score(frames[-1], rays, model.planes.astype(np.float64))
     strips = 0 if model.strips is None else int(model.strips.support_px.sum())
@@ -201,7 +202,7 @@ def measure(
         family=scenes.family_of(scene),
         condition=condition.name,
         seed=seed,
-        method=method or params.mode,
+        method=method or mode_of(params),
         planes=s.planes,
         bytes=prism_bytes(model),
         mean_m=s.mean_m if enough else NAN,
@@ -209,7 +210,7 @@ def measure(
         phantom=s.phantom if enough else NAN,
         open_stopped=s.open_stopped if model.valid else NAN,
         silent=not model.valid,
-        lost=1.0 - int(model.support_px.sum()) / strips if strips and params.paper else NAN,
+        lost=1.0 - int(model.support_px.sum()) / strips if strips and isinstance(params, PaperParams) else NAN,
     )
 
 

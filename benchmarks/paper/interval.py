@@ -30,8 +30,8 @@ from benchmarks.paper.cases import (
     rays_under,
     table,
 )
+from benchmarks.paper.forms import extractor_of, params_of
 from benchmarks.paper.plots import COLORS, SERIES, figure, label, words
-from core.extractor import Extractor
 from core.params import Params
 from drivers.simulation.source import Rendered
 
@@ -79,7 +79,7 @@ def run(quick: bool) -> list[IntervalRow]:
     for i, (name, condition, step, columns, mode) in enumerate(todo):
         progress(f"sampling interval {i + 1}/{len(todo)}: {name}, ke {condition.ke_per_m:g}, every {step}, {mode}")
         for seed in held_out(1 if quick or name != THIN else 4):
-            found.append(one(name, seed, condition, step, columns, Params(mode=mode, column_step=step)))
+            found.append(one(name, seed, condition, step, columns, params_of(mode, column_step=step)))
     for names in kinds.values():
         for name in names:
             for ke in QUICK_NOISES if quick else NOISES:
@@ -118,7 +118,7 @@ def skip_columns(frame: Rendered, step: int) -> Rendered:
 
 def kept(frames: Sequence[Rendered], condition: Condition, params: Params) -> float:
     """Share of the rays of all named things that the model keeps."""
-    model = model_of(frames, Extractor(params))
+    model = model_of(frames, extractor_of(params))
     rays = rays_under(frames[-1], condition, params)
     found = recall(frames[-1], rays, model.planes.astype(np.float64))
     return sum(r.kept * r.rays for r in found) / sum(r.rays for r in found) if found else NAN

@@ -21,6 +21,7 @@ from benchmarks.paper.cases import (
     rays_under,
 )
 from benchmarks.paper.equations import Finding
+from benchmarks.paper.forms import extractor_of, params_of
 from benchmarks.paper.geometry import SAMPLE
 from benchmarks.paper.plots import words
 from benchmarks.scenes import catalogue as scenes
@@ -36,7 +37,7 @@ def open_ground() -> Finding:
         for mode in MODES:
             progress(f"open ground: {condition.name}, {mode}")
             seed = held_out(1)[0]
-            found = measure(named_frames("open", seed, condition), condition, "open", seed, Params(mode=mode))
+            found = measure(named_frames("open", seed, condition), condition, "open", seed, params_of(mode))
             rows.append([CONDITION_WORDS[condition.name], words(mode), float(found.planes), 100.0 * found.open_stopped])
     return Finding(
         name="open_ground",
@@ -57,7 +58,7 @@ def beam() -> Finding:
     rays = rays_under(frames[0], EXACT, Params())
     rows: list[list[str | float]] = []
     for mode in MODES:
-        model = model_of(frames, Extractor(Params(mode=mode)), keep_strips=True)
+        model = model_of(frames, extractor_of(params_of(mode)), keep_strips=True)
         found = score(frames[0], rays, model.planes.astype(np.float64))
         rows.append([words(mode), float(found.planes), found.mean_m, 100.0 * found.phantom, 100.0 * found.missed])
     return Finding(
@@ -71,7 +72,7 @@ def beam() -> Finding:
 
 
 def vanished() -> Finding:
-    """Strips' pixels that no plane of `mode = "paper"` stands for: groups of up to three strips have no other branch."""
+    """Strips' pixels that no plane of the printed form stands for: groups of up to three strips have no other branch."""
     rows: list[list[str | float]] = []
     for kind in SAMPLE:
         for condition in (EXACT, CAMERA):
@@ -79,7 +80,7 @@ def vanished() -> Finding:
             for name in scenes.FAMILIES[kind]:
                 progress(f"vanished strips: {name}, {condition.name}")
                 frames = named_frames(name, held_out(1)[0], condition)
-                model = model_of(frames, Extractor(Params(mode="paper")), keep_strips=True)
+                model = model_of(frames, extractor_of(params_of("paper")), keep_strips=True)
                 if model.strips is not None and model.strips.support_px.sum():
                     s = score(frames[-1], rays_under(frames[-1], condition, Params()), model.planes.astype(np.float64))
                     found.append((1.0 - model.support_px.sum() / model.strips.support_px.sum(), s.missed))

@@ -23,8 +23,8 @@ from benchmarks.paper.cases import (
     table,
     zed_info,
 )
+from benchmarks.paper.forms import extractor_of, mode_of, params_of
 from benchmarks.paper.plots import COLORS, figure, label, words
-from core.extractor import Extractor
 from core.frames import horizontal_heading_rad, rotation_level_ned
 from core.params import Params
 from drivers.simulation.scenes import Scene, SceneBuilder
@@ -108,7 +108,7 @@ def run(quick: bool) -> list[OpeningRow]:
     for i, (opening, condition, distance, seed) in enumerate(todo):
         progress(f"openings {i + 1}/{len(todo)}: {opening} at {distance:g} m, {condition.name}")
         for mode in MODES:
-            found += one(opening, condition, distance, seed, Params(mode=mode))
+            found += one(opening, condition, distance, seed, params_of(mode))
     return found
 
 
@@ -117,7 +117,7 @@ def one(opening: str, condition: Condition, distance_m: float, seed: int, params
     scene = opening_scene(opening, distance_m, seed)
     info = zed_info(condition.configured_ke_per_m)
     frames = frames_of(scene, condition, seed, position_ned_m=(0.0, 0.0, -CAMERA_M), info=info)
-    planes = model_of(frames, Extractor(params)).planes.astype(np.float64)
+    planes = model_of(frames, extractor_of(params)).planes.astype(np.float64)
     rows = []
     for size in sizes(frames[-1], planes):
         slit = abs(size.true_width_m - SLIT_M[0]) < 0.01
@@ -125,7 +125,7 @@ def one(opening: str, condition: Condition, distance_m: float, seed: int, params
         row = OpeningRow(
             opening=name,
             condition=condition.name,
-            method=params.mode,
+            method=mode_of(params),
             distance_m=distance_m,
             seed=seed,
             width_m=size.width_m,

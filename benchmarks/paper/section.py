@@ -185,7 +185,7 @@ def page(data: Json, out: Path) -> str:
 
 PAGE = """{summary}
 
-*Ours* is `mode = "safe"`, *as printed* is `mode = "paper"` with constants that the paper's text does not give chosen as in
+*Ours* is the extractor that flies, *as printed* is `benchmarks/paper/printed` with constants that the paper's text does not give chosen as in
 ours. *Exact depth* is what a game engine gives, as the paper's simulator did; *camera* is noise of sigma = 0.0015 Z² with
 5 % dropout, holes, mismatches and flying pixels. Scenes and seeds are held out from tuning. *Missed*: obstacle rays that
 the model lets pass; *phantom*: rays stopped where nothing is; *open stopped*: rays without an obstacle behind that are

@@ -27,8 +27,8 @@ from benchmarks.paper.cases import (
     table,
     worst,
 )
+from benchmarks.paper.forms import extractor_of, mode_of, params_of
 from benchmarks.paper.plots import COLORS, figure, label, words
-from core.extractor import Extractor
 from core.frames import horizontal_heading_rad
 from core.params import Params
 from drivers.simulation.scenes import Scene, SceneBuilder
@@ -111,14 +111,14 @@ def run(quick: bool) -> list[ShapeRow]:
         for seed in held_out(1 if quick else 5):
             progress(f"shapes: {shape}, seed {seed}")
             for mode in MODES:
-                found.append(one(shape, seed, CAMERA, Params(mode=mode)))
+                found.append(one(shape, seed, CAMERA, params_of(mode)))
     return found
 
 
 def one(shape: str, seed: int, condition: Condition, params: Params) -> ShapeRow:
     """The figures of one shape in one mode."""
     seen = views(shape_scene(shape, seed), condition, seed)
-    extractor = Extractor(params)
+    extractor = extractor_of(params)
     first = seen[0][-1]
     rays = rays_under(first, condition, params)
     model = model_of(seen[0], extractor)
@@ -131,7 +131,7 @@ def one(shape: str, seed: int, condition: Condition, params: Params) -> ShapeRow
     off = distances(np.vstack(points), np.vstack(planes))
     return ShapeRow(
         shape=shape,
-        method=params.mode,
+        method=mode_of(params),
         seed=seed,
         planes=s.planes,
         mean_m=s.mean_m,
@@ -180,7 +180,7 @@ def draw(path: Path, seed: int) -> None:
     """Each shape from above: the true points of all views, the planes of one view and of all of them."""
     with figure(path, 2, 3, width=10.0, height=7.0) as axes:
         for row, mode in enumerate(MODES):
-            extractor = Extractor(Params(mode=mode))
+            extractor = extractor_of(params_of(mode))
             for column, shape in enumerate(SHAPES):
                 ax = axes[row][column]
                 seen = views(shape_scene(shape, seed), CAMERA, seed)

@@ -26,6 +26,7 @@ from benchmarks.paper.cases import (
     table,
     worst,
 )
+from benchmarks.paper.forms import params_of
 from benchmarks.paper.plots import COLORS, figure, label, words
 from benchmarks.peers.grid_prisms import CELLS_M
 from benchmarks.scenes import catalogue as scenes
@@ -56,7 +57,7 @@ def run(quick: bool) -> list[Figures]:
 def one(name: str, seed: int, condition: Condition) -> list[Figures]:
     """All methods on one frame."""
     frames = named_frames(name, seed, condition)
-    rows = [measure(frames, condition, name, seed, Params(mode=mode)) for mode in MODES]
+    rows = [measure(frames, condition, name, seed, params_of(mode)) for mode in MODES]
     return rows + [measure_grid(frames[-1], condition, name, seed, Params(), cell) for cell in CELLS_M]
 
 

@@ -24,6 +24,7 @@ from benchmarks.paper.cases import (
     table,
     worst,
 )
+from benchmarks.paper.forms import params_of
 from benchmarks.paper.plots import COLORS, figure, label, words
 from core.params import Params
 
@@ -67,7 +68,7 @@ def one(name: str, seed: int, condition: Condition, axis: str, angle_deg: float)
     """All methods on one tilted frame."""
     roll, pitch = (angle_deg, 0.0) if axis == "roll" else (0.0, angle_deg)
     frames = named_frames(name, seed, condition, roll, pitch)
-    figures = [measure(frames, condition, name, seed, Params(mode=mode)) for mode in MODES]
+    figures = [measure(frames, condition, name, seed, params_of(mode)) for mode in MODES]
     figures.append(measure_grid(frames[-1], condition, name, seed, Params(), 0.1))
     return [TiltRow(axis=axis, angle_deg=angle_deg, figures=f) for f in figures]
 

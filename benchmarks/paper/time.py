@@ -21,12 +21,12 @@ from benchmarks.paper.cases import (
     table,
     zed_info,
 )
+from benchmarks.paper.forms import extractor_of, params_of
 from benchmarks.paper.plots import COLORS, figure, label, words
 from benchmarks.peers.cloud import cloud_of
 from benchmarks.peers.grid_prisms import CELLS_M, GridPrisms, grid_prisms
 from companion.bench.host_info import host_info
 from companion.bench.timing import Clock, Times, one_core
-from core.extractor import Extractor
 from core.params import Params
 from core.types import ExtractorState
 from drivers.simulation.source import Rendered
@@ -74,11 +74,11 @@ def run(quick: bool) -> list[TimeRow]:
             frame = named_frames(name, seed, CAMERA, count=1)[0]
             small = named_frames(name, seed, CAMERA, count=1, info=zed_info(0.0015))[0]
             jobs: list[tuple[str, int, str, Callable[[], Any]]] = [
-                (mode, step, "640x480", extraction(frame, Params(mode=mode, column_step=step)))
+                (mode, step, "640x480", extraction(frame, params_of(mode, column_step=step)))
                 for mode in MODES
                 for step in (QUICK_STEPS if quick else STEPS)
             ]
-            jobs += [(mode, 1, "672x376", extraction(small, Params(mode=mode))) for mode in MODES]
+            jobs += [(mode, 1, "672x376", extraction(small, params_of(mode))) for mode in MODES]
             jobs += [(grid_name(cell), 1, "640x480", gridding(frame, cell)) for cell in CELLS_M]
             runs = 5 if quick else 30
             spent = interleaved([job for *_, job in jobs], runs)
@@ -105,7 +105,7 @@ def _row(kind: str, method: str, step: int, size: str, times: Times) -> TimeRow:
 
 def extraction(frame: Rendered, params: Params) -> Callable[[], Any]:
     """Depth to planes and prisms, with the ground and the noise of a frame before known."""
-    extractor = Extractor(params)
+    extractor = extractor_of(params)
     _, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state=ExtractorState())
     return lambda: extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state=state)
 

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from benchmarks.fidelity.case import prism_bytes
 from benchmarks.fidelity.metrics import distances, stops
+from benchmarks.paper.forms import extractor_of, params_of
 from benchmarks.peers.cloud import Cloud, cloud_of
 from benchmarks.peers.grid_bodies import body_distances, prism_stops
 from benchmarks.peers.grid_prisms import EPSILON_CELLS, GridPrisms, facing_camera, grid_of, grid_prisms
-from core.extractor import Extractor
-from core.params import Params
 from core.types import ExtractorState, FrameModel, Intrinsics
 from drivers.simulation.source import Rendered
 
@@ -66,7 +65,7 @@ class Ours:
 
     def __init__(self, mode: str) -> None:
         self.name = f"OSAPE, {mode}"
-        self._extractor = Extractor(Params(mode=mode))
+        self._extractor = extractor_of(params_of(mode))
         self._state = ExtractorState()
 
     def forget(self) -> None:

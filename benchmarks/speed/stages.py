@@ -1,6 +1,6 @@
 """Time of each stage of the extractor: medians over many frames of one thread, after warm-up.
 
-Run `python -m benchmarks.speed.stages`, or with --runs, --width, --ke, --mode. The frames are our simulator's, 640x480 uint16
+Run `python -m benchmarks.speed.stages`, or with --runs, --width, --ke. The frames are our simulator's, 640x480 uint16
 with the noise and the faults of a good stereo camera: one structured (street), one of foliage (trees), each level and
 tilted. Times are the processor's; other work on the machine counts little."""
 
@@ -33,7 +33,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=100, help="frames of each kind (100)")
     parser.add_argument("--width", type=int, default=640, help="of the image, 4:3 (640)")
     parser.add_argument("--ke", type=float, default=0.0015, help="noise, sigma_Z = ke * Z^2 (0.0015)")
-    parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args(arguments)
     if args.runs < 3:
@@ -41,13 +40,13 @@ def main(arguments: list[str] | None = None) -> int:
     size = (args.width, args.width * 3 // 4)
     columns = []
     with one_core():
-        extractor = Extractor(Params(mode=args.mode))
+        extractor = Extractor(Params())
         for name, scene, roll, pitch in FRAMES:
             print(f"{name} ...", file=sys.stderr)
             shot = render_sequence(name, scene, size, roll_deg=roll, pitch_deg=pitch, ke_per_m=args.ke, seed=args.seed)
             columns.append(measure(shot, extractor, args.runs, watched=args.runs))
     software = ", ".join(f"{name} {version}" for name, version in versions().items())
-    print(f"{host_info().text()}; {software}; {size[0]}x{size[1]}, ke {args.ke:g}, mode {args.mode}, one thread,")
+    print(f"{host_info().text()}; {software}; {size[0]}x{size[1]}, ke {args.ke:g}, one thread,")
     print(f"medians of {args.runs} runs after warm-up\n")
     print(stage_table(columns), end="")
     return 0

@@ -40,7 +40,6 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "evidence": "merge",
     "merge": "merge",
     "plane_stages": "planes, near side",
-    "planes_paper": "planes, near side",
     "refine": "neighbours, pockets",
     "model": "tables, flags",
     "prisms": "layers, prisms",

@@ -10,7 +10,7 @@ from core.types import CameraInfo, Intrinsics
 
 from ..console import fail, print_json, print_line
 from .camera import CameraConfig
-from .differences import PAPER_NOTE, Difference, differences
+from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
 
@@ -41,8 +41,6 @@ def run(args: argparse.Namespace) -> int:
     for camera in config.cameras:
         if camera.max_range_m is not None:
             print_line(f"  {_range_line(camera)}")
-    if config.extractor.paper:
-        print_line(f"  warning: {PAPER_NOTE}")
     for difference in found:
         print_line(f"  {'safety key: ' if difference.safety else ''}{difference.words()}")
     if not found:

@@ -10,11 +10,6 @@ from core.param_field import is_safety_key
 
 from .loader import SECTIONS, Config, fields_of
 
-PAPER_NOTE = (
-    '[extractor] mode = "paper" is a research mode: it misses obstacles that mode = "safe" reports, and nothing may be '
-    "flown by it"
-)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:

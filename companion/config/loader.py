@@ -28,7 +28,7 @@ from core.world.params import WorldParams
 
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
-from .retired import without_retired
+from .retired import refused_values, without_retired
 from .service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .sync import SyncParams
 
@@ -116,24 +116,12 @@ def load_config(path: Path) -> Config:
         raise ConfigError(str(path), [problem]) from error
     except RecursionError as error:
         raise ConfigError(str(path), [f"{TOO_DEEP}; a configuration has sections and keys only"]) from error
+    if problems := refused_values(content):
+        raise ConfigError(str(path), problems)
     current, warnings = without_retired(content)
     for warning in warnings:
         log.warning("%s: %s", path, warning)
-    config = config_of(current, str(path))
-    if problems := refused_for_flight(config):
-        raise ConfigError(str(path), problems)
-    return config
-
-
-def refused_for_flight(config: Config) -> list[str]:
-    """Combinations of keys that no service may run with, in words with the remedy. A log of an earlier version that was
-    recorded with one can still be replayed: replay sends nothing."""
-    if config.extractor.paper and config.avoid.send:
-        return [
-            '[extractor] mode = "paper" with [avoid] send = true: the paper\'s form misses obstacles and must not steer an '
-            'autopilot; set mode = "safe" or send = false'
-        ]
-    return []
+    return config_of(current, str(path))
 
 
 def config_text(config: Config) -> str:
@@ -153,6 +141,8 @@ def config_from_text(text: str, source: str = "the configuration in the log") ->
         raise ConfigError(source, [f"{TOO_DEEP}; the log is damaged"]) from error
     if not isinstance(content, dict):
         raise ConfigError(source, ["not an object of sections; the log is damaged"])
+    if problems := refused_values(content):
+        raise ConfigError(source, problems)
     return config_of(without_retired(content)[0], source)
 
 

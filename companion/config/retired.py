@@ -13,8 +13,25 @@ RETIRED: Final[Mapping[tuple[str, str], str]] = {
         "service",
         "second_thread_from_hz",
     ): "it has no effect any more, each frame is processed by one thread; remove the line",
+    ("extractor", "mode"): "there is one form of the extractor; remove the line",
+    ("extractor", "paper_roll_deg"): "only the paper's form used it; remove the line",
+    ("extractor", "paper_line_tolerance_m"): "only the paper's form used it; remove the line",
 }
 """(section, key) -> what to do about it."""
+
+_PAPER: Final = (
+    '[extractor] mode = "paper" is not available any more: the paper\'s form misses obstacles. Remove the line; '
+    "benchmarks/paper compares both forms. A log recorded with it can be replayed by the version that recorded it"
+)
+
+
+def refused_values(content: Mapping[str, Any]) -> list[str]:
+    """Values of retired keys that must not be ignored, with what to do about each."""
+    extractor = content.get("extractor")
+    mode = extractor.get("mode", "safe") if isinstance(extractor, Mapping) else "safe"
+    if mode == "paper":
+        return [_PAPER]
+    return [] if mode == "safe" else ["[extractor] mode is retired; remove the line"]
 
 
 def without_retired(content: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:

@@ -32,7 +32,7 @@ from ..autopilot.parameters import ParameterReader, advice
 from ..autopilot.session_factory import params_of, signing_of
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
-from ..config.differences import PAPER_NOTE, safety_lines
+from ..config.differences import safety_lines
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
@@ -84,10 +84,8 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
 
 
 def config_findings(config: Config) -> Iterator[Finding]:
-    """The changed safety keys, and the research mode. A changed key is reported and is no fault: some must fit the
+    """The changed safety keys. A changed key is reported and is no fault: some must fit the
     camera and the vehicle."""
-    if config.extractor.paper:
-        yield Finding("mode", False, f'{PAPER_NOTE}; set mode = "safe"', DiagnosticCode.RESEARCH_MODE)
     for found in template_intrinsics(config.cameras):
         yield Finding(f"camera {found.camera}", False, found.line(), found.code)
     lines = safety_lines(config)
@@ -272,7 +270,7 @@ def machine_findings(config: Config) -> Iterator[Finding]:
         text = f"{discarded} damaged files were deleted, and are compiled again now"
         yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)
     begun_s = time.process_time()  # a machine that is busy with other things compiles nothing
-    run_kernels((config.extractor.mode,), metres=False)
+    run_kernels(("extractor",), metres=False)
     took_s = time.process_time() - begun_s
     if took_s > COMPILED_S:
         yield Finding(

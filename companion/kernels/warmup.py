@@ -33,8 +33,8 @@ from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_m
 log = logging.getLogger("companion")
 
 CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
-MODES = ("safe", "paper", "world")
-"""What may be made ready: the extractor in each of its modes, and the merged world."""
+MODES = ("extractor", "world")
+"""What may be made ready: the extractor, and the merged world."""
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
 COMPLETE = "complete-"
@@ -265,7 +265,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
         if mode == "world":
             _run_world_kernels()
             continue
-        extractor = Extractor(Params(mode=mode))
+        extractor = Extractor(Params())
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
             state = ExtractorState()
             for R in (level, tilted):

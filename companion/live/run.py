@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from ..config.differences import PAPER_NOTE, safety_lines
+from ..config.differences import safety_lines
 from ..config.loader import load_config
 from ..console import print_line
 from ..paths import folders
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     from ..kernels.warmup import Loading, WarmupError
 
     world = ("world",) if config.publish.world else ()
-    loading = Loading(config.extractor.mode, *world)  # beside by far most of the modules
+    loading = Loading("extractor", *world)  # beside by far most of the modules
     stop = threading.Event()
 
     def end(*_: object) -> None:
@@ -142,8 +142,6 @@ def run(args: argparse.Namespace) -> int:
 
     for line in safety_lines(config):
         log.warning("safety key changed: %s", line)
-    if config.extractor.paper:
-        log.warning(PAPER_NOTE)
     service = Service(config, folders(), warm_up)
     try:
         service.open()

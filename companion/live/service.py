@@ -25,8 +25,8 @@ from drivers.proto import osape_v1_pb2 as pb
 from ..autopilot.session_factory import params_of, signing_of
 from ..cameras.masks import configured_mask, unmeasured_mask
 from ..cameras.supervisor import CameraSupervisor
-from ..config.differences import PAPER_NOTE, safety_lines
-from ..config.loader import Config, refused_for_flight
+from ..config.differences import safety_lines
+from ..config.loader import Config
 from ..config.service import STREAMS
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..log.provenance import run_info
@@ -83,8 +83,6 @@ class Service:
     something it needs cannot be had: a stream's address, a key, the folder of the logs."""
 
     def __init__(self, config: Config, folders: Folders, warm_up: Callable[[], None]) -> None:
-        if problems := refused_for_flight(config):
-            raise ValueError("; ".join(problems))
         self.config, self._folders = config, folders
         self._changed_safety_keys = safety_lines(config)
         self._template = template_intrinsics(config.cameras)
@@ -92,8 +90,6 @@ class Service:
         self.diagnostics: list[Diagnostic] = []
         self._boot = boot_id()
         self.machine = ProcessUsage()
-        if config.extractor.paper:
-            self.machine.notes.append(PAPER_NOTE)
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._allow: AllowList | None = None
         self._publishers: dict[str, Publisher] = {}

@@ -265,7 +265,7 @@ def estimate_ke(
     quartile of the tiles is taken: the smoothest parts, since leaves and edges only add. It raises the noise only where tiles
     agree, as those of smooth surfaces do and those of leaves do not. The result stays within prior/span..prior*span and moves in
     steps of `noise_grid`, so that tables need not be rebuilt each frame. The paper takes ke as known; a wrong one is costly."""
-    if not params.estimate_noise or params.paper:
+    if not params.estimate_noise:
         return prior
     seed = last if math.isfinite(last) else prior
     measured = measured_ke(marks, focal_px, prior, seed, still, params)

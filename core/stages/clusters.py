@@ -206,24 +206,3 @@ def _number_clusters(ints, n, count, group_of, parent, groups):
             clusters += 1
         ints[i, CLUSTER] = groups[root, G_NEXT]
     return clusters
-
-
-@inner
-def cluster_paper(ints, place, n, ws, last_of_cluster):
-    """Algorithm 1 as printed: distance to the last strip of each cluster, nearest below Ws takes it; returns the count.
-
-    last_of_cluster: (N,) int32 scratch. The gap counts no height. Clusters that meet later stay apart."""
-    count = 0
-    for i in range(n):
-        best, nearest = -1, ws
-        for c in range(count):
-            j = last_of_cluster[c]
-            gap = math.hypot(place[i, X] - place[j, X], place[i, Y] - place[j, Y])
-            if gap < nearest:
-                best, nearest = c, gap
-        if best < 0:
-            best = count
-            count += 1
-        ints[i, CLUSTER] = best
-        last_of_cluster[best] = i
-    return count

@@ -11,11 +11,8 @@ from .row_mask import CLOSED, ROW, free_rows, gate_rises, gather_rows, mark_rows
 from .strips import (
     FIRST,
     I_BAND_ROWS,
-    I_PAPER,
     OVERFLOW,
     S_ALPHA,
-    S_F,
-    S_KE,
     S_QUANTUM,
     S_ROUGH,
     S_SIGMA_D,
@@ -70,10 +67,10 @@ def extract_strips(
         first, last = count_bins(px, n, bin_of_code, lanes)
         begin, end = soft_counts(lanes, first, last, weights, hist, counts)
         peaks = peaks_of_column(counts, begin, end, threshold, fs[S_VALLEY], fs[S_ALPHA], low, high, top)
-        if peaks > 0 or si[I_PAPER] == 1:
+        if peaks > 0:
             mark_rows(line, mask, top_row, bottom_row, peaks, low, high, first_code, mark)
         for p in range(peaks):
-            d, low_code, high_code, rough = peak_range(low[p], high[p], top[p], bin_px, bin_width_px, weights, fs, si)
+            d, low_code, high_code, rough = peak_range(low[p], high[p], top[p], bin_px, bin_width_px, weights, fs)
             slide_windows(
                 line, mark, top_row, bottom_row, p, d, low_code, high_code, rough, u, H, area, fs, si, seen, own, best,
                 parts, ints, floats, tally,
@@ -81,18 +78,15 @@ def extract_strips(
         if peaks > 0:
             free_rows(mark, top_row, bottom_row, mask)
             n = gather_rows(line, mask, px)
-        irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally)
+        irregular_rest(px, n, u, H, area, fs, si, best, ints, floats, tally)
     return tally[N], np.int64(measured.sum()) - opened, tally[OVERFLOW]
 
 
 @inner_inline
-def peak_range(low, high, top, bin_px, bin_width_px, weights, fs, si):
+def peak_range(low, high, top, bin_px, bin_width_px, weights, fs):
     """(disparity of a peak, px, the codes it reaches from and to, whether it is rough: wider than noise and kernel)."""
     spread = bin_px[high] - bin_px[low] + bin_width_px[top]
     e = fs[S_SIGMA_D] + 2.0 * fs[S_ALPHA] * weights.shape[0] * bin_width_px[top]
-    if si[I_PAPER] == 1:
-        # as printed: ke*(C f/x)^2, metres, added to a disparity
-        e += fs[S_KE] * (fs[S_F] / bin_px[top]) ** 2 - fs[S_SIGMA_D]
     low_code = (bin_px[low] - 0.5 * bin_width_px[low]) * fs[S_QUANTUM]
     high_code = (bin_px[high] + 0.5 * bin_width_px[high]) * fs[S_QUANTUM]
     return bin_px[top], low_code, high_code, spread > fs[S_ROUGH] * e

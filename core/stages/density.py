@@ -48,7 +48,7 @@ def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) ->
     Uniform with sigma_d / bin_per_sigma up to where that is bin_depth_m deep, then uniform in depth."""
     uniform = sigma_d_px / params.bin_per_sigma
     top = 65535.0 / quantum
-    depth = 0.0 if params.paper else params.bin_depth_m
+    depth = params.bin_depth_m
     knee = math.sqrt(uniform * f_px / depth) if depth > 0.0 else top
     uniform = max(uniform, min(knee, top) / (0.75 * _MAX_BINS))
     code_px = np.arange(65536) / quantum
@@ -68,13 +68,7 @@ def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) ->
     width = np.maximum(uniform, centre * centre * depth / f_px)
     taps = np.arange(-params.kernel_half_bins, params.kernel_half_bins + 1)
     weights = np.rint(ONE_PX * np.exp(-0.5 * (taps / params.kernel_sigma_bins) ** 2)).astype(np.int32)
-    if params.paper:
-        # the printed kernel has unit area over its total width h, so its centre counts K(0) > 1 pixels
-        s = params.kernel_sigma_bins / len(taps)
-        peak = 1.0 / (math.erf(1.0 / (2.0 * math.sqrt(2.0) * s)) * s * math.sqrt(2.0 * math.pi))
-        threshold = params.min_obstacle_height_m * centre / peak
-    else:
-        threshold = np.maximum(params.density_share * params.min_obstacle_height_m * centre, params.density_min_px)
+    threshold = np.maximum(params.density_share * params.min_obstacle_height_m * centre, params.density_min_px)
     return BinTable(
         bin_of_code=bins.astype(np.uint16), disparity_px=centre.astype(np.float32), width_px=width.astype(np.float32),
         threshold=np.minimum(ONE_PX * threshold, 2.0**30).astype(np.int32), weights=weights,

@@ -178,21 +178,3 @@ def _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, run, span
                 lower[i] = -1
                 filled += 1
     return filled
-
-
-@inner
-def fill_paper(ints, place, n, hs, clusters, spans):
-    """Section 5.1 as printed: both complements of a strip within its cluster's height below Hs are filled.
-
-    The complements are those of the whole cluster, so that a strip far from both ends keeps them. spans: (clusters, 2)
-    float32 scratch. Changes the heights in `place`, not the rows."""
-    for c in range(clusters):
-        spans[c, 0], spans[c, 1] = 1e9, -1e9
-    for i in range(n):
-        c = ints[i, CLUSTER]
-        spans[c, 0] = min(spans[c, 0], place[i, Z_TOP])
-        spans[c, 1] = max(spans[c, 1], place[i, Z_BOTTOM])
-    for i in range(n):
-        c = ints[i, CLUSTER]
-        if place[i, Z_TOP] - spans[c, 0] < hs and spans[c, 1] - place[i, Z_BOTTOM] < hs:
-            place[i, Z_TOP], place[i, Z_BOTTOM] = spans[c, 0], spans[c, 1]

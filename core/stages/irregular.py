@@ -12,7 +12,6 @@ from .strips import (
     HORIZONTAL,
     I_GAP,
     I_HORIZONTAL,
-    I_PAPER,
     IRREGULAR,
     S_CENTRE,
     S_CORRELATION,
@@ -25,7 +24,6 @@ from .strips import (
     S_REST_SIGMAS,
     S_SIGMA_D,
     emit,
-    emit_paper,
 )
 
 
@@ -48,16 +46,13 @@ def is_horizontal(px, first, last, fs):
 
 
 @inner_inline
-def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, tally):
+def irregular_rest(px, n, u, H, area, fs, si, best, ints, floats, tally):
     """Section 4.3: the first n pixels of px, which no window took, in segments.
-
-    line, mark: the column row by row, for the paper's form only.
 
     A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
     than irregular_depth_m."""
     if n == 0:
         return
-    paper = si[I_PAPER] == 1
     gap, hd = si[I_GAP], fs[S_HD]
     q, f, depth = fs[S_QUANTUM], fs[S_F], fs[S_DEPTH]
     noise = fs[S_REST_SIGMAS] * fs[S_SIGMA_D]
@@ -69,30 +64,23 @@ def irregular_rest(line, mark, px, n, u, H, area, fs, si, best, ints, floats, ta
         lo, hi = min(least, d), max(most, d)
         close = px[ROW, i] - px[ROW, i - 1] > gap
         tall = px[ROW, i] - px[ROW, first] + 1
-        if paper:
-            close |= tall > hd * most
-        else:
-            close |= (abs(d - before) > max(noise, fs[S_JUMP] * d)) | (tall > hd * hi)
-            # f / lo - f / hi > depth + noise * f / lo^2, without its divisions
-            close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
+        close |= (abs(d - before) > max(noise, fs[S_JUMP] * d)) | (tall > hd * hi)
+        # f / lo - f / hi > depth + noise * f / lo^2, without its divisions
+        close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
         if close:
-            close_irregular(line, mark, px, first, i, total, u, H, area, fs, si, best, ints, floats, tally)
+            close_irregular(px, first, i, total, u, H, area, fs, si, best, ints, floats, tally)
             first, total = i, np.int64(0)
             lo, hi = d, d
         total += px[CODE, i]
         before, least, most = d, lo, hi
-    close_irregular(line, mark, px, first, n, total, u, H, area, fs, si, best, ints, floats, tally)
+    close_irregular(px, first, n, total, u, H, area, fs, si, best, ints, floats, tally)
 
 
 @inner_inline
-def close_irregular(line, mark, px, first, last, total, u, H, area, fs, si, best, ints, floats, tally):
-    """Ends one irregular segment: a strip at its near side. The paper leaves horizontal surfaces out."""
+def close_irregular(px, first, last, total, u, H, area, fs, si, best, ints, floats, tally):
+    """Ends one irregular segment: a strip at its near side."""
     count = last - first
     horizontal = count >= si[I_HORIZONTAL] and is_horizontal(px, first, last, fs)
-    if si[I_PAPER] == 1:
-        if not horizontal:
-            emit_paper(line, mark, px[ROW, first], px[ROW, last - 1], True, u, fs, si, ints, floats, tally)
-        return
     kind = HORIZONTAL if horizontal else IRREGULAR
     emit(
         px[CODE], first, last, count, total, px[ROW, first], px[ROW, last - 1], 0, True, kind, u, H, area, fs, si,

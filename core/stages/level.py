@@ -1,8 +1,7 @@
 """Section 4.1, Lemma 1 in exact form: the frame as a gravity-aligned camera would have seen it.
 
 A pure rotation has no parallax, so every pixel keeps its own measurement and only changes its place: columns become
-truly vertical for any roll and pitch, and Eq. 15 holds as it stands. The paper's form (rotate the image by -roll,
-divide by Lemma 1's factor) is `level_paper`.
+truly vertical for any roll and pitch, and Eq. 15 holds as it stands.
 """
 
 from __future__ import annotations
@@ -315,19 +314,3 @@ def pool_groups(codes, step, apart, total, count, out):
             mean = np.float32(total[v]) / np.float32(max(count[v], np.int32(1)))
             nearest = line[v]
             line[v] = np.uint16(mean + np.float32(0.5)) if count[v] > 1 else nearest
-
-
-@inner
-def level_paper(marks, H, lateral, gain, out):
-    """Lemma 1: disparity of the rotated image divided by (cos(theta) - (v - v0)/f sin(theta)); columns stay as they are."""
-    src_rows, src_cols = marks.shape
-    cols, rows = out.shape
-    for u in range(cols):
-        for v in range(rows):
-            x = int(math.floor(H[0, 0] * u + H[0, 1] * v + H[0, 2] + 0.5))
-            y = int(math.floor(H[1, 0] * u + H[1, 1] * v + H[1, 2] + 0.5))
-            out[u, v] = Q_UNKNOWN
-            if 0 <= x < src_cols and 0 <= y < src_rows and marks[y, x] != 0:
-                d = np.float32(1000.0) / np.float32(marks[y, x])
-                far = marks[y, x] == _FAR
-                out[u, v] = Q_FAR if far else max(Q_MIN, min(65535, int(d * lateral[v] * gain)))

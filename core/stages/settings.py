@@ -53,7 +53,7 @@ def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
     for index, value in (
         (s.S_SIGMA_D, sigma_d_px), (s.S_F, view.f_px), (s.S_HS, p.passable_height_m), (s.S_HD, p.segment_height_m),
         (s.S_ALPHA, p.peak_alpha), (s.S_VALLEY, p.peak_valley), (s.S_MAJORITY, p.window_majority),
-        (s.S_ROUGH, 1.0 if p.paper else p.rough_factor), (s.S_QUANTILE, p.near_quantile),
+        (s.S_ROUGH, p.rough_factor), (s.S_QUANTILE, p.near_quantile),
         (s.S_BAND_STEP, p.band_step_m), (s.S_BAND_SIGMAS, p.band_sigmas), (s.S_DEPTH, p.irregular_depth_m),
         (s.S_SAFE, p.safe_distance_m), (s.S_KE, ke_per_m), (s.S_CORRELATION, p.horizontal_correlation),
         (s.S_CENTRE, p.horizontal_centre_px), (s.S_HORIZON, view.cv), (s.S_QUANTUM, view.quantum), (s.S_JUMP, p.irregular_jump),
@@ -68,11 +68,11 @@ def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Pa
 
 
 def int_settings(p: Params) -> NDArray[np.int64]:
-    """(14,) int64."""
-    out = np.zeros(14, np.int64)
+    """(13,) int64."""
+    out = np.zeros(13, np.int64)
     for index, value in (
         (s.I_WINDOW_MIN, p.window_min_px), (s.I_RANK, p.near_rank), (s.I_BAND_ROWS, p.band_rows),
-        (s.I_GAP, p.irregular_gap_px), (s.I_PAPER, int(p.paper)), (s.I_SUPPORT, p.min_support_px),
+        (s.I_GAP, p.irregular_gap_px), (s.I_SUPPORT, p.min_support_px),
         (s.I_SUPPORT_COLUMNS, p.support_columns), (s.I_SUPPORT_ROWS, p.support_rows), (s.I_LARGE, p.support_large),
         (s.I_MEMBERS, p.window_members), (s.I_CUT, p.cut_rows), (s.I_HORIZONTAL, p.horizontal_min_px),
         (s.I_ROOM, p.max_column_strips), (s.I_LINK, p.link_gap_px),

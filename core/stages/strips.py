@@ -34,9 +34,9 @@ SMOOTH, ROUGH, IRREGULAR, HORIZONTAL, MERGED = range(5)
 ) = range(32)  # fmt: skip
 # indices of the integer settings
 (
-    I_WINDOW_MIN, I_MEMBERS, I_RANK, I_BAND_ROWS, I_GAP, I_PAPER, I_SUPPORT, I_SUPPORT_COLUMNS, I_SUPPORT_ROWS, I_LARGE,
+    I_WINDOW_MIN, I_MEMBERS, I_RANK, I_BAND_ROWS, I_GAP, I_SUPPORT, I_SUPPORT_COLUMNS, I_SUPPORT_ROWS, I_LARGE,
     I_CUT, I_HORIZONTAL, I_ROOM, I_LINK,
-) = range(14)  # fmt: skip
+) = range(13)  # fmt: skip
 
 N, FIRST, OVERFLOW = range(3)
 """What `tally` (3,) int64 counts: strips, strips before this column, and strips merged for want of room."""
@@ -291,10 +291,7 @@ def slide_windows(
         begin, end = first + j * half, min(last + 1, first + (j + 2) * half)
         m, valid = (own[end] - own[begin]) >> 32, seen[end] - seen[begin]
         valid, s = valid >> 32, valid & 0xFFFFFFFF
-        size = valid
-        if si[I_PAPER] == 1:
-            size = (min(j + 2, count) - j) * half
-        good = m >= need and m > fs[S_MAJORITY] * size and low_code * valid <= s <= high_code * valid
+        good = m >= need and m > fs[S_MAJORITY] * valid and low_code * valid <= s <= high_code * valid
         if good and run < 0:
             run = j
         if run >= 0 and (not good or j == count - 1):
@@ -303,8 +300,6 @@ def slide_windows(
                 fs, si, own, best, parts, ints, floats, tally,
             )  # fmt: skip
             run = -1
-            if si[I_PAPER] == 1:
-                break
 
 
 @inner_inline
@@ -318,11 +313,6 @@ def finish_segment(
     if top > bottom:
         return
     u_top, u_end = np.uint64(top), np.uint64(bottom + 1)
-    if si[I_PAPER] == 1:
-        emit_paper(line, mark, top, bottom, rough, u, fs, si, ints, floats, tally)
-        for v in range(u_top, u_end):
-            mark[v] = TAKEN if mark[v] <= NO_PEAK else mark[v]
-        return
     if rough:
         own_mark = np.uint8(label)
         for v in range(u_top, u_end):
@@ -341,23 +331,3 @@ def finish_segment(
     tail = np.uint16(min(high_code + fs[S_TAKE] * fs[S_SIGMA_D] * fs[S_QUANTUM], 65535.0))
     for v in range(u_top, u_end):
         mark[v] = max(mark[v], TAKEN if line[v] <= tail else np.uint8(0))
-
-
-@inner
-def emit_paper(line, mark, top, bottom, rough, u, fs, si, ints, floats, tally):
-    """Eq. 9 as printed: the mean or the one-pixel maximum over all measured pixels between both ends."""
-    count, total, most = 0, np.int64(0), np.int64(0)
-    for v in range(top, bottom + 1):
-        if mark[v] <= NO_PEAK or mark[v] == TAKEN:
-            total += line[v]
-            most = max(most, np.int64(line[v]))
-            count += 1
-    if count == 0:
-        return
-    d = (most if rough else total / count) / fs[S_QUANTUM]
-    sigma = fs[S_SIGMA_D] / math.sqrt(count)
-    kind = ROUGH if rough else SMOOTH
-    add_strip(
-        ints, floats, tally, si[I_ROOM], u, top, bottom, PX * count, kind, np.float32(d), np.float32(d),
-        np.float32(sigma), 0,
-    )  # fmt: skip

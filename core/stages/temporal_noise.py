@@ -106,7 +106,7 @@ def observe(
     adds more to differences over time than noise hides from a short step within the image. The samples are `noise_time_frames` old when they are
     compared, because filters in a camera may mix successive frames."""
     p = params
-    if not p.estimate_noise or p.paper:
+    if not p.estimate_noise:
         return state
     if state.samples_mm and state.samples_age + 1 < p.noise_time_frames:
         return replace(state, samples_age=state.samples_age + 1)

@@ -190,25 +190,3 @@ def pooled_geometry(g: ViewGeometry, step: int) -> ViewGeometry:
         g, cols=-(-g.cols // step), cu=(g.cu - 0.5 * (step - 1)) / step,
         lateral=(g.lateral * np.float32(step)), H=g.H @ to_full,
     )  # fmt: skip
-
-
-def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Params) -> ViewGeometry:
-    """The paper's view: the source's own window, rotated by -roll beyond `paper_roll_deg`; rows levelled by pitch."""
-    k = info.intrinsics
-    # nose-up pitch and roll of the camera, from R_level_optical = Ry(pitch) Rx(roll) R_camfrd_optical
-    pitch = math.asin(max(-1.0, min(1.0, -float(R_level_optical[2, 2]))))
-    roll = math.atan2(float(R_level_optical[2, 0]), float(R_level_optical[2, 1]))
-    c, s = (math.cos(roll), math.sin(roll)) if abs(roll) > math.radians(params.paper_roll_deg) else (1.0, 0.0)
-    turn = np.array([[c, s, k.cx - c * k.cx - s * k.cy], [-s, c, k.cy + s * k.cx - c * k.cy], [0.0, 0.0, 1.0]])
-    theta = -pitch  # the paper's theta is positive nose down, MAVLink's pitch nose up
-    edge = (np.arange(k.height + 1) - 0.5 - k.cy) / k.fy
-    mid = (np.arange(k.height) - k.cy) / k.fy
-    forward = math.cos(theta) - edge * math.sin(theta)
-    tan_edge = (math.sin(theta) + edge * math.cos(theta)) / np.maximum(forward, 1e-3)
-    lateral = (k.fy / k.fx) / np.maximum(math.cos(theta) - mid * math.sin(theta), 1e-3)
-    quantum = code_quantum(info, k.fy)
-    edges = tan_edge.astype(np.float32)
-    return ViewGeometry(
-        cols=k.width, rows=k.height, f_px=k.fy, cu=k.cx, cv=k.cy, quantum=quantum,
-        tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]), lateral=lateral.astype(np.float32), H=turn,
-    )  # fmt: skip

@@ -46,7 +46,6 @@ def test_tuning_seeds_unless_the_held_out_are_asked_for() -> None:
 def test_a_parameter_is_set_by_name() -> None:
     args = parse(["--set", "line_tolerance_m=0.2", "--set", "estimate_noise=false", "--set", "link_gap_px=3"])
     assert (args.params.line_tolerance_m, args.params.estimate_noise, args.params.link_gap_px) == (0.2, False, 3)
-    assert parse(["--mode", "paper"]).params.paper
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from companion.bench.stage_trace import (
 )
 from core.extractor import Extractor
 from core.params import Params
+from core.stages import support
 
 TABLE = "the tables in companion/bench/stage_trace.py"
 
@@ -42,13 +43,12 @@ class Names:
 
 @pytest.fixture(scope="module")
 def calls() -> set[tuple[str, str, str]]:
-    """(stage, function, file) of every watched call of a frame, in both modes."""
+    """(stage, function, file) of every watched call of a frame."""
     names = Names()
-    for mode in ("safe", "paper"):
-        flight = Flight(Extractor(Params(mode=mode)), render_sequence("", "window", (160, 120), roll_deg=5.0, images=1))
-        flight.frame()
-        with traced(names):
-            assert flight.frame().valid
+    flight = Flight(Extractor(Params()), render_sequence("", "window", (160, 120), roll_deg=5.0, images=1))
+    flight.frame()
+    with traced(names):
+        assert flight.frame().valid
     return names.calls
 
 
@@ -95,7 +95,8 @@ def test_the_extractor_is_itself_again_after_the_block_even_after_an_error() -> 
     assert vars(host) == before
 
 
-def test_a_modules_other_names_are_as_they_are() -> None:
+def test_a_modules_other_names_are_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(host, "support", support, raising=False)
     plain = host.support
     with traced(Stopwatch()):
         assert host.support is not plain

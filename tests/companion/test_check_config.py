@@ -116,18 +116,9 @@ def test_json_holds_every_difference_with_its_mark(tmp_path: Path, capsys: pytes
     }  # fmt: skip
 
 
-def test_paper_mode_is_called_a_research_mode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "paper.toml"
     path.write_text('[extractor]\nmode = "paper"\n')
-    assert call(str(path)) == 0
-    assert "research" in capsys.readouterr().out
-
-
-def test_paper_mode_that_sends_to_the_autopilot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "paper.toml"
-    path.write_text(
-        '[extractor]\nmode = "paper"\n[avoid]\nsend = true\n[autopilot]\naddress = "udpin:127.0.0.1:14540"\n'
-    )
     errors = []
     for words in (["check-config", str(path)], ["doctor", "-c", str(path)]):
         assert main(words) == 1
@@ -142,12 +133,12 @@ def test_paper_mode_that_sends_to_the_autopilot_is_refused(tmp_path: Path, capsy
     errors.append(str(refused.value))
     for error in errors:
         assert str(path) in error
-        assert '[extractor] mode = "paper" with [avoid] send = true' in error
-        assert 'set mode = "safe" or send = false' in error
+        assert '[extractor] mode = "paper" is not available any more' in error
+        assert "Remove the line" in error
 
 
 def test_deeply_nested_files_are_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for text in ("a = " + "[" * 20_000 + "]" * 20_000, "[extractor]\nmode" + ".a" * 5_000 + " = 1\n"):
+    for text in ("a = " + "[" * 20_000 + "]" * 20_000, "[extractor]\nnoise_quantile" + ".a" * 5_000 + " = 1\n"):
         path = tmp_path / "deep.toml"
         path.write_text(text)
         assert call(str(path)) == 1

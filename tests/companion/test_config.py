@@ -62,7 +62,7 @@ def test_whole_numbers_become_floats() -> None:
 def test_all_mistakes_at_once() -> None:
     found = problems(
         {
-            "extractor": {"min_obstacel_height_m": 1.0, "passable_height_m": 99.0, "column_step": 1.5, "mode": "fast"},
+            "extractor": {"min_obstacel_height_m": 1.0, "passable_height_m": 99.0, "column_step": 1.5},
             "sync": {"max_gap_s": -1.0, "use_pose": 1},
             "cameras": [],
             "camera": [{"nmae": "a"}, {"name": "b", "kind": "sonar", "x_m": "1"}],
@@ -70,11 +70,10 @@ def test_all_mistakes_at_once() -> None:
         }
     )
     text = "\n".join(found)
-    assert len(found) == 12
+    assert len(found) == 11
     assert "min_obstacel_height_m: no such key; did you mean min_obstacle_height_m?" in text
     assert "[extractor] passable_height_m = 99.0: expected 0.2..10 m" in text
     assert "[extractor] column_step = 1.5: expected a whole number 1..16" in text
-    assert '[extractor] mode = "fast": expected one of "safe", "paper"' in text
     assert "[sync] max_gap_s = -1.0: expected 0.005..1 s" in text
     assert "[sync] use_pose = 1: expected true or false" in text
     assert "[cameras]: no such section; did you mean camera?" in text
@@ -168,15 +167,18 @@ def test_the_documented_tables_are_up_to_date() -> None:
 
 def test_a_retired_key_is_accepted_with_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "old.toml"
-    path.write_text("[service]\nidle_latency_us = 0\nsecond_thread_from_hz = 25.0\nblind_hz = 20.0\n")
+    path.write_text(
+        "[service]\nidle_latency_us = 0\nsecond_thread_from_hz = 25.0\nblind_hz = 20.0\n[extractor]\nmode = 'safe'\n"
+    )
     config = load_config(path)
     assert config.service.blind_hz == 20.0
-    assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING"]
+    assert [record.levelname for record in caplog.records] == ["WARNING"] * 3
     assert f"{path}: [service] idle_latency_us is retired" in caplog.text
 
 
 def test_a_log_with_a_retired_key_can_still_be_replayed(caplog: pytest.LogCaptureFixture) -> None:
     content = json.loads(config_text(Config()))
     content["service"]["idle_latency_us"] = 33
+    content["extractor"]["mode"] = "safe"
     assert config_from_text(json.dumps(content)) == Config()
     assert not caplog.records

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
-import companion.paths as service_folders
 from companion.config.camera import CameraConfig
-from companion.config.differences import PAPER_NOTE, differences, safety_lines
+from companion.config.differences import differences
 from companion.config.docs import tables
-from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, fields_of
-from companion.live.service import Service
+from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, fields_of
 from companion.log.provenance import run_info
-from companion.paths import folders
 from core.param_field import is_safety_key
-from core.params import Params
 
 MARKED = {
-    "extractor": {"mode", "min_measured_share", "max_flying_share", "max_noisy_share", "estimate_noise", "margin_sigmas",
+    "extractor": {"min_measured_share", "max_flying_share", "max_noisy_share", "estimate_noise", "margin_sigmas",
                   "free_share", "clear_sigmas", "max_tilt_deg", "min_obstacle_height_m", "noise_prior_span"},
     "sync": {"max_gap_s", "max_extrapolation_s"},
     "camera": {"required", "masks", "max_range_m", "min_range_m", "ke_per_m", "unmatched_left_px"},
@@ -65,23 +60,9 @@ def test_the_log_holds_the_changed_safety_keys() -> None:
     assert run_info("live").config_json == ""
 
 
-def test_safety_lines_name_paper_mode() -> None:
-    assert safety_lines(Config(extractor=Params(mode="paper"))) == ['[extractor] mode = "paper" (default "safe")']
-    assert "research" in PAPER_NOTE
-
-
-PAPER_SENDS = {
-    "extractor": {"mode": "paper"}, "avoid": {"send": True}, "autopilot": {"address": "udpin:127.0.0.1:14540"},
-}  # fmt: skip
-
-
-def test_a_log_of_a_refused_configuration_can_still_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replay sends nothing; the service refuses it however it was made."""
-    config = config_from_text(json.dumps(PAPER_SENDS))
-    assert config_from_text(config_text(config)) == config
-    monkeypatch.setattr(service_folders, "LIVE", tmp_path, raising=False)
-    with pytest.raises(ValueError, match='mode = "safe"'):
-        Service(config, folders(), lambda: None)
+def test_a_log_recorded_in_paper_mode_is_refused_in_words() -> None:
+    with pytest.raises(ConfigError, match="by the version that recorded it"):
+        config_from_text(json.dumps({"extractor": {"mode": "paper"}}))
 
 
 def test_deeply_nested_json_in_a_log_is_refused_in_words() -> None:

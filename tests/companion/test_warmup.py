@@ -108,7 +108,7 @@ def loaded():
     kernels = {k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)}
     return {f"{k.py_func.__name__}{types}" for k in kernels for types in k.overloads}
 
-warmup.run_kernels(("safe",), metres=False)
+warmup.run_kernels(("extractor",), metres=False)
 before = loaded()
 for path in sorted(Path(sys.argv[1]).glob("*.mcap")):
     with McapRecording(path) as recording:
@@ -173,7 +173,7 @@ import os
 import companion.kernels.warmup as warmup
 warmup.CHILD = "raise SystemExit(1)"
 warmup.run_kernels = lambda modes, metres: os._exit(9)
-warmup.make_ready("safe")
+warmup.make_ready("extractor")
 """
 
 
@@ -188,8 +188,8 @@ def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[s
 
 def test_a_start_loads_the_mode_that_is_asked_for(small: Path, ready: list[tuple[str, ...]]) -> None:
     small.mkdir()
-    warmup.make_ready("paper")
-    assert ready == [("paper",)]
+    warmup.make_ready("world")
+    assert ready == [("world",)]
     assert gc.get_freeze_count() > 0
     assert not (small / warmup.MARK).exists()
 
@@ -203,12 +203,12 @@ def test_what_was_never_compiled_is_compiled_by_a_child_once(
     monkeypatch.chdir(small.parent)
     small.mkdir()
     for _ in range(2):
-        warmup.make_ready("safe")
-        assert (small.parent / "safe.told").read_text() == "x"
+        warmup.make_ready("extractor")
+        assert (small.parent / "extractor.told").read_text() == "x"
         assert len(list(small.rglob("*.nbc"))) == 1
-    warmup.make_ready("paper")  # another mode has kernels of its own
-    assert (small.parent / "paper.told").read_text() == "x"
-    assert ready == [("safe",), ("safe",), ("paper",)]
+    warmup.make_ready("world")  # another mode has kernels of its own
+    assert (small.parent / "world.told").read_text() == "x"
+    assert ready == [("extractor",), ("extractor",), ("world",)]
 
 
 def test_a_child_that_cannot_compile_is_asked_again_and_the_service_tries_itself(
@@ -216,8 +216,8 @@ def test_a_child_that_cannot_compile_is_asked_again_and_the_service_tries_itself
 ) -> None:
     monkeypatch.setattr(warmup, "CHILD", "raise SystemExit(3)")
     small.mkdir()
-    warmup.make_ready("safe")
-    assert ready == [("safe",)]
+    warmup.make_ready("extractor")
+    assert ready == [("extractor",)]
     assert not list(small.glob(warmup.COMPLETE + "*"))
 
 
@@ -226,8 +226,8 @@ def test_after_the_command_a_start_needs_no_child(
 ) -> None:
     warmup.warm_up()
     monkeypatch.setattr(warmup, "_child", lambda *modes: pytest.fail("a child was started"))
-    warmup.make_ready("safe")
-    assert ready == [("safe",)]
+    warmup.make_ready("extractor")
+    assert ready == [("extractor",)]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -236,7 +236,7 @@ def test_kernels_that_cannot_be_loaded_end_the_start(small: Path, monkeypatch: p
         raise SystemExit  # a thread's end without a word on stderr
 
     monkeypatch.setattr(warmup, "make_ready", refuse)
-    loading = warmup.Loading("safe")
+    loading = warmup.Loading("extractor")
     loading.start()
     with pytest.raises(warmup.WarmupError, match="companion warmup"):
         loading.finish()
@@ -254,8 +254,8 @@ def test_after_a_death_while_loading_a_damaged_cache_is_mended(
     mark.rename(small / warmup.MARK)  # that process had a folder of its own below, for the state of its sources
     (file,) = small.rglob("*.nbc")
     file.write_bytes(b"")
-    warmup.make_ready("safe")
-    assert ready == [("safe",)]
+    warmup.make_ready("extractor")
+    assert ready == [("extractor",)]
     (mended,) = small.rglob("*.nbc")
     assert mended.stat().st_size > 0
     assert not (small / warmup.MARK).exists()
@@ -265,5 +265,5 @@ def test_where_the_cache_cannot_be_written_a_start_goes_on(
     tmp_path: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "none" / "cache"))
-    warmup.make_ready("safe")
-    assert ready == [("safe",)]
+    warmup.make_ready("extractor")
+    assert ready == [("extractor",)]

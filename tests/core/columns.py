@@ -101,7 +101,7 @@ class Column:
         """irregular_rest; returns the number of strips."""
         self.tally[:] = 0
         irregular_rest(
-            self.line, self.mark, self.px, self.gather(), 0, self.H, self.area, self.fs, self.si, self.best, self.ints,
+            self.px, self.gather(), 0, self.H, self.area, self.fs, self.si, self.best, self.ints,
             self.floats, self.tally,
         )  # fmt: skip
         return int(self.tally[s.N])

@@ -153,7 +153,6 @@ def test_the_noise_moves_slowly_and_keeps_what_it_knows() -> None:
     assert estimate_ke(blank, 225.0, 0.004, 0.0055, math.nan, p) == 0.0055
     assert estimate_ke(blank, 225.0, 0.004, math.nan, math.nan, p) == 0.004
     assert estimate_ke(image, 225.0, 0.004, 0.0055, math.nan, replace(p, estimate_noise=False)) == 0.004
-    assert estimate_ke(image, 225.0, 0.004, 0.0055, math.nan, replace(p, mode="paper")) == 0.004
 
 
 def leaves(info: CameraInfo, ke: float, seed: int) -> np.ndarray:

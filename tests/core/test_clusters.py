@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -97,23 +95,6 @@ def test_two_arms_that_meet_at_the_end_are_one_cluster() -> None:
         t.add(u, 31, 69, 9.0)
     t.build()
     assert t.cluster(4.0, 1.0) == len(set(naive.components(t.place.tolist(), 4.0, 1.0)))
-
-
-def test_the_printed_algorithm_takes_the_nearest_last_strip_and_never_joins_clusters() -> None:
-    t = Strips(cols=60)
-    wall(t, range(20), 8.0)
-    wall(t, range(25, 35), 3.0)  # hides the wall for a while
-    wall(t, range(40, 60), 8.0)
-    t.build()
-    count = clusters.cluster_paper(t.ints, t.place, t.n, 2.0, np.zeros(t.n, np.int32))
-    assert count == 2
-    got = t.cluster_of
-    last: dict[int, int] = {}
-    for i in range(t.n):
-        gaps = {c: math.hypot(*(t.place[i, :2] - t.place[j, :2])) for c, j in last.items()}
-        near = {c: gap for c, gap in gaps.items() if gap < 2.0}
-        assert got[i] == (min(near, key=lambda c: near[c]) if near else len(last))
-        last[int(got[i])] = i
 
 
 def test_a_long_chain_of_unions_finds_its_root() -> None:

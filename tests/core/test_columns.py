@@ -58,10 +58,9 @@ def leaves(seed: int) -> np.ndarray:
     return codes
 
 
-@pytest.mark.parametrize("mode", ["safe", "paper"])
-def test_all_that_is_measured_is_in_a_strip(mode: str) -> None:
+def test_all_that_is_measured_is_in_a_strip() -> None:
     codes = leaves(1)
-    ints, floats, ground, merged = strips_of(codes, Params(mode=mode))
+    ints, floats, ground, merged = strips_of(codes, Params())
     assert (ground, merged) == (0, 0)
     for u in range(COLS):
         own = ints[ints[:, s.U] == u]

@@ -30,9 +30,8 @@ pytestmark = pytest.mark.nojit
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.1, 0.675, 2.25, 20.0])
-@pytest.mark.parametrize("mode", ["safe", "paper"])
-def test_bins_rise_with_the_code_and_hold_their_own_codes(sigma: float, mode: str) -> None:
-    p = Params(mode=mode)
+def test_bins_rise_with_the_code_and_hold_their_own_codes(sigma: float) -> None:
+    p = Params()
     t = bin_table(450.0, 20.0, sigma, p)
     b = t.bin_of_code.astype(int)
     assert b[0] == b[1] == 0
@@ -65,19 +64,6 @@ def test_the_threshold_is_the_pixels_of_a_least_obstacle() -> None:
     for b in (3, 60, 300):
         pixels = p.min_obstacle_height_m * t.disparity_px[b]  # Hm * f / X rows
         assert t.threshold[b] == pytest.approx(ONE_PX * max(p.density_share * pixels, p.density_min_px), abs=1.0)
-
-
-@pytest.mark.parametrize("half", [1, 3, 5])
-def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it(half: int) -> None:
-    """Eq. 4-6: n h F = sum K against Hm x / C; in soft counts (the peak of the kernel is one pixel) that is over K(0)."""
-    p = Params(mode="paper", kernel_half_bins=half)
-    t = bin_table(450.0, 20.0, 0.675, p)
-    s = p.kernel_sigma_bins / (2 * half + 1)
-    x = np.linspace(-0.5, 0.5, 20001)
-    shape = np.exp(-0.5 * (x / s) ** 2)
-    peak = 1.0 / (np.mean(shape) * 1.0)
-    assert t.threshold[100] == pytest.approx(ONE_PX * p.min_obstacle_height_m * t.disparity_px[100] / peak, rel=1e-3)
-    assert (t.width_px[1:] == t.width_px[1]).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([1, 3, 7]))

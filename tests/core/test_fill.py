@@ -147,15 +147,3 @@ def test_more_openings_than_there_is_room_for_stay_open_and_within_bounds() -> N
     t.ints[:, s.CLUSTER] = 0
     filled(t, hs=0.9)
     assert len(alive(t)) >= 200 - 4 * fill.MAX_RUNS
-
-
-def test_the_printed_filling_takes_both_complements_of_the_whole_cluster() -> None:
-    t = Strips()
-    t.add(0, 10, 90, X)
-    t.add(1, 20, 80, X)  # both complements half a metre
-    t.add(2, 10, 50, X)  # two metres are missing below
-    t.build()
-    t.ints[:, s.CLUSTER] = 0
-    fill.fill_paper(t.ints, t.place, t.n, 1.0, 1, np.zeros((1, 2), np.float32))
-    np.testing.assert_array_equal(t.place[1, 2:], t.place[0, 2:])
-    assert t.place[2, 3] < 1.0

@@ -10,14 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.level import level_as_it_is, level_nearest, level_paper, level_safe, pool_columns
+from core.stages.level import level_as_it_is, level_nearest, level_safe, pool_columns
 from core.stages.view_geometry import (
     ViewGeometry,
     outside_source,
     pooled_geometry,
     source_px_per_cell,
     view_geometry,
-    view_geometry_paper,
 )
 from core.types import FAR_MM, UNKNOWN_MM, CameraInfo, Intrinsics
 from drivers.simulation.source import camera_info
@@ -235,30 +234,3 @@ def test_nearest_leaves_no_old_cells_and_no_old_marks() -> None:
     level_nearest(np.zeros((30, 40), np.uint16), g.H, 100.0, out, picked)
     assert (out == 0).all()
     assert set(np.unique(picked)) <= {0, 1}
-
-
-@pytest.mark.nojit
-@pytest.mark.parametrize("pitch", [-0.4, 0.0, 0.4])
-def test_lemma_1_levels_the_distances_of_a_wall(pitch: float) -> None:
-    """The paper's form, without roll: same rows, disparity over (cos theta - (v - v0)/f sin theta), theta nose down."""
-    depth = flat_wall(INFO, 6.0, pitch)
-    g = view_geometry_paper(INFO, level(pitch), P)
-    out = np.empty((g.cols, g.rows), np.uint16)
-    level_paper(depth, g.H, g.lateral, g.f_px * g.quantum, out)
-    np.testing.assert_allclose(g.f_px * g.quantum / out, 6.0, atol=0.03)
-    for v in (0, 14, 29):
-        up = -pitch + math.atan((v - 14.5) / 30.0)  # angle below the horizon of the row's middle
-        assert 0.5 * (g.tan_edge[v] + g.tan_edge[v + 1]) == pytest.approx(math.tan(up), abs=6e-3)
-
-
-@pytest.mark.nojit
-@pytest.mark.parametrize("roll", [-0.3, 0.3])
-def test_the_paper_rotates_the_image_back_by_the_roll(roll: float) -> None:
-    g = view_geometry_paper(INFO, level(0.0, roll), P)
-    R = level(0.0, roll)
-    for u, v in ((5, 6), (30, 20)):
-        got = g.H @ [u, v, 1.0]
-        want = naive.source_pixel(u, v, R, SMALL, 30.0, 19.5, 14.5)
-        np.testing.assert_allclose(got[:2], want[:2], atol=1e-9)
-    assert np.array_equal(view_geometry_paper(INFO, level(0.0, 0.03), P).H, np.eye(3))  # below two degrees: left alone
-    assert not np.array_equal(view_geometry_paper(INFO, level(0.0, 0.03), Params(paper_roll_deg=1.0)).H, np.eye(3))

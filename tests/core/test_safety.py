@@ -33,7 +33,6 @@ def says_nothing(model: FrameModel, cause: InvalidCause) -> bool:
 def test_an_image_without_a_measurement_is_invalid_and_nothing_is_free(value: int) -> None:
     depth = np.full((30, 40), value, np.uint16)
     assert says_nothing(extract(depth, INFO), InvalidCause.NO_MEASUREMENT)
-    assert says_nothing(extract(depth, INFO, mode="paper"), InvalidCause.NO_MEASUREMENT)
 
 
 @pytest.mark.nojit
@@ -58,26 +57,24 @@ def test_a_camera_tilted_too_far_says_so(pitch_deg: float) -> None:
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(
-    ("k", "tilt_rad", "roll_rad", "mode"),
+    ("k", "tilt_rad", "roll_rad"),
     [
-        (Intrinsics(17, 160, 41.3, 3.291, 20.65, 178.89), 0.0, 1.1022, "paper"),
-        (Intrinsics(16, 24, 2.5602, 166.2748, -7.9984, 10.0836), -0.91947, -1.23059, "safe"),
+        (Intrinsics(17, 160, 41.3, 3.291, 20.65, 178.89), 0.0, 1.1022),
+        (Intrinsics(16, 24, 2.5602, 166.2748, -7.9984, 10.0836), -0.91947, -1.23059),
     ],
     ids=["no cell", "one row"],
 )
-def test_a_view_without_a_pixel_that_is_not_too_steep_says_so(
-    k: Intrinsics, tilt_rad: float, roll_rad: float, mode: str
-) -> None:
+def test_a_view_without_a_pixel_that_is_not_too_steep_says_so(k: Intrinsics, tilt_rad: float, roll_rad: float) -> None:
     """A principal point outside of the image, and a camera that looks steeply or lies on its side."""
     info = CameraInfo("front", k, max_range_m=10.0)
     depth = np.full((k.height, k.width), 1000, np.uint16)
-    model, _ = Extractor(Params(mode=mode)).extract(depth, info, level(tilt_rad, roll_rad))
+    model, _ = Extractor().extract(depth, info, level(tilt_rad, roll_rad))
     assert says_nothing(model, InvalidCause.TOO_STEEP)
 
 
 @settings(max_examples=150)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["safe", "paper"]))
-def test_no_camera_and_no_attitude_end_in_an_exception(seed: int, mode: str) -> None:
+@given(st.integers(0, 2**32 - 1))
+def test_no_camera_and_no_attitude_end_in_an_exception(seed: int) -> None:
     rng = np.random.default_rng(seed)
     width, height = (int(rng.choice([16, 17, 24, 64])) for _ in range(2))
     fx, fy = np.exp(rng.uniform(math.log(0.1001), math.log(19.99), 2)) * width
@@ -87,7 +84,7 @@ def test_no_camera_and_no_attitude_end_in_an_exception(seed: int, mode: str) -> 
     depth = rng.integers(0, 65536, (height, width)).astype(np.uint16)
     if rng.random() < 0.5:
         depth[:] = rng.integers(300, 20_000)
-    model, _ = Extractor(Params(mode=mode)).extract(depth, info, R)
+    model, _ = Extractor().extract(depth, info, R)
     assert model.valid or model.cause is not InvalidCause.NONE
 
 
@@ -210,9 +207,8 @@ def sound(model: FrameModel, info: CameraInfo) -> None:
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from(["any", "mm", "blocks", "rows", "sparse"]),
-    mode=st.sampled_from(["safe", "paper"]),
 )
-def test_random_pictures_never_raise(seed: int, kind: str, mode: str) -> None:
+def test_random_pictures_never_raise(seed: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
     shape = (SMALL.height, SMALL.width)
     if kind == "any":
@@ -226,8 +222,8 @@ def test_random_pictures_never_raise(seed: int, kind: str, mode: str) -> None:
     else:
         depth = rng.integers(250, 21000, shape) * (rng.random(shape) < 0.1)
     R = level(rng.uniform(-1.0, 1.0), rng.uniform(-3.1, 3.1))
-    model = extract(depth.astype(np.uint16), INFO, R, mode=mode)
-    if model.valid and mode == "safe":
+    model = extract(depth.astype(np.uint16), INFO, R)
+    if model.valid:
         sound(model, INFO)
 
 

@@ -231,7 +231,7 @@ def test_horizontal_surfaces_correlate_and_vanish_at_the_horizon(tilt: float, ex
         assert least == c.params.horizontal_min_px
         c.tally[:] = 0
         irregular.close_irregular(
-            c.line, c.mark, c.px, 60, last + 1, int(c.px[CODE, 60 : last + 1].sum()), 0, c.H, c.area, c.fs, c.si, c.best,
+            c.px, 60, last + 1, int(c.px[CODE, 60 : last + 1].sum()), 0, c.H, c.area, c.fs, c.si, c.best,
             c.ints, c.floats, c.tally,
         )  # fmt: skip
         assert c.ints[0, s.KIND] == kind
@@ -258,7 +258,7 @@ def test_settings_stand_at_their_indices() -> None:
     p = c.params
     assert (c.fs[s.S_SIGMA_D], c.fs[s.S_F], c.fs[s.S_HS]) == (0.3, F, p.passable_height_m)
     assert (c.fs[s.S_HORIZON], c.fs[s.S_QUANTUM]) == (view(10).cv, QUANTUM)
-    assert (c.si[s.I_RANK], c.si[s.I_GAP], c.si[s.I_PAPER]) == (p.near_rank, p.irregular_gap_px, 0)
+    assert (c.si[s.I_RANK], c.si[s.I_GAP]) == (p.near_rank, p.irregular_gap_px)
 
 
 @pytest.mark.parametrize("members", [1, 3, 6])

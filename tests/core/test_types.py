@@ -192,7 +192,6 @@ def test_every_parameter_has_a_range_that_holds_its_default_and_is_enforced() ->
 
 def test_parameters_of_the_wrong_kind_are_refused() -> None:
     for bad in (
-        {"mode": "fast"},
         {"estimate_noise": 1},
         {"near_rank": 2.5},
         {"near_rank": True},

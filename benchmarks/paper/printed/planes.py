@@ -1,4 +1,4 @@
-"""The paper's plane stage as printed, for comparison: Algorithm 2 with its listing's dot product, Eq. 17, Section 5.3."""
+"""The paper's plane stage as printed: Algorithm 2 with its listing's dot product, Eq. 17, Section 5.3."""
 
 from __future__ import annotations
 
@@ -7,45 +7,46 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..params import Params
-from . import strips as st
-from .line_fit import add_point
-from .view_geometry import ViewGeometry
+from core.stages.planes import LEAST_S
+from core.stages.view_geometry import ViewGeometry
+
+from .params import PaperParams
 
 _MOST_SPLITS = 100000
-"""Not tuning: more splits than any frame has strips."""
-_EXACT = 1e6
-"""Not tuning: weight of a plane's one moment, so high that its published margin holds no noise, which the paper has not."""
-_MANY_COLUMNS = 1 << 30
-"""The printed form does not ask which columns of a plane were seen."""
+"""More splits than any frame has strips."""
+_OUTWARD = 1e-6
+"""Tangent by which outlines grow, as those of the extractor do."""
+_LEAST_HEIGHT_M = np.float32(1e-3)
+"""A plane's top must differ from its bottom in float32."""
+
+Rows = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]
 
 
-def planes_paper(
-    ints: NDArray[np.int32], floats: NDArray[np.float32], place: NDArray[np.float32], n: int, view: ViewGeometry,
-    params: Params, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], moments: NDArray[np.float64],
-) -> int:  # fmt: skip
-    """Fills the tables of planes.py by the printed Algorithm 2; returns the number of planes.
+def planes_paper(strips: NDArray[np.void], view: ViewGeometry, params: PaperParams) -> Rows:
+    """(planes (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom in level_cam; support, px, and cluster, (N,) int32).
 
     Strips of a cluster are split at the greatest misfit of a least-squares line until each group fits; a group of three
     or fewer is emitted only where the dot product of the listing is positive and its ends are nearer than Ws:
-    otherwise it vanishes, as printed."""
+    otherwise it vanishes, as printed. strips: (N,) of STRIP, with places and clusters."""
     segments: list[tuple[float, ...]] = []
-    for c in range(int(ints[:n, st.CLUSTER].max()) + 1 if n else 0):
-        members = np.flatnonzero(ints[:n, st.CLUSTER] == c)
-        segments += [(*s, c) for s in _split(place[members].astype(np.float64), ints[members, st.SUPPORT], params)]
+    for c in range(int(strips["cluster"].max()) + 1 if len(strips) else 0):
+        members = strips[strips["cluster"] == c]
+        points = np.stack([members[n].astype(np.float64) for n in ("x_m", "y_m", "top_m", "bottom_m")], axis=1)
+        segments += [(*s, c) for s in _split(points, members["support"], params)]
     merged = _merge(segments, params)
     half = 0.5 * float(view.lateral[0]) / view.f_px
-    count = 0
-    for ax, ay, bx, by, top, bottom, support, cluster in merged:
+    rows = np.empty((len(merged), 6), np.float32)
+    for row, (ax, ay, bx, by, top, bottom, _, _) in zip(rows, merged, strict=True):
         t0, t1 = sorted((ay / ax, by / bx))
         s0, s1 = (1.0 / ax, 1.0 / bx) if ay / ax <= by / bx else (1.0 / bx, 1.0 / ax)
         b = (s1 - s0) / (t1 - t0) if t1 - t0 > 1e-9 else 0.0
-        planes[count] = (s0 - b * t0, b, t0 - half, t1 + half, top, bottom, -params.safe_distance_m, 0.0)
-        plane_ints[count] = (cluster, support, 0, 0, 0, 0, 1, _MANY_COLUMNS, -1)
-        moments[count] = 0.0
-        add_point(moments[count], t0, s0, _EXACT)
-        count += 1
-    return count
+        a = s0 - b * t0
+        t0, t1 = t0 - half - _OUTWARD, t1 + half + _OUTWARD
+        x0, x1 = 1.0 / max(a + b * t0, LEAST_S), 1.0 / max(a + b * t1, LEAST_S)
+        row[:] = x0, x0 * t0, x1, x1 * t1, top - _OUTWARD * x0, bottom + _OUTWARD * x0
+        row[5] = max(row[5], row[4] + _LEAST_HEIGHT_M)
+    support = np.array([m[6] for m in merged], np.int32)
+    return rows, support, np.array([m[7] for m in merged], np.int32)
 
 
 Segment = tuple[float, float, float, float, float, float, int]
@@ -61,7 +62,7 @@ def _line(points: NDArray[np.float64]) -> tuple[float, float, NDArray[np.float64
     return p, q, np.abs(x - p - q * y) / math.sqrt(1.0 + q * q)
 
 
-def _split(points: NDArray[np.float64], support: NDArray[np.int32], params: Params) -> list[Segment]:
+def _split(points: NDArray[np.float64], support: NDArray[np.int32], params: PaperParams) -> list[Segment]:
     """Algorithm 2 for one cluster: points (S, 4) x, y, top, bottom in order of column."""
     out: list[Segment] = []
     groups = [(0, len(points))]
@@ -90,7 +91,7 @@ def _split(points: NDArray[np.float64], support: NDArray[np.int32], params: Para
     return out
 
 
-def _merge(segments: list[tuple[float, ...]], params: Params) -> list[Merged]:
+def _merge(segments: list[tuple[float, ...]], params: PaperParams) -> list[Merged]:
     """Section 5.3: joins neighbours of one cluster within phi0 and Ws by Eq. 17's weighted means of their ends."""
     out: list[Merged] = []
     for s in sorted(segments, key=lambda s: (s[7], s[1] / s[0])):

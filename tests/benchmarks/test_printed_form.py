@@ -7,18 +7,33 @@ import math
 import numpy as np
 import pytest
 
-from core.types import FrameModel, PlaneFlags
+from benchmarks.paper.forms import MODES, extractor_of, params_of
+from benchmarks.paper.printed.clusters import cluster_paper, fill_paper
+from benchmarks.paper.printed.density import bin_table_paper
+from benchmarks.paper.printed.level import level_paper, view_geometry_paper
+from benchmarks.paper.printed.params import PaperParams
+from benchmarks.paper.printed.strips import STRIP
+from core.stages.density import ONE_PX
+from core.types import CameraInfo, FrameModel, Intrinsics, InvalidCause, PlaneFlags
 from drivers.simulation.scene_library import make_scene
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import TYPICAL, SensorModel
 from drivers.simulation.source import Rendered, camera_info, render
-
-from .views import VIEW, extract, first_hit, free_to, seen
+from tests.core import naive
+from tests.core.views import INFO, SMALL, VIEW, anything_free, first_hit, flat_wall, free_to, level, seen
 
 
 def both(r: Rendered, **params: float) -> dict[str, FrameModel]:
-    """The models of one frame in both modes."""
-    return {m: extract(r.depth_mm, r.info, r.R_level_optical, mode=m, **params) for m in ("safe", "paper")}
+    """The models of one frame by both forms."""
+    return {m: extract(r.depth_mm, r.info, r.R_level_optical, mode=m, **params) for m in MODES}
+
+
+def extract(
+    depth: np.ndarray, info: CameraInfo, R: np.ndarray | None = None, mode: str = "safe", **params: float
+) -> FrameModel:
+    """The model of one image by a new extractor of a form."""
+    model, _ = extractor_of(params_of(mode, **params)).extract(depth, info, level() if R is None else R)
+    return model
 
 
 @pytest.mark.parametrize("scene", ["street", "trees", "window", "corner"])
@@ -147,3 +162,84 @@ def test_two_sided_occlusion() -> None:
     # the printed form draws planes only and says nothing of what is free behind them
     paper = both(r)["paper"]
     assert first_hit(paper, beside, 0.0) > 10.0
+
+
+@pytest.mark.parametrize("pitch", [-0.4, 0.0, 0.4])
+def test_lemma_1_levels_the_distances_of_a_wall(pitch: float) -> None:
+    """The paper's form, without roll: same rows, disparity over (cos theta - (v - v0)/f sin theta), theta nose down."""
+    depth = flat_wall(INFO, 6.0, pitch)
+    g = view_geometry_paper(INFO, level(pitch), PaperParams())
+    out = np.empty((g.cols, g.rows), np.uint16)
+    level_paper(depth, g.H, g.lateral, g.f_px * g.quantum, out)
+    np.testing.assert_allclose(g.f_px * g.quantum / out, 6.0, atol=0.03)
+    for v in (0, 14, 29):
+        up = -pitch + math.atan((v - 14.5) / 30.0)  # angle below the horizon of the row's middle
+        assert 0.5 * (g.tan_edge[v] + g.tan_edge[v + 1]) == pytest.approx(math.tan(up), abs=6e-3)
+
+
+@pytest.mark.parametrize("roll", [-0.3, 0.3])
+def test_the_paper_rotates_the_image_back_by_the_roll(roll: float) -> None:
+    g = view_geometry_paper(INFO, level(0.0, roll), PaperParams())
+    R = level(0.0, roll)
+    for u, v in ((5, 6), (30, 20)):
+        got = g.H @ [u, v, 1.0]
+        want = naive.source_pixel(u, v, R, SMALL, 30.0, 19.5, 14.5)
+        np.testing.assert_allclose(got[:2], want[:2], atol=1e-9)
+    assert np.array_equal(
+        view_geometry_paper(INFO, level(0.0, 0.03), PaperParams()).H, np.eye(3)
+    )  # below two degrees: left alone
+    assert not np.array_equal(view_geometry_paper(INFO, level(0.0, 0.03), PaperParams(paper_roll_deg=1.0)).H, np.eye(3))
+
+
+@pytest.mark.parametrize("half", [1, 3, 5])
+def test_the_paper_kernel_has_unit_area_and_its_threshold_counts_in_it(half: int) -> None:
+    """Eq. 4-6: n h F = sum K against Hm x / C; in soft counts (the peak of the kernel is one pixel) that is over K(0)."""
+    p = PaperParams(kernel_half_bins=half)
+    t = bin_table_paper(450.0, 20.0, 0.675, p)
+    s = p.kernel_sigma_bins / (2 * half + 1)
+    x = np.linspace(-0.5, 0.5, 20001)
+    shape = np.exp(-0.5 * (x / s) ** 2)
+    peak = 1.0 / (np.mean(shape) * 1.0)
+    assert t.threshold[100] == pytest.approx(ONE_PX * p.min_obstacle_height_m * t.disparity_px[100] / peak, rel=1e-3)
+    assert (t.width_px[1:] == t.width_px[1]).all()
+
+
+def strips_at(*places: tuple[float, float, float, float]) -> np.ndarray:
+    """Strips at (x, y, top, bottom), m."""
+    strips = np.zeros(len(places), STRIP)
+    for name, column in zip(("x_m", "y_m", "top_m", "bottom_m"), np.array(places).T, strict=True):
+        strips[name] = column
+    return strips
+
+
+def test_the_printed_algorithm_takes_the_nearest_last_strip_and_never_joins_clusters() -> None:
+    wall = [(8.0, 0.08 * (u - 30), -1.0, 1.0) for u in (*range(20), *range(40, 60))]
+    hiding = [(3.0, 0.03 * (u - 30), -1.0, 1.0) for u in range(25, 35)]  # hides the wall for a while
+    strips = strips_at(*wall[:20], *hiding, *wall[20:])
+    assert cluster_paper(strips, 2.0) == 2
+    last: dict[int, int] = {}
+    for i, s in enumerate(strips):
+        gaps = {c: math.hypot(s["x_m"] - strips["x_m"][j], s["y_m"] - strips["y_m"][j]) for c, j in last.items()}
+        near = {c: gap for c, gap in gaps.items() if gap < 2.0}
+        assert s["cluster"] == (min(near, key=lambda c: near[c]) if near else len(last))
+        last[int(s["cluster"])] = i
+
+
+def test_the_printed_filling_takes_both_complements_of_the_whole_cluster() -> None:
+    # both complements of the second are half a metre, two metres are missing below the third
+    strips = strips_at((5.0, 0.0, -2.0, 2.0), (5.0, 0.1, -1.5, 1.5), (5.0, 0.2, -2.0, 0.0))
+    fill_paper(strips, 1.0, 1)
+    assert (strips["top_m"][1], strips["bottom_m"][1]) == (-2.0, 2.0)
+    assert strips["bottom_m"][2] == 0.0
+
+
+def test_the_printed_form_says_nothing_without_a_measurement_and_calls_nothing_free() -> None:
+    nothing = extract(np.zeros((30, 40), np.uint16), INFO, mode="paper")
+    assert (nothing.valid, nothing.cause) == (False, InvalidCause.NO_MEASUREMENT)
+    wall = extract(flat_wall(INFO, 6.0), INFO, mode="paper")
+    assert wall.valid
+    assert not anything_free(wall)
+    steep = Intrinsics(17, 160, 41.3, 3.291, 20.65, 178.89)
+    info = CameraInfo("front", steep, max_range_m=10.0)
+    model = extract(np.full((160, 17), 1000, np.uint16), info, level(0.0, 1.1022), mode="paper")
+    assert (model.valid, model.cause) == (False, InvalidCause.TOO_STEEP)
