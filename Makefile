@@ -8,7 +8,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEERS := $(VENV)/.peers
-SOURCES := $(wildcard core drivers companion tests benchmarks examples)
+SOURCES := $(wildcard core drivers companion clients/python tests benchmarks examples)
 # compiled kernels live in the checkout: a second run starts at once, `make clean` forgets them
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -20,7 +20,7 @@ help: ## what can be made
 
 env: $(STAMP) ## the environment in .venv, made from nothing
 
-$(STAMP): pyproject.toml requirements-dev.lock .ci/find-python
+$(STAMP): pyproject.toml clients/python/pyproject.toml requirements-dev.lock .ci/find-python
 	@python="$$(bash .ci/find-python)"; \
 	if ! "$(BIN)/python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 		echo "making $(VENV) with $$python"; \
@@ -29,7 +29,7 @@ $(STAMP): pyproject.toml requirements-dev.lock .ci/find-python
 	fi; \
 	echo "installing the packages of requirements-dev.lock, checked by their hashes (some minutes the first time)"; \
 	"$(BIN)/python" -m pip install --quiet --require-hashes --only-binary :all: --requirement requirements-dev.lock && \
-	"$(BIN)/python" -m pip install --quiet --no-deps --no-build-isolation --editable . && touch $@
+	"$(BIN)/python" -m pip install --quiet --no-deps --no-build-isolation --editable clients/python --editable . && touch $@
 
 demo: $(STAMP) ## the live service on a simulated flight, its log replayed and drawn (about two minutes)
 	@$(BIN)/companion demo $(ARGS)
@@ -88,7 +88,7 @@ golden-recordings: $(STAMP) ## fly the golden recordings anew (only when the sim
 	@$(MAKE) --no-print-directory golden
 
 proto: $(STAMP) ## the Python code of the message schema
-	@PYTHON=$(BIN)/python sh drivers/proto/generate.sh
+	@PYTHON=$(BIN)/python sh clients/python/osape_client/proto/generate.sh
 
 lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (needs the network)
 	@bash .ci/make-lock
@@ -99,3 +99,4 @@ config-docs: $(STAMP) ## rewrite the tables of docs/reference/configuration.md f
 clean: ## forget the environment, the compiled kernels and what demo and tests left
 	rm -rf $(VENV) .numba-cache demo-out bench-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage
 	find $(SOURCES) -type d -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf clients/python/build clients/python/*.egg-info

@@ -1,7 +1,7 @@
 """Prints the test files that a change may break, for `make check`: `python .ci/affected_tests.py [REVISION]`.
 
 Changed are the files that differ from REVISION (HEAD) in the working tree, new ones too. Of each changed module the tests
-of its own package (`tests/core` for `core`) that import it, directly or not, are printed, and of each changed test file
+of its own package (`tests/core` for `core`, `tests/client` for `osape_client`) that import it, directly or not, are printed, and of each changed test file
 itself. A change in `core` adds the golden results."""
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("core", "drivers", "companion", "benchmarks")
+PACKAGES = ("osape_client", "core", "drivers", "companion", "benchmarks")
+TESTS = {"osape_client": "client"}
+"""Folder of a package's tests where it is not called like the package."""
+CLIENT = "clients/python/"
 GOLDEN = "tests/test_golden.py"
 
 
@@ -31,7 +34,7 @@ def affected_tests(changed: list[str], graph: grimp.ImportGraph) -> set[str]:
     """Test files to run for changed files."""
     tests: set[str] = set()
     for file in changed:
-        module = ".".join(Path(file).with_suffix("").parts).removesuffix(".__init__")
+        module = ".".join(Path(file.removeprefix(CLIENT)).with_suffix("").parts).removesuffix(".__init__")
         package = module.partition(".")[0]
         if package == "core":
             tests.add(GOLDEN)
@@ -40,14 +43,18 @@ def affected_tests(changed: list[str], graph: grimp.ImportGraph) -> set[str]:
         found = {module} | graph.find_downstream_modules(module)
         for name in found:
             parts = name.split(".")
-            if parts[0] == "tests" and parts[-1].startswith("test_") and (package == "tests" or parts[1] == package):
+            if (
+                parts[0] == "tests"
+                and parts[-1].startswith("test_")
+                and (package == "tests" or parts[1] == TESTS.get(package, package))
+            ):
                 tests.add("/".join(parts) + ".py")
     return {test for test in tests if (ROOT / test).is_file()}
 
 
 def main() -> None:
     """Prints one file a line, nothing where no test is affected."""
-    sys.path.insert(0, str(ROOT))
+    sys.path[:0] = [str(ROOT), str(ROOT / CLIENT)]
     graph = grimp.build_graph(*PACKAGES, "tests", cache_dir=None)
     revision = sys.argv[1] if len(sys.argv) > 1 else "HEAD"
     print("\n".join(sorted(affected_tests(changed_files(revision), graph))))

@@ -26,7 +26,11 @@ def requirements() -> list[str]:
     """Of the service, with every camera's library."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    return [*project["dependencies"], *(r for extra in CAMERAS for r in extras[extra])]
+    own = ("osape-client",)  # in this checkout, without compiled parts
+    return [
+        *(r for r in project["dependencies"] if not r.startswith(own)),
+        *(r for extra in CAMERAS for r in extras[extra]),
+    ]
 
 
 def wheels(version: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from core.codes import Code
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 
 class DiagnosticCode(Code):

@@ -6,8 +6,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-NAME = "osape-companion"
-SYSTEM_RUN = Path("/run") / NAME
+from osape_client.run_folder import SERVICE_NAME, given_run_folder, own_run_folder
+
+NAME = SERVICE_NAME
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,31 +23,11 @@ def folders() -> Folders:
     """Of a service that starts here: those that systemd gives, else the user's own. Raises OSError where they cannot be
     made."""
     state = os.environ.get("STATE_DIRECTORY")
-    run = _systemd_run_folder() or _user_run_folder()
+    run = given_run_folder() or own_run_folder()
     state_folder = Path(state) if state else Path.home() / ".local" / "state" / NAME
     run.mkdir(parents=True, exist_ok=True, mode=0o750)
     state_folder.mkdir(parents=True, exist_ok=True)
     return Folders(run, state_folder)
-
-
-def run_folder() -> Path:
-    """Where the service that runs has its sockets: one that this user started by hand, else the system's."""
-    given = _systemd_run_folder()
-    if given is not None:
-        return given
-    own = _user_run_folder()
-    return SYSTEM_RUN if SYSTEM_RUN.is_dir() and not (own / "health").exists() else own
-
-
-def _systemd_run_folder() -> Path | None:
-    given = os.environ.get("RUNTIME_DIRECTORY")
-    return Path(given) if given else None
-
-
-def _user_run_folder() -> Path:
-    """The user's; not the cache itself, which is there though no service ever ran."""
-    session = os.environ.get("XDG_RUNTIME_DIR")
-    return Path(session) / NAME if session else Path.home() / ".cache" / NAME / "run"
 
 
 def cache_folder() -> Path:

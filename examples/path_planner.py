@@ -1,5 +1,5 @@
 """Paths through what the companion sees: RRT, RRT-Connect and PRM of OMPL, asking what may be flown through of one frame
-(core.query.queries) or of the merged world (core.world.space), which answer alike.
+(osape_client.Space) or of the merged world (osape_client.WorldSpace), which answer alike.
 
 Occupied is never entered. Unknown is a policy: avoided, or allowed at a price. Needs the extra `planner` (ompl).
 """
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base, geometric, util
 
-from core.query.queries import Answer, Space
-from core.world.space import WorldSpace
+from osape_client.query.space import Occupancy, Space
+from osape_client.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 PLANNERS = {"rrt": geometric.RRT, "rrt-connect": geometric.RRTConnect, "prm": geometric.PRM}
@@ -58,8 +58,8 @@ class Room:
         length = np.linalg.norm(b - a, axis=1)
         price = length.copy()
         answers = self.space.segments(a, b, self.radius_m)
-        price[answers == Answer.OCCUPIED] = BLOCKED
-        for i in np.flatnonzero(answers == Answer.UNKNOWN):
+        price[answers == Occupancy.OCCUPIED] = BLOCKED
+        for i in np.flatnonzero(answers == Occupancy.UNKNOWN):
             unseen = self._unseen(a[i], b[i])
             if unseen and self.unknown is Unknown.AVOID:
                 price[i] = BLOCKED
@@ -75,7 +75,7 @@ class Room:
         if not pieces:
             return []
         begin, end = (np.array(ends) for ends in zip(*pieces, strict=True))
-        free = self.space.segments(begin, end, self.radius_m) == Answer.FREE
+        free = self.space.segments(begin, end, self.radius_m) == Occupancy.FREE
         return [piece for piece, seen in zip(pieces, free, strict=True) if not seen]
 
 
@@ -138,7 +138,7 @@ def plan(
     goal = np.asarray(goal, float)
     for name, place in (("start", room.start), ("goal", goal)):
         if not room.price(place, place)[0] < BLOCKED:
-            answer = Answer(int(room.space.points(place, room.radius_m)[0])).name.lower()
+            answer = Occupancy(int(room.space.points(place, room.radius_m)[0])).name.lower()
             raise NoPath(
                 f"the {name} {np.round(place, 2).tolist()} is {answer} for a radius of {room.radius_m:g} m: choose another"
             )
@@ -168,7 +168,7 @@ def _one(room: Room, goal: Floats, bounds_m: Floats, planner: str, questions: in
     ways = _Flyable(information, room)
     information.setMotionValidator(ways)
     # quick, and enough: whether an unknown place may be entered is for the ways to judge
-    occupied = Answer.OCCUPIED
+    occupied = Occupancy.OCCUPIED
     setup.setStateValidityChecker(lambda state: bool(room.space.points(point(state), room.radius_m)[0] != occupied))
     begin, end = space.allocState(), space.allocState()
     for axis in range(3):

@@ -22,8 +22,8 @@ from companion.viewer.side import draw_side
 from companion.viewer.top import draw_top
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
-from core.query.queries import SeenFrom, Space
 from drivers.logs.reader import McapRecording
+from osape_client.query.space import PlacedModel, Space
 
 
 def arguments() -> argparse.Namespace:
@@ -89,7 +89,7 @@ def main() -> int:
         return 1
     reach = frame.info.max_range_m
     room = Room(
-        space=Space([SeenFrom(frame.model, (0.0, 0.0, 0.0))]), radius_m=args.radius, start=np.zeros(3),
+        space=Space([PlacedModel(frame.model, (0.0, 0.0, 0.0))]), radius_m=args.radius, start=np.zeros(3),
         been_m=args.been, unknown=Unknown(args.unknown),
     )  # fmt: skip
     try:

@@ -22,11 +22,11 @@ from companion.pipeline.pipeline import PrismsResult
 from companion.replay.replay import make_pipeline, process
 from companion.replay.summary import ReplayCounts
 from companion.viewer.png import new_figure
-from companion.world_mirror import WorldMirror
-from core.world.space import WorldSpace
 from core.world.world import World
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
+from osape_client.world.mirror import WorldMirror
+from osape_client.world.space import WorldSpace
 
 SLACK_M = 6.0
 """The path may leave the box around what is known, start and goal by so much."""
@@ -70,7 +70,7 @@ def draw(space: WorldSpace, places: np.ndarray, path: np.ndarray, radius_m: floa
     for prism in space.prisms:
         if prism.closed:
             top.fill(prism.vertices_m[:, 1], prism.vertices_m[:, 0], color="#ef9a9a", alpha=0.6)
-    for ax, ay, bx, by, z0, z1 in space.picture.planes:
+    for ax, ay, bx, by, z0, z1 in space.snapshot.planes:
         top.plot([ay, by], [ax, bx], color="#c62828", linewidth=1.5)
         side.fill([ax, bx, bx, ax], [-z0, -z0, -z1, -z1], color="#c62828", alpha=0.15)
     top.plot(places[:, 1], places[:, 0], color="#1565c0", linewidth=1.0)
@@ -97,7 +97,7 @@ def main() -> int:
             return 1
     start = np.array(args.start) if args.start is not None else places[-1]
     corners = np.concatenate(
-        [space.picture.planes[:, [0, 1, 4]], space.picture.planes[:, [2, 3, 5]], [start, args.goal]]
+        [space.snapshot.planes[:, [0, 1, 4]], space.snapshot.planes[:, [2, 3, 5]], [start, args.goal]]
     )
     bounds = [corners.min(axis=0) - SLACK_M, np.minimum(corners.max(axis=0) + SLACK_M, [np.inf, np.inf, -0.5])]
     room = Room(space=space, radius_m=args.radius, start=start, been_m=args.been, unknown=Unknown(args.unknown))

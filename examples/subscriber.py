@@ -1,21 +1,22 @@
-"""What a planner needs, in ten lines. Run beside the service: .venv/bin/python examples/subscriber.py [ADDRESS]"""
+"""A minimal planner client. Run it beside the service: .venv/bin/python examples/subscriber.py [ADDRESS]"""
 
 import sys
 
-from companion.client import Client, News
+from osape_client import Message, Subscriber
 
 
-def look(news: News) -> None:
-    if news.stale or not news.valid:
-        print(f"nothing may be taken as free: {news.cause or 'no news'} ({news.age_s:.1f} s old)", flush=True)
+def on_message(message: Message) -> None:
+    if message.stale or not message.valid:
+        print(f"nothing may be taken as free: {message.cause or 'no message'} ({message.age_s:.1f} s old)", flush=True)
         return
-    ahead = news.space.segments([[0, 0, 0]], [[5, 0, 0]], radius_m=0.5) if news.frame == "level" else []
+    space = message.space
+    ahead = space.segments([[0, 0, 0]], [[5, 0, 0]], radius_m=0.5) if message.frame == "level" else []
     print(
-        f"{news.frame}, {1000 * news.age_s:.0f} ms old; nearest {news.space.nearest([0, 0, 0])[0][0]:.1f} m",
+        f"{message.frame}, {1000 * message.age_s:.0f} ms old; nearest {space.nearest([0, 0, 0])[0][0]:.1f} m",
         *ahead,
         flush=True,
     )
 
 
-with Client(*sys.argv[1:]) as client:
-    client.run(look)
+with Subscriber(*sys.argv[1:]) as subscriber:
+    subscriber.subscribe(on_message)

@@ -5,7 +5,7 @@
     python -m benchmarks.free_space.campaign --worlds 200 --sectors 2000 --readers 2000 --frames 0
 
 Frames are judged by every claimed cell of their profile, worlds (flights of 12 frames) by every free cell, sectors by every
-clear one, readers by what core/query/queries.Space answers. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong.
+clear one, readers by what osape_client.Space answers. Prints each wrong scene, and a summary as JSON in the last line. Exits with 1 where anything is wrong.
 """
 
 from __future__ import annotations

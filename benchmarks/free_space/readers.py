@@ -25,9 +25,9 @@ from benchmarks.free_space.volume import (
 )
 from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
-from core.query.queries import Answer, SeenFrom, Space
 from core.types import FrameModel
 from drivers.simulation.source import Rendered
+from osape_client.query.space import Occupancy, PlacedModel, Space
 
 Floats = NDArray[np.float64]
 _STEP_M = 0.1
@@ -54,7 +54,7 @@ class ReaderCounts:
 def space_of(frame: Rendered, model: FrameModel) -> Space:
     """The reader of one frame, in ned."""
     x, y, z = (float(c) for c in frame.position_ned_m)
-    return Space([SeenFrom(transform_model(model, LevelTransform(heading_of(frame), (x, y, z))), (x, y, z))])
+    return Space([PlacedModel(transform_model(model, LevelTransform(heading_of(frame), (x, y, z))), (x, y, z))])
 
 
 def deep_in_solid(frame: Rendered, points: Floats, slack_m: Floats, least_m: float) -> NDArray[np.bool_]:
@@ -78,7 +78,7 @@ def judge_readers(r: RandomFrame, extractor: Extractor) -> ReaderCounts:
     rays = cell_rays(frame, model)
     wrong, deepest_m, where = (np.zeros(0, np.int64), 0.0, "") if rays is None else _wrong_rays(r, space, rays, least_m)
     points = _anywhere(r, model)
-    free = points[space.points(points) == Answer.FREE]
+    free = points[space.points(points) == Occupancy.FREE]
     range_m = np.hypot(*(free - frame.position_ned_m)[:, :2].T)
     bad = deep_in_solid(frame, free, np.fmax(SLACK_M, SLACK_SIGMAS * r.ke_per_m * range_m**2), least_m)
     if bad.any() and not where:
@@ -98,7 +98,7 @@ def _wrong_rays(r: RandomFrame, space: Space, rays: CellRays, least_m: float) ->
     for i in np.flatnonzero(hit_m < rays.ends - SLACK_M):
         at = np.arange(rays.begins[i] + 1e-3, rays.ends[i], _STEP_M)
         points = rays.origins[i] + at[:, None] * rays.directions[i]
-        free = space.points(points) == Answer.FREE
+        free = space.points(points) == Occupancy.FREE
         edge = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
         for first, end in zip(edge[0::2], edge[1::2], strict=True):
             begin_m, end_m = at[first : first + 1], at[end - 1 : end]

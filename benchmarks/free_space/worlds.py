@@ -22,12 +22,12 @@ from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
-from core.query.queries import Answer
 from core.types import ExtractorState, FrameModel
 from core.world.free_grid import CELL_M, SIDE, TALL
-from core.world.space import WorldSpace
 from core.world.world import Sight, World
 from drivers.simulation.source import Rendered
+from osape_client.query.space import Occupancy
+from osape_client.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 FRAMES = 12
@@ -75,7 +75,7 @@ def _free_cells(world: World, now_ns: int) -> Floats:
     if not cells:
         return np.zeros((0, 3))
     middles = (np.concatenate(cells) + 0.5) * CELL_M
-    return middles[WorldSpace(picture).points(middles) == Answer.FREE]
+    return middles[WorldSpace(picture).points(middles) == Occupancy.FREE]
 
 
 def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, int, int]:

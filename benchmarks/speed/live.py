@@ -29,7 +29,7 @@ import zmq
 from companion.demo.demo import EMBEDDED
 from companion.demo.live import free_port
 from companion.live.status import newest_health
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")

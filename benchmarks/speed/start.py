@@ -28,8 +28,8 @@ import zmq
 
 from companion.autopilot.simulate_autopilot import flight_of, simulated
 from companion.config.loader import load_config
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from osape_client.proto import osape_v1_pb2 as pb
 
 RESTART_S = 0.1
 PATIENCE_S = 60.0

@@ -14,13 +14,13 @@ from benchmarks.world.flights import CONDITION, TRUE, Flight, flown, renderings
 from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.params import Params
-from core.query.queries import Answer
 from core.types import ExtractorState
 from core.world.params import WorldParams
 from core.world.serialize import SavedSection
 from core.world.snapshot import WorldPicture
-from core.world.space import WorldSpace
 from core.world.world import Sight, World
+from osape_client.query.space import Occupancy
+from osape_client.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
@@ -148,5 +148,5 @@ def asked(radius_m: float, repeats: int = 5) -> Asked:
         begin = time.thread_time_ns()
         answers = space.segments(a, b, radius_m)
         times.append(1e-9 * (time.thread_time_ns() - begin))
-    shares = tuple(float((answers == kind).mean()) for kind in (Answer.OCCUPIED, Answer.FREE, Answer.UNKNOWN))
+    shares = tuple(float((answers == kind).mean()) for kind in (Occupancy.OCCUPIED, Occupancy.FREE, Occupancy.UNKNOWN))
     return Asked(radius_m=radius_m, per_s=WAYS / float(np.median(times)), answers=(shares[0], shares[1], shares[2]))

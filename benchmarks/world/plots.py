@@ -13,9 +13,9 @@ from benchmarks.world.cost import sights
 from benchmarks.world.flights import HZ, flights
 from benchmarks.world.truth import Step
 from core.types import Prism
-from core.world.prisms import world_prisms
 from core.world.snapshot import WorldPicture
 from core.world.world import World
+from osape_client.world.prisms import world_prisms
 
 SHOWN = ("block", "alley", "trees", "cylinder")
 MOMENTS = (0.1, 0.33, 0.67, 1.0)

@@ -17,7 +17,8 @@ from benchmarks.world.message_bytes import OCTOMAP_M, OCTOMAP_STEP, Bytes, measu
 from benchmarks.world.plots import draw_growing, draw_steps
 from benchmarks.world.truth import Step, Verdict, merged, verdict
 from companion.bench.timing import one_core
-from core.world.serialize import ON_DISK, ON_WIRE
+from core.world.serialize import ON_DISK
+from osape_client.world.decode import PLANE_RECORD
 
 GROWING_PNG, STEPS_PNG = "world_growing.png", "world_steps.png"
 SEEDS, QUICK_SEEDS = 2, 1
@@ -87,7 +88,7 @@ def page(
             "## Cost of a frame\n",
             f"Frames of the flight around the building into worlds with a plane every ten metres, those nearby the same in "
             f"all; taken in turns in one process on one core, thread time, medians. *Changes*: what is streamed of it. "
-            f"{ON_WIRE.itemsize} bytes a plane on the wire, {ON_DISK.itemsize} on disk.\n",
+            f"{PLANE_RECORD.itemsize} bytes a plane on the wire, {ON_DISK.itemsize} on disk.\n",
             cost_table(cost),
             "## Bytes of a flight\n",
             f"In the true pose, first seed. *Disk*: the saved world, moments included. *Stream*: all messages of the flight, "
@@ -99,7 +100,7 @@ def page(
             "## Questions\n",
             f"{WAYS:,} straight ways of about 1.7 m against {PLANES} planes in 80 x 80 m with free cells, in one call, one "
             "core, thread time, median of five; the index is built within. Answers are those of brute force and of shapely "
-            "(tests/core/test_world_space.py).\n",
+            "(tests/client/test_world_space.py).\n",
             "| radius | ways a second | occupied | free | unknown |\n|---|---|---|---|---|",
             *(f"| {q.radius_m:g} m | {q.per_s:,.0f} | {' | '.join(_p(a, 0) for a in q.answers)} |" for q in queries),
         ]

@@ -16,11 +16,11 @@ from companion.pipeline.transform import LevelTransform, transform_model
 from companion.streams.world_messages import world_message
 from core.extractor import Extractor
 from core.params import Params
-from core.query.queries import Answer
 from core.types import ExtractorState
-from core.world.space import WorldSpace
 from core.world.world import Sight, World
 from drivers.simulation.source import Rendered
+from osape_client.query.space import Occupancy
+from osape_client.world.space import WorldSpace
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -113,7 +113,7 @@ def verdict(
 ) -> Verdict:
     """All figures of one flight."""
     space = WorldSpace(m.world.picture(m.newest_ns))
-    planes = space.picture.planes.astype(np.float64)
+    planes = space.snapshot.planes.astype(np.float64)
     there = planes - np.array([*m.drift_m[:2], *m.drift_m[:2], m.drift_m[2], m.drift_m[2]])
     found = [_view(v, there, space, m.drift_m, rendered) for v in views]
     total = {name: sum(f[name] for f in found) for name in found[0] if name != "off"}
@@ -145,8 +145,8 @@ def _view(
     return {
         "obstacle": int(rays.obstacle.sum()), "missed": int((v.missed & rays.obstacle).sum()), "seen": int(was_seen.sum()),
         "missed_seen": int(v.missed[some][asked][was_seen].sum()), "phantom": int((v.phantom & (rays.obstacle | rays.open)).sum()),
-        "rays": int((rays.obstacle | rays.open).sum()), "off": off, "false_free": int((surface == Answer.FREE).sum()),
-        "air": len(air), "air_free": int((space.points(air + drift) == Answer.FREE).sum()),
+        "rays": int((rays.obstacle | rays.open).sum()), "off": off, "false_free": int((surface == Occupancy.FREE).sum()),
+        "air": len(air), "air_free": int((space.points(air + drift) == Occupancy.FREE).sum()),
     }  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def _closed(flight: Flight, space: WorldSpace, drift: Floats) -> float:
     steps = np.arange(-1.3 * half, 1.3 * half, _INSIDE_STEP_M)
     grid = np.array([[x + a, y + b, -h] for a in steps for b in steps for h in _HEIGHTS_M])
     within = grid[flight.inside(grid)]
-    return float((space.points(within + drift) == Answer.OCCUPIED).mean())
+    return float((space.points(within + drift) == Occupancy.OCCUPIED).mean())
 
 
 def in_level(planes: Floats, view: Rendered) -> Floats:

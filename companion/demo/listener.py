@@ -13,9 +13,8 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 import zmq
 
-from drivers.proto import osape_v1_pb2 as pb
-
-from ..pipeline.causes import cause_code
+from osape_client.decode import cause_code
+from osape_client.proto import osape_v1_pb2 as pb
 
 POLL_MS = 100
 

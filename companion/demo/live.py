@@ -21,7 +21,7 @@ from typing import Any
 import zmq
 
 from drivers.base import DriverError
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.loader import SECTIONS, Config
 from ..live.status import newest_health

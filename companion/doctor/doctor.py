@@ -24,7 +24,7 @@ from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import LinkStatus, MavlinkSession
 from drivers.mavlink.transport import parse_address
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.parameter_writer import Change, apply

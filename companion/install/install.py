@@ -125,7 +125,7 @@ def check_reachable(paths: Sequence[Path]) -> None:
     remedy = (
         "make the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
         "/opt/osape-companion/bin/pip install --require-hashes --only-binary :all: -r requirements.lock && "
-        "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation . && "
+        "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation ./clients/python . && "
         "/opt/osape-companion/bin/companion install"
     )
     for place in paths:

@@ -13,7 +13,7 @@ import zmq
 from numpy.typing import NDArray
 
 from core.types import DepthFrame
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import SCHEMA_VERSION
 from ..streams.curve_auth import ServerKeys

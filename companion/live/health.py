@@ -12,7 +12,7 @@ from drivers.logs import codec as wire
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.link import LineState
 from drivers.mavlink.session import LinkStatus
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.conflict_codes import conflict_diagnostics
 from ..cameras.supervisor import CameraStatus

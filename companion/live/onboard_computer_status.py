@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.mavlink.dialect import dialect
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 PRIMARY = 0
 """Of all computers on board, to a station that does not know better."""

@@ -13,8 +13,8 @@ from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer
 from typing import Any
 
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.watched_thread import WatchedThread
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.supervisor import CameraCondition
 from .health import STATES

@@ -20,7 +20,8 @@ from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MAV_STATE_ACTIVE, MAV_STATE_CRITICAL, MAV_STATE_STANDBY, MavlinkSession
 from drivers.mavlink.transport import parse_address
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.boot import boot_id
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.session_factory import params_of, signing_of
 from ..cameras.masks import configured_mask, unmeasured_mask
@@ -40,7 +41,6 @@ from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset, warning_text
 from ..self_check.mount_watch import MountWatch
 from ..self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
-from ..streams.boot import boot_id
 from ..streams.curve_auth import AllowList, load_keys
 from ..streams.publisher import Publisher, Stream
 from .counts import FrameRates, RecentLosses

@@ -13,12 +13,12 @@ from core.codes import text_of, texts_of
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_from_message
 from drivers.mavlink.anomalies import LinkAnomaly
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.run_folder import run_folder
 
 from ..config.loader import load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import print_json, print_line
-from ..paths import run_folder
 from ..pipeline.mount_messages import mount_text
 from ..pipeline.sync import DropCause
 from .health import STATES

@@ -17,15 +17,16 @@ import zmq
 from core.world.params import WorldParams
 from core.world.world import Sight, World
 from drivers.base import DriverError
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.watched_thread import WatchedThread
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.world.decode import SCHEMA_VERSION
 
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.pipeline import PrismsResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream
-from ..streams.world_messages import SCHEMA_VERSION, world_message
+from ..streams.world_messages import world_message
 
 NS = 1_000_000_000
 CHANGES_NS = NS // 5

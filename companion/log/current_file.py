@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from core.types import CameraInfo
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.service import RecordParams
 from ..pipeline.pipeline import PipelineState

@@ -17,11 +17,11 @@ from core.types import CameraInfo, InvalidCause
 from drivers.logs.codec import camera_from_message
 from drivers.logs.reader import open_scan, our_channel
 from drivers.logs.record_scanner import Damage, Logged
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.decode import cause_code
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, print_json, print_line
-from ..pipeline.causes import cause_code
 from ..pipeline.sync import DropCause
 
 _GAP_MEDIANS: Final = 3.0

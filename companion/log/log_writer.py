@@ -23,7 +23,7 @@ from drivers.base import BadData, Event, EventSource
 from drivers.logs.codec import attitude_message, calibration_message, camera_message, depth_parts, pose_message
 from drivers.logs.record_scanner import MAGIC
 from drivers.logs.topics import ENCODING, TOPICS, camera_name_fits
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import decision_message, prisms_bytes, state_message, wire_bytes
 from ..pipeline.pipeline import FrameDecision, Output, PipelineState

@@ -6,7 +6,7 @@ import platform
 from importlib import metadata
 from typing import Final
 
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.differences import safety_lines
 from ..config.loader import Config, config_text

@@ -19,8 +19,8 @@ from google.protobuf.message import Message
 
 from core.types import CameraInfo, DepthFrame
 from drivers.base import Event
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.watched_thread import WatchedThread
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..config.service import RecordParams
 from ..pipeline.events import RawFrame

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from core.types import InvalidCause
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .sync import DropCause
 
@@ -31,18 +31,6 @@ CAUSES: Final[dict[InvalidCause | DropCause, pb.Cause]] = {
 def cause_message(cause: InvalidCause | DropCause) -> pb.Cause:
     """The number of a cause; both kinds of NONE are CAUSE_NONE."""
     return CAUSES[cause] if cause else pb.CAUSE_NONE
-
-
-def cause_code(number: int) -> str:
-    """The code of an osape.v1.Cause: CAUSE_GAP_TOO_WIDE is gap_too_wide; "" for CAUSE_NONE, unknown_NUMBER for one of a
-    newer version."""
-    if number == pb.CAUSE_NONE:
-        return ""
-    try:
-        name: str = pb.Cause.Name(number)
-    except ValueError:
-        return f"unknown_{number}"
-    return name.removeprefix("CAUSE_").lower()
 
 
 def cause_from_number(number: int, kind: type[InvalidCause] | type[DropCause]) -> InvalidCause | DropCause:

@@ -23,7 +23,7 @@ from drivers.logs.codec import (
     set_quaternion,
     set_vector,
 )
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .causes import cause_from_number, cause_message
 from .decode_model import STATS, model_from_message

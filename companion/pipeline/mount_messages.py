@@ -7,7 +7,7 @@ import math
 from core.self_check.mount_check import MountState, MountVerdict
 from core.self_check.mount_filter import FilterState, N
 from core.types import CameraMount
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..diagnostic import Diagnostic, DiagnosticCode
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from core.frames import rotation_from_quaternion
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .encode import SCHEMA_VERSION, blind_message, prisms_message
 from .pipeline import PrismsResult

@@ -9,7 +9,7 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import wire_bytes
 

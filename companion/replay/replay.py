@@ -14,7 +14,7 @@ from core.types import CameraInfo, DepthFrame
 from drivers.base import BadData, Event
 from drivers.logs.reader import LoggedMessage, McapRecording
 from drivers.logs.topics import TOPICS
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import configured_mask
 from ..config.loader import Config, ConfigError, config_from_text, load_config

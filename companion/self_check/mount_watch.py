@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from core.self_check.mount_check import MountState
 from core.types import CameraInfo
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.mount_messages import mount_diagnostic, mount_health

@@ -19,7 +19,7 @@ from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.self_check.depth_registration import InverseDepthGrid, inverse_depth_grid, motion_between
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.base import Event
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask, apply_mask
 from .exposure_monitor import AttitudeHistory

@@ -14,9 +14,9 @@ from pathlib import Path
 import zmq
 
 from drivers.base import BadData, DeviceNotFound
+from osape_client.curve_keys import SERVER_PUBLIC, SERVER_SECRET, KeyFileError, read_key
 
-_KEY = re.compile(rb"^[\x21-\x7e]{40}$")
-SECRET, PUBLIC, CLIENTS = "server.secret", "server.public", "clients"
+CLIENTS = "clients"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -49,9 +49,9 @@ def make_keys(folder: Path, client: str) -> list[Path]:
     clients = folder / CLIENTS
     clients.mkdir(parents=True, exist_ok=True, mode=0o700)
     written = []
-    if not (folder / SECRET).exists():
+    if not (folder / SERVER_SECRET).exists():
         public, secret = zmq.curve_keypair()
-        written += [_write(folder / SECRET, secret, 0o600), _write(folder / PUBLIC, public, 0o644)]
+        written += [_write(folder / SERVER_SECRET, secret, 0o600), _write(folder / SERVER_PUBLIC, public, 0o644)]
     if (clients / f"{client}.public").exists():
         raise ValueError(
             f"{clients / f'{client}.public'}: there is such a client; delete its keys first, or choose another name"
@@ -63,17 +63,19 @@ def make_keys(folder: Path, client: str) -> list[Path]:
 
 def load_keys(folder: Path) -> ServerKeys:
     """The keys of a folder. Raises DeviceNotFound and BadData, also for a secret that others can read."""
-    secret_file = folder / SECRET
+    secret_file = folder / SERVER_SECRET
     try:
         mode = secret_file.stat().st_mode
         if mode & 0o077:
             raise BadData(
                 f"{secret_file}: others can read it (mode {mode & 0o777:o}); chmod 600 it, better make new keys"
             )
-        secret, public = _read(secret_file), _read(folder / PUBLIC)
-        clients = tuple(_read(f) for f in sorted((folder / CLIENTS).glob("*.public")))
+        secret, public = read_key(secret_file), read_key(folder / SERVER_PUBLIC)
+        clients = tuple(read_key(f) for f in sorted((folder / CLIENTS).glob("*.public")))
     except OSError as error:
         raise DeviceNotFound(f"{error.filename}: {error.strerror}; `companion keys` makes keys") from error
+    except KeyFileError as error:
+        raise BadData(str(error)) from error
     if not clients:
         raise BadData(f"{folder / CLIENTS}: no client may listen; add one with `companion keys --client NAME`")
     return ServerKeys(secret, public, clients)
@@ -84,24 +86,6 @@ def serve(socket: zmq.Socket[bytes], keys: ServerKeys) -> None:
     socket.setsockopt(zmq.CURVE_SERVER, 1)
     socket.setsockopt(zmq.CURVE_SECRETKEY, keys.secret)
     socket.setsockopt(zmq.ZAP_DOMAIN, b"osape")
-
-
-def use_client_keys(socket: zmq.Socket[bytes], folder: Path) -> None:
-    """Makes a socket one that talks to the service whose server.public lies in the folder, as the client whose
-    NAME.secret lies beside it. Raises DeviceNotFound and BadData."""
-    secrets = [f for f in sorted(folder.glob("*.secret")) if f.name != SECRET]
-    if len(secrets) != 1:
-        raise DeviceNotFound(
-            f"{folder}: {len(secrets)} client secrets there, expected one NAME.secret beside {PUBLIC}, both as "
-            "`companion keys` made them"
-        )
-    try:
-        secret, server = _read(secrets[0]), _read(folder / PUBLIC)
-    except OSError as error:
-        raise DeviceNotFound(f"{error.filename}: {error.strerror}; copy it from where `companion keys` ran") from error
-    socket.setsockopt(zmq.CURVE_SECRETKEY, secret)
-    socket.setsockopt(zmq.CURVE_PUBLICKEY, zmq.curve_public(secret))
-    socket.setsockopt(zmq.CURVE_SERVERKEY, server)
 
 
 class AllowList:
@@ -140,10 +124,3 @@ def _write(path: Path, key: bytes, mode: int) -> Path:
     with os.fdopen(fd, "wb") as stream:
         stream.write(key + b"\n")
     return path
-
-
-def _read(path: Path) -> bytes:
-    key = path.read_bytes().strip()
-    if not _KEY.match(key):
-        raise BadData(f"{path}: not a key of 40 characters; make new ones with `companion keys`")
-    return key

@@ -17,7 +17,7 @@ from core.types import CameraInfo, DepthFrame
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import depth_message, stamp
 from drivers.logs.topics import ENCODING, TOPICS
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.foxglove_scene import scene_message, transform_messages
 from ..log.log_writer import schema_bytes

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from osape_client.boot import boot_id
+from osape_client.decode import cause_code
+
 from ..live.health import STATES
 from ..live.message_json import message_json
 from ..live.status import status_lines
-from ..pipeline.causes import cause_code
 from ..pipeline.encode import prisms_from_message
-from ..streams.boot import boot_id
 from .colors import depth_index, palette
 from .frame import ViewFrame
 from .log import view_frame

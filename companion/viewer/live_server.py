@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from drivers.base import DeviceNotFound
+from osape_client.run_folder import run_folder
 
 from ..config.loader import load_config
 from ..config.service import PublishConfig
 from ..console import fail, print_line, warn
-from ..paths import run_folder
 from .live_page import LivePage
 from .subscriber import LiveSubscriber, Streams
 

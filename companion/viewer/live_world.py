@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from core.world.snapshot import WorldPicture
-
-from ..world_mirror import WorldMirror
+from osape_client.world.mirror import WorldMirror
+from osape_client.world.snapshot import WorldSnapshot
 
 MAX_PLANES = 3000
 """Planes drawn, the nearest to the vehicle: a page redraws them all."""
@@ -51,29 +50,29 @@ class LiveWorld:
             seen: tuple[Any, ...] = ()
             while not self._stop.wait(PERIOD_S):
                 usable = mirror.update()
-                now = (usable, mirror.cause if not usable else "", mirror.counts.messages, mirror.section)
-                if now != seen and mirror.counts.messages:
+                now = (usable, mirror.cause if not usable else "", mirror.stats.messages, mirror.section)
+                if now != seen and mirror.stats.messages:
                     seen = now
                     self._publish(mirror, usable)
 
     def _publish(self, mirror: WorldMirror, usable: bool) -> None:
-        """A world that may not be used is not drawn either: nobody can tell from a picture how old it is."""
-        picture = mirror.space.picture if usable else WorldPicture.empty()
+        """A world that may not be used is not drawn either: nobody can tell from a snapshot how old it is."""
+        snapshot = mirror.space.snapshot if usable else WorldSnapshot.empty()
         self._update = {
             "number": self._update["number"] + 1, "heard": True, "cause": "" if usable else mirror.cause,
-            "total": len(picture.planes), "planes": nearest_cm(picture, self._vehicle()),
+            "total": len(snapshot.planes), "planes": nearest_cm(snapshot, self._vehicle()),
         }  # fmt: skip
 
 
 def nearest_cm(
-    picture: WorldPicture, vehicle_m: tuple[float, float, float] | None, most: int = MAX_PLANES
+    snapshot: WorldSnapshot, vehicle_m: tuple[float, float, float] | None, most: int = MAX_PLANES
 ) -> list[int]:
     """Planes a_x, a_y, b_x, b_y, top, bottom in whole centimetres of ned, flat: those whose middles are nearest to the
     vehicle; without one the newest."""
-    planes = picture.planes.astype(np.float64)
+    planes = snapshot.planes.astype(np.float64)
     if len(planes) > most:
         if vehicle_m is None:
-            order = np.argsort(-picture.seen_ns, kind="stable")
+            order = np.argsort(-snapshot.seen_ns, kind="stable")
         else:
             middle = 0.5 * (planes[:, 0:2] + planes[:, 2:4]) - np.array(vehicle_m[:2])
             order = np.argsort(np.hypot(*middle.T), kind="stable")

@@ -14,7 +14,7 @@ from core.frames import rotation_from_quaternion
 from core.types import CameraInfo, DepthFrame, ExtractorState
 from drivers.base import BadData, Event
 from drivers.logs.reader import LoggedMessage, McapRecording
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import prisms_from_message, state_from_message
 from ..pipeline.pipeline import PrismsResult

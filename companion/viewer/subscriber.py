@@ -19,18 +19,18 @@ from google.protobuf.message import DecodeError, Message
 
 from core.types import CameraInfo
 from drivers.logs.codec import camera_from_message
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.curve_keys import use_client_keys
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.receive_time import TimedSocket, age_ns
+from osape_client.subscriber import TIMEOUT_S
 
-from ..client import STALE_S
-from ..streams.curve_auth import use_client_keys
-from ..streams.receive_time import Ear, age_ns
 from .live_world import LiveWorld
 
 NS = 1_000_000_000
 POLL_S = 0.05
 PICTURE_NS = NS
 """An older depth image is not shown beside anything."""
-PAIR_NS = round(STALE_S * NS)
+PAIR_NS = round(TIMEOUT_S * NS)
 """A frame is shown with its depth image unless the newest frame is so much newer."""
 PLAIN_NS = NS // 5
 """Frames without depth images are shown so often."""
@@ -83,7 +83,7 @@ class Camera:
 class LiveSubscriber:
     """Listens in a thread of its own; may be asked from any. hear: called from it with each message and its camera."""
 
-    def __init__(self, streams: Streams, stale_s: float = STALE_S) -> None:
+    def __init__(self, streams: Streams, stale_s: float = TIMEOUT_S) -> None:
         self.streams, self.stale_s = streams, stale_s
         self.changed = threading.Condition()
         self.cameras: dict[str, Camera] = {}
@@ -96,7 +96,7 @@ class LiveSubscriber:
         self._watched_ns = self._depth_since_ns = 0
         self._stop = threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._receivers: dict[zmq.Socket[bytes], tuple[Ear, type[Message]]] = {}
+        self._receivers: dict[zmq.Socket[bytes], tuple[TimedSocket, type[Message]]] = {}
         self._depth: zmq.Socket[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
         self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
@@ -109,7 +109,7 @@ class LiveSubscriber:
             if not address:
                 continue
             socket = self._context.socket(zmq.SUB)
-            self._receivers[socket] = Ear(socket), kind
+            self._receivers[socket] = TimedSocket(socket), kind
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RCVHWM, 20)
             if self.streams.keys is not None:
@@ -186,7 +186,7 @@ class LiveSubscriber:
             self._depth.setsockopt(zmq.UNSUBSCRIBE, b"")
             self._depth_since_ns = 0
 
-    def _take(self, receiver: Ear, kind: type[Message], now_ns: int) -> None:
+    def _take(self, receiver: TimedSocket, kind: type[Message], now_ns: int) -> None:
         """All that has come on a socket. What waited there while this process was held up is as old as it may be."""
         while (taken := receiver.take()) is not None:
             (data, arrival_ns), message = taken, kind()

@@ -1,4 +1,4 @@
-"""A world as bytes: 55 a plane on disk, 35 on the wire; and two saved worlds made one.
+"""A world as bytes, 55 for each plane; and two saved worlds made one.
 
 Coordinates are centimetres as integers, ends counted from the plane's middle; moments are float32 about it. Rounding makes
 no plane lower than it was. Parts of a file carry their length and a checksum, so that of a file cut or damaged anywhere the
@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .snapshot import WorldPicture
-
 MAGIC = b"OSAPE world 1\n"
 NS = 1_000_000_000
 _CM = 100.0
@@ -29,7 +27,6 @@ _PLACE = [
     ("x_cm", "<i4"), ("y_cm", "<i4"), ("ends_cm", "<i2", (4,)), ("top_cm", "<i4"), ("height_cm", "<u2"),
     ("margin_mm", "<u2"), ("flags", "u1"), ("hits", "<u2"), ("age_s", "<u4"),
 ]  # fmt: skip
-ON_WIRE = np.dtype([*_PLACE, ("slot", "<u4")])
 ON_DISK = np.dtype([*_PLACE, ("moments", "<f4", (6,))])
 
 
@@ -165,11 +162,3 @@ def moved(section: SavedSection, yaw_rad: float, translation_m: tuple[float, flo
         newest_ns=section.newest_ns, box=box, moments=moments, margin_m=section.margin_m, flags=section.flags,
         hits=section.hits, age_s=section.age_s,
     )  # fmt: skip
-
-
-def wire_records(picture: WorldPicture, now_ns: int) -> bytes:
-    """The planes of a picture as they go over the wire."""
-    age_s = np.maximum(0, now_ns - picture.seen_ns) // NS
-    records = packed(ON_WIRE, picture.planes, picture.margin_m, picture.flags, picture.hits, age_s)
-    records["slot"] = picture.slots
-    return records.tobytes()

@@ -2,7 +2,7 @@
 
 Planes and free space in ned, as the autopilot's estimate has it. Where that estimate jumps, a new section begins; the one
 before is kept apart, for it cannot be told where it lies now. Without a position there is no such frame: then there is
-the newest frame and a short memory (world_level.py).
+the newest frame and a short memory (osape_client/world/level_memory.py).
 """
 
 from __future__ import annotations

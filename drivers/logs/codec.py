@@ -11,8 +11,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Intrinsics, PoseSample
-
-from ..proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 _LAST_NS = 1 << 62

@@ -14,9 +14,9 @@ from google.protobuf.message import DecodeError, Message
 from mcap.records import Channel, Schema
 
 from core.types import UNKNOWN_MM, CameraInfo, DepthFrame
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..base import BadData, DeviceNotFound, Event
-from ..proto import osape_v1_pb2 as pb
 from .codec import (
     attitude_from_message,
     camera_from_message,

@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
 
-from ..proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 ENCODING: Final = "protobuf"
 

@@ -21,10 +21,10 @@ import zmq
 from companion.autopilot.simulate_autopilot import flight_of, simulated
 from companion.config.loader import load_config
 from core.frames import rotation_from_quaternion
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import PX4
 from drivers.simulation.autopilot_link import AutopilotLine, Faults, UdpEnd
 from drivers.simulation.looping_flight import EndlessFlight
+from osape_client.proto import osape_v1_pb2 as pb
 
 ROOT = Path(__file__).parents[2]
 NS = 1_000_000_000

@@ -15,7 +15,6 @@ from companion.cameras.supervisor import CameraCondition
 from companion.diagnostic import Diagnostic, DiagnosticCode
 from companion.live.health import latency_message
 from companion.live.message_json import message_json
-from companion.pipeline.causes import cause_code
 from companion.pipeline.encode import prisms_message
 from companion.pipeline.latency import LatencyStage
 from companion.pipeline.pipeline import PrismsResult
@@ -27,7 +26,8 @@ from core.self_check.mount_check import MountVerdict
 from core.types import InvalidCause
 from drivers.mavlink.anomalies import LinkAnomaly
 from drivers.mavlink.conflicts import RECENT_NS, Strangers
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.decode import cause_code
+from osape_client.proto import osape_v1_pb2 as pb
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 NOTHING = {"UNKNOWN", "NONE"}

@@ -12,9 +12,9 @@ from companion.config.service import AutopilotConfig
 from companion.live.onboard_computer_status import NONE_I8, NONE_U8, NONE_U32, ComputerStatus
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, until
 

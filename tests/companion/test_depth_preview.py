@@ -12,7 +12,7 @@ import zmq
 
 from companion.live.depth_preview import WIDTH_PX, DepthPreviews, subsample
 from core.types import DepthFrame
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import until
 

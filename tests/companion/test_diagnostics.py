@@ -24,7 +24,7 @@ from companion.live.diagnostics import (
 from companion.live.service import Service
 from companion.paths import Folders
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 S = 1_000_000_000

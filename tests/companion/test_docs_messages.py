@@ -8,7 +8,7 @@ import pytest
 
 from companion.log.foxglove_scene import FAR_M, LIFETIME_S, NEAR_M
 from drivers.logs.topics import TOPICS
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..conftest import CHECKOUT
 

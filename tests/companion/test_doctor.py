@@ -17,9 +17,9 @@ from companion.cli import main
 from companion.doctor import doctor
 from companion.live.status import address_in_use
 from companion.streams.publisher import Publisher, Stream
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import PATIENCE_S, Live, flown, free_port
 from .test_service_avoids import PARAMETERS

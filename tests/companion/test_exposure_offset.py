@@ -20,12 +20,12 @@ from companion.self_check.exposure_monitor import ExposureOffsetMonitor
 from companion.self_check.exposure_offset import ExposureOffset, OffsetState, config_line, warning_text
 from core.types import AttitudeSample, CameraInfo, DepthFrame
 from drivers.base import Event
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.flight import Rates, SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
 from drivers.simulation.scene_library import make_scene
 from drivers.simulation.sensor_model import TYPICAL
+from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 SECONDS = 20.0

@@ -23,7 +23,6 @@ from companion.pipeline.encode import blind_message, prisms_message
 from companion.pipeline.pipeline import PrismsResult
 from companion.pipeline.sync import AttitudeAt, DropCause, Source
 from companion.pipeline.transform import LevelTransform, transform_model
-from companion.streams.boot import boot_id
 from companion.streams.publisher import Publisher, Stream
 from companion.viewer.live_page import LivePage
 from companion.viewer.live_server import LiveServer
@@ -32,7 +31,8 @@ from core.frames import level_from_level_cam, quaternion_from_euler, rotation_fr
 from core.types import CameraInfo, DepthFrame
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import camera_message
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.boot import boot_id
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import until
 from .view_scenes import INFO, model

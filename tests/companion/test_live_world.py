@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from companion.viewer.live_world import LiveWorld, nearest_cm
-from core.world.snapshot import WorldPicture
 from core.world.world import World
+from osape_client.world.snapshot import WorldSnapshot
+from tests.client.test_world_mirror import WALLS, Speaker, look
 from tests.core.worlds import seen
 
 from .live import until
-from .test_world_stream import WALLS, Speaker, look
 
 HERE = (100.0, 50.0, -2.0)
 
 
-def picture(n: int) -> WorldPicture:
+def picture(n: int) -> WorldSnapshot:
     """A row of walls along x, the k-th one 4 m wide, seen at k."""
     x = 4.0 * np.arange(n)
     planes = np.stack([x, np.full(n, 50.0), x + 4.0, np.full(n, 50.0), np.full(n, -5.0), np.zeros(n)], axis=1)
-    return WorldPicture(
+    return WorldSnapshot(
         section=1, slots=np.arange(n, dtype=np.int32), planes=planes.astype(np.float32),
         margin_m=np.full(n, 0.1, np.float32), flags=np.zeros(n, np.uint8), hits=np.full(n, 3, np.int32),
         seen_ns=np.arange(n, dtype=np.int64), blocks=np.zeros((0, 3), np.int32), masks=np.zeros((0, 256), np.uint64),
@@ -31,7 +31,7 @@ def picture(n: int) -> WorldPicture:
 
 def test_all_planes_of_a_small_world_are_drawn_in_centimetres() -> None:
     assert nearest_cm(picture(2), None) == [0, 5000, 400, 5000, -500, 0, 400, 5000, 800, 5000, -500, 0]
-    assert nearest_cm(WorldPicture.empty(), HERE) == []
+    assert nearest_cm(WorldSnapshot.empty(), HERE) == []
 
 
 def test_of_a_large_one_those_near_the_vehicle_else_the_newest() -> None:

@@ -23,7 +23,10 @@ def locked(path: Path) -> dict[str, tuple[str, int]]:
 
 
 def named(requirements: list[str]) -> set[str]:
-    return {normal(re.split(r"[<>=\[; ]", r)[0]) for r in requirements} - {"osape-companion"}
+    return {normal(re.split(r"[<>=\[; ]", r)[0]) for r in requirements} - {
+        "osape-companion",
+        "osape-client",
+    }  # of this checkout
 
 
 @pytest.mark.parametrize("path", [SERVICE, DEVELOPMENT])

@@ -19,7 +19,7 @@ from core.frames import rotation_frd_optical, rotation_from_quaternion
 from core.types import ExtractorState, FrameStats, InvalidCause
 from drivers.logs import codec as wire
 from drivers.logs.topics import TOPICS, camera_name_fits, find_topic
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .made_up import INFO, START_NS, EasyExtractor, attitude, easy_model, flight, frame, pose
 

@@ -15,7 +15,7 @@ from companion.config.loader import config_of
 from companion.live.prometheus import LOOPBACK, MAX_REPORT_AGE_NS, OLD_NAMES, MetricsServer, metrics_text
 from companion.live.service import Service
 from companion.paths import Folders
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .test_status import report
 

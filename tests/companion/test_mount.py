@@ -23,10 +23,10 @@ from core.self_check.mount_cues import MountCues
 from core.self_check.mount_filter import FilterState
 from core.self_check.mount_params import MountCheckParams
 from core.types import AttitudeSample, CameraInfo, CameraMount, DepthFrame, Ground, InvalidCause
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info as simulated_info
 from drivers.simulation.source import render
+from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 LEVEL = (1.0, 0.0, 0.0, 0.0)

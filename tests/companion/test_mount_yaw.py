@@ -10,13 +10,13 @@ import pytest
 from companion.pipeline.mount_messages import mount_text
 from companion.self_check.mount_yaw import MountYaw, MountYawMonitor, add_yaw
 from core.types import CameraMount
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flight_path import FlightPath
 from drivers.simulation.flights import FlightPlan
 from drivers.simulation.scene_library import make_scene
 from drivers.simulation.sensor_model import TYPICAL
 from drivers.simulation.source import camera_info
+from osape_client.proto import osape_v1_pb2 as pb
 
 DEG = math.pi / 180.0
 SWAY = (0.01, 0.015, 0.005)

@@ -13,7 +13,7 @@ from companion.replay.replay_report import Replay, print_report
 from companion.replay.summary import ReplayCounts
 from core.types import CameraInfo, Intrinsics
 from drivers.logs.codec import camera_message
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 INFO = CameraInfo("front", Intrinsics(640, 480, 400.0, 400.0, 319.5, 239.5), max_range_m=20.0, ke_per_m=0.005)
 

@@ -17,8 +17,8 @@ from companion.pipeline.transform import LevelTransform
 from core.types import Ground
 from drivers.mavlink.dialect import dialect
 from drivers.simulation.firmware_models.ardupilot_layers import ArduPilotHeights
+from tests.client.test_solid_ground import model_of, room
 
-from ..core.test_solid_ground import model_of, room
 from .test_obstacle_sender import ARDUPILOT, AVOID, FAULTS, Chain, broken
 from .test_sectors import model
 

@@ -12,9 +12,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from core.query.queries import Answer
-from core.world.space import WorldSpace
 from core.world.world import World
+from osape_client.query.space import Occupancy
+from osape_client.world.space import WorldSpace
 from tests.core.worlds import NS, house, seen, wall
 from tests.golden import recording_path
 
@@ -58,10 +58,10 @@ def test_around_a_house_of_which_no_frame_saw_all(
     # the house is solid, grown by the vehicle
     assert np.maximum(np.abs(points[:, 0]), np.abs(points[:, 1])).min() > 3.4
     answers = around_a_house.points(points, 0.49)
-    assert Answer.OCCUPIED not in answers
+    assert Occupancy.OCCUPIED not in answers
     if unknown == "avoid":
         far = np.linalg.norm(points - start, axis=1) > 3.0
-        assert (answers[far] == Answer.FREE).all()
+        assert (answers[far] == Occupancy.FREE).all()
 
 
 def test_inside_of_what_was_flown_around_is_no_goal(pp: ModuleType, around_a_house: WorldSpace) -> None:

@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 import zmq
 
-from companion.streams.boot import boot_id
 from companion.streams.curve_auth import AllowList, beyond_loopback, load_keys, make_keys
 from companion.streams.publisher import Publisher, Stream
 from drivers.base import BadData, DeviceNotFound
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.boot import boot_id
+from osape_client.proto import osape_v1_pb2 as pb
 
 Context = zmq.Context[zmq.Socket[bytes]]
 

@@ -19,7 +19,7 @@ from companion.pipeline.pipeline import PrismsResult
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
 from core.types import CameraInfo, DepthFrame, FrameModel
 from drivers.logs.reader import McapRecording
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 CHECKOUT = Path(__file__).resolve().parent.parent.parent
 NEAR_M = 4.0

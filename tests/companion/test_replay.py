@@ -26,8 +26,8 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseS
 from drivers.logs.codec import attitude_message, camera_message, depth_message
 from drivers.logs.reader import McapRecording
 from drivers.logs.topics import TOPICS
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.flight import SimulatedFlight
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .made_up import Events, flight, write_flight
 

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot_link import AutopilotLine
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
 

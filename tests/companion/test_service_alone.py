@@ -11,9 +11,9 @@ from pathlib import Path
 
 from companion.autopilot.simulate_autopilot import simulated
 from drivers.logs.reader import McapRecording
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import ARDUPILOT
 from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import ARDUPILOT, PX4
 from drivers.simulation.autopilot_link import AutopilotLine
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, Live, flown, until
 

@@ -25,9 +25,9 @@ from core.extractor import Extractor
 from core.types import DepthFrame
 from drivers.logs.reader import McapRecording
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.flight import Rates, SimulatedFlight
 from drivers.simulation.source import camera_info
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, flown, until
 

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from drivers.mavlink.dialect import dialect
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, Live, flown, until
 from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told

@@ -15,9 +15,9 @@ from companion.cli import main
 from drivers.mavlink.signing import Signing, Verdict
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import SigningKey, load_key
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, flown, free_port, until
 from .test_service_avoids import CONFIG, PARAMETERS, Told

@@ -12,7 +12,6 @@ import pytest
 import zmq
 
 import companion.live.health as health
-import companion.paths as service_folders
 from companion.cameras.supervisor import CameraCondition, CameraStatus
 from companion.cli import main
 from companion.diagnostic import Diagnostic, DiagnosticCode
@@ -21,7 +20,8 @@ from companion.live.status import status_lines
 from companion.log.recorder import RecordStatus
 from companion.paths import folders
 from companion.streams.publisher import Publisher, Stream
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client import run_folder as service_run
+from osape_client.proto import osape_v1_pb2 as pb
 
 
 def report() -> pb.Health:
@@ -218,13 +218,13 @@ def test_the_system_s_service_is_found_unless_the_user_runs_one(
     for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(service_folders, "SYSTEM_RUN", tmp_path / "system")
+    monkeypatch.setattr(service_run, "SYSTEM_RUN", tmp_path / "system")
     cache = tmp_path / ".cache" / "osape-companion"
     cache.mkdir(parents=True)
-    assert service_folders.run_folder() == cache / "run"
+    assert service_run.run_folder() == cache / "run"
     (tmp_path / "system").mkdir()
-    assert service_folders.run_folder() == tmp_path / "system"
+    assert service_run.run_folder() == tmp_path / "system"
     assert folders().run == cache / "run"
-    assert service_folders.run_folder() == tmp_path / "system"
+    assert service_run.run_folder() == tmp_path / "system"
     (cache / "run" / "health").write_text("")
-    assert service_folders.run_folder() == cache / "run"
+    assert service_run.run_folder() == cache / "run"

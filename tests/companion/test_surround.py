@@ -17,7 +17,7 @@ from companion.pipeline.multi_camera import (
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.frames import horizontal_heading_rad, rotation_frd_optical, rotation_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, CameraMount, PoseSample
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame, pose
 

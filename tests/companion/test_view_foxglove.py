@@ -21,7 +21,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from companion.viewer.foxglove_server import FoxgloveServer
 from companion.viewer.subscriber import LiveSubscriber
 from drivers.base import DeviceNotFound
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import until
 from .test_live_feed import Told

@@ -27,8 +27,8 @@ from core.params import Params
 from core.types import DepthFrame
 from drivers.base import BadData, DeviceNotFound
 from drivers.logs.reader import McapRecording
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.flight import SimulatedFlight
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .made_up import INFO, EasyExtractor, flight
 from .recordings import frames_of

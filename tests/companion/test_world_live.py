@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.world_mirror import WorldMirror
-from core.query.queries import Answer
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.query.space import Occupancy
+from osape_client.world.mirror import WorldMirror
 
 from .live import PATIENCE_S, Live, flown, until
 from .test_service import CONFIG
@@ -34,11 +34,11 @@ def test_the_live_world_is_mirrored_and_ends_with_the_service(tmp_path: Path, re
             middle = np.column_stack(
                 [picture.planes[:, [0, 2]].mean(1), picture.planes[:, [1, 3]].mean(1), picture.planes[:, 4:].mean(1)]
             )
-            assert (mirror.space.points(middle, 0.01) == Answer.OCCUPIED).all()
+            assert (mirror.space.points(middle, 0.01) == Occupancy.OCCUPIED).all()
             health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)
             assert live.stop() == 0
             assert until(lambda: not mirror.update(0.05), 5.0)
-            assert Answer.FREE not in mirror.space.points(middle)
+            assert Occupancy.FREE not in mirror.space.points(middle)
     finally:
         live.close()
 

@@ -10,13 +10,13 @@ import pytest
 
 from core.extractor import Extractor
 from core.params import Params
-from core.query.queries import Answer, SeenFrom, Space
 from core.stages.classify import clear_range_m
 from core.types import FAR_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics
-from core.world.space import WorldSpace
 from core.world.world import Sight, World
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.source import Rendered, camera_info, render
+from osape_client.query.space import Occupancy, PlacedModel, Space
+from osape_client.world.space import WorldSpace
 
 from .views import CLEAN, VIEW, extract, free_to, level, seen
 
@@ -133,8 +133,8 @@ def test_an_object_that_was_measured_beyond_the_clip_is_not_free(name: str) -> N
     frame, points = beyond_the_clip(info, pitch_deg, down_m)
     model, _ = Extractor(Params()).extract(frame.depth_mm, info, frame.R_level_optical)
     assert model.valid
-    answers = Space([SeenFrom(model, (0.0, 0.0, 0.0))]).points(points)
-    assert (answers == Answer.FREE).sum() == 0
+    answers = Space([PlacedModel(model, (0.0, 0.0, 0.0))]).points(points)
+    assert (answers == Occupancy.FREE).sum() == 0
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -148,14 +148,14 @@ def test_frames_that_measured_an_object_beyond_their_clip_do_not_clear_it(name: 
         model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state)
         world.add(Sight(model=model, place_m=(0.0, 0.0, 0.0), t_ns=(1 + i) * NS // 10))
     before = WorldSpace(world.picture(3 * NS)).points(points, 0.1)
-    assert (before == Answer.OCCUPIED).mean() > 0.5
+    assert (before == Occupancy.OCCUPIED).mean() > 0.5
     state = ExtractorState()
     for i in range(60):
         model, state = extractor.extract(frame.depth_mm, info, frame.R_level_optical, state)
         world.add(Sight(model=model, place_m=(0.0, 0.0, 0.0), t_ns=(31 + i) * NS // 10))
     after = WorldSpace(world.picture(9 * NS)).points(points, 0.1)
-    assert (after == Answer.FREE).sum() == 0
-    assert (after == Answer.OCCUPIED).sum() == (before == Answer.OCCUPIED).sum()
+    assert (after == Occupancy.FREE).sum() == 0
+    assert (after == Occupancy.OCCUPIED).sum() == (before == Occupancy.OCCUPIED).sum()
 
 
 def test_a_wall_that_a_near_box_hides_is_not_free() -> None:

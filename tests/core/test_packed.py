@@ -11,7 +11,7 @@ from companion.pipeline.encode import MODEL_FIELDS
 from companion.pipeline.fast_encode import encode_model
 from core.stages.prism_table import prism_table
 from core.types import FrameModel, FrameStats, FreeProfile, Ground, InvalidCause, Prism
-from drivers.proto import osape_v1_pb2 as pb
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .tables import some_prisms
 

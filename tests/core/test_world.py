@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.query.queries import Answer
 from core.types import PlaneFlags
 from core.world.params import WorldParams
 from core.world.snapshot import WorldPicture
-from core.world.space import WorldSpace
 from core.world.world import Sight, World
+from osape_client.query.space import Occupancy
+from osape_client.world.space import WorldSpace
 
 from .worlds import NS, blind, house, seen, wall
 
@@ -104,7 +104,7 @@ def test_a_door_that_was_seen_through_stays_open_and_an_unseen_gap_is_closed_and
     now = fly(world, both, 25)
     p = world.picture(now)
     assert len(p.planes) == 2
-    assert WorldSpace(p).segments([[6, 0, 0]], [[12, 0, 0]], 0.1).tolist() == [Answer.FREE]
+    assert WorldSpace(p).segments([[6, 0, 0]], [[12, 0, 0]], 0.1).tolist() == [Occupancy.FREE]
     # the same two halves, of which each frame shows but one; nothing of the gap between is ever in view
     world = World(FAR_STEPS)
     for k in range(10):
@@ -113,7 +113,7 @@ def test_a_door_that_was_seen_through_stays_open_and_an_unseen_gap_is_closed_and
     p = world.picture(20 * STEP)
     assert len(p.planes) == 1
     assert p.flags[0] & PlaneFlags.INFERRED
-    assert WorldSpace(p).segments([[6, 0, 0]], [[12, 0, 0]], 0.1).tolist() == [Answer.OCCUPIED]
+    assert WorldSpace(p).segments([[6, 0, 0]], [[12, 0, 0]], 0.1).tolist() == [Occupancy.OCCUPIED]
     # until it is measured after all
     world.add(seen(np.array([wall(9.0, -6.0, 9.0, 6.0)]), (0.0, 0.0), 0.0, 21 * STEP))
     assert not world.picture(21 * STEP).flags[0] & PlaneFlags.INFERRED
@@ -146,12 +146,12 @@ def test_what_moved_away_is_gone_after_some_looks_and_then_free() -> None:
     back, car = wall(15.0, -8.0, 15.0, 8.0), wall(7.0, -1.0, 7.0, 1.0)
     world = World()
     now = fly(world, np.array([back, car]), 10, speed=0.0)
-    assert WorldSpace(world.picture(now)).points([[7, 0, 0]], 0.3).tolist() == [Answer.OCCUPIED]
+    assert WorldSpace(world.picture(now)).points([[7, 0, 0]], 0.3).tolist() == [Occupancy.OCCUPIED]
     for k in range(10, 20):
         world.add(seen(np.array([back]), (0.0, 0.0), 0.0, k * STEP))
         answer = WorldSpace(world.picture(k * STEP)).points([[7, 0, 0]], 0.3)[0]
         gone = k - 9 >= world.params.clear_after + 10 // 4  # ten looks onto it before
-        assert answer == (Answer.FREE if gone else Answer.OCCUPIED)
+        assert answer == (Occupancy.FREE if gone else Occupancy.OCCUPIED)
     assert len(world.picture(20 * STEP).planes) == 1
     assert world.numbers()["cleared"] == 1
 
@@ -175,18 +175,18 @@ def test_a_wall_that_noise_hides_now_and_then_stays() -> None:
     fly(world, walls, 10, speed=0.0)
     for k, hide in enumerate(hidden, start=10):
         world.add(seen(nothing if hide else walls, (0.0, 0.0), 0.0, k * STEP))
-        assert WorldSpace(world.picture(k * STEP)).points([[8, 0, 0]], 0.2).tolist() == [Answer.OCCUPIED]
+        assert WorldSpace(world.picture(k * STEP)).points([[8, 0, 0]], 0.2).tolist() == [Occupancy.OCCUPIED]
 
 
 def test_a_new_thing_in_a_place_known_to_be_free_is_there_at_once() -> None:
     world = World()
     now = fly(world, np.zeros((0, 6)), 20, speed=0.0)
     place = [[7.0, 0.0, 0.0]]
-    assert WorldSpace(world.picture(now)).points(place, 0.3).tolist() == [Answer.FREE]
+    assert WorldSpace(world.picture(now)).points(place, 0.3).tolist() == [Occupancy.FREE]
     world.add(seen(np.array([wall(7.0, -1.0, 7.0, 1.0)]), (0.0, 0.0), 0.0, now))
     space = WorldSpace(world.picture(now))
-    assert space.points(place, 0.3).tolist() == [Answer.OCCUPIED]
-    assert space.segments([[4, 0, 0]], [[10, 0, 0]]).tolist() == [Answer.OCCUPIED]
+    assert space.points(place, 0.3).tolist() == [Occupancy.OCCUPIED]
+    assert space.segments([[4, 0, 0]], [[10, 0, 0]]).tolist() == [Occupancy.OCCUPIED]
 
 
 # ---- unknown ----------------------------------------------------------------------------------------------------------
@@ -196,24 +196,24 @@ def test_behind_a_sheet_and_inside_of_a_house_nothing_is_free() -> None:
     world, walls = World(), house(0.0, 0.0)
     now = around(world, walls)
     grid = np.stack(np.meshgrid(np.arange(-2.9, 3, 0.1), np.arange(-2.9, 3, 0.1), [-0.5, 0.0, 0.5]), axis=-1)
-    assert Answer.FREE not in WorldSpace(world.picture(now)).points(grid.reshape(-1, 3), 0.05)
+    assert Occupancy.FREE not in WorldSpace(world.picture(now)).points(grid.reshape(-1, 3), 0.05)
     world = World()
     now = fly(world, np.array([wall(8.0, -4.0, 8.0, 4.0)]), 10, speed=0.0)
     behind = [[x, y, 0.0] for x in np.arange(8.5, 16, 0.25) for y in np.arange(-2.5, 2.5, 0.25)]
-    assert set(WorldSpace(world.picture(now)).points(behind).tolist()) == {Answer.UNKNOWN}
+    assert set(WorldSpace(world.picture(now)).points(behind).tolist()) == {Occupancy.UNKNOWN}
 
 
 def test_what_was_seen_long_ago_is_unknown_again() -> None:
     world = World(WorldParams(free_age_s=10.0))
     now = fly(world, np.zeros((0, 6)), 10, speed=0.0)
     place = [[7.0, 0.0, 0.0]]
-    assert WorldSpace(world.picture(now)).points(place).tolist() == [Answer.FREE]
-    assert WorldSpace(world.picture(now + 10 * NS)).points(place).tolist() == [Answer.UNKNOWN]
+    assert WorldSpace(world.picture(now)).points(place).tolist() == [Occupancy.FREE]
+    assert WorldSpace(world.picture(now + 10 * NS)).points(place).tolist() == [Occupancy.UNKNOWN]
     # the camera looks elsewhere meanwhile
     for k in range(10, 130):
         world.add(seen(np.zeros((0, 6)), (0.0, 0.0), math.pi, k * STEP))
     answers = WorldSpace(world.picture(130 * STEP)).points([*place, [-7.0, 0.0, 0.0]])
-    assert answers.tolist() == [Answer.UNKNOWN, Answer.FREE]
+    assert answers.tolist() == [Occupancy.UNKNOWN, Occupancy.FREE]
 
 
 def test_blind_frames_change_nothing_and_an_empty_world_knows_nothing() -> None:
@@ -222,7 +222,7 @@ def test_blind_frames_change_nothing_and_an_empty_world_knows_nothing() -> None:
         world.add(blind(k))
     p = world.picture(0)
     assert len(p.planes) == 0
-    assert WorldSpace(p).points([[3, 0, 0]]).tolist() == [Answer.UNKNOWN]
+    assert WorldSpace(p).points([[3, 0, 0]]).tolist() == [Occupancy.UNKNOWN]
     assert world.numbers()["blind"] == 5
     now = fly(world, np.array([wall(8.0, -4.0, 8.0, 4.0)]), 10)
     before = world.picture(now)
@@ -246,7 +246,7 @@ def test_a_jump_begins_a_new_section_and_nothing_is_smeared(change: dict, why: s
     walls = np.array([wall(8.0, -4.0, 8.0, 4.0)])
     world = World(WorldParams(jump_speed_m_s=5.0))
     now = fly(world, walls, 10, speed=0.0)
-    assert WorldSpace(world.picture(now)).points([[4, 1, 0]]).tolist() == [Answer.FREE]
+    assert WorldSpace(world.picture(now)).points([[4, 1, 0]]).tolist() == [Occupancy.FREE]
     sight = replace(seen(walls + np.array([0.2, 0, 0.2, 0, 0, 0]), (0.0, 0.0), 0.6, now), **change)
     world.add(sight)
     p = world.picture(sight.t_ns)
@@ -255,7 +255,7 @@ def test_a_jump_begins_a_new_section_and_nothing_is_smeared(change: dict, why: s
     assert world.counts.why == {"first": 1, why: 1}
     assert [s.planes for s in world.past] == [1]
     # what only the old section saw is not free any more
-    assert WorldSpace(p).points([[4, -2, 0]]).tolist() == [Answer.UNKNOWN]
+    assert WorldSpace(p).points([[4, -2, 0]]).tolist() == [Occupancy.UNKNOWN]
 
 
 def test_sections_are_bounded_and_counted() -> None:

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.jit import kernel
-from core.query.queries import balls_free
 from core.types import FreeProfile
 from core.world.free_grid import (
     BLOCKS,
@@ -25,6 +24,7 @@ from core.world.free_grid import (
     seen_blocks,
     stand_in,
 )
+from osape_client.query.space import balls_free
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.query.queries import Answer
+from companion.streams.world_messages import plane_records
 from core.world.params import WorldParams
-from core.world.serialize import MAGIC, ON_DISK, ON_WIRE, box_of_records, bytes_of, moved, sections_of, wire_records
-from core.world.space import WorldSpace
+from core.world.serialize import MAGIC, ON_DISK, box_of_records, bytes_of, moved, sections_of
 from core.world.world import World
+from osape_client.query.space import Occupancy
+from osape_client.world.decode import PLANE_RECORD
+from osape_client.world.space import WorldSpace
 
 from .worlds import NS, house, seen, wall
 
@@ -31,9 +33,9 @@ def flown(walls: np.ndarray, frames: range, turns: float = 1.0, seed: int = 1) -
 
 def test_a_plane_takes_at_most_64_bytes() -> None:
     assert ON_DISK.itemsize <= 64
-    assert ON_WIRE.itemsize <= 64
+    assert PLANE_RECORD.itemsize <= 64
     world = flown(house(0.0, 0.0), range(120))
-    assert len(wire_records(world.picture(0), 0)) == 4 * ON_WIRE.itemsize
+    assert len(plane_records(world.picture(0), 0)) == 4 * PLANE_RECORD.itemsize
     assert len(bytes_of(world.saved())) <= 4 * 64 + 64
 
 
@@ -57,7 +59,7 @@ def test_coordinates_come_back_to_a_centimetre_and_never_smaller_in_height(seed:
     assert (back.margin_m >= saved.margin_m - 2e-6).all()
     assert np.allclose(back.moments, saved.moments, rtol=1e-6, atol=1e-3)
     assert np.array_equal(back.hits, saved.hits)
-    records = np.frombuffer(wire_records(world.picture(8), 8), ON_WIRE)
+    records = np.frombuffer(plane_records(world.picture(8), 8), PLANE_RECORD)
     assert np.allclose(box_of_records(records), back.box)
 
 
@@ -100,12 +102,12 @@ def test_a_saved_world_goes_on_and_nothing_of_it_is_free() -> None:
     world.begin_with(sections_of(bytes_of(first.saved()))[0])
     space = WorldSpace(world.picture(0))
     assert [p.closed for p in space.prisms] == [True]
-    assert space.points([[0, 0, 0], [8, 0, 0]], 0.3).tolist() == [Answer.OCCUPIED, Answer.UNKNOWN]
+    assert space.points([[0, 0, 0], [8, 0, 0]], 0.3).tolist() == [Occupancy.OCCUPIED, Occupancy.UNKNOWN]
     for k in range(30):
         world.add(seen(house(0.0, 0.0), (10.0, 0.01 * k), math.pi, 77 * NS + k * NS // 10, reset_counter=9))
     assert world.counts.sections == 1
     assert len(world.picture(80 * NS).planes) == 4
-    assert WorldSpace(world.picture(80 * NS)).points([[8, 0, 0]], 0.3).tolist() == [Answer.FREE]
+    assert WorldSpace(world.picture(80 * NS)).points([[8, 0, 0]], 0.3).tolist() == [Occupancy.FREE]
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])

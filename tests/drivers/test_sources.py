@@ -16,12 +16,12 @@ from drivers.cameras.oak import OakSettings, OakSource
 from drivers.cameras.v4l2_depth import V4l2Source
 from drivers.cameras.zed_uvc import ZedSettings, ZedSource
 from drivers.logs.reader import McapRecording
-from drivers.proto import osape_v1_pb2 as pb
 from drivers.simulation.camera import SimulatedDepthSource, Simulation
 from drivers.simulation.flight import SimulatedFlight
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import EndlessFlight
 from drivers.simulation.source import camera_info
+from osape_client.proto import osape_v1_pb2 as pb
 
 from .oak_host import HostLink, depth_message
 from .test_v4l2_depth import SETTINGS, FakeStream, buffer

@@ -106,15 +106,16 @@ def install_software(stage: Path) -> None:
     shutil.rmtree(home, ignore_errors=True)
     source = stage / "source"
     shutil.rmtree(source, ignore_errors=True)
-    for part in ("core", "drivers", "companion", "systemd", "configs", "docs"):
+    for part in ("core", "drivers", "companion", "clients/python", "systemd", "configs", "docs"):
         shutil.copytree(CHECKOUT / part, source / part, ignore=shutil.ignore_patterns("__pycache__", "pictures"))
-    for name in ("pyproject.toml", "README.md"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "NOTICE"):
         shutil.copy2(CHECKOUT / name, source / name)
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed"]
-    subprocess.run([*pip, "--prefix", str(home), str(source)], check=True, cwd=stage)
+    subprocess.run([*pip, "--prefix", str(home), str(source / "clients/python"), str(source)], check=True, cwd=stage)
     site = home / "lib" / f"python{sysconfig.get_python_version()}" / "site-packages"
     for file in site.rglob("*.py"):  # numba asks for the times of kernels' sources
-        original = CHECKOUT / file.relative_to(site)
+        relative = file.relative_to(site)
+        original = CHECKOUT / ("clients/python" if relative.parts[0] == "osape_client" else "") / relative
         if original.exists():
             shutil.copystat(original, file)
     (site / "vm.pth").write_text(

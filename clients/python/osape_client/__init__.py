@@ -1,0 +1,32 @@
+"""Client library for the obstacle streams of osape-companion. Needs pyzmq, protobuf and numpy only."""
+
+from .curve_keys import KeyFileError
+from .model import CameraModel, FreeEnd, FreeProfile, Ground, PlaneFlags, Prism
+from .query.space import Occupancy, PlacedModel, Space
+from .subscriber import Message, ReceiveStats, Subscriber, UnavailableCamera
+from .world.level_memory import LevelMemory
+from .world.mirror import MirrorStats, WorldMirror
+from .world.snapshot import WorldSnapshot
+from .world.space import WorldSpace
+
+__all__ = [
+    "CameraModel",
+    "FreeEnd",
+    "FreeProfile",
+    "Ground",
+    "KeyFileError",
+    "LevelMemory",
+    "Message",
+    "MirrorStats",
+    "Occupancy",
+    "PlacedModel",
+    "PlaneFlags",
+    "Prism",
+    "ReceiveStats",
+    "Space",
+    "Subscriber",
+    "UnavailableCamera",
+    "WorldMirror",
+    "WorldSnapshot",
+    "WorldSpace",
+]

@@ -1,0 +1,1 @@
+"""Queries of the newest frames: free, occupied or unknown."""

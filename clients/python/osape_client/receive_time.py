@@ -1,0 +1,46 @@
+"""Age of messages that waited unread in a socket: a planner that was busy must not take an old message for a new one.
+
+A socket does not tell when a message arrived. A message that was there at the first look arrived after the socket was last
+seen empty; its age counts from then. On the service's own machine the time stamp of the exposure gives the age directly.
+"""
+
+from __future__ import annotations
+
+import time
+
+import zmq
+
+from .boot import boot_id
+from .proto import osape_v1_pb2 as pb
+
+
+class TimedSocket:
+    """A receiving socket that bounds the arrival time of each message. It owns the socket and closes it."""
+
+    def __init__(self, socket: zmq.Socket[bytes]) -> None:
+        self.socket = socket
+        self._empty_ns = time.monotonic_ns()
+
+    def take(self, timeout_ms: int = 0) -> tuple[bytes, int] | None:
+        """(message, the earliest time at which it can have arrived, on this process's monotonic clock); None when no message
+        came within the timeout."""
+        polled_ns = time.monotonic_ns()
+        if self.socket.poll(0):
+            return self.socket.recv(), self._empty_ns
+        self._empty_ns = polled_ns
+        if timeout_ms <= 0 or not self.socket.poll(timeout_ms):
+            return None
+        return self.socket.recv(), time.monotonic_ns()  # it arrived during the wait
+
+    def close(self) -> None:
+        """May be called twice."""
+        self.socket.close(0)
+
+
+def age_ns(publication: pb.Publication, t_ns: int, received_ns: int) -> int:
+    """Upper bound of the present age of an exposure at t_ns on the service's clock. From another machine it lacks the time
+    on the network. received_ns: as `TimedSocket.take` returned it."""
+    now_ns = time.monotonic_ns()
+    if publication.boot_id == boot_id():
+        return max(now_ns - t_ns, publication.age_ns)  # one clock
+    return publication.age_ns + now_ns - received_ns

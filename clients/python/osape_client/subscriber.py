@@ -1,0 +1,233 @@
+"""Receiving the obstacle stream: the newest message, its age, and queries of free, occupied and unknown space.
+
+    from osape_client import Subscriber
+
+    with Subscriber() as subscriber:
+        for message in subscriber.messages():
+            if message.stale or not message.valid:
+                continue  # nothing may be taken as free
+            print(message.space.segments([[0, 0, 0]], [[5, 0, 0]], radius_m=0.5))
+
+ZeroMQ reconnects by itself when the service is restarted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+
+import zmq
+from google.protobuf.message import DecodeError
+
+from .curve_keys import use_client_keys
+from .decode import cause_code, model_from_message
+from .proto import osape_v1_pb2 as pb
+from .query.space import PlacedModel, Space
+from .receive_time import TimedSocket, age_ns
+from .run_folder import run_folder
+
+NS = 1_000_000_000
+SCHEMA_VERSION = 1
+TIMEOUT_S = 0.4
+"""Default age at which a message becomes stale. The service itself reports a camera as unavailable after 0.3 s."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnavailableCamera:
+    """A camera without a valid frame: nothing may be taken as free in its view. code: for programs
+    (docs/reference/diagnostics.md of the service); text: for people."""
+
+    camera: str
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Message:
+    """One message. content: osape.v1.PrismsFrame of one camera, or SurroundFrame of several. received_ns: the earliest time
+    at which it can have arrived, on this process's monotonic clock; timeout_s: the age at which it becomes stale."""
+
+    content: pb.PrismsFrame | pb.SurroundFrame
+    received_ns: int
+    timeout_s: float = TIMEOUT_S
+
+    @property
+    def frame(self) -> str:
+        """The frame of all coordinates: "ned", or "level" without a position (docs/reference/frames.md of the service)."""
+        return str(self.content.frame)
+
+    @property
+    def valid(self) -> bool:
+        """False: at least one camera is unavailable, see `unavailable`; nothing may be taken as free in its view."""
+        return bool(self.content.valid)
+
+    @property
+    def unavailable(self) -> tuple[UnavailableCamera, ...]:
+        """The cameras without a valid frame, with the reason."""
+        parts = [self.content] if isinstance(self.content, pb.PrismsFrame) else self.content.cameras
+        return tuple(
+            UnavailableCamera(part.camera, cause_code(part.cause), str(part.cause_text))
+            for part in parts
+            if not part.valid
+        )
+
+    @property
+    def cause(self) -> str:
+        """Why the message is not valid, in words; empty when it is."""
+        if isinstance(self.content, pb.PrismsFrame):
+            return str(self.content.cause_text)
+        return "; ".join(f"{c.camera}: {c.text}" for c in self.unavailable)
+
+    @property
+    def age_s(self) -> float:
+        """Upper bound of the present age of the exposure. On another machine it lacks the time on the network."""
+        m = self.content
+        t_ns = m.t_exposure_ns if isinstance(m, pb.PrismsFrame) else m.t_ns
+        return age_ns(m.publication, t_ns, self.received_ns) / NS
+
+    @property
+    def stale(self) -> bool:
+        """Whether it is too old to be used. A stopped service is detected by this alone."""
+        return not self.age_s <= self.timeout_s
+
+    @cached_property
+    def space(self) -> Space:
+        """Queries of this message. Unavailable cameras contribute neither free nor occupied space. If the parts of a message
+        do not fit together everything is unknown."""
+        frames = self.content.cameras if isinstance(self.content, pb.SurroundFrame) else [self.content]
+        models = []
+        for frame in frames:
+            try:
+                model = model_from_message(frame) if frame.valid else None
+            except ValueError:
+                return Space([])
+            if model is not None:
+                at = frame.transform.translation_m
+                models.append(PlacedModel(model, (at.x, at.y, at.z)))
+        return Space(models)
+
+
+@dataclass(slots=True)
+class ReceiveStats:
+    """Counts of received messages. undecodable: not a message of this schema; out_of_order: not newer than an earlier one;
+    last_error: the address and cause of the last undecodable one."""
+
+    messages: int = 0
+    undecodable: int = 0
+    out_of_order: int = 0
+    last_error: str = ""
+
+
+class Subscriber:
+    """Receives the obstacle stream of the service; only the newest message is kept.
+
+    address: None: the service on this machine; all_cameras: receive all cameras as one message, where several are
+    configured; timeout_s: age at which a message becomes stale; keys: folder of this client's CURVE keys, for a service on
+    another machine. Raises KeyFileError. Not thread-safe: use one subscriber per thread."""
+
+    def __init__(
+        self,
+        address: str | None = None,
+        *,
+        all_cameras: bool = False,
+        timeout_s: float = TIMEOUT_S,
+        keys: Path | None = None,
+    ) -> None:
+        self._kind = pb.SurroundFrame if all_cameras else pb.PrismsFrame
+        self.address = address or f"ipc://{run_folder()}/{'surround' if all_cameras else 'prisms'}"
+        self._timeout_s = timeout_s
+        self.stats = ReceiveStats()
+        self._newest: Message | None = None
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        socket = self._context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.CONFLATE, 1)  # keep the newest message only
+        socket.setsockopt(zmq.LINGER, 0)
+        if keys is not None:
+            use_client_keys(socket, keys)
+        socket.connect(self.address)
+        self._socket = TimedSocket(socket)
+
+    def __enter__(self) -> Subscriber:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._socket.close()
+        self._context.term()
+
+    def latest(self) -> Message | None:
+        """The newest message, without waiting; None before the first. Check `stale`: it may be an old one."""
+        while self._receive(0):
+            pass
+        return self._newest
+
+    def wait(self, timeout_s: float) -> Message | None:
+        """The next message; None when none comes within timeout_s."""
+        end_ns = time.monotonic_ns() + round(timeout_s * NS)
+        while True:
+            left_ms = max(0, (end_ns - time.monotonic_ns()) // 1_000_000)
+            if self._receive(left_ms):
+                return self._newest
+            if time.monotonic_ns() >= end_ns:
+                return None
+
+    def messages(self, silence_s: float = 1.0) -> Iterator[Message]:
+        """Each message as it comes. After silence_s without one the last message is repeated; its age then shows that nothing
+        comes."""
+        while True:
+            message = self.wait(silence_s) or self._newest
+            if message is not None:
+                yield message
+
+    def subscribe(self, on_message: Callable[[Message], bool | None], silence_s: float = 1.0) -> None:
+        """Calls on_message with each of `messages` until it returns False."""
+        for message in self.messages(silence_s):
+            if on_message(message) is False:
+                return
+
+    def _receive(self, timeout_ms: int) -> bool:
+        """Receives one message. False: none came, or it was not used."""
+        received = self._socket.take(timeout_ms)
+        if received is None:
+            return False
+        data, received_ns = received
+        content = self._kind()
+        try:
+            content.ParseFromString(data)
+        except DecodeError as error:
+            self._count_undecodable(f"{len(data)} bytes are not a {self._kind.DESCRIPTOR.name} ({error})")
+            return False
+        if content.schema_version != SCHEMA_VERSION:
+            self._count_undecodable(
+                f"schema version {content.schema_version}; this client reads {SCHEMA_VERSION}: update osape-client"
+            )
+            return False
+        if not self._is_newer(content):
+            self.stats.out_of_order += 1
+            return False
+        self.stats.messages += 1
+        self._newest = Message(content, received_ns, self._timeout_s)
+        return True
+
+    def _is_newer(self, content: pb.PrismsFrame | pb.SurroundFrame) -> bool:
+        """Whether it was published after the newest one; a restarted service counts from 0 again."""
+        if self._newest is None:
+            return True
+        before, after = self._newest.content.publication, content.publication
+        return (
+            before.boot_id != after.boot_id or after.number > before.number or after.number == 0 or self._newest.stale
+        )
+
+    def _count_undecodable(self, error: str) -> None:
+        self.stats.undecodable += 1
+        self.stats.last_error = f"{self.address}: {error}"

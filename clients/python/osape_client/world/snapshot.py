@@ -1,0 +1,61 @@
+"""The merged world at one moment, as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import set_readonly
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class WorldSnapshot:
+    """Planes and free space of one section of the world, in ned, metres.
+
+    slots: (N,) int32, the number of each plane during its life; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom,
+    free space on the right of a -> b seen from above; margin_m: (N,) float32; flags: (N,) uint8 PlaneFlags; hits: (N,)
+    int32 observations of each plane; seen_ns: (N,) int64 time of the newest one. blocks: (B, 3) int32 indices of blocks of
+    8 x 8 x 32 m; masks: (B, 256) uint64, one bit for each of the 64 cells of 0.5 m in a column: known to be free. ground:
+    (B, 256, 2) float32 z of the ground's highest point in each column and its noise, nan where it is unknown; None:
+    unknown everywhere. Raises ValueError for arrays that do not fit together."""
+
+    section: int
+    slots: NDArray[np.int32]
+    planes: NDArray[np.float32]
+    margin_m: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    hits: NDArray[np.int32]
+    seen_ns: NDArray[np.int64]
+    blocks: NDArray[np.int32]
+    masks: NDArray[np.uint64]
+    ground: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        n, b = len(self.slots), len(self.blocks)
+        set_readonly(self, "slots", np.int32, (n,))
+        set_readonly(self, "planes", np.float32, (n, 6))
+        set_readonly(self, "margin_m", np.float32, (n,))
+        set_readonly(self, "flags", np.uint8, (n,))
+        set_readonly(self, "hits", np.int32, (n,))
+        set_readonly(self, "seen_ns", np.int64, (n,))
+        set_readonly(self, "blocks", np.int32, (b, 3))
+        set_readonly(self, "masks", np.uint64, (b, 256))
+        if self.ground is not None:
+            set_readonly(self, "ground", np.float32, (b, 256, 2))
+
+    @classmethod
+    def empty(cls) -> WorldSnapshot:
+        """A snapshot in which everything is unknown."""
+        return cls(
+            section=0,
+            slots=np.zeros(0, np.int32),
+            planes=np.zeros((0, 6), np.float32),
+            margin_m=np.zeros(0, np.float32),
+            flags=np.zeros(0, np.uint8),
+            hits=np.zeros(0, np.int32),
+            seen_ns=np.zeros(0, np.int64),
+            blocks=np.zeros((0, 3), np.int32),
+            masks=np.zeros((0, 256), np.uint64),
+        )

@@ -1,1 +1,0 @@
-"""Three-valued queries: free, occupied or unknown."""

@@ -1,0 +1,141 @@
+"""The C++ example is built from the .proto and hears what the service says, where a compiler and the libraries are."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+
+from companion.pipeline.decode_model import model_from_message
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.query.space import Occupancy, PlacedModel, Space
+
+SOURCE = Path(__file__).resolve().parents[2] / "examples" / "cpp"
+
+
+def missing() -> str:
+    tools = [tool for tool in ("c++", "cmake", "protoc", "pkg-config") if shutil.which(tool) is None]
+    if tools:
+        return f"not here: {', '.join(tools)}"
+    known = subprocess.run(["pkg-config", "--exists", "libzmq", "protobuf"], check=False)
+    return "" if known.returncode == 0 else "no headers of libzmq or protobuf"
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if missing():
+        pytest.skip(f"the C++ example cannot be built: {missing()}")
+    build = tmp_path_factory.mktemp("cpp")
+    for command in (["cmake", "-S", SOURCE, "-B", build], ["cmake", "--build", build]):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return build / "subscriber"
+
+
+@pytest.fixture
+def publisher(tmp_path: Path) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(zmq.XPUB) as socket:
+        socket.setsockopt(zmq.XPUB_VERBOSE, 1)
+        socket.bind(f"ipc://{tmp_path}/prisms")
+        yield socket
+
+
+def heard(program: Path, publisher: zmq.Socket[bytes], message: bytes | None) -> str:
+    address = publisher.getsockopt_string(zmq.LAST_ENDPOINT)
+    with subprocess.Popen([program, address, "1"], stdout=subprocess.PIPE, text=True) as process:
+        assert publisher.poll(10_000), "it did not subscribe"
+        publisher.recv()
+        if message is not None:
+            publisher.send(message)
+        said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0
+    return said.strip()
+
+
+def frame(**more: object) -> pb.PrismsFrame:
+    wall = pb.Planes(corners_m=[6, 3, 6, -3, -2, 2, 9, 1, 9, -1, 0, 1], margin_m=[0.25, 0.25])
+    return pb.PrismsFrame(schema_version=1, frame="level", valid=True, planes=wall, **more)
+
+
+def test_planes_and_the_nearest_of_them(program: Path, publisher: zmq.Socket[bytes]) -> None:
+    said = heard(program, publisher, frame(publication=pb.Publication(age_ns=20_000_000)).SerializeToString())
+    assert said.startswith("level: 2 planes, 0 prisms, nearest 5.75 m, 2")
+
+
+@pytest.mark.parametrize(
+    ("message", "why"),
+    [
+        (frame(publication=pb.Publication(age_ns=900_000_000)).SerializeToString(), "0.9 s old"),
+        (pb.PrismsFrame(schema_version=1, cause_text="camera front is silent").SerializeToString(), "camera front is silent"),
+        (b"\xff" * 40, "not a message of this version"),
+        (pb.PrismsFrame(schema_version=2, valid=True).SerializeToString(), "not a message of this version"),
+        (None, "no news"),
+    ],
+    ids=["stale", "blind", "foreign", "of another version", "silent"],
+)  # fmt: skip
+def test_what_says_nothing_frees_nothing(
+    program: Path, publisher: zmq.Socket[bytes], message: bytes | None, why: str
+) -> None:
+    assert heard(program, publisher, message) == f"nothing may be taken as free: {why}"
+
+
+def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) -> pb.PrismsFrame:
+    """A frame of a wall and of inclined ground 2 m below a camera whose view begins anywhere."""
+    directions = 12
+    edges = rng.uniform(-4.0, 4.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), directions + 1)
+    size = 4 * directions
+    made = frame(stats=pb.FrameStats(planes=2))
+    made.planes.support_px.extend([9, 9])
+    made.planes.flags.extend([0, 0])
+    made.planes.cluster.extend([0, 0])
+    made.free.CopyFrom(
+        pb.FreeProfile(
+            azimuth_edges_rad=edges, layer_edges_m=camera[2] + np.array([-4.0, -2.0, 0.0, 2.0, 4.0]),
+            free_from_m=rng.uniform(0.0, 3.0, size), free_to_m=rng.choice([0.0, 6.0, 12.0], size), end=bytes(size),
+        )
+    )  # fmt: skip
+    made.ground.CopyFrom(
+        pb.Ground(
+            seen=True, height_m=2.0, slope_x=rng.uniform(-0.1, 0.1), slope_y=rng.uniform(-0.1, 0.1), tolerance_m=0.25,
+            noise_per_m=0.03, seen_from_m=rng.uniform(0.0, 3.0, directions), seen_to_m=rng.choice([0.0, 5.0, 9.0], directions),
+        )
+    )  # fmt: skip
+    t = made.transform.translation_m
+    t.x, t.y, t.z = camera
+    return made
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    camera = tuple(rng.uniform(-3.0, 3.0, 3))
+    message = over_ground(rng, camera)
+    if seed == 3:
+        message.ground.ClearField("tolerance_m")  # as an older version wrote it
+    p = rng.uniform([-12, -12, -4], [12, 12, 5], (4000, 3)) + camera
+    radius_m = 0.15 * seed
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    asked = "\n".join(f"{x:.17g} {y:.17g} {z:.17g} {radius_m}" for x, y, z in p)
+    done = subprocess.run([program.parent / "ask", file], input=asked, capture_output=True, text=True, check=True)
+    model = model_from_message(message)
+    assert model is not None
+    expected = Space([PlacedModel(model, camera)]).points(p, radius_m)
+    assert set(expected.tolist()) == {Occupancy.UNKNOWN, Occupancy.FREE, Occupancy.OCCUPIED}
+    assert [int(line) for line in done.stdout.split()] == expected.tolist()
+
+
+@pytest.mark.parametrize("name", ["height_m", "slope_x", "tolerance_m", "noise_per_m"])
+def test_of_a_damaged_ground_it_knows_nothing(program: Path, tmp_path: Path, name: str) -> None:
+    message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
+    setattr(message.ground, name, float("nan"))
+    file = tmp_path / "frame"
+    file.write_bytes(message.SerializeToString())
+    asked = "\n".join(f"{x} 0.5 1.0 0.1" for x in range(-10, 10))
+    done = subprocess.run([program.parent / "ask", file], input=asked, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {str(int(Occupancy.UNKNOWN))}

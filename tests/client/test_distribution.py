@@ -1,0 +1,158 @@
+"""The two distributions: their licence files, and osape-client in an environment that has only its three dependencies."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+import zmq
+
+from companion.pipeline.encode import prisms_message
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.streams.publisher import Publisher, Stream
+from osape_client.proto import osape_v1_pb2 as pb
+from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = {
+    "osape-client": (ROOT / "clients" / "python", ("osape_client",)),
+    "osape-companion": (ROOT, ("core", "drivers", "companion", "systemd", "configs", "docs")),
+}
+DEPENDENCIES = ("numpy", "pyzmq", "protobuf")
+BUILD = "import sys; from setuptools import build_meta; build_meta.build_wheel('dist'); build_meta.build_sdist('dist')"
+SUBSCRIBE = """
+import importlib.util, sys
+absent = "core drivers companion numba scipy cv2 mcap pydantic pymavlink".split()
+assert [name for name in absent if importlib.util.find_spec(name)] == []
+from osape_client import Subscriber, WorldMirror
+with Subscriber(sys.argv[1]) as subscriber:
+    message = subscriber.wait(60.0)
+    assert message is not None, subscriber.stats
+    print(message.frame, message.valid, message.stale, message.space.points([[0.5, 0, 0]]).tolist())
+with WorldMirror(sys.argv[1], sys.argv[1]) as mirror:
+    print(mirror.usable, mirror.space.points([[0, 0, 0]]).tolist())
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Distribution -> the folder with its wheel and its sdist, built from a copy of the sources."""
+    folders = {}
+    for name, (source, parts) in PARTS.items():
+        copy = tmp_path_factory.mktemp(name)
+        for part in parts:
+            shutil.copytree(
+                source / part, copy / part, ignore=shutil.ignore_patterns("__pycache__", "pictures", "research")
+            )
+        for file in ("pyproject.toml", "README.md", "LICENSE", "NOTICE"):
+            shutil.copy2(source / file, copy / file)
+        (copy / "dist").mkdir()
+        done = subprocess.run([sys.executable, "-c", BUILD], cwd=copy, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        folders[name] = copy / "dist"
+    return folders
+
+
+@pytest.fixture(scope="module")
+def interpreter(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Python of a fresh environment with the client's wheel and links to its three dependencies, without an index."""
+    home = tmp_path_factory.mktemp("environment")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
+    python = home / "bin" / "python"
+    (wheel,) = built["osape-client"].glob("*.whl")
+    pip = [sys.executable, "-m", "pip", "--python", python, "--disable-pip-version-check", "install", "--quiet"]
+    subprocess.run([*pip, "--no-index", "--no-deps", wheel], check=True)
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(home), "platbase": str(home)}))
+    for name in DEPENDENCIES:
+        installed = distribution(name)
+        assert installed.files is not None
+        for top in {file.parts[0] for file in installed.files} - {"..", "__pycache__"}:
+            (site / top).symlink_to(Path(str(installed.locate_file(top))).resolve())
+    return python
+
+
+def a_frame() -> pb.PrismsFrame:
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    for t in range(START_NS - 40 * MS, START_NS + 1, 20 * MS):
+        pipeline.handle(attitude(t))
+    result = pipeline.handle(frame(1, START_NS))[1]
+    assert isinstance(result, PrismsResult)
+    return prisms_message(result)
+
+
+@pytest.fixture
+def publisher(tmp_path: Path) -> Iterator[Publisher]:
+    context: zmq.Context = zmq.Context()
+    publisher = Publisher(Stream("prisms", f"ipc://{tmp_path}/s"), context)
+    yield publisher
+    publisher.close()
+    context.term()
+
+
+def test_the_wheel_needs_three_distributions_and_receives_frames(interpreter: Path, publisher: Publisher) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COV"))}
+    message = a_frame()
+    with subprocess.Popen(
+        [interpreter, "-I", "-c", SUBSCRIBE, publisher.stream.address], env=environment, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as child:  # fmt: skip
+        while child.poll() is None:
+            message.publication.number += 1
+            message.publication.age_ns = 20 * MS
+            publisher.publish(message)
+            try:
+                child.wait(0.05)
+            except subprocess.TimeoutExpired:
+                continue
+        output, errors = child.communicate()
+    assert child.returncode == 0, errors
+    assert output.splitlines() == ["level True False [0]", "False [0]"]
+
+
+def test_the_named_dependencies_are_these_three() -> None:
+    project = tomllib.loads((ROOT / "clients" / "python" / "pyproject.toml").read_text())["project"]
+    assert {re.split(r"[<>=]", r)[0] for r in project["dependencies"]} == set(DEPENDENCIES)
+
+
+def test_both_distributions_have_one_version_and_the_service_names_it() -> None:
+    projects = [tomllib.loads((source / "pyproject.toml").read_text())["project"] for source, _ in PARTS.values()]
+    (version,) = {project["version"] for project in projects}
+    assert f"osape-client=={version}" in projects[1]["dependencies"]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_wheel_and_sdist_contain_the_licence(built: dict[str, Path], name: str) -> None:
+    (wheel,), (sdist,) = built[name].glob("*.whl"), built[name].glob("*.tar.gz")
+    with zipfile.ZipFile(wheel) as packed:
+        licences = {Path(f).name: packed.read(f) for f in packed.namelist() if ".dist-info/licenses/" in f}
+    assert licences["LICENSE"] == (ROOT / "LICENSE").read_bytes()
+    assert b"The osape-companion authors" in licences["NOTICE"]
+    with tarfile.open(sdist) as packed:
+        assert {"LICENSE", "NOTICE"} <= {Path(f).name for f in packed.getnames() if f.count("/") == 1}
+
+
+def test_the_client_has_the_licence_of_the_project() -> None:
+    assert (ROOT / "clients" / "python" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+
+
+def test_the_wheel_of_the_client_has_the_schema_and_its_types(built: dict[str, Path]) -> None:
+    (wheel,) = built["osape-client"].glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        names = set(packed.namelist())
+    assert {
+        "osape_client/proto/osape_v1.proto",
+        "osape_client/proto/osape_v1_pb2.pyi",
+        "osape_client/py.typed",
+    } <= names
+    assert {name.partition("/")[0] for name in names if ".dist-info" not in name} == {"osape_client"}

@@ -1,0 +1,109 @@
+"""The example of path planning: what is occupied is never entered, what is unknown as told, gaps too narrow not at all."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from core.types import Ground
+from osape_client.query.space import Occupancy, PlacedModel, Space
+
+from .test_queries import HERE, model, profile, sampled_distance
+
+ROOT = Path(__file__).resolve().parents[2]
+BOUNDS = [[-1.0, -8.0, -0.9], [14.0, 8.0, 0.9]]
+GOAL = [11.0, 0.0, 0.0]
+
+
+def wall_with_gap(width_m: float, at_m: float = 3.0) -> list[tuple[float, ...]]:
+    """6 m ahead, as wide as the bounds, its gap aside."""
+    return [
+        (6.0, -9.0, 6.0, at_m - width_m / 2, -3.0, 3.0),
+        (6.0, at_m + width_m / 2, 6.0, 9.0, -3.0, 3.0),
+    ]
+
+
+def room(pp: ModuleType, planes: list[tuple[float, ...]], unknown: str, far_m: float = 0.0):
+    space = Space([PlacedModel(model(*planes, margin=0.1, free=profile(1.0, far_m)), HERE)])
+    return pp.Room(space=space, radius_m=0.5, start=np.zeros(3), been_m=2.5, unknown=pp.Unknown(unknown))
+
+
+@pytest.mark.parametrize("planner", ["rrt", "rrt-connect", "prm"])
+def test_through_the_gap_that_is_wide_enough(pp: ModuleType, planner: str) -> None:
+    planes = wall_with_gap(2.4)
+    path = pp.plan(room(pp, planes, "allow"), GOAL, BOUNDS, planner=planner, tries=12)
+    assert path[0] == pytest.approx([0.0, 0.0, 0.0])
+    assert path[-1] == pytest.approx(GOAL)
+    for a, b in pairwise(path):
+        assert min(sampled_distance(np.array(p), a, b) for p in planes) > 0.6
+
+
+@pytest.mark.parametrize("planner", ["rrt", "rrt-connect", "prm"])
+def test_not_through_the_gap_that_is_too_narrow(pp: ModuleType, planner: str) -> None:
+    with pytest.raises(pp.NoPath, match="no path"):
+        pp.plan(room(pp, wall_with_gap(1.1), "allow"), GOAL, BOUNDS, planner=planner, tries=2, questions=500)
+
+
+def test_no_path_dives_under_a_wall_through_the_ground(pp: ModuleType) -> None:
+    wall = model((6.0, -9.0, 6.0, 9.0, -3.0, 1.5), margin=0.1, free=profile(1.0, 14.0))
+    ground = Ground(
+        seen=True, height_m=1.8, tolerance_m=0.25, noise_per_m=0.01, seen_from_m=(0.5,) * 16, seen_to_m=(14.0,) * 16
+    )
+    bounds = [[0.0, -4.0, -0.9], [14.0, 4.0, 6.0]]
+    for model_of_frame, error in ((replace(wall, ground=ground), "no path"), (wall, "")):
+        space = Space([PlacedModel(model_of_frame, HERE)])
+        mine = pp.Room(space=space, radius_m=0.3, start=np.zeros(3), been_m=2.5, unknown=pp.Unknown.ALLOW)
+        if error:
+            with pytest.raises(pp.NoPath, match=error):
+                pp.plan(mine, [9.0, 0.0, 0.0], bounds, tries=2, questions=400)
+            with pytest.raises(pp.NoPath, match=r"goal .* is occupied"):
+                pp.plan(mine, [9.0, 0.0, 2.2], bounds)
+        else:  # the wall alone does not stop it
+            assert len(pp.plan(mine, [9.0, 0.0, 0.0], bounds, tries=10)) > 2
+
+
+def test_unknown_is_avoided_or_has_its_price(pp: ModuleType) -> None:
+    seen, unseen = room(pp, [], "avoid", far_m=8.0), [9.5, 0.0, 0.0]
+    path = pp.plan(seen, [6.0, 2.0, 0.0], BOUNDS, tries=10)
+    along = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(path)])
+    along = along[np.linalg.norm(along, axis=1) > 2.5]
+    assert (seen.space.points(along, 0.49) == Occupancy.FREE).all()
+    with pytest.raises(pp.NoPath, match=r"goal \[9.5, 0.0, 0.0\] is unknown"):
+        pp.plan(seen, unseen, BOUNDS)
+    allowed = room(pp, [], "allow", far_m=8.0)
+    assert pp.plan(allowed, unseen, BOUNDS, tries=10)[-1] == pytest.approx(unseen)
+    # 0 to 7.5 m seen or come from (a ball of 0.5 m within 8 m), the rest at five times its length, in pieces of half a metre
+    assert 7.0 + 2.0 * 5 <= allowed.price([0, 0, 0], unseen)[0] + 1e-9 <= 7.5 + 2.5 * 5 + 0.5
+
+
+def test_an_obstacle_close_by_stays_one_where_the_vehicle_came_from(pp: ModuleType) -> None:
+    close = room(pp, [(1.5, -1.0, 1.5, 1.0, -1.0, 1.0)], "avoid")
+    assert close.price([0, 0, 0], [2.4, 0, 0])[0] == np.inf
+    assert close.price([0, 0, 0], [-2.4, 0, 0])[0] == pytest.approx(2.4)
+    assert close.price([0, 0, 0], [-2.6, 0, 0])[0] == np.inf
+
+
+def test_blind_is_nowhere_to_fly(pp: ModuleType) -> None:
+    blind = pp.Room(space=Space([]), radius_m=0.5, start=np.zeros(3))
+    with pytest.raises(pp.NoPath, match=r"start .* is unknown"):
+        pp.plan(blind, GOAL, BOUNDS)
+
+
+def test_the_script_draws_a_path_through_the_window(pp: ModuleType, tmp_path: Path) -> None:
+    picture = tmp_path / "path.png"
+    command = [sys.executable, ROOT / "examples" / "plan_path.py", "--unknown", "allow", "--goal", "10", "0", "0"]
+    run = subprocess.run([*command, "-o", picture], capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stderr
+    assert 10.0 <= float(run.stdout.split()[3]) < 14.0
+    assert picture.stat().st_size > 10_000
+    run = subprocess.run(
+        [*command[:2], "--goal", "10", "0", "0"], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (run.returncode, "unknown" in run.stderr) == (1, True), run.stderr

@@ -1,0 +1,325 @@
+"""A subscriber over real sockets: the newest message, its age, repeated messages, damaged messages, keys."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+from google.protobuf.message import Message
+
+from companion.pipeline.encode import blind_message, prisms_message
+from companion.pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.streams.curve_auth import AllowList, load_keys, make_keys
+from companion.streams.publisher import Publisher, Stream
+from core.frames import quaternion_from_euler
+from osape_client import KeyFileError, LevelMemory, Occupancy, Subscriber
+from osape_client.boot import boot_id
+from osape_client.proto import osape_v1_pb2 as pb
+from tests.companion.live import free_port, until
+from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
+from tests.companion.test_surround import keeper, results, sees
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Service:
+    """A publisher as the service has it."""
+
+    def __init__(self, address: str) -> None:
+        self.context: zmq.Context = zmq.Context()
+        self.address = address
+        self.publisher = Publisher(Stream("prisms", address), self.context)
+
+    def say(self, message: Message, age_ms: float = 20.0, boot: str = "boot", number: int | None = None) -> None:
+        copy = type(message).FromString(message.SerializeToString())
+        copy.publication.boot_id, copy.publication.age_ns = boot, round(age_ms * MS)
+        copy.publication.number = self.publisher.published if number is None else number
+        self.publisher.publish(copy)
+
+    def close(self) -> None:
+        self.publisher.close()
+        self.context.term()
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    service = Service(f"ipc://{tmp_path}/s")
+    yield service
+    service.close()
+
+
+def a_frame() -> pb.PrismsFrame:
+    pipeline = Pipeline((INFO,), EasyExtractor)
+    for t in range(START_NS - 40 * MS, START_NS + 1, 20 * MS):
+        pipeline.handle(attitude(t))
+    result = pipeline.handle(frame(1, START_NS))[1]
+    assert isinstance(result, PrismsResult)
+    return prisms_message(result)
+
+
+def joined(client: Subscriber, service: Service, message: Message | None = None) -> None:
+    """A subscriber takes a moment to be known."""
+    assert until(lambda: (service.say(message or a_frame()), client.wait(0.05))[1] is not None, 60.0)
+    assert until(lambda: client.wait(0.05) is None, 60.0)
+
+
+def test_a_frame_without_a_position_is_remembered_and_any_other_is_not() -> None:
+    memory, message = LevelMemory(), a_frame()
+    q = quaternion_from_euler(0.3, -0.2, 2.0)
+    at = message.attitude.q_ned_frd
+    at.w, at.x, at.y, at.z = q
+    assert memory.add_message(message) == pytest.approx(2.0)
+    kept = memory.snapshot(2.0, message.t_exposure_ns)
+    assert len(kept.planes) == len(message.planes.margin_m) > 0
+    spoilt = pb.PrismsFrame.FromString(message.SerializeToString())
+    spoilt.t_exposure_ns += MS
+    spoilt.planes.corners_m.append(1.0)
+    assert memory.add_message(spoilt) is None
+    for change in ({"frame": "ned"}, {"valid": False}):
+        other = pb.PrismsFrame.FromString(message.SerializeToString())
+        for name, value in change.items():
+            setattr(other, name, value)
+        assert memory.add_message(other) is None
+    assert memory.add_message(blind_message("front", 1, START_NS, "unplugged")) is None
+    at.w = math.nan
+    message.t_exposure_ns += MS
+    assert memory.add_message(message) is None
+    assert len(memory.snapshot(2.0, START_NS).planes) == len(kept.planes)
+
+
+def test_the_newest_message_with_its_age(service: Service) -> None:
+    with Subscriber(service.address) as client:
+        assert client.latest() is None
+        joined(client, service)
+        for sequence in range(5):
+            message = a_frame()
+            message.sequence = sequence
+            service.say(message, age_ms=20.0)
+        assert until(lambda: (n := client.latest()) is not None and n.content.sequence == 4, 5.0)
+        received = client.latest()
+        assert received is not None
+        assert received.valid
+        assert received.frame == "level"
+        assert 0.02 <= received.age_s < 5.0
+        assert received.space.knows
+        assert received.cause == ""
+
+
+def test_news_that_grow_old_are_stale(service: Service) -> None:
+    with Subscriber(service.address, timeout_s=0.3) as client:
+        joined(client, service)
+        service.say(a_frame(), age_ms=1.0)
+        received = client.wait(5.0)
+        assert received is not None
+        assert until(lambda: received.stale, 2.0)
+        assert client.wait(0.05) is None
+        assert client.latest() is received
+        service.say(a_frame(), age_ms=301.0)
+        old = client.wait(5.0)
+        assert old is not None
+        assert old.stale
+
+
+def waited(seconds: float) -> None:
+    """Time that a planner spends on something else."""
+    end_s = time.monotonic() + seconds
+    assert until(lambda: time.monotonic() >= end_s, 60.0)
+
+
+def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: Service) -> None:
+    """A service that has ended meanwhile must not be taken for a living one."""
+    with Subscriber(service.address, timeout_s=0.4) as client:
+        joined(client, service)
+        service.say(a_frame(), age_ms=1.0)
+        waited(0.5)
+        received = client.latest()
+        assert received is not None
+        assert received.age_s > 0.4
+        assert received.stale
+        begun_ns = time.monotonic_ns()
+        waiting = threading.Timer(0.3, lambda: service.say(a_frame(), age_ms=1.0))
+        waiting.start()
+        received = client.wait(20.0)  # it comes while we wait
+        waiting.join()
+        assert received is not None
+        assert received.received_ns > begun_ns
+
+
+def test_on_the_machine_of_the_service_the_stamp_tells_the_age(service: Service) -> None:
+    with Subscriber(service.address, timeout_s=30.0) as client:
+        joined(client, service)
+        waited(0.5)
+        for sequence, age_s in enumerate((0.1, 60.0), start=7):
+            message = a_frame()
+            message.sequence = sequence
+            message.t_exposure_ns = time.monotonic_ns() - round(age_s * 1e9)
+            service.say(message, age_ms=1.0, boot=boot_id())
+            assert until(lambda k=sequence: (n := client.latest()) is not None and n.content.sequence == k, 5.0)
+            received = client.latest()
+            assert received is not None
+            assert age_s <= received.age_s < age_s + 20.0
+            assert received.stale == (age_s > 30.0)
+
+
+def test_blind_is_told_and_leaves_nothing_free(service: Service) -> None:
+    with Subscriber(service.address) as client:
+        joined(client, service)
+        service.say(blind_message("front", 7, 1, "silent: unplugged"))
+        received = client.wait(5.0)
+        assert received is not None
+        assert not received.valid
+        assert received.cause == "silent: unplugged"
+        assert not received.space.knows
+        assert received.space.points([[2, 0, 0]]).tolist() == [Occupancy.UNKNOWN]
+
+
+def test_several_cameras_as_one(service: Service) -> None:
+    found = results({"front": None, "right": None})
+    both = all_cameras_message(keeper(found).model(sees), frozenset())
+    only = AllCamerasModelBuilder(("front", "right"))
+    only.result(found["front"])
+    with Subscriber(service.address, all_cameras=True) as client:
+        joined(client, service, both)
+        service.say(both)
+        received = client.wait(5.0)
+        assert received is not None
+        assert received.cause == ""
+        many = received.space._rectangles.corner.shape[0]
+        service.say(all_cameras_message(only.model(sees), frozenset({"right"})))
+        received = client.wait(5.0)
+        assert received is not None
+        assert not received.valid
+        assert received.cause == "right: no frame yet"
+        assert received.space._rectangles.corner.shape[0] == many // 2
+
+
+def test_foreign_late_and_doubled_messages_are_counted_and_passed_over(service: Service) -> None:
+    with Subscriber(service.address, timeout_s=60.0) as client:
+        joined(client, service)
+        service.say(a_frame(), number=1000)
+        assert client.wait(5.0) is not None
+        for number in (1000, 999):
+            service.say(a_frame(), number=number)
+            assert client.wait(0.3) is None
+        assert client.stats.out_of_order == 2
+        service.publisher._socket.send(b"\xff\xfe nonsense")
+        assert client.wait(0.3) is None
+        service.publisher._socket.send(pb.PrismsFrame(schema_version=9).SerializeToString())
+        assert client.wait(0.3) is None
+        assert client.stats.undecodable == 2
+        assert "schema version 9" in client.stats.last_error
+        service.say(a_frame(), boot="another boot", number=3)
+        assert client.wait(5.0) is not None
+
+
+def test_numbers_that_do_not_fit_together_leave_all_unknown(service: Service) -> None:
+    broken = a_frame()
+    del broken.planes.corners_m[-1]
+    with Subscriber(service.address) as client:
+        joined(client, service)
+        service.say(broken)
+        received = client.wait(5.0)
+        assert received is not None
+        assert not received.space.knows
+
+
+def test_a_service_that_starts_again_is_heard_again(tmp_path: Path) -> None:
+    address = f"ipc://{tmp_path}/s"
+    first = Service(address)
+    with Subscriber(address, timeout_s=0.2) as client:
+        joined(client, first)
+        for _ in range(20):
+            first.say(a_frame(), age_ms=0.0)
+        assert until(lambda: client.latest() is not None, 5.0)
+        first.close()
+        received = client.latest()
+        assert received is not None
+        assert until(lambda: received.stale, 2.0)
+        second = Service(address)
+        try:
+            joined(client, second)  # its numbers begin at 0 again
+        finally:
+            second.close()
+
+
+def test_silence_is_told_with_the_last_news_and_a_planner_can_end(service: Service) -> None:
+    with Subscriber(service.address, timeout_s=0.1) as client:
+        joined(client, service)
+        seen: list[bool] = []
+        client.subscribe(lambda received: seen.append(received.stale) or len(seen) < 3, silence_s=0.15)
+        assert seen[1:] == [True, True]
+
+
+def test_with_keys_over_tcp_and_without_them_nothing(tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys", "planner")
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    with pytest.raises(KeyFileError, match="0 client secrets"):
+        Subscriber("tcp://127.0.0.1:1", keys=mine)
+    (mine / "planner.secret").write_bytes((tmp_path / "keys" / "planner.secret").read_bytes())
+    with pytest.raises(KeyFileError, match=r"server\.public"):
+        Subscriber("tcp://127.0.0.1:1", keys=mine)
+    (mine / "server.public").write_bytes((tmp_path / "keys" / "server.public").read_bytes())
+    keys, context = load_keys(tmp_path / "keys"), zmq.Context()
+    allow = AllowList(context, keys)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    publisher = Publisher(Stream("prisms", address), context, keys)
+    message = a_frame()
+    try:
+        with Subscriber(address, keys=mine) as known, Subscriber(address) as unknown:
+            assert until(lambda: (publisher.publish(message), known.wait(0.05))[1] is not None, 60.0)
+            assert unknown.wait(0.3) is None
+    finally:
+        publisher.close()
+        allow.close()
+        context.destroy(linger=0)
+
+
+def test_nothing_heavy_is_imported() -> None:
+    heavy = "numba scipy cv2 mcap depthai pydantic pymavlink"
+    code = f"import sys, osape_client; print([m for m in '{heavy}'.split() if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True, env=environment()
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_example_says_when_nothing_is_free(service: Service) -> None:
+    example = ROOT / "examples" / "subscriber.py"
+    stop = threading.Event()
+
+    def speak() -> None:
+        for k in itertools.count():
+            if stop.wait(0.05):
+                return
+            service.say(a_frame() if k // 10 % 2 else blind_message("front", 1, 1, "unplugged"))
+
+    speaker = threading.Thread(target=speak)
+    with subprocess.Popen(
+        [sys.executable, str(example), service.address], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment()
+    ) as run:
+        speaker.start()
+        try:
+            assert run.stdout is not None
+            lines = [run.stdout.readline() for _ in range(25)]
+            assert any(line.startswith("level, ") and "nearest" in line for line in lines), lines
+            assert any("nothing may be taken as free: unplugged" in line for line in lines), lines
+        finally:
+            stop.set()
+            speaker.join()
+            run.kill()
+
+
+def environment() -> dict[str, str]:
+    """With the modules of this checkout."""
+    return os.environ | {"PYTHONPATH": str(ROOT)}

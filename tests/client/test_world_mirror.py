@@ -1,0 +1,354 @@
+"""The merged world over real sockets: whoever joins late, misses messages or meets a new service is right again; what is not
+fresh is never free."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+
+from companion.config.loader import config_of
+from companion.live.world_thread import WorldThread, open_world
+from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.sync import DropCause, PoseAt, Source
+from companion.pipeline.transform import LevelTransform
+from companion.streams.publisher import Publisher, Stream
+from companion.streams.world_messages import world_message
+from core.world.params import WorldParams
+from core.world.snapshot import WorldPicture
+from core.world.world import Sight, World
+from drivers.base import DriverError
+from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.query.space import Occupancy
+from osape_client.world.decode import blocks_from_message, records_from_message
+from osape_client.world.mirror import WorldMirror
+from tests.companion.live import until
+from tests.core.worlds import NS, house, seen, wall
+
+WALLS = np.array([wall(8.0, -4.0, 8.0, 4.0)])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """As the service does before it takes frames; of the extractor nothing is needed here."""
+    world = World()
+    for k in range(2):
+        world.add(seen(WALLS, (0.0, 0.0), 0.0, k))
+
+
+class Speaker:
+    """A world whose messages go out when told to, as the service's thread does it."""
+
+    def __init__(self, folder: Path, boot: str = "one") -> None:
+        self.context: zmq.Context = zmq.Context()
+        self.addresses = f"ipc://{folder}/w", f"ipc://{folder}/r"
+        changes = Publisher(Stream("world", self.addresses[0]), self.context, newest_only=False)
+        requests = Publisher(Stream("world_requests", self.addresses[1]), self.context, None, zmq.REP, False)
+        self.service = WorldThread(WorldParams(), changes, requests, boot)
+
+    def close(self) -> None:
+        self.service.close()
+        self.context.destroy(linger=0)
+
+
+@pytest.fixture
+def speaker(tmp_path: Path) -> Iterator[Speaker]:
+    speaker = Speaker(tmp_path)
+    yield speaker
+    speaker.close()
+
+
+def now() -> int:
+    return time.monotonic_ns()
+
+
+def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
+    """Another look at the walls is told; whether the mirror can be used then."""
+    look(speaker)
+    return mirror.update(0.1)
+
+
+def result(sight: Sight, frame: str = "ned") -> PrismsResult:
+    pose = PoseAt(sight.place_m, Source.EXACT, 0, sight.reset_counter)
+    return PrismsResult(
+        camera="front", sequence=0, t_exposure_ns=sight.t_ns, t_arrival_ns=sight.t_ns, frame=frame, drop=DropCause.NONE,
+        model=sight.model, pose=pose if frame == "ned" else None, transform=LevelTransform(0.0, sight.place_m),
+    )  # fmt: skip
+
+
+def look(
+    speaker: Speaker, walls: np.ndarray = WALLS, heading: float = 0.0, frame: str = "ned", counter: int = 0
+) -> None:
+    sight = seen(walls, (0.0, 0.0), heading, now(), reset_counter=counter)
+    speaker.service.put(result(sight, frame))
+
+
+def same_place(mirror: WorldMirror, world: World) -> bool:
+    """Whether the copy holds the same planes, to a centimetre, and the same free cells."""
+    a, b = mirror.space.snapshot, world.picture(now())
+    if sorted(a.slots.tolist()) != b.slots.tolist():
+        return False
+    order = np.argsort(a.slots)
+    if not np.allclose(a.planes[order], b.planes, atol=0.011):
+        return False
+    return np.array_equal(a.blocks, b.blocks) and np.array_equal(a.masks, b.masks)
+
+
+def test_a_late_joiner_asks_and_follows(speaker: Speaker) -> None:
+    speaker.service.open()
+    for _ in range(5):
+        look(speaker)
+    with WorldMirror(*speaker.addresses) as mirror:
+        assert not mirror.usable
+        assert mirror.space.points([[4, 0, 0]]).tolist() == [Occupancy.UNKNOWN]
+
+        follows = partial(followed, speaker, mirror)
+        assert until(follows, 60.0), mirror.cause
+        assert mirror.stats.snapshots >= 1
+        assert mirror.space.points([[4, 0, 0], [8, 0, 0], [10, 0, 0]], 0.2).tolist() == [1, 2, 0]
+        # what is new comes as a change
+        changes = mirror.stats.messages
+        side = np.concatenate([WALLS, [wall(5.0, -4.0, 5.0, -3.0)]])
+
+        def told() -> bool:
+            look(speaker, side)
+            mirror.update(0.05)
+            return len(mirror.space.snapshot.planes) == 2
+
+        assert until(told, 60.0)
+        assert mirror.stats.messages > changes
+        assert mirror.stats.gaps == 0
+
+
+def test_one_that_missed_messages_is_right_again(speaker: Speaker) -> None:
+    speaker.service.open()
+    with WorldMirror(*speaker.addresses) as mirror:
+        follows = partial(followed, speaker, mirror)
+        assert until(follows, 60.0)
+        assert mirror._updates.take(5000) is not None  # lost
+
+        def found_out() -> bool:
+            look(speaker, house(12.0, 0.0))
+            mirror.update(0.02)
+            return mirror.stats.gaps == 1
+
+        assert until(found_out, 60.0)
+        assert until(follows, 60.0)
+        look(speaker)
+        assert until(lambda: (follows(), same_place(mirror, speaker.service.world))[1], 60.0)
+
+
+def test_a_new_service_and_a_jump_begin_anew(tmp_path: Path) -> None:
+    first = Speaker(tmp_path, "one")
+    first.service.open()
+    with WorldMirror(*first.addresses) as mirror:
+
+        def follows(speaker: Speaker, walls: np.ndarray, counter: int = 0) -> bool:
+            look(speaker, walls, counter=counter)
+            return mirror.update(0.1) and np.isclose(mirror.space.snapshot.planes[0, 0], walls[0, 0], atol=0.02)
+
+        assert until(lambda: follows(first, WALLS), 60.0)
+        farther = WALLS + np.array([4.0, 0, 4.0, 0, 0, 0])
+        assert until(lambda: follows(first, farther, 1), 60.0)
+        assert mirror.section == 2
+        assert len(mirror.space.snapshot.planes) == 1
+        first.close()
+        second = Speaker(tmp_path, "two")
+        second.service.open()
+        try:
+            nearer = WALLS - np.array([2.0, 0, 2.0, 0, 0, 0])
+            assert until(lambda: follows(second, nearer), 15.0)
+            assert len(mirror.space.snapshot.planes) == 1
+        finally:
+            second.close()
+
+
+def test_what_is_old_or_has_no_position_is_not_free(speaker: Speaker) -> None:
+    speaker.service.open()
+    with WorldMirror(*speaker.addresses, timeout_s=0.7) as mirror:
+        follows = partial(followed, speaker, mirror)
+        assert until(follows, 60.0)
+        assert mirror.space.points([[4, 0, 0]]).tolist() == [Occupancy.FREE]
+        # frames go on, without a position
+        assert until(lambda: (look(speaker, frame="level"), not mirror.update(0.05))[1], 60.0)
+        assert mirror.space.points([[4, 0, 0], [8, 0, 0]], 0.2).tolist() == [Occupancy.UNKNOWN, Occupancy.OCCUPIED]
+        assert until(lambda: not mirror.update(0.05) and "no frame with a position for" in mirror.cause, 60.0)
+        assert until(follows, 60.0)
+        speaker.close()  # a service that ends says nothing any more
+        assert until(lambda: not mirror.usable, 5.0)
+        assert mirror.space.points([[4, 0, 0]]).tolist() == [Occupancy.UNKNOWN]
+        assert "old" in mirror.cause
+
+
+def test_what_waited_while_the_planner_was_busy_is_not_fresh(speaker: Speaker) -> None:
+    """Changes of a service that has ended meanwhile are not news, though they come only now."""
+    speaker.service.open()
+    with WorldMirror(*speaker.addresses, timeout_s=0.7) as mirror:
+        follows = partial(followed, speaker, mirror)
+        assert until(follows, 60.0)
+        look(speaker)
+        assert mirror._updates.socket.poll(5000)
+        speaker.close()
+        end_ns = now() + 9 * NS // 10
+        assert until(lambda: now() >= end_ns, 30.0)
+        assert not mirror.update()
+        assert mirror.space.points([[4, 0, 0], [8, 0, 0]], 0.2).tolist() == [Occupancy.UNKNOWN, Occupancy.OCCUPIED]
+
+
+def test_a_position_that_cannot_be_one_is_refused_and_leaves_nothing_free(speaker: Speaker) -> None:
+    speaker.service.open()
+    with WorldMirror(*speaker.addresses) as mirror:
+        follows = partial(followed, speaker, mirror)
+        assert until(follows, 60.0)
+        sight = seen(WALLS, (0.0, 0.0), 0.0, now())
+
+        def broken() -> bool:
+            told = replace(result(sight), transform=LevelTransform(0.0, (1e30, 0.0, 0.0)))
+            speaker.service.put(told)
+            return not mirror.update(0.05)
+
+        assert until(broken, 60.0)
+        assert speaker.service.refused > 0
+        assert Occupancy.FREE not in mirror.space.points([[4, 0, 0]])
+        assert until(follows, 60.0)  # the thread lives
+
+
+def test_foreign_and_broken_messages_are_counted_and_leave_nothing_free(speaker: Speaker) -> None:
+    speaker.service.open()
+    with WorldMirror(*speaker.addresses) as mirror:
+        follows = partial(followed, speaker, mirror)
+        assert until(follows, 60.0)
+        good = world_message(speaker.service.world.picture(now()), np.zeros(0, np.int32), now())
+        broken = []
+        for change in (
+            {"planes": good.planes[:-1]},
+            {"masks": good.masks[: len(good.masks) // 2]},
+            {"blocks": [1, 2]},
+            {"schema_version": 7},
+        ):
+            message = pb.WorldUpdate.FromString(good.SerializeToString())
+            message.sequence = 10**6
+            for name, value in change.items():
+                if name == "blocks":
+                    del message.blocks[:]
+                    message.blocks.extend(value)
+                else:
+                    setattr(message, name, value)
+            broken.append(message.SerializeToString())
+        for k, data in enumerate([b"\xff\xfe nonsense", *broken], start=1):
+            mirror._read(data, now())
+            assert mirror.stats.undecodable == k, mirror.stats.last_error
+            assert not mirror.usable
+            assert Occupancy.FREE not in mirror.space.points([[4, 0, 0]])
+        assert until(follows, 60.0)
+
+
+def test_what_comes_twice_or_too_late_changes_nothing() -> None:
+    """Without sockets: the messages of a service in another order than it sent them."""
+    world, said = World(), []
+    for k in range(4):
+        world.add(seen(WALLS + 0.01 * k, (0.0, 0.0), 0.0, now()))
+        message = world_message(world.picture(now()), np.zeros(0, np.int32), now())
+        message.schema_version, message.sequence, message.snapshot, message.valid = 1, k + 1, k == 0, True
+        message.t_ns, message.publication.boot_id = now(), "one"
+        said.append(message.SerializeToString())
+    with WorldMirror("ipc:///nowhere/w", "ipc:///nowhere/r") as mirror:
+        for data in said[:3]:
+            mirror._read(data, now())
+        assert mirror.usable
+        before = mirror.space.snapshot.planes.copy()
+        for data in (said[2], said[1], said[0]):  # an old snapshot, too, is no new beginning
+            mirror._read(data, now())
+            assert mirror.usable
+        assert (mirror.stats.out_of_order, mirror.stats.gaps, mirror.stats.messages) == (3, 0, 3)
+        assert np.array_equal(mirror.space.snapshot.planes, before)
+        mirror._read(said[3], now())
+        assert mirror.usable
+        assert mirror.stats.messages == 4
+
+
+def test_a_message_cut_at_any_byte_is_no_world(speaker: Speaker) -> None:
+    speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now())))
+    speaker.service._take()
+    whole = speaker.service._completed(speaker.service._snapshot(now()), now()).SerializeToString()
+    with WorldMirror(*speaker.addresses) as mirror:
+        for size in range(len(whole)):
+            mirror._read(whole[:size], now())
+            assert not mirror.usable
+            assert not mirror._planes
+            assert not mirror._blocks
+        assert mirror.stats.undecodable == len(whole)
+        mirror._read(whole, now())
+        assert mirror.usable
+        assert len(mirror._planes) == 1
+
+
+def test_a_request_of_many_parts_and_a_listener_that_hangs_cost_nothing(speaker: Speaker) -> None:
+    speaker.service.open()
+    rude, deaf = speaker.context.socket(zmq.REQ), speaker.context.socket(zmq.SUB)
+    rude.connect(speaker.addresses[1])
+    deaf.setsockopt(zmq.SUBSCRIBE, b"")
+    deaf.connect(speaker.addresses[0])
+    rude.send_multipart([b"a"] * 50)
+    assert rude.poll(5000)
+    assert pb.WorldUpdate.FromString(rude.recv()).snapshot
+    rude.send(b"never read")
+    with WorldMirror(*speaker.addresses) as mirror:
+        assert until(lambda: (look(speaker), mirror.update(0.1))[1], 60.0)
+    rude.close(0)
+    deaf.close(0)
+
+
+def test_frames_that_wait_too_long_are_dropped_the_oldest_first(speaker: Speaker) -> None:
+    for k in range(20):
+        speaker.service.put(result(seen(WALLS, (0.0, 0.0), 0.0, now() + k)))
+    assert speaker.service.dropped == 12
+    speaker.service.open()
+    with WorldMirror(*speaker.addresses) as mirror:
+        assert until(lambda: mirror.update(0.1), 60.0)
+        assert mirror._newest is not None
+        assert mirror._newest.counts["frames_dropped"] == 12
+        assert mirror._newest.counts["frames"] == 8
+
+
+def test_there_and_back_loses_nothing_but_millimetres() -> None:
+    world = World()
+    rng = np.random.default_rng(1)
+    for k in range(60):
+        a = math.tau * k / 60
+        world.add(seen(house(0.0, 0.0), (10 * math.cos(a), 10 * math.sin(a)), a + math.pi, k * NS // 10, noise=rng))
+    p = world.picture(6 * NS)
+    message = world_message(p, np.array([7, 9], np.int32), 6 * NS)
+    assert list(message.removed) == [7, 9]
+    blocks, masks = blocks_from_message(message)
+    assert np.array_equal(blocks, p.blocks)
+    assert np.array_equal(masks, p.masks)
+    assert len(records_from_message(message)) == len(p.planes)
+    empty = world_message(WorldPicture.empty(), np.zeros(0, np.int32), 0)
+    assert len(records_from_message(empty)) == 0
+    assert len(blocks_from_message(empty)[0]) == 0
+
+
+def test_where_one_address_cannot_be_had_the_other_is_given_back(tmp_path: Path) -> None:
+    context: zmq.Context = zmq.Context()
+    broken = config_of(
+        {"publish": {"world": "ipc://{run}/w", "world_requests": "ipc://{run}/none/r"}, "record": {"record": "off"}},
+        "t",
+    )
+    good = config_of({"publish": {"world": "ipc://{run}/w", "world_requests": "ipc://{run}/r"}}, "t")
+    try:
+        with pytest.raises(DriverError, match="world_requests"):
+            open_world(broken, tmp_path, context, None, "one")
+        service = open_world(good, tmp_path, context, None, "one")
+        assert service is not None
+        service.close()
+        assert open_world(config_of({}, "t"), tmp_path, context, None, "one") is None
+    finally:
+        context.destroy(linger=0)
