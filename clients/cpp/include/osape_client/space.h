@@ -1,24 +1,26 @@
-// Is a ball free, occupied, or is it not known? Asked of one frame, as core/queries.py answers in Python.
+// Query of one frame: is a ball free, occupied or unknown? The answers are those of osape_client.Space in Python.
 //
-// Occupied: it touches a plane or its margin, or the ground or what lies below it where the camera measured the ground.
-// Free: all of it lies in what the camera saw to be free, above the camera's ground. Everything else is unknown.
+// Occupied: it touches a plane or its margin, or touches or lies below the ground where the camera measured the ground.
+// Free: all of it lies in space that the camera observed to be free, above the camera's ground. Else it is unknown.
+// Check the age of the message first: see Message::stale.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "osape_v1.pb.h"
 
-namespace osape_space {
+namespace osape_client {
 
-enum class Answer { kUnknown = 0, kFree = 1, kOccupied = 2 };
+enum class Occupancy { kUnknown = 0, kFree = 1, kOccupied = 2 };
 
 struct Point {
   double x, y, z;
 };
 
 constexpr double kTurn = 6.283185307179586;
-constexpr double kUntoldToleranceM = 0.6;  // of the ground, in messages of versions that did not tell it
+constexpr double kDefaultGroundToleranceM = 0.6;  // for messages of versions without a tolerance
 
 inline bool finite(const Point& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
 
@@ -26,14 +28,14 @@ inline bool finite(const google::protobuf::RepeatedField<float>& values) {
   return std::all_of(values.begin(), values.end(), [](float value) { return std::isfinite(value); });
 }
 
-inline bool finite_and_rising(const google::protobuf::RepeatedField<float>& edges) {
+inline bool finite_and_increasing(const google::protobuf::RepeatedField<float>& edges) {
   return finite(edges) && std::is_sorted(edges.begin(), edges.end());
 }
 
-// Whether free space can be told from the numbers of a frame; of a damaged message nothing is known.
+// Whether the numbers of a frame fit together; of a damaged message everything is unknown.
 inline bool numbers_fit(const osape::v1::PrismsFrame& frame) {
   const auto& g = frame.ground();
-  if (!finite_and_rising(frame.free().azimuth_edges_rad()) || !finite_and_rising(frame.free().layer_edges_m())) return false;
+  if (!finite_and_increasing(frame.free().azimuth_edges_rad()) || !finite_and_increasing(frame.free().layer_edges_m())) return false;
   if (!g.seen()) return true;
   bool margins = true;
   for (const double margin : {g.noise_per_m(), g.tolerance_m()}) margins = margins && std::isfinite(margin) && margin >= 0.0;
@@ -69,7 +71,7 @@ inline void azimuths(const osape::v1::PrismsFrame& frame, const Point& p, double
   *high = *low + 2.0 * half;
 }
 
-// First and last interval of rising edges that low..high reaches into; they may lie outside of 0..edges - 2.
+// First and last interval of increasing edges that low..high reaches into; they may lie outside of 0..edges - 2.
 inline void intervals(const google::protobuf::RepeatedField<float>& edges, double low, double high, int* first, int* last) {
   *first = static_cast<int>(std::upper_bound(edges.begin(), edges.end(), low) - edges.begin()) - 1;
   *last = static_cast<int>(std::lower_bound(edges.begin(), edges.end(), high) - edges.begin()) - 1;
@@ -99,11 +101,11 @@ inline bool touches_ground(const osape::v1::PrismsFrame& frame, const Point& p, 
   return false;
 }
 
-// Whether a ball is as far above the ground as its tolerance and noise; nothing lower is free anywhere.
+// Whether a ball is above the ground by its tolerance and noise; nothing lower is free anywhere.
 inline bool clear_of_ground(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
   const auto& g = frame.ground();
   if (!g.seen()) return true;
-  const double tolerance = g.has_tolerance_m() ? g.tolerance_m() : kUntoldToleranceM;
+  const double tolerance = g.has_tolerance_m() ? g.tolerance_m() : kDefaultGroundToleranceM;
   const double margin = std::max(tolerance, g.noise_per_m() * (range_m(frame, p) + radius_m));
   return above_ground_m(frame, p) >= steepness(g) * radius_m + margin;
 }
@@ -123,8 +125,8 @@ inline bool touches_plane(const osape::v1::PrismsFrame& frame, const Point& p, d
   return false;
 }
 
-// Whether all of a ball lies in what the camera saw to be free.
-inline bool seen_free(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+// Whether all of a ball lies in space that the camera observed to be free.
+inline bool observed_free(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
   const auto& free = frame.free();
   const int directions = free.azimuth_edges_rad_size() - 1, layers = free.layer_edges_m_size() - 1;
   const int size = directions * layers;
@@ -147,13 +149,27 @@ inline bool seen_free(const osape::v1::PrismsFrame& frame, const Point& p, doubl
   return true;
 }
 
-// The answer for a ball. A frame that is not valid, or whose numbers do not fit, knows nothing; what is no number may not be flown to.
-inline Answer ball(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
-  if (!finite(p) || !std::isfinite(radius_m)) return Answer::kOccupied;
-  if (!frame.valid() || !numbers_fit(frame)) return Answer::kUnknown;
-  if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Answer::kOccupied;
-  const bool free = clear_of_ground(frame, p, radius_m) && seen_free(frame, p, radius_m);
-  return free ? Answer::kFree : Answer::kUnknown;
+// Horizontal distance in metres from (x, y) to the nearest plane, its margin subtracted; infinity without planes.
+inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double y) {
+  double least = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < planes.margin_m_size() && 6 * i + 5 < planes.corners_m_size(); ++i) {
+    const double ax = planes.corners_m(6 * i), ay = planes.corners_m(6 * i + 1);
+    const double ux = planes.corners_m(6 * i + 2) - ax, uy = planes.corners_m(6 * i + 3) - ay;
+    const double length2 = std::max(ux * ux + uy * uy, 1e-12);
+    const double share = std::clamp(((x - ax) * ux + (y - ay) * uy) / length2, 0.0, 1.0);
+    least = std::min(least, std::hypot(ax + share * ux - x, ay + share * uy - y) - planes.margin_m(i));
+  }
+  return least;
 }
 
-}  // namespace osape_space
+// Occupancy of a ball around a point in the message's frame. A position or radius that is not finite is occupied; if the frame is
+// not valid, or its numbers do not fit together, everything else is unknown.
+inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+  if (!finite(p) || !std::isfinite(radius_m)) return Occupancy::kOccupied;
+  if (!frame.valid() || !numbers_fit(frame)) return Occupancy::kUnknown;
+  if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Occupancy::kOccupied;
+  const bool free = clear_of_ground(frame, p, radius_m) && observed_free(frame, p, radius_m);
+  return free ? Occupancy::kFree : Occupancy::kUnknown;
+}
+
+}  // namespace osape_client

@@ -1,9 +1,9 @@
-// Asks one message, a file with an osape.v1.PrismsFrame: for each line "x y z radius" on standard input an answer on a line
-// of its own, 0 unknown, 1 free, 2 occupied. Usage: ask FILE
+// Queries one message, a file with an osape.v1.PrismsFrame. For each line "x y z radius" on standard input one line is
+// printed: 0 unknown, 1 free, 2 occupied. Usage: query FILE
 #include <fstream>
 #include <iostream>
 
-#include "space.h"
+#include "osape_client/space.h"
 
 int main(int argc, char** argv) {
   osape::v1::PrismsFrame frame;
@@ -12,8 +12,8 @@ int main(int argc, char** argv) {
     std::cerr << "usage: " << argv[0] << " FILE   with an osape.v1.PrismsFrame\n";
     return 2;
   }
-  osape_space::Point p;
+  osape_client::Point p;
   for (double radius_m; std::cin >> p.x >> p.y >> p.z >> radius_m;) {
-    std::cout << static_cast<int>(osape_space::ball(frame, p, radius_m)) << '\n';
+    std::cout << static_cast<int>(osape_client::occupancy(frame, p, radius_m)) << '\n';
   }
 }

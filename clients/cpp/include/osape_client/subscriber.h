@@ -1,0 +1,65 @@
+// Receives the obstacle stream of the service: the newest frame of one camera, and its age.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "osape_v1.pb.h"
+
+namespace osape_client {
+
+// Age at which a message becomes stale. The service itself reports a camera as unavailable after 0.3 s.
+constexpr double kTimeoutS = 0.4;
+
+// One frame. Nothing may be taken as free while stale() is true or content.valid() is false.
+struct Message {
+  osape::v1::PrismsFrame content;
+  std::chrono::steady_clock::time_point received;  // the earliest time at which it can have arrived
+  double timeout_s = kTimeoutS;
+
+  // Upper bound of the present age of the exposure, in seconds. On another machine it lacks the time on the network.
+  double age_s() const;
+  bool stale() const { return !(age_s() <= timeout_s); }
+};
+
+// Counts of received messages. undecodable: not a frame of this schema version; out_of_order: not newer than an earlier one;
+// last_error: the cause of the last undecodable one.
+struct ReceiveStats {
+  std::int64_t messages = 0;
+  std::int64_t undecodable = 0;
+  std::int64_t out_of_order = 0;
+  std::string last_error;
+};
+
+// Keeps the newest message only. ZeroMQ reconnects by itself when the service is restarted. Not thread-safe.
+class Subscriber {
+ public:
+  // address: ipc:///run/osape-companion/prisms or tcp://HOST:PORT. Throws std::runtime_error for an address that ZeroMQ refuses.
+  explicit Subscriber(const std::string& address, double timeout_s = kTimeoutS);
+  ~Subscriber();
+  Subscriber(const Subscriber&) = delete;
+  Subscriber& operator=(const Subscriber&) = delete;
+
+  // The next message; nullptr when none comes within the timeout. Valid until the next call.
+  const Message* wait(std::chrono::milliseconds timeout);
+  // The newest message without waiting; nullptr before the first. Check stale(): it may be an old one.
+  const Message* latest();
+  const ReceiveStats& stats() const { return stats_; }
+
+ private:
+  struct Socket;
+  bool receive(std::chrono::milliseconds timeout);
+  bool is_newer(const osape::v1::PrismsFrame& frame) const;
+
+  std::string address_;
+  double timeout_s_;
+  std::unique_ptr<Socket> socket_;
+  std::chrono::steady_clock::time_point empty_;  // when the socket was last seen empty
+  std::optional<Message> newest_;
+  ReceiveStats stats_;
+};
+
+}  // namespace osape_client

@@ -1,0 +1,127 @@
+#include "osape_client/subscriber.h"
+
+#include <zmq.h>
+
+#include <algorithm>
+#include <fstream>
+#include <stdexcept>
+#include <utility>
+
+namespace osape_client {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::uint32_t kSchemaVersion = 1;
+
+double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
+
+// Identifier of this boot of the machine; empty where the system has none.
+const std::string& boot_id() {
+  static const std::string id = [] {
+    std::string line;
+    std::ifstream file("/proc/sys/kernel/random/boot_id");
+    std::getline(file, line);
+    return line;
+  }();
+  return id;
+}
+
+}  // namespace
+
+double Message::age_s() const {
+  const auto& publication = content.publication();
+  const double published_s = 1e-9 * static_cast<double>(publication.age_ns());
+  const auto now = Clock::now();
+  if (!boot_id().empty() && publication.boot_id() == boot_id()) {  // one clock: CLOCK_MONOTONIC on both sides
+    const auto exposure = std::chrono::nanoseconds(content.t_exposure_ns());
+    return std::max(seconds(now.time_since_epoch() - exposure), published_s);
+  }
+  return published_s + seconds(now - received);
+}
+
+struct Subscriber::Socket {
+  Socket() : context(zmq_ctx_new()), socket(zmq_socket(context, ZMQ_SUB)) {}
+  ~Socket() {
+    zmq_close(socket);
+    zmq_ctx_term(context);
+  }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+
+  bool readable(std::chrono::milliseconds timeout) const {
+    zmq_pollitem_t item{socket, 0, ZMQ_POLLIN, 0};
+    return zmq_poll(&item, 1, timeout.count()) > 0;
+  }
+
+  void* context;
+  void* socket;
+};
+
+Subscriber::Subscriber(const std::string& address, double timeout_s)
+    : address_(address), timeout_s_(timeout_s), socket_(std::make_unique<Socket>()), empty_(Clock::now()) {
+  const int newest_only = 1, linger_ms = 0;
+  zmq_setsockopt(socket_->socket, ZMQ_SUBSCRIBE, "", 0);
+  zmq_setsockopt(socket_->socket, ZMQ_CONFLATE, &newest_only, sizeof newest_only);
+  zmq_setsockopt(socket_->socket, ZMQ_LINGER, &linger_ms, sizeof linger_ms);
+  if (zmq_connect(socket_->socket, address.c_str()) != 0) {
+    throw std::runtime_error(address + ": " + zmq_strerror(zmq_errno()));
+  }
+}
+
+Subscriber::~Subscriber() = default;
+
+const Message* Subscriber::wait(std::chrono::milliseconds timeout) {
+  const auto end = Clock::now() + timeout;
+  do {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now());
+    if (receive(std::max(left, std::chrono::milliseconds(0)))) return &*newest_;
+  } while (Clock::now() < end);
+  return nullptr;
+}
+
+const Message* Subscriber::latest() {
+  while (receive(std::chrono::milliseconds(0))) {
+  }
+  return newest_ ? &*newest_ : nullptr;
+}
+
+// Receives one message. False: none came, or it was not used.
+bool Subscriber::receive(std::chrono::milliseconds timeout) {
+  const auto polled = Clock::now();
+  auto received = empty_;  // a message that is there now arrived after the socket was last seen empty
+  if (!socket_->readable(std::chrono::milliseconds(0))) {
+    empty_ = polled;
+    if (!socket_->readable(timeout)) return false;
+    received = Clock::now();  // it arrived during the wait
+  }
+  zmq_msg_t data;
+  zmq_msg_init(&data);
+  if (zmq_msg_recv(&data, socket_->socket, ZMQ_DONTWAIT) < 0) {
+    zmq_msg_close(&data);
+    return false;
+  }
+  osape::v1::PrismsFrame frame;
+  const bool parsed = frame.ParseFromArray(zmq_msg_data(&data), static_cast<int>(zmq_msg_size(&data)));
+  zmq_msg_close(&data);
+  if (!parsed || frame.schema_version() != kSchemaVersion) {
+    ++stats_.undecodable;
+    stats_.last_error = address_ + ": not a PrismsFrame of schema version " + std::to_string(kSchemaVersion);
+    return false;
+  }
+  if (!is_newer(frame)) {
+    ++stats_.out_of_order;
+    return false;
+  }
+  ++stats_.messages;
+  newest_ = Message{std::move(frame), received, timeout_s_};
+  return true;
+}
+
+// Whether a frame was published after the newest one; a restarted service counts from 0 again.
+bool Subscriber::is_newer(const osape::v1::PrismsFrame& frame) const {
+  if (!newest_) return true;
+  const auto &before = newest_->content.publication(), &after = frame.publication();
+  return before.boot_id() != after.boot_id() || after.number() > before.number() || after.number() == 0 || newest_->stale();
+}
+
+}  // namespace osape_client
