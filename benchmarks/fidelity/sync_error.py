@@ -21,7 +21,7 @@ from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.session import MavlinkSession
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.flight_path import VehicleState, body_rates
 
 NS, MS = 1_000_000_000, 1_000_000
@@ -95,7 +95,7 @@ def fly(case: Case) -> Errors:
     rng = np.random.Generator(np.random.PCG64(case.seed))
     drift = case.drift_ppm * 1e-6
     autopilot = SimulatedAutopilot(
-        Personality(kind=case.kind, drift=drift, boot_at_ns=-1000 * NS, motion=lambda t_ns: turning(case, t_ns))
+        FirmwareProfile(kind=case.kind, drift=drift, boot_at_ns=-1000 * NS, motion=lambda t_ns: turning(case, t_ns))
     )
     session, sync = MavlinkSession(), Synchroniser(SyncParams())
     down, up = Line(case, rng), Line(case, rng)

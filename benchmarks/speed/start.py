@@ -28,7 +28,7 @@ import zmq
 
 from companion.autopilot.simulate_autopilot import flight_of, simulated
 from companion.config.loader import load_config
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 RESTART_S = 0.1
@@ -96,7 +96,7 @@ class Place:
     @contextlib.contextmanager
     def autopilot(self) -> Iterator[None]:
         """It sends from now on."""
-        with AutopilotLine(simulated(flight_of(load_config(self.config))), UdpEnd("127.0.0.1", self.port)):
+        with AutopilotLink(simulated(flight_of(load_config(self.config))), UdpEnd("127.0.0.1", self.port)):
             yield
 
 

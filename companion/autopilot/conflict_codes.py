@@ -1,4 +1,4 @@
-"""Codes of the conflicts with other senders on the autopilot's link (`LinkStatus.strangers`)."""
+"""Codes of the conflicts with other senders on the autopilot's link (`LinkStatus.conflicts`)."""
 
 from __future__ import annotations
 

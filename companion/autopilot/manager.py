@@ -155,9 +155,9 @@ class Avoidance:
 
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Topic -> trouble, in words, for the ground station; all topics there are, so that the end of each is told."""
-        strangers = self._link.strangers if self._link is not None else {}
+        conflicts = self._link.conflicts if self._link is not None else {}
         vehicle = self._vehicle()
-        notes = dict.fromkeys(CONFLICT_CODES, "") | strangers
+        notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""

@@ -177,7 +177,7 @@ class ParameterWriter:
             raise ValueError("no heartbeat of an autopilot that is believed: is it on, and sending here?")
         if vehicle.armed or (self._armed_ns is not None and now_ns - self._armed_ns < 10 * NS):
             raise ValueError("it is ARMED, or was a moment ago: parameters are written while it is disarmed only")
-        trouble = status.signing_trouble or next(iter(status.strangers.values()), "")
+        trouble = status.signing_trouble or next(iter(status.conflicts.values()), "")
         if trouble:
             raise ValueError(f"target system is ambiguous: {trouble}")
         return vehicle.autopilot, vehicle.system_id

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.mavlink.transport import parse_address
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 from drivers.simulation.flights import flight_plan
 from drivers.simulation.looping_flight import EndlessFlight
 
@@ -41,7 +41,7 @@ def simulated(
 ) -> SimulatedAutopilot:
     """An autopilot on this flight, not on a line yet."""
     return SimulatedAutopilot(
-        Personality(
+        FirmwareProfile(
             kind=kind, armed=armed, drift=drift_ppm * 1e-6, motion=flight.state, hides_attitude=flight.hides_attitude
         )
     )
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     end = other_end(address)
-    with AutopilotLine(
+    with AutopilotLink(
         simulated(flight, args.kind, armed=args.armed, drift_ppm=args.drift_ppm),
         end,
         Faults(jitter_s=args.jitter_ms / 1000.0),

@@ -193,7 +193,7 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
         code = DiagnosticCode.LINK_SLOW if warning else ""
         yield Finding("line", not warning, f"{text}: {warning}" if warning else text, code)
     yield from _link_findings(config, link, status)
-    for conflict in conflict_diagnostics(status.strangers):
+    for conflict in conflict_diagnostics(status.conflicts):
         yield Finding("autopilot", False, conflict.text, conflict.code)
     if status.vehicle is not None:
         known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"
@@ -224,7 +224,7 @@ def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> 
 
 
 def _link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iterator[Finding]:
-    line, wanted_hz = link.line, config.autopilot.attitude_hz
+    line, wanted_hz = link.state, config.autopilot.attitude_hz
     if line.error or not (line.open or status.received):
         yield Finding("autopilot", False, f"no line: {line.error}", DiagnosticCode.LINK_CLOSED)
         return

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drivers.logs import codec as wire
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
-from drivers.mavlink.link import LineState
+from drivers.mavlink.link import LinkState
 from drivers.mavlink.session import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -59,7 +59,7 @@ class AutopilotView:
     """The autopilot as the service sees it."""
 
     address: str
-    line: LineState
+    line: LinkState
     link: LinkStatus
     attitude_age_ns: int | None
 
@@ -180,9 +180,9 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
     signing = view.link.signing_trouble
     if signing:
         found.append(of(DiagnosticCode.SIGNING_FAULT, signing))
-    found += conflict_diagnostics(view.link.strangers)
+    found += conflict_diagnostics(view.link.conflicts)
     if view.link.vehicle is None:
-        if not signing and "system id" not in view.link.strangers:
+        if not signing and "system id" not in view.link.conflicts:
             found.append(of(DiagnosticCode.NO_HEARTBEAT, f"no heartbeat of an autopilot on {view.address}"))
         return found
     if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:

@@ -292,7 +292,7 @@ class Service:
             return "the pipeline has ended and"
         if self.loop.started and now_ns - self.loop.alive_ns > limit_ns:
             return "the pipeline"
-        if self.link is not None and now_ns - self.link.line.alive_ns > limit_ns + 2 * NS:  # opening may take 2 s
+        if self.link is not None and now_ns - self.link.state.alive_ns > limit_ns + 2 * NS:  # opening may take 2 s
             return "the autopilot's line"
         if self.avoidance is not None and self.avoidance.hung(round(limit_ns)):
             return "the sender of obstacles"
@@ -388,7 +388,7 @@ class Service:
         newest_ns = self.loop.newest_attitude_ns
         age_ns = None if newest_ns is None else now_ns - newest_ns
         return AutopilotView(
-            address=self.config.autopilot.address, line=self.link.line, link=self.link.status(), attitude_age_ns=age_ns
+            address=self.config.autopilot.address, line=self.link.state, link=self.link.status(), attitude_age_ns=age_ns
         )
 
     def _publish(self, result: PrismsResult, prisms: bytes) -> None:

@@ -16,7 +16,7 @@ OBSTACLES = frozenset({330, 11037})
 _SENT, _MOST = 256, 16
 
 
-class Strangers:
+class ConflictDetector:
     """`sent` with what we send, `heard` with what comes, `troubles` for words."""
 
     def __init__(self, component_id: int) -> None:
@@ -64,7 +64,7 @@ class Strangers:
         """Another vehicle is listened to from now on."""
         self._kind, self._contradiction_ns = "", None
 
-    def troubles(self, now_ns: int, configured: int, *, heard: bool) -> dict[str, str]:
+    def texts(self, now_ns: int, configured: int, *, heard: bool) -> dict[str, str]:
         """Topic -> what is wrong, in words. configured: the only system id listened to, 0: any; heard: an autopilot is."""
         said: dict[str, str] = {}
         if _recent(self._contradiction_ns, now_ns):

@@ -44,7 +44,7 @@ FIRST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class LineState:
+class LinkState:
     """open: whether there is a line; error: why not, in words; warning: that it is slow, in words; flood: that datagrams are
     dropped, in words; losses: how often it was lost; alive_ns: when the
     thread last went round."""
@@ -57,7 +57,7 @@ class LineState:
     flood: str = ""
 
 
-class Rhythm:
+class PollScheduler:
     """When it will be asked again what lies on the line, by when it was asked the last two times."""
 
     def __init__(self) -> None:
@@ -96,11 +96,11 @@ class MavlinkLink:
         self._turn = threading.Lock()
         self._transport: Transport | None = None
         self._left: list[Chunk] = []
-        self._rhythm = Rhythm()
+        self._poll_scheduler = PollScheduler()
         self._stop = threading.Event()
         self._news = threading.Event()
         self.budget: LinkBudget | None = None
-        self._state = LineState(False, "not opened yet", "", 0, time.monotonic_ns())
+        self._state = LinkState(False, "not opened yet", "", 0, time.monotonic_ns())
         self._thread = WatchedThread(self._run, "mavlink")
 
     def open(self) -> None:
@@ -128,7 +128,7 @@ class MavlinkLink:
         return self._thread.failure
 
     @property
-    def line(self) -> LineState:
+    def state(self) -> LinkState:
         """How the line is."""
         return self._state
 
@@ -142,7 +142,7 @@ class MavlinkLink:
         """Reads and delivers what has arrived by now, in the caller's thread. Without a line it does nothing, and what is
         wrong with one is the link's own affair: its thread meets it, too. So is more than comes in a moment: noise takes
         long to look through, and no frame may wait for that."""
-        self._rhythm.asked(time.monotonic_ns())
+        self._poll_scheduler.asked(time.monotonic_ns())
         if not self._turn.acquire(timeout=MOST_WAIT_S):
             return
         try:
@@ -179,7 +179,7 @@ class MavlinkLink:
                 transport = open_transport(self._address)
                 self.budget = self._session.budget(transport.bytes_per_s)
                 warning = self.budget.warning() if self.budget is not None else ""
-                self._state = LineState(True, "", warning, losses, time.monotonic_ns())
+                self._state = LinkState(True, "", warning, losses, time.monotonic_ns())
                 opened_ns = time.monotonic_ns()
                 self._talk(transport, warning, losses)
             except DriverError as failure:
@@ -210,7 +210,7 @@ class MavlinkLink:
                 size = self._round(transport)
             now_ns = time.monotonic_ns()
             flood = transport.flood.text(now_ns) if transport.flood is not None else ""
-            self._state = LineState(True, "", warning, losses, now_ns, flood)
+            self._state = LinkState(True, "", warning, losses, now_ns, flood)
         self._send_posted(transport)
 
     def _send_posted(self, transport: Transport) -> None:
@@ -224,8 +224,8 @@ class MavlinkLink:
         """Until there is something to do: for a pause, or while instants count until the first byte. little: came the last
         time."""
         now_ns = time.monotonic_ns()
-        if self._session.patient(now_ns):
-            self._news.wait(self._rhythm.pause_s(now_ns, little=little))
+        if self._session.can_defer_read(now_ns):
+            self._news.wait(self._poll_scheduler.pause_s(now_ns, little=little))
             self._news.clear()
         elif not self._session.has_posted:
             transport.wait(READ_S)
@@ -239,8 +239,8 @@ class MavlinkLink:
         if chunks:
             self._deliver(samples)  # before anything is sent: a line that breaks then takes nothing along
         with self._lock:
-            if self._session.spoke_in is not None:
-                transport.answer(self._session.spoke_in)
+            if self._session.last_chunk is not None:
+                transport.answer(self._session.last_chunk)
             for data in self._session.due(time.monotonic_ns(), transport.speaks_first):
                 transport.write(data)
         return _bytes(chunks)
@@ -249,7 +249,7 @@ class MavlinkLink:
         """Waits and stays alive: a missing line is a state, not a hang."""
         until_ns = time.monotonic_ns() + round(seconds * NS)
         while time.monotonic_ns() < until_ns and not self._stop.wait(0.1):
-            self._state = LineState(False, error, "", losses, time.monotonic_ns())
+            self._state = LinkState(False, error, "", losses, time.monotonic_ns())
 
 
 def _bytes(chunks: list[Chunk]) -> int:

@@ -65,7 +65,7 @@ class MessageSplitter:
 
     def __init__(self, counts: Counter[LinkAnomaly] | None = None) -> None:
         """counts: those of several splitters together."""
-        self._held = b""
+        self._cached = b""
         self._unknown_end = 0
         self.counts: Counter[LinkAnomaly] = Counter() if counts is None else counts
 
@@ -75,15 +75,15 @@ class MessageSplitter:
 
     def frames(self, data: bytes) -> list[Frame]:
         """The same, not decoded yet."""
-        held, at = self._held + data if self._held else data, 0
+        cached, at = self._cached + data if self._cached else data, 0
         found: list[Frame] = []
-        size = len(held)
+        size = len(cached)
         while at < size:
-            end = _frame_end(held, at)
+            end = _frame_end(cached, at)
             if end is not None:
                 if end > size:
                     break  # the rest is on its way
-                frame = self._checked(held[at:end], at)
+                frame = self._checked(cached[at:end], at)
                 if frame is not None:
                     found.append(frame)
                     at = end
@@ -91,7 +91,7 @@ class MessageSplitter:
             if at >= self._unknown_end:
                 self.counts[LinkAnomaly.NOISE_BYTES] += 1
             at += 1
-        self._held = held[at:]
+        self._cached = cached[at:]
         if self._unknown_end:
             self._unknown_end = max(0, self._unknown_end - at)
         return found
@@ -116,7 +116,7 @@ class MessageSplitter:
 
     def clear(self) -> None:
         """Forgets a message begun."""
-        self._held = b""
+        self._cached = b""
         self._unknown_end = 0
 
 

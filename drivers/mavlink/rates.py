@@ -24,7 +24,7 @@ STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class RateRequest:
     """A message we want. instead_of: asked for only while that other message does not come."""
 
     message_id: int
@@ -33,12 +33,12 @@ class Wish:
     instead_of: int | None = None
 
 
-class RateKeeper:
+class RateMonitor:
     """Measures arrivals and says what to ask for."""
 
-    def __init__(self, wishes: tuple[Wish, ...]) -> None:
-        self.wishes = wishes
-        self._arrivals: dict[int, deque[int]] = {w.message_id: deque() for w in wishes}
+    def __init__(self, requests: tuple[RateRequest, ...]) -> None:
+        self.requests = requests
+        self._arrivals: dict[int, deque[int]] = {w.message_id: deque() for w in requests}
         self._next_ns: dict[int, int] = {}
         self._wait_ns: dict[int, int] = {}
         self._first_asked_ns: dict[int, int] = {}
@@ -74,7 +74,7 @@ class RateKeeper:
 
     def due(self, now_ns: int, system: int, component: int) -> list[Any]:
         """The requests to send now."""
-        wanted = [w for w in self.wishes if self._wanting(w, now_ns)]
+        wanted = [w for w in self.requests if self._wanting(w, now_ns)]
         if not wanted:
             return []
         if not self.knows_intervals:
@@ -89,7 +89,7 @@ class RateKeeper:
             out.append(_interval(w, system, component))
         return out
 
-    def _wanting(self, w: Wish, now_ns: int) -> bool:
+    def _wanting(self, w: RateRequest, now_ns: int) -> bool:
         if now_ns < self._next_ns.get(w.message_id, 0):
             return False
         if self.rate_hz(w.message_id, now_ns) >= ENOUGH * w.hz:
@@ -103,7 +103,7 @@ class RateKeeper:
             return False
         return self.rate_hz(w.instead_of, now_ns) == 0.0
 
-    def _old_request(self, wanted: list[Wish], system: int, component: int) -> list[Any]:
+    def _old_request(self, wanted: list[RateRequest], system: int, component: int) -> list[Any]:
         if self._streams_asked:
             return []
         self._streams_asked = True
@@ -118,7 +118,7 @@ class RateKeeper:
         ]
 
 
-def _interval(w: Wish, system: int, component: int) -> Any:
+def _interval(w: RateRequest, system: int, component: int) -> Any:
     return dialect.MAVLink_command_long_message(
         system, component, MAV_CMD_SET_MESSAGE_INTERVAL, 0, w.message_id, 1e6 / w.hz, 0, 0, 0, 0, 0
     )

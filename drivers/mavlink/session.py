@@ -17,11 +17,11 @@ from core.types import AttitudeSample, PoseSample
 from .anomalies import LinkAnomaly
 from .bandwidth import FACE, OBSTACLES, POINT, LinkBudget, link_budget
 from .clock_sync import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
-from .conflicts import Strangers
+from .conflicts import ConflictDetector
 from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .motion import MOTION, MotionDecoder
 from .parser import MAVLINK1, Frame, MessageSplitter
-from .rates import RateKeeper, Wish
+from .rates import RateMonitor, RateRequest
 from .signing import Signing, for_the_log
 from .timesync import TimeSync
 from .transport import Chunk, Source
@@ -56,12 +56,12 @@ class MavlinkParams:
     def __post_init__(self) -> None:
         check("mavlink", self)
 
-    def wishes(self) -> tuple[Wish, ...]:
+    def rate_requests(self) -> tuple[RateRequest, ...]:
         """The messages we ask for."""
         return (
-            Wish(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
-            Wish(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
-            Wish(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
+            RateRequest(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
+            RateRequest(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
+            RateRequest(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
         )
 
 
@@ -92,7 +92,7 @@ class LinkStatus:
     signed: bool = False
     """The autopilot's messages are signed with our key."""
     signing_trouble: str = ""
-    strangers: dict[str, str] = field(default_factory=dict)
+    conflicts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is wrong with others on the line, in words."""
 
 
@@ -120,13 +120,13 @@ class MavlinkSession:
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
         self._timesync = TimeSync(self.clock)
         self._motion = MotionDecoder(self.clock)
-        self.rates = RateKeeper(self.params.wishes())
+        self.rates = RateMonitor(self.params.rate_requests())
         self._splitters: OrderedDict[Source, MessageSplitter] = OrderedDict()
         self._splitter_counts: Counter[LinkAnomaly] = Counter()
         self._signing = signing or Signing()
-        self._strangers = Strangers(self.params.component_id)
+        self._conflicts = ConflictDetector(self.params.component_id)
         self._place = 0
-        self.spoke_in: int | None = None
+        self.last_chunk: int | None = None
         self._encoder = dialect.MAVLink(None)
         self._encoder.srcComponent = self.params.component_id
         self._next_heartbeat_ns = 0
@@ -140,10 +140,10 @@ class MavlinkSession:
         self, chunks: list[Chunk], sources: Sequence[Source] | None = None
     ) -> list[AttitudeSample | PoseSample]:
         """The samples in what arrived, in its order. sources: who sent each chunk, None: one for all; half a message of one
-        must not swallow the whole ones of another. `spoke_in` then tells in which of the chunks the autopilot spoke last,
+        must not swallow the whole ones of another. `last_chunk` then tells in which of the chunks the autopilot spoke last,
         None: in none."""
         samples: list[AttitudeSample | PoseSample] = []
-        self.spoke_in = None
+        self.last_chunk = None
         for self._place, (data, arrival_ns) in enumerate(chunks):
             splitter = self._splitter(None if sources is None else sources[self._place])
             for frame in splitter.frames(data):
@@ -176,7 +176,7 @@ class MavlinkSession:
             self._on_frame(logged, arrival_ns)
         own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
         if not own:
-            self._strangers.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
+            self._conflicts.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
         kind = frame.id
         if kind in MOTION:
             return self._moves(frame, kind, arrival_ns) if own else None
@@ -226,7 +226,7 @@ class MavlinkSession:
 
     def _speaks(self, kind: int, arrival_ns: int) -> None:
         """The autopilot said something."""
-        self._heard_ns, self.spoke_in = arrival_ns, self._place
+        self._heard_ns, self.last_chunk = arrival_ns, self._place
         self.rates.heard(kind, arrival_ns)
 
     def _from_autopilot(self, message: Any) -> bool:
@@ -242,7 +242,7 @@ class MavlinkSession:
         if m.autopilot == MAV_AUTOPILOT_INVALID or m.get_srcComponent() != MAV_COMP_ID_AUTOPILOT1:
             return
         if self.params.system_id not in (0, system):
-            self._strangers.left_out(system, arrival_ns)
+            self._conflicts.left_out(system, arrival_ns)
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
             return
         old = self.vehicle
@@ -250,13 +250,13 @@ class MavlinkSession:
             if self.heard(arrival_ns):
                 self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
                 return
-            self._strangers.another()
+            self._conflicts.another()
             self.clock.restart()  # another autopilot, another clock
             self._clock_restarts = self.clock.restarts
             self._begin_anew()
         self.vehicle = Vehicle(
             system,
-            self._strangers.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
+            self._conflicts.kind(AUTOPILOTS.get(int(m.autopilot), f"autopilot {int(m.autopilot)}"), arrival_ns),
             int(m.type),
             bool(int(m.base_mode) & MAV_MODE_FLAG_SAFETY_ARMED),
             int(m.custom_mode),
@@ -268,7 +268,7 @@ class MavlinkSession:
         self._timesync.restart()
         self.rates.restart()
 
-    def patient(self, now_ns: int) -> bool:
+    def can_defer_read(self, now_ns: int) -> bool:
         """Whether what comes may lie for a moment before it is read. Not while the clock is found by the instants of
         arrivals, nor while an answer to TIMESYNC is awaited: the time that it lies would count as the line's."""
         return self.clock.estimate.source is ClockSource.TIMESYNC and not self._timesync.awaits(now_ns)
@@ -332,7 +332,7 @@ class MavlinkSession:
         self._signing.prepare(self._encoder)
         data = bytes(message.pack(self._encoder))
         self._encoder.seq = (self._encoder.seq + 1) % 256
-        self._strangers.sent(data)
+        self._conflicts.sent(data)
         return data
 
     # ---- what is told of it -------------------------------------------------------------------------------------
@@ -356,7 +356,7 @@ class MavlinkSession:
             received=self.received,
             counts={what.value: often for what, often in counts.items() if often},
             signed=self._signing.good(now_ns),
-            strangers=self._strangers.troubles(now_ns, self.params.system_id, heard=self.heard(now_ns)),
+            conflicts=self._conflicts.texts(now_ns, self.params.system_id, heard=self.heard(now_ns)),
             signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
         )
 

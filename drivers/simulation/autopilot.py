@@ -48,7 +48,7 @@ def never(_: int) -> bool:
 
 
 @dataclass(kw_only=True)
-class Personality:
+class FirmwareProfile:
     """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
     knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
     which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
@@ -81,12 +81,12 @@ class SimulatedAutopilot:
     each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them;
     mute: it hears, and is not heard."""
 
-    def __init__(self, personality: Personality | None = None) -> None:
-        self.personality = personality or Personality()
+    def __init__(self, profile: FirmwareProfile | None = None) -> None:
+        self.profile = profile or FirmwareProfile()
         self.parameters: dict[str, float] = {}
         self.received: list[Any] = []
         self.obstacles: Px4Reader | ArduPilotReader = (
-            ArduPilotReader() if self.personality.kind == ARDUPILOT else Px4Reader()
+            ArduPilotReader() if self.profile.kind == ARDUPILOT else Px4Reader()
         )
         self.obstacle_times_ns: list[int] = []
         self.layers: ArduPilotLayers | None = None
@@ -97,15 +97,15 @@ class SimulatedAutopilot:
         self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
         self._intervals: dict[int, float] = {}
         self._answers: list[bytes] = []
-        self._mavlink = dialect.MAVLink(None, self.personality.system_id, self.personality.component_id)
+        self._mavlink = dialect.MAVLink(None, self.profile.system_id, self.profile.component_id)
         self._splitter = MessageSplitter()
         self.dropped: list[Any] = []
-        self.sign(self.personality.key)
-        self.reboot(self.personality.boot_at_ns)
+        self.sign(self.profile.key)
+        self.reboot(self.profile.boot_at_ns)
 
     def reboot(self, now_ns: int) -> None:
         """Boot time starts from 0 and all intervals are forgotten."""
-        p = self.personality
+        p = self.profile
         p.boot_at_ns = now_ns
         self._intervals = dict(_STREAMED_UNASKED[p.kind] if p.streams is None else p.streams)
         self._next_ns.clear()
@@ -113,15 +113,15 @@ class SimulatedAutopilot:
 
     def sign(self, key: bytes | None) -> None:
         """With this key from now on; None: no more. It knows of no signatures from before."""
-        self.personality.key = key
+        self.profile.key = key
         signing = self._mavlink.signing
         signing.secret_key, signing.sign_outgoing = key, key is not None
-        signing.timestamp = self.personality.signing_ticks
+        signing.timestamp = self.profile.signing_ticks
         signing.stream_timestamps.clear()
 
     def boot_ns(self, now_ns: int) -> int:
         """Time since boot on its own crystal."""
-        return max(0, round((now_ns - self.personality.boot_at_ns) * (1.0 + self.personality.drift)))
+        return max(0, round((now_ns - self.profile.boot_at_ns) * (1.0 + self.profile.drift)))
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -133,7 +133,7 @@ class SimulatedAutopilot:
                 self.dropped.append(message)
                 continue
             self.received.append(message)
-            if kind == "TIMESYNC" and message.tc1 == 0 and self.personality.answers_timesync:
+            if kind == "TIMESYNC" and message.tc1 == 0 and self.profile.answers_timesync:
                 self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
             elif kind == "COMMAND_LONG" and message.command == _SET_MESSAGE_INTERVAL:
                 self._set_interval(int(message.param1), float(message.param2))
@@ -161,10 +161,10 @@ class SimulatedAutopilot:
     def _takes(self, message: Any) -> bool:
         """By the library's own check, which knows the time by what it hears, too."""
         frame = message.get_msgbuf()
-        if self.personality.key is None:
+        if self.profile.key is None:
             return True
         if frame[0] != 0xFD or not frame[2] & 1:
-            return message.get_msgId() in _TAKEN_UNSIGNED[self.personality.kind]
+            return message.get_msgId() in _TAKEN_UNSIGNED[self.profile.kind]
         return bool(self._mavlink.check_signature(frame, message.get_srcSystem(), message.get_srcComponent()))
 
     def of_kind(self, kind: str) -> list[Any]:
@@ -173,9 +173,9 @@ class SimulatedAutopilot:
 
     def _set_interval(self, number: int, interval_us: float) -> None:
         result = 0
-        if not self.personality.knows_intervals:
+        if not self.profile.knows_intervals:
             result = 3
-        elif interval_us > 0 and 1e6 / interval_us > _MOST_HZ[self.personality.kind]:
+        elif interval_us > 0 and 1e6 / interval_us > _MOST_HZ[self.profile.kind]:
             result = 2
         elif interval_us > 0:
             self._intervals[number] = 1e6 / interval_us
@@ -188,7 +188,7 @@ class SimulatedAutopilot:
         if name not in self.parameters:
             return
         value, kind = self.parameters[name], _REAL32
-        if self.personality.kind == PX4 and isinstance(value, int):
+        if self.profile.kind == PX4 and isinstance(value, int):
             value, kind = struct.unpack("<f", struct.pack("<i", value))[0], _INT32
         index = list(self.parameters).index(name)
         self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
@@ -198,7 +198,7 @@ class SimulatedAutopilot:
         name, value = message.param_id, float(message.param_value)
         if name not in self.parameters:
             return
-        if self.personality.kind == PX4 and message.param_type == _INT32:
+        if self.profile.kind == PX4 and message.param_type == _INT32:
             value = struct.unpack("<i", struct.pack("<f", value))[0]
         if name not in self.stubborn:
             self.parameters[name] = value
@@ -220,13 +220,13 @@ class SimulatedAutopilot:
             return []
         if self._is_due(_HEARTBEAT, 1.0, now_ns):
             out.append(self._pack(self._heartbeat()))
-        hidden = _ATTITUDES if self.personality.hides_attitude(now_ns) else ()
+        hidden = _ATTITUDES if self.profile.hides_attitude(now_ns) else ()
         for number, hz in list(self._intervals.items()):
-            if number > 255 and self.personality.mavlink_1:
+            if number > 255 and self.profile.mavlink_1:
                 continue
             if number in _SENDERS and number not in hidden and self._is_due(number, hz, now_ns):
                 out += [self._pack(message) for message in _SENDERS[number](self, now_ns)]
-        hz = self.personality.timesync_asks_hz if self.personality.kind == PX4 else 0.1
+        hz = self.profile.timesync_asks_hz if self.profile.kind == PX4 else 0.1
         if self._is_due(_TIMESYNC, hz, now_ns):
             out.append(self._pack(dialect.MAVLink_timesync_message(0, self.boot_ns(now_ns))))
         return out
@@ -246,13 +246,13 @@ class SimulatedAutopilot:
         return True
 
     def _heartbeat(self) -> Any:
-        p = self.personality
+        p = self.profile
         return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, p.custom_mode, 4, 3)
 
     def _state(self, now_ns: int) -> VehicleState:
         """Once for all messages of an instant: it takes longer than they do."""
         if self._moved[0] != now_ns:
-            self._moved = (now_ns, self.personality.motion(now_ns))
+            self._moved = (now_ns, self.profile.motion(now_ns))
         return self._moved[1]
 
     def _attitude(self, now_ns: int) -> list[Any]:
@@ -302,7 +302,7 @@ class SimulatedAutopilot:
         ]
 
     def _pack(self, message: Any) -> bytes:
-        data = bytes(message.pack(self._mavlink, force_mavlink1=self.personality.mavlink_1))
+        data = bytes(message.pack(self._mavlink, force_mavlink1=self.profile.mavlink_1))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return data
 

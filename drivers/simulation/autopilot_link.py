@@ -89,7 +89,7 @@ class PtyEnd:
         os.close(self._theirs)
 
 
-class AutopilotLine:
+class AutopilotLink:
     """Runs an autopilot in a thread until closed. Usable as a context manager."""
 
     def __init__(self, autopilot: SimulatedAutopilot, end: UdpEnd | PtyEnd, faults: Faults | None = None) -> None:
@@ -104,7 +104,7 @@ class AutopilotLine:
         self._woken = os.eventfd(0, os.EFD_NONBLOCK)
         self._thread = threading.Thread(target=self._run, name="simulated autopilot", daemon=True)
 
-    def __enter__(self) -> AutopilotLine:
+    def __enter__(self) -> AutopilotLink:
         self._thread.start()
         return self
 

@@ -22,7 +22,7 @@ from companion.autopilot.simulate_autopilot import flight_of, simulated
 from companion.config.loader import load_config
 from core.frames import rotation_from_quaternion
 from drivers.simulation.autopilot import PX4
-from drivers.simulation.autopilot_link import AutopilotLine, Faults, UdpEnd
+from drivers.simulation.autopilot_link import AutopilotLink, Faults, UdpEnd
 from drivers.simulation.looping_flight import EndlessFlight
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -200,11 +200,11 @@ def _exists(pid: int) -> bool:
 
 
 @contextmanager
-def flown(live: Live, kind: str = PX4, faults: Faults | None = None) -> Iterator[AutopilotLine]:
+def flown(live: Live, kind: str = PX4, faults: Faults | None = None) -> Iterator[AutopilotLink]:
     """An autopilot on the service's UDP port, flying what its cameras see."""
     autopilot = simulated(live.flight(), kind)
-    autopilot.personality.boot_at_ns = time.monotonic_ns() - 30 * NS
-    with AutopilotLine(autopilot, UdpEnd("127.0.0.1", live.port), faults) as line:
+    autopilot.profile.boot_at_ns = time.monotonic_ns() - 30 * NS
+    with AutopilotLink(autopilot, UdpEnd("127.0.0.1", live.port), faults) as line:
         yield line
 
 

@@ -17,8 +17,8 @@ from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
 from companion.doctor import doctor
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 
 from .live import free_port, until
 from .test_service_avoids import PARAMETERS
@@ -40,16 +40,16 @@ GOOD = {
 
 @contextmanager
 def flying(
-    kind: str, folder: Path, parameters: dict[str, float], **personality: Any
-) -> Iterator[tuple[AutopilotLine, Path]]:
+    kind: str, folder: Path, parameters: dict[str, float], **profile: Any
+) -> Iterator[tuple[AutopilotLink, Path]]:
     """An autopilot that is not there, and a configuration for it."""
     port, config = free_port(), folder / "doctor.toml"
     config.write_text(
         f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n[avoid]\nsend = true\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
     )
-    autopilot = SimulatedAutopilot(Personality(kind=kind, **personality))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, **profile))
     autopilot.parameters = dict(parameters)
-    with AutopilotLine(autopilot, UdpEnd("127.0.0.1", port)) as line:
+    with AutopilotLink(autopilot, UdpEnd("127.0.0.1", port)) as line:
         yield line, config
 
 
@@ -64,7 +64,7 @@ def answering(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(words))
 
 
-def sets(line: AutopilotLine) -> list[Any]:
+def sets(line: AutopilotLink) -> list[Any]:
     return list(line.change(lambda a: a.of_kind("PARAM_SET")))
 
 
@@ -132,7 +132,7 @@ def test_a_vehicle_that_is_armed_while_somebody_reads_the_list_is_left_alone(tmp
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
 
         def armed_meanwhile(wanted: list[Change]) -> bool:
-            line.change(lambda a: setattr(a.personality, "armed", True))
+            line.change(lambda a: setattr(a.profile, "armed", True))
             seen = len(line.change(lambda a: a.of_kind("HEARTBEAT")))
             # ours comes once a second, as its own does
             assert until(lambda: len(line.change(lambda a: a.of_kind("HEARTBEAT"))) > seen + 1)
@@ -157,8 +157,8 @@ def test_what_is_not_taken_is_named_and_the_rest_goes_on(tmp_path: Path) -> None
 def test_a_line_on_which_two_speak_is_not_written_to(tmp_path: Path) -> None:
     with flying(ARDUPILOT, tmp_path, BAD[ARDUPILOT]) as (line, config):
         port = load_config(config).autopilot.address.rsplit(":", 1)[1]
-        forger = SimulatedAutopilot(Personality(kind=PX4, system_id=1))
-        with AutopilotLine(forger, UdpEnd("127.0.0.1", int(port))):
+        forger = SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=1))
+        with AutopilotLink(forger, UdpEnd("127.0.0.1", int(port))):
             said = steps(config, lambda wanted: True, 5.0)
         assert sets(line) == []
         assert forger.of_kind("PARAM_SET") == []

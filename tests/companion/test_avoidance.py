@@ -17,7 +17,7 @@ from companion.pipeline.latency import LatencyStage
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import Vehicle
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 
 AVOID = AvoidParams(max_distance_m=12.0)
 NS = 1_000_000_000
@@ -53,7 +53,7 @@ def tell(reader: ParameterReader, name: str, value: float, now_ns: int) -> None:
     ],
 )  # fmt: skip
 def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: dict[str, float]) -> None:
-    autopilot, reader = SimulatedAutopilot(Personality(kind=kind)), ParameterReader()
+    autopilot, reader = SimulatedAutopilot(FirmwareProfile(kind=kind)), ParameterReader()
     autopilot.parameters = dict(parameters)
     reader.begin(kind)
     asked(reader, autopilot, NS, 2.0)
@@ -152,7 +152,7 @@ def test_a_forged_value_beside_the_true_one_never_moves_the_wall(forged: float, 
     """Farther, the vehicle flies on into what nobody sees; nearer, it backs away without end."""
     reader = ParameterReader()
     reader.begin(ARDUPILOT)
-    autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))
     autopilot.parameters = {"AVOID_MARGIN": 2.5}
     if not first:
         asked(reader, autopilot, NS, 2.0)
@@ -186,7 +186,7 @@ def echoed(kind: str, deaf: bool, seconds: float, values: np.ndarray, own: np.nd
     """Messages at 10 Hz to an autopilot that was asked to send its obstacles back at 2 Hz; own: what it is told
     instead by somebody else."""
     streams = {330: 2.0} if kind == PX4 else {132: 2.0}
-    autopilot = SimulatedAutopilot(Personality(kind=kind, streams=streams))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, streams=streams))
     autopilot.deaf = deaf
     check = EchoCheck()
     for step in range(round(10 * seconds)):

@@ -22,8 +22,8 @@ from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.transport import parse_address
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd, UdpEnd
 from drivers.simulation.flight_path import VehicleState
 from drivers.simulation.scenes import Scene
 from drivers.simulation.source import render
@@ -51,7 +51,7 @@ class Vehicle:
 
     def __init__(self, kind: str, x_m: float) -> None:
         self.autopilot = SimulatedAutopilot(
-            Personality(kind=kind, armed=True, custom_mode=3 << 16 if kind == PX4 else 5, motion=self.state)
+            FirmwareProfile(kind=kind, armed=True, custom_mode=3 << 16 if kind == PX4 else 5, motion=self.state)
         )
         self.autopilot.obstacles = px4() if kind == PX4 else ardupilot()
         self.autopilot.parameters = {"CP_DIST": MARGIN_M} if kind == PX4 else {"AVOID_MARGIN": MARGIN_M}
@@ -116,7 +116,7 @@ class Companion:
 @contextmanager
 def flying(
     kind: str, line: str, x_m: float, avoid: AvoidParams = AVOID
-) -> Iterator[tuple[Vehicle, Companion, AutopilotLine]]:
+) -> Iterator[tuple[Vehicle, Companion, AutopilotLink]]:
     vehicle = Vehicle(kind, x_m)
     if line == "udp":
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
@@ -127,7 +127,7 @@ def flying(
     else:
         end = PtyEnd()
         address = f"serial:{end.device}"
-    with AutopilotLine(vehicle.autopilot, end) as running:
+    with AutopilotLink(vehicle.autopilot, end) as running:
         companion = Companion(address, avoid)
         companion.link.open()
         companion.avoidance.open()
@@ -157,7 +157,7 @@ def fly_on(
     scene: Scene,
     vehicle: Vehicle,
     companion: Companion,
-    running: AutopilotLine,
+    running: AutopilotLink,
     stands_beyond_m: float,
     until_m: float = 99.0,
     dies_at_m: float = 99.0,

@@ -13,7 +13,7 @@ from companion.live.onboard_computer_status import NONE_I8, NONE_U8, NONE_U32, C
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.simulation.autopilot import SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, until
@@ -79,7 +79,7 @@ def test_the_service_tells_it_once_a_second_where_it_was_asked_to(asked: bool, t
     def count(kind: str) -> int:
         return int(line.change(lambda a: len(a.of_kind(kind))))
 
-    with AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", live.port)) as line:
+    with AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", live.port)) as line:
         try:
             live.start()
             assert until(lambda: count("HEARTBEAT") > 0)

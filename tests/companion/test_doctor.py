@@ -18,7 +18,7 @@ from companion.doctor import doctor
 from companion.live.status import address_in_use
 from companion.streams.publisher import Publisher, Stream
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd
+from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import PATIENCE_S, Live, flown, free_port
@@ -51,7 +51,7 @@ def live(tmp_path: Path, renders: Path, monkeypatch: pytest.MonkeyPatch) -> Live
 
 
 @pytest.fixture(params=[PX4, ARDUPILOT])
-def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLine]:
+def line(live: Live, request: pytest.FixtureRequest) -> Iterator[AutopilotLink]:
     with flown(live, request.param) as line:
         line.change(lambda a: a.parameters.update(PARAMETERS[request.param]))
         yield line
@@ -69,20 +69,20 @@ def looked(live: Live, capsys: pytest.CaptureFixture[str], patience: str = "20")
     return status, worst
 
 
-def test_all_is_well(live: Live, line: AutopilotLine, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]) -> None:
     status, said = looked(live, capsys)
     assert status == 0, said
     assert said["camera front"]["text"].startswith("160x120, ")
-    assert line.autopilot.personality.kind in said["autopilot"]["text"]
+    assert line.autopilot.profile.kind in said["autopilot"]["text"]
     parts = {"safety keys", "service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
     assert set(said) == parts
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
 
 def test_what_keeps_it_from_braking_is_said(
-    live: Live, line: AutopilotLine, capsys: pytest.CaptureFixture[str]
+    live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bad = {"CP_DIST": -1.0} if line.autopilot.personality.kind == PX4 else {"PRX1_TYPE": 0}
+    bad = {"CP_DIST": -1.0} if line.autopilot.profile.kind == PX4 else {"PRX1_TYPE": 0}
     line.change(lambda a: a.parameters.update(bad))
     status, said = looked(live, capsys)
     assert status == 1
@@ -222,7 +222,7 @@ def test_the_line_s_budget_is_told(
         monkeypatch.setenv(name, str(tmp_path / name))
     end, config = PtyEnd(), tmp_path / "doctor.toml"
     config.write_text(f'[autopilot]\naddress = "serial:{end.device}:{baud}"\n[avoid]\nsend = true\n')
-    with AutopilotLine(SimulatedAutopilot(), end):
+    with AutopilotLink(SimulatedAutopilot(), end):
         main(["doctor", "-c", str(config), "--json", "--patience", "3"])
     (line,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "line"]
     assert line["ok"] == good

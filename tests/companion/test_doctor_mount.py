@@ -16,7 +16,7 @@ from companion.autopilot.simulate_autopilot import simulated
 from companion.cli import main
 from companion.config.loader import load_config
 from core.frames import euler_from_rotation, rotation_from_euler
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from drivers.simulation.flight_path import VehicleState
 
 from .live import NS, Live
@@ -63,9 +63,9 @@ def vehicle_of(motion: Callable[[int], VehicleState], live: Live) -> Callable[[i
 def measured(live: Live, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
     """(status, the finding of the camera) while the autopilot reports the vehicle's attitude."""
     autopilot = simulated(live.flight())
-    autopilot.personality.motion = vehicle_of(live.flight().state, live)
-    autopilot.personality.boot_at_ns = time.monotonic_ns() - 30 * NS
-    with AutopilotLine(autopilot, UdpEnd("127.0.0.1", live.port)):
+    autopilot.profile.motion = vehicle_of(live.flight().state, live)
+    autopilot.profile.boot_at_ns = time.monotonic_ns() - 30 * NS
+    with AutopilotLink(autopilot, UdpEnd("127.0.0.1", live.port)):
         status = main(["doctor", "-c", str(live.config), "--json", "--mount", "--seconds", "40"])
     (finding,) = json.loads(capsys.readouterr().out)["mounts"]
     return status, finding

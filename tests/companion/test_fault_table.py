@@ -27,8 +27,8 @@ from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.transport import parse_address
-from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, Personality, SimulatedAutopilot, hovering
-from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, AUTOPILOT_IDS, PX4, FirmwareProfile, SimulatedAutopilot, hovering
+from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 from drivers.simulation.flight_path import VehicleState
 
 from .live import free_port, until
@@ -44,7 +44,7 @@ NOISE = Faults(jitter_s=0.003, noise_share=0.1, double_share=0.05)
 class Flown:
     """A companion without its processes, whose camera takes a frame whenever `fly` comes round."""
 
-    def __init__(self, address: str, line: AutopilotLine, kind: str) -> None:
+    def __init__(self, address: str, line: AutopilotLink, kind: str) -> None:
         self.line, self.kind = line, kind
         self.waiting: deque[AttitudeSample | PoseSample] = deque()
         self.words = ""
@@ -123,11 +123,11 @@ LINES = [(PX4, "udp"), (ARDUPILOT, "pty")]
 
 @contextmanager
 def connected(kind: str, way: str) -> Iterator[Flown]:
-    autopilot = SimulatedAutopilot(Personality(kind=kind, boot_at_ns=time.monotonic_ns() - 30 * NS))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, boot_at_ns=time.monotonic_ns() - 30 * NS))
     autopilot.parameters = {"AVOID_MARGIN": 2.5} if kind == ARDUPILOT else {"CP_DIST": 2.5}
     end = UdpEnd("127.0.0.1", port := free_port()) if way == "udp" else PtyEnd()
     address = f"serial:{end.device}" if isinstance(end, PtyEnd) else f"udpin:127.0.0.1:{port}"
-    with AutopilotLine(autopilot, end, NOISE) as line:
+    with AutopilotLink(autopilot, end, NOISE) as line:
         flown = Flown(address, line, kind)
         flown.link.open()
         flown.avoidance.open()
@@ -152,16 +152,16 @@ def nan(t_ns: int) -> VehicleState:
 Act = Callable[[Flown], Any]
 
 
-def personality(name: str, value: Any) -> Act:
-    return lambda flown: flown.line.change(lambda a: setattr(a.personality, name, value))
+def profile(name: str, value: Any) -> Act:
+    return lambda flown: flown.line.change(lambda a: setattr(a.profile, name, value))
 
 
 FAULTS: dict[str, tuple[Act, Act]] = {
     "the camera dies": (lambda f: setattr(f, "delivers", False), lambda f: setattr(f, "delivers", True)),
     "the image is frozen": (lambda f: setattr(f, "repeats", True), lambda f: setattr(f, "repeats", False)),
-    "no attitude": (personality("hides_attitude", lambda _: True), personality("hides_attitude", lambda _: False)),
-    "an attitude of no numbers": (personality("motion", nan), personality("motion", hovering)),
-    "the autopilot's clock starts anew and stands": (personality("drift", -1.0), personality("drift", 0.0)),
+    "no attitude": (profile("hides_attitude", lambda _: True), profile("hides_attitude", lambda _: False)),
+    "an attitude of no numbers": (profile("motion", nan), profile("motion", hovering)),
+    "the autopilot's clock starts anew and stands": (profile("drift", -1.0), profile("drift", 0.0)),
 }
 """What breaks, and what mends it."""
 
@@ -190,7 +190,7 @@ def test_who_is_blind_tells_nothing_clear_from_0_4_s_on(flown: Flown, fault: str
 
 def test_an_autopilot_in_flight_that_is_heard_no_more_is_told_on(flown: Flown) -> None:
     """The line may work one way only: ArduPilot would fly on if the wall ceased; PX4 stands in silence."""
-    personality("armed", True)(flown)
+    profile("armed", True)(flown)
     assert until(lambda: getattr(flown.link.status().vehicle, "armed", False))
     flown.line.change(lambda a: setattr(a, "mute", True))
     mute_ns = time.monotonic_ns()
@@ -203,7 +203,7 @@ def test_an_autopilot_in_flight_that_is_heard_no_more_is_told_on(flown: Flown) -
         assert (late[-1][0] > mute_ns + 4 * NS) == (flown.kind == ARDUPILOT)
     finally:
         flown.line.change(lambda a: setattr(a, "mute", False))
-        personality("armed", False)(flown)
+        profile("armed", False)(flown)
     assert flown.comes_to_see()
 
 
@@ -211,7 +211,7 @@ def packed(message: Any, component: int) -> bytes:
     return bytes(message.pack(dialect.MAVLink(None, 1, component)))
 
 
-def strangers(flown: Flown) -> list[bytes]:
+def conflicts(flown: Flown) -> list[bytes]:
     """A second companion that sees all clear, attitudes of another component, answers to a TIMESYNC that nobody asked."""
     clear = dialect.MAVLink_obstacle_distance_message(0, 4, [CLEAR_CM] * 72, 5, 20, 1200, 5.0, 0.0, 12)
     attitude = dialect.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0)
@@ -222,7 +222,7 @@ def strangers(flown: Flown) -> list[bytes]:
 
 def test_others_on_the_line_make_no_blind_one_tell_clear(flown: Flown) -> None:
     """As a router brings them, in between the autopilot's own words."""
-    words = strangers(flown)
+    words = conflicts(flown)
     flown.delivers = False
     died_ns = flown.good_ns
     try:
@@ -234,7 +234,7 @@ def test_others_on_the_line_make_no_blind_one_tell_clear(flown: Flown) -> None:
         assert {values[i] for _, _, values in late for i in (71, 0, 1)} == (
             {UNKNOWN} if flown.kind == PX4 else {WALL_CM}
         )
-        strange = flown.link.status().strangers
+        strange = flown.link.status().conflicts
         assert "component 197 tells it of obstacles too" in strange["two companions"]
     finally:
         flown.delivers = True

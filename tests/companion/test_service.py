@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simulation.autopilot_link import AutopilotLine
+from drivers.simulation.autopilot_link import AutopilotLink
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
@@ -50,7 +50,7 @@ MOST_NEAR_NS = 20_000_000
 class Flying:
     """A service that was seen to work, its autopilot, and two subscribers."""
 
-    def __init__(self, live: Live, line: AutopilotLine) -> None:
+    def __init__(self, live: Live, line: AutopilotLink) -> None:
         self.live, self.line = live, line
         self.prisms, self.health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
 

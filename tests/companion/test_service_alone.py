@@ -12,7 +12,7 @@ from pathlib import Path
 from companion.autopilot.simulate_autopilot import simulated
 from drivers.logs.reader import McapRecording
 from drivers.simulation.autopilot import ARDUPILOT
-from drivers.simulation.autopilot_link import AutopilotLine, PtyEnd
+from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
@@ -169,7 +169,7 @@ def test_an_ardupilot_on_a_serial_line(tmp_path: Path, renders: Path) -> None:
     sections = CAMERA + f'\n[autopilot]\naddress = "serial:{end.device}:921600"\n' + NO_LOG
     with service(tmp_path, sections, renders) as live:
         autopilot = simulated(live.flight(), ARDUPILOT)
-        with AutopilotLine(autopilot, end):
+        with AutopilotLink(autopilot, end):
             prisms, health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
             live.start()
             said = health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, PATIENCE_S)

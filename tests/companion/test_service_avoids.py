@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from drivers.simulation.autopilot import ARDUPILOT, PX4
-from drivers.simulation.autopilot_link import AutopilotLine
+from drivers.simulation.autopilot_link import AutopilotLink
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, Live, flown, until
@@ -48,7 +48,7 @@ FRONT = [*range(66, 72), *range(7)]
 class Told:
     """A service, and what its autopilot was told."""
 
-    def __init__(self, live: Live, line: AutopilotLine, kind: str) -> None:
+    def __init__(self, live: Live, line: AutopilotLink, kind: str) -> None:
         self.live, self.line, self.kind = live, line, kind
         self.prisms, self.health = live.ear("prisms", pb.PrismsFrame), live.ear("health", pb.Health)
 
@@ -106,7 +106,7 @@ def test_obstacles_are_told_at_ten_hertz_and_more(told: Told) -> None:
     assert told.steadily()
     message = told.line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))[-1]
     assert (message.increment, message.increment_f, message.angle_offset, message.frame) == (5, 5.0, 0.0, 12)
-    assert message.get_srcSystem() == told.line.autopilot.personality.system_id
+    assert message.get_srcSystem() == told.line.autopilot.profile.system_id
 
 
 def test_parameters_are_read_and_what_they_keep_from_braking_is_said(told: Told) -> None:
@@ -165,8 +165,8 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
     live = Live(tmp_path, CONFIG.replace("send = true", margin), renders)
     with flown(live, kind) as line:
         line.change(lambda a: a.parameters.update(PARAMETERS[kind]))
-        line.change(lambda a: setattr(a.personality, "armed", True))
-        line.change(lambda a: setattr(a.personality, "custom_mode", 3 << 16 if kind == PX4 else 5))
+        line.change(lambda a: setattr(a.profile, "armed", True))
+        line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16 if kind == PX4 else 5))
         told = Told(live, line, kind)
         try:
             live.start()
@@ -195,8 +195,8 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
 def test_an_autopilot_that_takes_no_obstacles_is_named(told: Told) -> None:
     assert until(told.sees)
     if told.kind == PX4:
-        told.line.change(lambda a: setattr(a.personality, "armed", True))
-        told.line.change(lambda a: setattr(a.personality, "custom_mode", 3 << 16))
+        told.line.change(lambda a: setattr(a.profile, "armed", True))
+        told.line.change(lambda a: setattr(a.profile, "custom_mode", 3 << 16))
     told.line.change(lambda a: setattr(a, "deaf", True))
     try:
         told.health.wait(lambda h: any("does not take our obstacles" in t for t in h.troubles), 30.0)

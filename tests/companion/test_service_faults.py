@@ -12,7 +12,7 @@ import pytest
 
 from companion.autopilot.simulate_autopilot import simulated
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd
+from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd
 from drivers.simulation.flight_path import VehicleState
 
 from .live import NS, Live, until
@@ -27,10 +27,10 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     sections = CONFIG.replace("udpin:127.0.0.1:{port}", f"serial:{end.device}:921600")
     live = Live(tmp_path_factory.mktemp("faults"), sections, renders)
     autopilot = simulated(live.flight(), request.param)
-    autopilot.personality.boot_at_ns = time.monotonic_ns() - 30 * NS
+    autopilot.profile.boot_at_ns = time.monotonic_ns() - 30 * NS
     autopilot.parameters = dict(PARAMETERS[request.param])
     faults = Faults(jitter_s=0.005, noise_share=0.1, double_share=0.05, late_share=0.01)
-    with AutopilotLine(autopilot, end, faults) as line:
+    with AutopilotLink(autopilot, end, faults) as line:
         told = Told(live, line, request.param)
         try:
             live.start()
@@ -46,12 +46,12 @@ def nan(state: VehicleState) -> VehicleState:
 
 
 def loses_attitude(autopilot: SimulatedAutopilot) -> None:
-    autopilot.personality.hides_attitude = lambda _: True
+    autopilot.profile.hides_attitude = lambda _: True
 
 
 def tells_no_numbers(autopilot: SimulatedAutopilot) -> None:
-    motion = autopilot.personality.motion
-    autopilot.personality.motion = lambda t_ns: nan(motion(t_ns))
+    motion = autopilot.profile.motion
+    autopilot.profile.motion = lambda t_ns: nan(motion(t_ns))
 
 
 def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(told: Told) -> None:
@@ -64,7 +64,7 @@ def test_noise_on_the_line_does_not_keep_obstacles_from_the_autopilot(told: Told
 def test_without_an_attitude_that_is_one_nothing_is_clear(told: Told, fault: object) -> None:
     """The heading is carried on for 0.3 s; what comes late on the line may be a second old."""
     assert until(told.sees)
-    before = told.line.change(lambda a: (a.personality.hides_attitude, a.personality.motion))
+    before = told.line.change(lambda a: (a.profile.hides_attitude, a.profile.motion))
     told.line.change(fault)
     begun_ns = time.monotonic_ns()
     try:
@@ -79,6 +79,6 @@ def test_without_an_attitude_that_is_one_nothing_is_clear(told: Told, fault: obj
         assert [values for _, values in late if not set(values) <= allowed] == []
         assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()))
     finally:
-        told.line.change(lambda a: setattr(a.personality, "hides_attitude", before[0]))
-        told.line.change(lambda a: setattr(a.personality, "motion", before[1]))
+        told.line.change(lambda a: setattr(a.profile, "hides_attitude", before[0]))
+        told.line.change(lambda a: setattr(a.profile, "motion", before[1]))
     assert until(told.sees, 20.0)

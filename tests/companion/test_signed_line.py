@@ -16,7 +16,7 @@ from drivers.mavlink.signing import Signing, Verdict
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import SigningKey, load_key
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, flown, free_port, until
@@ -40,7 +40,7 @@ def told(request: pytest.FixtureRequest, tmp_path: Path, renders: Path) -> Itera
             live.close()
 
 
-def sign(line: AutopilotLine, key: bytes | None) -> None:
+def sign(line: AutopilotLink, key: bytes | None) -> None:
     line.change(lambda a: a.sign(key))
 
 
@@ -136,7 +136,7 @@ def test_the_doctor_says_how_it_is_signed(
     config.write_text(
         f'[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n{signing}\n[publish]\nhealth = ""\n[record]\nrecord = "off"\n'
     )
-    with AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line:
+    with AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line:
         line.change(lambda a: (a.sign(theirs), a.parameters.update(PARAMETERS[PX4])))
         main(["doctor", "-c", str(config), "--json", "--patience", "7"])
     said = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "signing"]

@@ -17,12 +17,12 @@ from drivers.base import BadData, DeviceLost, DeviceNotFound
 from drivers.mavlink import transport
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, Rhythm
+from drivers.mavlink.link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, PollScheduler
 from drivers.mavlink.session import MavlinkParams, MavlinkSession
 from drivers.mavlink.transport import Address, UdpLine, open_transport, parse_address
 from drivers.mavlink.udp_flood import PER_SOURCE
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, Faults, PtyEnd, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 
 NS, MS = 1_000_000_000, 1_000_000
 Samples = list[AttitudeSample | PoseSample]
@@ -62,9 +62,9 @@ def synchronised(link: MavlinkLink) -> bool:
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_over_udp_the_clock_is_synchronised_and_attitudes_flow(kind: str) -> None:
     port = free_port()
-    autopilot = SimulatedAutopilot(Personality(kind=kind, boot_at_ns=time.monotonic_ns() - 10**10))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, boot_at_ns=time.monotonic_ns() - 10**10))
     with (
-        AutopilotLine(autopilot, UdpEnd("127.0.0.1", port), Faults(jitter_s=0.005)) as line,
+        AutopilotLink(autopilot, UdpEnd("127.0.0.1", port), Faults(jitter_s=0.005)) as line,
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
     ):
         assert until(lambda: synchronised(link) and link.status().attitude_hz > 70.0)
@@ -76,23 +76,23 @@ def test_over_udp_the_clock_is_synchronised_and_attitudes_flow(kind: str) -> Non
 
 def test_over_a_serial_line() -> None:
     end = PtyEnd()
-    autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
-    with AutopilotLine(autopilot, end), linked(parse_address(f"serial:{end.device}:921600")) as (link, _):
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))
+    with AutopilotLink(autopilot, end), linked(parse_address(f"serial:{end.device}:921600")) as (link, _):
         assert until(lambda: synchronised(link) and link.status().attitude_hz > 70.0)
 
 
 def test_a_slow_serial_line_is_told_of() -> None:
     end = PtyEnd()
-    with AutopilotLine(SimulatedAutopilot(), end), linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
-        assert until(lambda: link.line.open)
-        assert "5760 bytes/s" in link.line.warning
+    with AutopilotLink(SimulatedAutopilot(), end), linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
+        assert until(lambda: link.state.open)
+        assert "5760 bytes/s" in link.state.warning
 
 
 def test_noise_doubles_and_late_messages_on_the_line() -> None:
     port = free_port()
     faults = Faults(jitter_s=0.01, noise_share=0.2, double_share=0.1, late_share=0.05)
     with (
-        AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", port), faults),
+        AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port), faults),
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
     ):
         assert until(lambda: synchronised(link) and len(samples) > 200)
@@ -103,13 +103,13 @@ def test_noise_doubles_and_late_messages_on_the_line() -> None:
 def test_a_line_that_is_not_there_yet_is_opened_when_it_comes(tmp_path: Path) -> None:
     place = tmp_path / "usb-autopilot"
     with linked(Address("serial", str(place), 921600)) as (link, _):
-        assert until(lambda: "No such file" in link.line.error)
-        alive_ns = link.line.alive_ns
-        assert until(lambda: link.line.alive_ns > alive_ns)  # waiting is living
+        assert until(lambda: "No such file" in link.state.error)
+        alive_ns = link.state.alive_ns
+        assert until(lambda: link.state.alive_ns > alive_ns)  # waiting is living
         end = PtyEnd()
         place.symlink_to(end.device)
-        with AutopilotLine(SimulatedAutopilot(), end):
-            assert until(lambda: link.line.open and link.status().vehicle is not None)
+        with AutopilotLink(SimulatedAutopilot(), end):
+            assert until(lambda: link.state.open and link.status().vehicle is not None)
 
 
 def test_an_unplugged_line_is_lost_and_found_again(tmp_path: Path) -> None:
@@ -117,26 +117,26 @@ def test_an_unplugged_line_is_lost_and_found_again(tmp_path: Path) -> None:
     first = PtyEnd()
     place.symlink_to(first.device)
     with linked(Address("serial", str(place), 921600)) as (link, _):
-        with AutopilotLine(SimulatedAutopilot(), first):
+        with AutopilotLink(SimulatedAutopilot(), first):
             assert until(lambda: link.status().vehicle is not None)
-        assert until(lambda: link.line.losses >= 1)  # closed with its end: unplugged
+        assert until(lambda: link.state.losses >= 1)  # closed with its end: unplugged
         second = PtyEnd()
         place.unlink()
         place.symlink_to(second.device)
         autopilot = SimulatedAutopilot()
-        with AutopilotLine(autopilot, second) as line:
-            assert until(lambda: link.line.open and line.change(lambda a: len(a.of_kind("TIMESYNC")) > 0))
+        with AutopilotLink(autopilot, second) as line:
+            assert until(lambda: link.state.open and line.change(lambda a: len(a.of_kind("TIMESYNC")) > 0))
 
 
 def test_a_reboot_with_a_new_udp_port() -> None:
     port = free_port()
     address = parse_address(f"udpin:127.0.0.1:{port}")
-    first = SimulatedAutopilot(Personality(kind=ARDUPILOT, boot_at_ns=time.monotonic_ns() - 10**11))
+    first = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, boot_at_ns=time.monotonic_ns() - 10**11))
     with linked(address) as (link, samples):
-        with AutopilotLine(first, UdpEnd("127.0.0.1", port)):
+        with AutopilotLink(first, UdpEnd("127.0.0.1", port)):
             assert until(lambda: synchronised(link) and len(samples) > 50)
-        again = SimulatedAutopilot(Personality(kind=ARDUPILOT, boot_at_ns=time.monotonic_ns()))
-        with AutopilotLine(again, UdpEnd("127.0.0.1", port)):
+        again = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, boot_at_ns=time.monotonic_ns()))
+        with AutopilotLink(again, UdpEnd("127.0.0.1", port)):
             assert until(lambda: link.status().clock_restarts == 1 and synchronised(link))
             assert until(lambda: link.status().attitude_hz > 70.0)
 
@@ -159,7 +159,7 @@ def test_tcp_and_the_loss_of_it() -> None:
             connection.sendall(b"".join(autopilot.due(time.monotonic_ns())))
             assert until(lambda: link.status().vehicle is not None)
             connection.close()
-            assert until(lambda: link.line.losses == 1)
+            assert until(lambda: link.state.losses == 1)
             server.accept()[0].close()
 
 
@@ -168,7 +168,7 @@ def test_what_lies_on_the_line_is_there_when_somebody_catches_up() -> None:
     started_ns = time.monotonic_ns() - 10**10
     place = ("127.0.0.1", port)
     with linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples):
-        with AutopilotLine(SimulatedAutopilot(Personality(boot_at_ns=started_ns)), UdpEnd(*place)):
+        with AutopilotLink(SimulatedAutopilot(FirmwareProfile(boot_at_ns=started_ns)), UdpEnd(*place)):
             assert until(lambda: synchronised(link) and len(samples) > 20)
         link.catch_up()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
@@ -187,13 +187,13 @@ def test_what_lies_on_the_line_is_there_when_somebody_catches_up() -> None:
 
 def looks_and_frames(apart_ns: int, jitter_ns: int, *, little: bool) -> tuple[list[int], list[int]]:
     """When a line on which little or more comes is looked at while frames come for two seconds."""
-    rhythm, rng = Rhythm(), np.random.default_rng(5)
+    scheduler, rng = PollScheduler(), np.random.default_rng(5)
     frames = [k * apart_ns + int(rng.integers(-jitter_ns, jitter_ns + 1)) for k in range(1, 2 * NS // apart_ns)]
     looks, now_ns, come = [], 0, 0
     while now_ns < frames[-1]:
-        now_ns += round(rhythm.pause_s(now_ns, little=little) * NS)
+        now_ns += round(scheduler.pause_s(now_ns, little=little) * NS)
         while come < len(frames) and frames[come] <= now_ns:
-            rhythm.asked(frames[come])
+            scheduler.asked(frames[come])
             come += 1
         looks.append(now_ns)
     return looks, frames
@@ -225,16 +225,16 @@ def test_the_line_is_looked_at_shortly_before_a_frame_is_expected(hz: int, rate_
 
 @pytest.mark.parametrize("apart_ns", [1, 1_000_000, LEAST_APART_NS, 7_000_000, NS, 5 * NS])
 def test_whatever_the_rhythm_the_line_is_looked_at_as_often_as_ever(apart_ns: int) -> None:
-    rhythm = Rhythm()
-    assert rhythm.pause_s(10 * NS) == PAUSE_S
+    scheduler = PollScheduler()
+    assert scheduler.pause_s(10 * NS) == PAUSE_S
     for k in range(3):
-        rhythm.asked(10 * NS + k * apart_ns)
+        scheduler.asked(10 * NS + k * apart_ns)
     last_ns = 10 * NS + 2 * apart_ns
     for later_ns in (0, 1, apart_ns // 2, apart_ns, 3 * apart_ns, 100 * NS):
-        assert 0.5 * PAUSE_S <= rhythm.pause_s(last_ns + later_ns) <= PAUSE_S
-        assert 0.5 * PAUSE_S <= rhythm.pause_s(last_ns + later_ns, little=True) <= LONGEST_PAUSE_S
+        assert 0.5 * PAUSE_S <= scheduler.pause_s(last_ns + later_ns) <= PAUSE_S
+        assert 0.5 * PAUSE_S <= scheduler.pause_s(last_ns + later_ns, little=True) <= LONGEST_PAUSE_S
     for little in (False, True):
-        pause_s = rhythm.pause_s(last_ns + 2 * apart_ns + 1, little=little)
+        pause_s = scheduler.pause_s(last_ns + 2 * apart_ns + 1, little=little)
         assert pause_s == PAUSE_S, "frames that stopped coming are not waited for"
 
 
@@ -306,18 +306,18 @@ def test_a_flood_is_named_beside_the_line() -> None:
     place = ("127.0.0.1", port)
     with (
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, samples),
-        AutopilotLine(SimulatedAutopilot(), UdpEnd(*place)),
+        AutopilotLink(SimulatedAutopilot(), UdpEnd(*place)),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
     ):
         assert until(lambda: synchronised(link) and len(samples) > 20)
-        assert link.line.flood == ""
+        assert link.state.flood == ""
         for _ in range(1000):
             stranger.sendto(b"\x55" * 100, place)
-            if link.line.flood:
+            if link.state.flood:
                 break
             time.sleep(0.001)
-        assert "from 127.0.0.1:" in link.line.flood
-        assert until(lambda: link.line.flood == "")
+        assert "from 127.0.0.1:" in link.state.flood
+        assert until(lambda: link.state.flood == "")
 
 
 def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Path) -> None:
@@ -326,11 +326,11 @@ def test_to_catch_up_on_a_line_that_is_lost_is_the_links_own_affair(tmp_path: Pa
     place.symlink_to(end.device)
     with linked(Address("serial", str(place), 921600)) as (link, samples):
         link.catch_up()  # perhaps there is no line yet
-        with AutopilotLine(SimulatedAutopilot(), end):
+        with AutopilotLink(SimulatedAutopilot(), end):
             assert until(lambda: synchronised(link) and len(samples) > 20)
         for _ in range(50):
             link.catch_up()
-        assert until(lambda: link.line.losses == 1)
+        assert until(lambda: link.state.losses == 1)
         link.catch_up()
 
 
@@ -360,9 +360,9 @@ def test_what_a_line_brought_before_it_broke_is_delivered() -> None:
 
 def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
     port = free_port()
-    autopilot = SimulatedAutopilot(Personality(kind=ARDUPILOT))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))
     with (
-        AutopilotLine(autopilot, UdpEnd("127.0.0.1", port)) as line,
+        AutopilotLink(autopilot, UdpEnd("127.0.0.1", port)) as line,
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
     ):
         assert until(lambda: link.status().vehicle is not None)
@@ -374,7 +374,7 @@ def test_what_was_posted_before_the_line_is_closed_still_goes_out() -> None:
 def test_what_we_post_reaches_the_autopilot() -> None:
     port = free_port()
     with (
-        AutopilotLine(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line,
+        AutopilotLink(SimulatedAutopilot(), UdpEnd("127.0.0.1", port)) as line,
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
     ):
         assert until(lambda: link.status().vehicle is not None)

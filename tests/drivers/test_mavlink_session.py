@@ -18,7 +18,7 @@ from drivers.mavlink.dialect import dialect
 from drivers.mavlink.motion import motion_fields
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_of
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot, hovering
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot, hovering
 from drivers.simulation.flight_path import VehicleState
 
 MS, NS = 1_000_000, 1_000_000_000
@@ -66,8 +66,8 @@ class Conversation:
         return [m.get_type() for d in self.sent for m in parser.parse_buffer(d)]
 
 
-def talk(kind: str, params: MavlinkParams | None = None, **personality: Any) -> Conversation:
-    autopilot = SimulatedAutopilot(Personality(kind=kind, **personality))
+def talk(kind: str, params: MavlinkParams | None = None, **profile: Any) -> Conversation:
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, **profile))
     return Conversation(MavlinkSession(params), [autopilot])
 
 
@@ -87,17 +87,17 @@ def test_messages_may_lie_while_no_instant_of_an_arrival_counts(kind: str) -> No
     c = talk(kind)
     c.run(0.2)
     assert c.session.status(c.now_ns).clock.source is not ClockSource.TIMESYNC
-    assert not c.session.patient(c.now_ns)  # the clock is found by arrivals
+    assert not c.session.can_defer_read(c.now_ns)  # the clock is found by arrivals
     c.run(6.0)
     c.lost = frozenset({111})  # the answers to TIMESYNC
-    patient = []
+    deferrable = []
     for _ in range(1000):
         c.run(0.001)
-        patient.append(c.session.patient(c.now_ns))
-    assert 100 < patient.count(False) < 400  # 0.1 s after each of the two requests, in vain
-    assert sum(a and not b for a, b in pairwise(patient)) == 2
+        deferrable.append(c.session.can_defer_read(c.now_ns))
+    assert 100 < deferrable.count(False) < 400  # 0.1 s after each of the two requests, in vain
+    assert sum(a and not b for a, b in pairwise(deferrable)) == 2
     c.session.clock.restart()
-    assert not c.session.patient(c.now_ns)
+    assert not c.session.can_defer_read(c.now_ns)
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
@@ -234,8 +234,8 @@ def test_a_reboot_starts_clock_and_rates_anew() -> None:
 
 def test_requests_of_the_autopilot_and_answers_of_others_leave_our_clock_alone() -> None:
     c = talk(PX4, boot_at_ns=0)
-    stranger = SimulatedAutopilot(Personality(kind=PX4, system_id=7, boot_at_ns=-5000 * NS))
-    camera = SimulatedAutopilot(Personality(kind=ARDUPILOT, component_id=100, boot_at_ns=-300 * NS))
+    stranger = SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=7, boot_at_ns=-5000 * NS))
+    camera = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, component_id=100, boot_at_ns=-300 * NS))
     c.autopilots += [stranger, camera]
     c.run(5.0)
     status = c.session.status(c.now_ns)
@@ -248,7 +248,7 @@ def test_requests_of_the_autopilot_and_answers_of_others_leave_our_clock_alone()
 
 def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
     c = talk(PX4, boot_at_ns=0)
-    c.autopilots.append(SimulatedAutopilot(Personality(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, boot_at_ns=50 * NS)))
     c.run(2.0)
     assert c.session.vehicle is not None
     assert c.session.vehicle.system_id == 1
@@ -319,7 +319,7 @@ def test_odometry_turns_its_velocity_into_ned_and_tells_of_jumps() -> None:
 
 def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     frames: list[tuple[bytes, int]] = []
-    autopilot = SimulatedAutopilot(Personality(kind=PX4, motion=hovering))
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, motion=hovering))
     c = Conversation(MavlinkSession(on_frame=lambda data, t_ns: frames.append((data, t_ns))), [autopilot])
     c.run(2.0)
     again = MavlinkSession()

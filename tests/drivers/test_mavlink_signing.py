@@ -18,7 +18,7 @@ from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.signing import Signing, for_the_log
 from drivers.mavlink.signing_clock import AHEAD, EPOCH_UNIX_S, LAST_TICK, TICKS_PER_S, SigningClock, wall_ticks
 from drivers.mavlink.signing_key import SigningKey, load_key, make_key
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 
 from .test_mavlink_link import until
 from .test_mavlink_session import MS, NS, Conversation
@@ -53,8 +53,8 @@ def message(key: bytes | None, ticks: int, m: Any = None, system: int = 1) -> An
     return found
 
 
-def talk(kind: str, ours: bytes | None, theirs: bytes | None, **personality: Any) -> Conversation:
-    autopilot = SimulatedAutopilot(Personality(kind=kind, key=theirs, boot_at_ns=90 * NS, **personality))
+def talk(kind: str, ours: bytes | None, theirs: bytes | None, **profile: Any) -> Conversation:
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, key=theirs, boot_at_ns=90 * NS, **profile))
     return Conversation(MavlinkSession(signing=signing(ours)), [autopilot])
 
 
@@ -101,7 +101,7 @@ def test_an_autopilot_that_boots_with_an_old_time_is_believed_again_within_secon
     c = talk(ARDUPILOT, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
     c.autopilots[0].reboot(c.now_ns)
-    c.autopilots[0].personality.signing_ticks = NOW - DAY_TICKS
+    c.autopilots[0].profile.signing_ticks = NOW - DAY_TICKS
     c.autopilots[0].sign(KEY)
     c.run(7.0)
     assert trouble(c) == ""
@@ -207,7 +207,7 @@ def test_every_bit_of_a_signed_packet_counts() -> None:
 def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_told() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
-    c.autopilots.append(SimulatedAutopilot(Personality(kind=ARDUPILOT, key=OTHER, signing_ticks=NOW + DAY_TICKS)))
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, key=OTHER, signing_ticks=NOW + DAY_TICKS)))
     c.run(4.0)
     assert c.session.vehicle is not None
     assert c.session.vehicle.autopilot == PX4
@@ -221,7 +221,7 @@ def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_told() -> Non
 
 def test_unsigned_words_of_others_than_the_autopilot_are_no_trouble() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW)
-    c.autopilots.append(SimulatedAutopilot(Personality(kind=PX4, system_id=9)))
+    c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=9)))
     c.run(4.0)
     assert trouble(c) == ""
 

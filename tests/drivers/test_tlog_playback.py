@@ -71,7 +71,7 @@ def test_over_udp_as_it_came(shared_data: Path) -> None:
     player = threading.Thread(target=play)
     link.open()
     try:
-        assert until(lambda: link.line.open)
+        assert until(lambda: link.state.open)
         player.start()
         assert until(lambda: sum(isinstance(s, AttitudeSample) for s in samples) > 50, 20.0)
         assert link.status().vehicle is not None

@@ -12,8 +12,8 @@ import pytest
 
 from drivers.mavlink.parser import MessageSplitter
 from drivers.simulation import autopilot_link as line_module
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 
 NS, MS = 1_000_000_000, 1_000_000
 
@@ -21,8 +21,8 @@ NS, MS = 1_000_000_000, 1_000_000
 class Counted(SimulatedAutopilot):
     """Counts the looks at it, and those that brought something."""
 
-    def __init__(self, personality: Personality) -> None:
-        super().__init__(personality)
+    def __init__(self, profile: FirmwareProfile) -> None:
+        super().__init__(profile)
         self.looks = self.answers = 0
 
     def due(self, now_ns: int) -> list[bytes]:
@@ -43,9 +43,9 @@ def listening() -> Iterator[socket.socket]:
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_it_looks_when_something_is_due(kind: str) -> None:
     """On a real line, next to no look comes to nothing."""
-    autopilot = Counted(Personality(kind=kind, streams={30: 100.0, 32: 30.0}))
+    autopilot = Counted(FirmwareProfile(kind=kind, streams={30: 100.0, 32: 30.0}))
     got: Counter[str] = Counter()
-    with listening() as ear, AutopilotLine(autopilot, UdpEnd(*ear.getsockname())):
+    with listening() as ear, AutopilotLink(autopilot, UdpEnd(*ear.getsockname())):
         splitter = MessageSplitter()
         while got["ATTITUDE"] < 200:
             got.update(message.get_type() for message in splitter.feed(ear.recv(65_536)))
@@ -57,7 +57,7 @@ def test_it_looks_when_something_is_due(kind: str) -> None:
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_asked_at_the_instants_it_names_it_sends_all_at_their_rates(kind: str) -> None:
     """And never comes to nothing."""
-    autopilot = Counted(Personality(kind=kind, streams={30: 100.0, 31: 40.0, 32: 25.0}))
+    autopilot = Counted(FirmwareProfile(kind=kind, streams={30: 100.0, 31: 40.0, 32: 25.0}))
     splitter, got, now_ns = MessageSplitter(), Counter[str](), NS
     while now_ns < 3 * NS:
         got.update(message.get_type() for message in splitter.feed(b"".join(autopilot.due(now_ns))))
@@ -69,7 +69,7 @@ def test_asked_at_the_instants_it_names_it_sends_all_at_their_rates(kind: str) -
 
 
 def test_after_a_look_it_says_when_the_next_one_is_due() -> None:
-    autopilot = SimulatedAutopilot(Personality(streams={30: 100.0, 32: 30.0}, timesync_asks_hz=2.0))
+    autopilot = SimulatedAutopilot(FirmwareProfile(streams={30: 100.0, 32: 30.0}, timesync_asks_hz=2.0))
     assert len(autopilot.due(NS)) == 4
     assert autopilot.next_due_ns(NS) == NS + 10 * MS
     assert len(autopilot.due(NS + 10 * MS)) == 1
@@ -79,7 +79,7 @@ def test_after_a_look_it_says_when_the_next_one_is_due() -> None:
 
 def test_what_is_held_back_is_looked_at_again_soon_but_not_without_a_pause() -> None:
     hidden = [True]
-    autopilot = SimulatedAutopilot(Personality(streams={30: 100.0}, hides_attitude=lambda _: hidden[0]))
+    autopilot = SimulatedAutopilot(FirmwareProfile(streams={30: 100.0}, hides_attitude=lambda _: hidden[0]))
     autopilot.due(NS)
     hidden[0] = False
     autopilot.due(NS)
@@ -107,7 +107,7 @@ def test_a_change_is_acted_on_at_once_and_may_come_after_the_end(monkeypatch: py
     monkeypatch.setattr(line_module, "_IDLE_S", 3600.0)
     monkeypatch.setattr(SimulatedAutopilot, "next_due_ns", lambda _, now_ns: now_ns + 3600 * NS)
     with listening() as ear:
-        with AutopilotLine(SimulatedAutopilot(), UdpEnd(*ear.getsockname())) as line:
+        with AutopilotLink(SimulatedAutopilot(), UdpEnd(*ear.getsockname())) as line:
             assert ear.recv(65_536)  # what is due at the beginning
             time.sleep(0.1)
             while ear.recv(65_536) != b"last":

@@ -12,8 +12,8 @@ from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkParams, MavlinkSession
 from drivers.mavlink.transport import Address, UdpLine, parse_address
-from drivers.simulation.autopilot import ARDUPILOT, PX4, Personality, SimulatedAutopilot
-from drivers.simulation.autopilot_link import AutopilotLine, UdpEnd
+from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 
 from .test_mavlink_link import free_port, linked, until
 from .test_mavlink_session import NS, Conversation, talk
@@ -31,8 +31,8 @@ def obstacles(cm: int = 1201) -> Any:
     return dialect.MAVLink_obstacle_distance_message(0, 4, [cm] * 72, 5, 20, 1200, 5.0, 0.0, 12)
 
 
-def strangers(c: Conversation) -> dict[str, str]:
-    return c.session.status(c.now_ns).strangers
+def conflicts(c: Conversation) -> dict[str, str]:
+    return c.session.status(c.now_ns).conflicts
 
 
 def hear(c: Conversation, data: bytes) -> None:
@@ -43,11 +43,11 @@ def hear(c: Conversation, data: bytes) -> None:
 def test_a_second_companion_that_tells_of_obstacles_is_named(kind: str) -> None:
     c = talk(kind)
     c.run(2.0)
-    assert strangers(c) == {}
+    assert conflicts(c) == {}
     hear(c, frame(obstacles(), component=197))
-    assert "component 197 tells it of obstacles too" in strangers(c)["two companions"]
+    assert "component 197 tells it of obstacles too" in conflicts(c)["two companions"]
     c.run(RECENT_NS / NS + 0.1)
-    assert strangers(c) == {}
+    assert conflicts(c) == {}
 
 
 def test_the_autopilots_own_map_and_companions_of_other_vehicles_are_none() -> None:
@@ -55,7 +55,7 @@ def test_the_autopilots_own_map_and_companions_of_other_vehicles_are_none() -> N
     c.run(2.0)
     hear(c, frame(obstacles(), component=1) + frame(obstacles(), system=9, component=197))
     hear(c, frame(heartbeat(8), component=197))  # a gimbal, a camera: anybody may be there
-    assert strangers(c) == {}
+    assert conflicts(c) == {}
 
 
 def test_one_with_our_ids_is_named_and_our_own_words_brought_back_are_not() -> None:
@@ -63,12 +63,12 @@ def test_one_with_our_ids_is_named_and_our_own_words_brought_back_are_not() -> N
     c.run(2.0)
     for data in c.sent[-50:]:
         hear(c, data)
-    assert strangers(c) == {}
+    assert conflicts(c) == {}
     twin = MavlinkSession()
     twin.receive([(frame(heartbeat(3)), c.now_ns)])
     for data in twin.due(c.now_ns):
         hear(c, data)
-    assert "another speaks as component 196" in strangers(c)["two of us"]
+    assert "another speaks as component 196" in conflicts(c)["two of us"]
 
 
 @pytest.mark.parametrize(("true", "forged"), [(PX4, 3), (ARDUPILOT, 12)])
@@ -82,18 +82,18 @@ def test_heartbeats_that_contradict_each_other_make_an_autopilot_of_no_known_kin
         assert c.session.vehicle.autopilot == "ArduPilot or PX4"
         c.run(1.0)
         assert c.session.vehicle.autopilot == "ArduPilot or PX4"
-    assert "contradict each other" in strangers(c)["two autopilots"]
+    assert "contradict each other" in conflicts(c)["two autopilots"]
     assert c.session.status(c.now_ns).clock_restarts == 0
     c.run(RECENT_NS / NS + 2.0)
     assert c.session.vehicle.autopilot == true
-    assert strangers(c) == {}
+    assert conflicts(c) == {}
 
 
 def test_an_autopilot_that_the_configuration_leaves_out_is_named() -> None:
     c = talk(PX4, MavlinkParams(system_id=3))
     c.run(2.0)
     assert c.session.vehicle is None
-    assert "[autopilot] system_id = 3 leaves it out" in strangers(c)["system id"]
+    assert "[autopilot] system_id = 3 leaves it out" in conflicts(c)["system id"]
 
 
 def test_answers_to_timesync_that_mirror_nothing_we_asked_leave_the_clock() -> None:
@@ -143,18 +143,18 @@ def test_half_a_message_of_one_holds_back_none_of_another() -> None:
     chunks = [(b"\xfd\xff\x00\x00", NS), (frame(heartbeat(3)), NS + 1), (b"\xfd", NS + 2)]
     session.receive(chunks, [anybody, there, anybody])
     assert session.vehicle is not None
-    assert session.spoke_in == 1
+    assert session.last_chunk == 1
     session.receive([(b"\xfd", NS)] * 100, [("10.0.0.3", port) for port in range(100)])
     assert len(session._splitters) == 16
     cut = frame(heartbeat(3))
     session.receive([(cut[:9], NS + 3), (cut[9:], NS + 4)], [there, there])
-    assert session.spoke_in == 1
+    assert session.last_chunk == 1
 
 
 def test_datagrams_of_anybody_do_not_take_our_words_away_from_the_autopilot() -> None:
     port = free_port()
     with (
-        AutopilotLine(SimulatedAutopilot(Personality(kind=ARDUPILOT)), UdpEnd("127.0.0.1", port)) as autopilot,
+        AutopilotLink(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT)), UdpEnd("127.0.0.1", port)) as autopilot,
         linked(parse_address(f"udpin:127.0.0.1:{port}")) as (link, _),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as anybody,
     ):
@@ -167,4 +167,4 @@ def test_datagrams_of_anybody_do_not_take_our_words_away_from_the_autopilot() ->
             assert until(
                 lambda k=k: autopilot.change(lambda a: [m.text for m in a.of_kind("STATUSTEXT")][-1:]) == [f"{k}"]
             )
-        assert "two companions" in link.status().strangers
+        assert "two companions" in link.status().conflicts
