@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from drivers.mavlink.conflicts import RECENT_NS, Strangers
+from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
 from drivers.mavlink.session import MavlinkParams, MavlinkSession
@@ -110,7 +110,7 @@ def test_answers_to_timesync_that_mirror_nothing_we_asked_leave_the_clock() -> N
 
 
 def test_made_up_ids_do_not_fill_the_memory() -> None:
-    s = Strangers(196)
+    s = ConflictDetector(196)
     for component in range(2, 256):
         (m,) = MessageSplitter().feed(frame(obstacles(), component=component))
         s.heard(m, 1, NS)
