@@ -23,8 +23,9 @@ from matplotlib.patches import Patch, Polygon, Wedge
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
+from companion.autopilot.publisher import ObstacleTeller
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor

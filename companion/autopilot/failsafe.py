@@ -1,9 +1,15 @@
-"""What the autopilot is told while cameras are blind: the one decision on which the vehicle's safety hangs.
+"""What is sent to the autopilot while cameras are blind.
 
-PX4 stands still in Position mode when it knows nothing, so it is told that nothing is known (`unknown`), and after a
-while nothing at all. ArduPilot takes unknown, clear and silence for the same and flies on, so it is shown a wall (`stop`)
-in every sector that a blind camera should look into, such that its fence comes to AVOID_MARGIN: there it was measured to
-hold its place, nearer it backs away without end, farther it creeps on.
+Three policies, by what the autopilot does:
+
+- `stop`, for ArduPilot and unknown autopilots. ArduPilot flies on when it gets "unknown", "clear" or nothing. It is sent an
+  artificial wall in every sector that a blind camera should cover, for as long as the camera is blind. Its fence then comes to
+  AVOID_MARGIN: there ArduPilot was measured to hold its position. Nearer, it backs away without end; farther, it creeps on.
+- `brake`, for PX4 once CP_DIST is known: an artificial wall just outside CP_DIST in all 72 sectors for `silence_s`, then
+  "unknown" in the sectors of the blind cameras, or nothing at all when all cameras are blind, which makes PX4 change to Hold.
+  PX4 v1.16 coasts when it has no data (13 m from 5 m/s); before a wall at CP_DIST it brakes. A wall nearer than CP_DIST makes
+  v1.16 fly backwards, and a wall in front alone lets it slide sideways, so the wall is never nearer and stands all around.
+- `unknown`, for PX4 while CP_DIST is not known: 65535 in the sectors of blind cameras, then nothing when all are blind.
 """
 
 from __future__ import annotations
@@ -16,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.avoidance import AvoidParams
-from .obstacle_distance import PX4, UNKNOWN, always_told_cm, clear_cm, encoded, near_cm
+from .obstacle_distance import PX4, UNKNOWN, always_told_cm, clear_cm, encoded, limits_cm, near_cm
 from .obstacle_memory import Remembered
 from .polar_histogram import SECTORS, SectorScan, SectorState
 
@@ -25,6 +31,33 @@ FENCE_SHARE = math.cos(math.pi / 8.0)
 """ArduPilot's fence before a wall in one of its faces of 45 degrees runs from corner to corner: in the middle it is nearer
 than the wall by this factor. It holds its place while that middle is within AVOID_BACKUP_DZ (0.1 m) inside AVOID_MARGIN:
 of the walls measured at a margin of 3 m, that is the one at 3.20 m, and neither 3.10 nor 3.35 m."""
+OUTSIDE_CP_DIST_M = 0.05
+"""The wall for PX4 is this much farther than CP_DIST, so that no rounding puts it inside. PX4 v1.15 then creeps at 0.03 m/s."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotNow:
+    """What is known of the autopilot. kind: "" before it was heard; both names while heartbeats contradict each other.
+    margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not read."""
+
+    kind: str = ""
+    margin_m: float | None = None
+    cp_dist_m: float | None = None
+
+    @property
+    def may_be_px4(self) -> bool:
+        """PX4, or an autopilot whose heartbeats contradict each other."""
+        return PX4 in self.kind
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """name: unknown, stop or brake. wall_m: distance of the artificial wall from the hull; 0 for `unknown`. all_around: the
+    wall stands in all sectors, not only in those of blind cameras."""
+
+    name: str
+    wall_m: float = 0.0
+    all_around: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,37 +76,72 @@ class Sight:
     newest_ns: int | None
 
 
-def policy_of(avoid: AvoidParams, autopilot: str) -> str:
-    """ "unknown" or "stop". An autopilot that is not known to stand still when it knows nothing is shown a wall."""
-    if avoid.blind != "auto":
-        return avoid.blind
-    return "unknown" if autopilot == PX4 else "stop"
+def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
+    """The policy by configuration and autopilot."""
+    margin_m = avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
+    ardupilot_m = (margin_m - avoid.stop_inside_m) / FENCE_SHARE
+    px4_m = _px4_wall_m(avoid, autopilot.cp_dist_m)
+    if avoid.blind == "unknown":
+        return Policy("unknown")
+    if avoid.blind == "auto" and autopilot.kind == PX4:
+        return Policy("unknown") if px4_m is None else Policy("brake", px4_m, all_around=True)
+    if not autopilot.may_be_px4:
+        return Policy("stop", ardupilot_m)
+    # nearer than CP_DIST, PX4 v1.16 flies backwards: the farther wall is the safe one for both
+    outside_m = px4_m if px4_m is not None else avoid.cp_dist_m + OUTSIDE_CP_DIST_M
+    if autopilot.kind == PX4:
+        return Policy("stop", outside_m, all_around=True)
+    if px4_m is None and autopilot.margin_m is not None:
+        return Policy("stop", ardupilot_m, all_around=True)  # PX4 has no AVOID_MARGIN that could have been read
+    return Policy("stop", max(ardupilot_m, outside_m), all_around=True)
+
+
+def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
+    """Distance of PX4's wall; None: CP_DIST is not known, is off, or leaves no room below max_distance_m."""
+    if cp_dist_m is None or cp_dist_m <= 0.0:
+        return None
+    wall_m = max(cp_dist_m, avoid.min_distance_m) + OUTSIDE_CP_DIST_M
+    return wall_m if 100.0 * wall_m < limits_cm(avoid)[1] - 1 else None
 
 
 class BlindPolicy:
-    """`values` for each message; it remembers since when all is blind."""
+    """`values` for each message. It keeps since when all cameras, and since when any camera, is blind."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
         self._all_blind_since_ns: int | None = None
+        self._brake_since_ns: int | None = None
 
-    def values(self, sight: Sight, policy: str, avoid_margin_m: float, now_ns: int) -> NDArray[np.uint16] | None:
-        """(72,) centimetres to tell, before what single readers need; None: nothing may be sent."""
-        any_sees = bool(sight.seeing.any())
-        if any_sees:
-            self._all_blind_since_ns = None
-        elif self._all_blind_since_ns is None:
-            # blindness began with the newest exposure, not with our noticing it
-            self._all_blind_since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
+    def values(self, sight: Sight, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
+        """(72,) centimetres to send, before the adaptation to single readers; None: nothing may be sent."""
+        self._follow(sight, now_ns)
+        if policy.name == "brake" and self._within(self._brake_since_ns, now_ns):
+            return np.full(SECTORS, _wall_cm(policy), np.uint16)
         values = encoded(sight.scan, self._avoid)
         values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
-        if policy == "stop":
+        if policy.name == "stop":
             self._planes(values, sight.scan)
-            self._wall(values, sight, avoid_margin_m)
+            self._wall(values, sight, policy)
         values = np.minimum(values, self._recalled(sight, policy))
-        since_ns = self._all_blind_since_ns
-        silent = since_ns is not None and now_ns - since_ns > self._avoid.silence_s * NS
-        return None if silent and policy != "stop" else values
+        silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
+        return None if silent and policy.name != "stop" else values
+
+    def _follow(self, sight: Sight, now_ns: int) -> None:
+        """Blindness began with the newest exposure, not when it was noticed."""
+        since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
+        if sight.seeing.any():
+            self._all_blind_since_ns = None
+        elif self._all_blind_since_ns is None:
+            self._all_blind_since_ns = since_ns
+        if not (sight.blind & ~sight.whole).any():
+            self._brake_since_ns = None
+        elif self._brake_since_ns is None:
+            # of several cameras another one may have been exposed just now
+            self._brake_since_ns = now_ns if sight.seeing.any() else since_ns
+
+    def _within(self, since_ns: int | None, now_ns: int) -> bool:
+        """Whether silence_s have not passed yet since an instant."""
+        return since_ns is not None and now_ns - since_ns <= self._avoid.silence_s * NS
 
     def _planes(self, values: NDArray[np.uint16], scan: SectorScan) -> None:
         """Puts planes into unseen sectors: where unknown means clear, a plane behind something unmeasured is better than
@@ -81,29 +149,32 @@ class BlindPolicy:
         behind = (scan.state == SectorState.UNSEEN) & (scan.distance_m < self._avoid.max_distance_m)
         values[behind] = near_cm(scan.distance_m[behind], self._avoid)
 
-    def _wall(self, values: NDArray[np.uint16], sight: Sight, avoid_margin_m: float) -> None:
-        """Puts the wall where a camera looks and nobody knows. Blind and seeing ones together: what one sees, counts.
+    def _wall(self, values: NDArray[np.uint16], sight: Sight, policy: Policy) -> None:
+        """Puts the wall into sectors that a camera covers and that were not seen. What one camera sees counts, whatever
+        another one does not see. With policy.all_around a wall in any sector puts it into all that are not seen.
 
-        A sector at the border of all views is no reason for a wall: nobody looks into the rest of it in any case."""
-        wall_m = np.full(SECTORS, (avoid_margin_m - self._avoid.stop_inside_m) / FENCE_SHARE)
+        A sector at the border of all views gets no wall: the rest of it is not covered in any case."""
+        wall_m = np.full(SECTORS, policy.wall_m)
         unseen = (sight.scan.state == SectorState.UNSEEN) & sight.whole
         if self._avoid.unseen == "unknown":
             unseen[:] = False
         wall_m = np.where(unseen, np.maximum(wall_m, sight.scan.free_m - self._avoid.radius_m), wall_m)
         wanted = unseen | (sight.blind & ~sight.whole & (values != clear_cm(self._avoid)))
+        if policy.all_around and (sight.blind & ~sight.whole).any():
+            wanted |= values == UNKNOWN
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 
-    def _recalled(self, sight: Sight, policy: str) -> NDArray[np.uint16]:
-        """What is remembered, as centimetres: it outranks a farther wall, and what is not seen.
+    def _recalled(self, sight: Sight, policy: Policy) -> NDArray[np.uint16]:
+        """Remembered obstacles, in centimetres. One outranks a farther wall, and a sector that is not seen.
 
         Where unknown stops the vehicle, a remembered obstacle does not replace it when something nearer may stand before
-        it: when the way to it was not seen, or a camera looks there now and does not see the way. A near one always
+        it: when the way to it was not seen, or a camera covers it now and does not see the way. A near one always
         counts."""
         all_m = sight.recalled.distance_m
         nearest = np.full(SECTORS, UNKNOWN, np.uint16)
         known = np.isfinite(all_m)
         nearest[known] = near_cm(all_m[known], self._avoid)
-        if policy == "stop":
+        if policy.name == "stop":
             return nearest
         way_seen_m = sight.recalled.way_seen_m
         out = np.full(SECTORS, UNKNOWN, np.uint16)
@@ -113,6 +184,11 @@ class BlindPolicy:
         return np.where(
             (nearest <= always_told_cm(self._avoid)) | (sight.scan.state != SectorState.UNSEEN), nearest, out
         )
+
+
+def _wall_cm(policy: Policy) -> int:
+    """Rounded away from the vehicle: PX4's wall may not come nearer than CP_DIST."""
+    return math.ceil(100.0 * policy.wall_m - 1e-6)
 
 
 class Recovery:

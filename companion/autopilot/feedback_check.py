@@ -12,6 +12,7 @@ from drivers.mavlink.ardupilot_faces import face_of
 from drivers.mavlink.session import Vehicle
 
 from .obstacle_distance import UNKNOWN
+from .parameter_advice import AutopilotFacts, position_mode_fault
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
@@ -21,8 +22,8 @@ SLACK_CM = 60
 FACES = 8
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 CAUSES = {
-    PX4: "is CP_DIST above 0, and is its MAVLink link of the onboard kind?",
-    ARDUPILOT: "is PRX1_TYPE = 2, and was it started again since?",
+    PX4: "is CP_DIST above 0, and is MAV_n_MODE of its link Onboard?",
+    ARDUPILOT: "is PRX1_TYPE = 2, and was the autopilot restarted since?",
 }
 """What to look at where nothing that we know of explains it."""
 
@@ -66,24 +67,26 @@ class EchoCheck:
         with self._lock:
             waited = self._waits_since_ns is not None and now_ns - self._waits_since_ns > PATIENCE_NS
             if waited and kind in CAUSES:
-                return f"the autopilot does not take our obstacles: {cause or CAUSES[kind]}"
+                return f"the autopilot does not use our obstacles: {cause or CAUSES[kind]}"
             if self._differs_since_ns is not None and now_ns - self._differs_since_ns > PATIENCE_NS:
-                return "the autopilot tells other obstacles than ours: is there a second sensor or companion on it?"
+                return "the autopilot reports other obstacles than ours: is a second sensor or companion connected?"
             return ""
 
 
-def likely_cause(vehicle: Vehicle, values: dict[str, float], signing_trouble: str) -> str:
-    """What of what we know explains that obstacles are not taken, or do not come back; empty: nothing. values: the
-    autopilot's parameters."""
+def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_trouble: str) -> str:
+    """The known fault that explains why obstacles are not used, or do not come back, in words; empty: none is known."""
+    values = facts.values
     if signing_trouble:
         return signing_trouble
     if vehicle.mavlink_1:
         set_to = "MAV_PROTO_VER = 2" if vehicle.autopilot == PX4 else "SERIALn_PROTOCOL = 2"
-        return f"it speaks MAVLink 1 on this line, which has no such messages; set {set_to}"
+        return f"the autopilot uses MAVLink 1 on this link, which has no such messages; set {set_to}"
     if vehicle.autopilot == PX4 and values.get("CP_DIST", 1.0) <= 0.0:
         return f"CP_DIST = {values['CP_DIST']:g} switches collision prevention off"
+    if vehicle.autopilot == PX4 and (fault := position_mode_fault(facts)):
+        return fault
     if vehicle.autopilot == ARDUPILOT and values.get("PRX1_TYPE", 2.0) != 2.0:
-        return f"PRX1_TYPE = {values['PRX1_TYPE']:g}; set it to 2 and start the autopilot again"
+        return f"PRX1_TYPE = {values['PRX1_TYPE']:g}; set it to 2 and restart the autopilot"
     return ""
 
 

@@ -1,28 +1,30 @@
-"""What the autopilot's flight mode makes of what it is told, and so of the policy when blind.
+"""What the autopilot does in each flight mode with the obstacles it is sent, and with the failsafe policy.
 
-What is sent is the same in each mode: the mode is known a second late, and a mode that brakes may be chosen at any
-moment. Where the mode, or a path planner, makes it useless, that is said. By the autopilots' documentation and sources;
-LOITER alone was measured.
+What is sent is the same in each mode: the mode is known up to a second late, and a mode that brakes may be chosen at any
+moment. A mode, or a path planner, that makes it useless is reported. Sources: the autopilots' documentation and code; LOITER
+was measured.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import StrEnum
 
 from drivers.mavlink.session import Vehicle
+
+from .parameter_advice import AutopilotFacts, position_mode_fault
 
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 
 
 class Effect(StrEnum):
-    """What becomes of an obstacle, and of the wall or the unknown of a blind camera."""
+    """What the mode does before an obstacle, the artificial wall or a sector without data."""
 
     BRAKES = "brakes"
-    STANDS = "is still by itself"
-    LEANS = "leans away from what is near, the pilot may overrule it"
+    STANDS = "does not move"
+    LEANS = "leans away from near obstacles, the pilot can override it"
     TARGETS = "limits velocity targets, not position targets"
-    PLANS = "goes round obstacles, and when blind may go round the wall of the policy to where nobody looks"
+    PLANS = "plans around obstacles, and when blind may plan around the artificial wall into unobserved space"
+    WRONG_MODE = "does not brake with this MPC_POS_MODE"
     NOTHING = "does not brake"
     UNKNOWN = "is not known to brake"
 
@@ -49,40 +51,43 @@ _PX4_AUTO = {
 _PX4_AUTO_MAIN = 4
 
 
-def mode_of(vehicle: Vehicle, parameters: Mapping[str, float]) -> tuple[str, Effect]:
-    """(name, effect) of the mode that its newest heartbeat tells. parameters: those that were read."""
+def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
+    """(name, effect) of the mode in the newest heartbeat."""
     number = vehicle.custom_mode
     if vehicle.autopilot == PX4:
         main, sub = (number >> 16) & 0xFF, (number >> 24) & 0xFF
         known = _PX4_AUTO.get(sub) if main == _PX4_AUTO_MAIN else _PX4.get(main)
-        return known or (f"mode {main}.{sub}", Effect.UNKNOWN)
+        name, effect = known or (f"mode {main}.{sub}", Effect.UNKNOWN)
+        if effect is Effect.BRAKES and facts.version is not None and position_mode_fault(facts):
+            effect = Effect.WRONG_MODE
+        return name, effect
     if vehicle.autopilot == ARDUPILOT:
         name, effect = _COPTER.get(number, (f"mode {number}", Effect.UNKNOWN))
-        if name in _PLANNED and parameters.get("OA_TYPE", 0.0) > 0.0:
+        if name in _PLANNED and facts.values.get("OA_TYPE", 0.0) > 0.0:
             effect = Effect.PLANS
         return name, effect
     return f"mode {number}", Effect.UNKNOWN
 
 
-def mode_trouble(vehicle: Vehicle, parameters: Mapping[str, float]) -> str:
+def mode_trouble(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     """What keeps an armed vehicle in its mode from stopping before obstacles and when blind, in words; empty: nothing. The
     part before the colon is short enough for the ground station."""
-    name, effect = mode_of(vehicle, parameters)
+    name, effect = mode_of(vehicle, facts)
     if not vehicle.armed or effect in (Effect.BRAKES, Effect.STANDS):
         return ""
+    if effect is Effect.WRONG_MODE:
+        return f"{name} does not brake: {position_mode_fault(facts)}"
     where = "Position mode" if vehicle.autopilot == PX4 else "LOITER"
     if effect is Effect.PLANS:
         return (
-            f"{name} plans round obstacles: when blind, too, round the wall of the policy, to where nobody looks; it was not "
-            f"tried; {where} stops"
+            f"{name} plans round obstacles: when blind also round the artificial wall, into unobserved space; not tested; "
+            f"{where} stops"
         )
     if effect is Effect.LEANS:
-        return f"{name} only leans away from obstacles: the pilot may overrule it; {where} stops"
+        return f"{name} only leans away from obstacles: the pilot can override it; {where} stops"
     if effect is Effect.TARGETS:
-        unread = "" if "OA_TYPE" in parameters else "; whether a path planner works (OA_TYPE) is not known"
-        return (
-            f"{name} brakes velocity targets alone: with position targets it flies on, blind too; {where} stops{unread}"
-        )
+        unread = "" if "OA_TYPE" in facts.values else "; whether a path planner works (OA_TYPE) is not known"
+        return f"{name} brakes velocity targets alone: with position targets it flies on, also when blind; {where} stops{unread}"
     unread = "; or a path planner goes round: OA_TYPE is not known"
-    planned = vehicle.autopilot == ARDUPILOT and name in _PLANNED and "OA_TYPE" not in parameters
+    planned = vehicle.autopilot == ARDUPILOT and name in _PLANNED and "OA_TYPE" not in facts.values
     return f"{name} {effect}: neither before obstacles nor when blind; {where} stops{unread if planned else ''}"

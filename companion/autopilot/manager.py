@@ -22,12 +22,15 @@ from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import PrismsResult
 from .conflict_codes import CONFLICT_CODES
+from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
+from .firmware_version import AUTOPILOT_VERSION, VersionReader
 from .flight_modes import mode_trouble
-from .margin_file import MarginFile
+from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
-from .parameters import WANTED, ParameterReader, advice, delay_advice
-from .publisher import AutopilotNow, ObstacleSender, ObstacleTeller, Told, seen_ns
+from .parameter_advice import AutopilotFacts, advice, delay_advice
+from .parameters import WANTED, ParameterReader
+from .publisher import ObstacleSender, ObstacleTeller, Told, seen_ns
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .view_free import RING_M
 
@@ -36,7 +39,7 @@ ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
 ECHOES = {"PX4": 330, "ArduPilot": 132}
 """The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 PARAM_VALUE = 22
-READS = frozenset({PARAM_VALUE, *ECHOES.values()})
+READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, *ECHOES.values()})
 """The autopilot's messages that `message` has to be given."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
@@ -54,10 +57,10 @@ class Avoidance:
         post: Callable[[Any], None],
         ill: Callable[[str], str] = lambda camera: "",
         silent: Callable[[], Vehicle | None] = lambda: None,
-        margins: MarginFile | None = None,
+        last: LastValuesFile | None = None,
         ring_m: float = RING_M,
     ) -> None:
-        """margins: AVOID_MARGIN as it was read before this start, until it is read again. ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
+        """last: values of the autopilot that were read before this start, used until they are read again. ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
         more, None: none; it is told on, since it may hear us. ring_m: step of the free-range profiles."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
@@ -67,7 +70,8 @@ class Avoidance:
         self._exposed_ns: dict[str, int] = {}
         self._before_ns: dict[str, int] = {}
         self.parameters = ParameterReader()
-        self._margins = margins or MarginFile(None)
+        self.version = VersionReader()
+        self._last = last or LastValuesFile(None)
         self._echo = EchoCheck()
         self._texts = StatusTexts()
         self._mount_degraded: dict[str, bool] = {}
@@ -94,14 +98,15 @@ class Avoidance:
         while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
             time.sleep(0.05)
         self._end_ns = 0
-        self._margins.close()
+        self._last.close()
         self.sender.close()
 
     def _flies_on(self) -> bool:
         """Whether somebody in flight hears the wall now."""
         vehicle = self._vehicle()
         armed = vehicle is not None and vehicle.armed
-        return armed and self.sender.running and self.told is not None and self.told.policy == "stop"
+        sends_wall = self.told is not None and self.told.policy in ("stop", "brake") and self.told.values is not None
+        return armed and self.sender.running and sends_wall
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -123,6 +128,7 @@ class Avoidance:
     def message(self, message: Any, arrival_ns: int) -> None:
         """A message of the autopilot, of READS."""
         self.parameters.take(message, arrival_ns)
+        self.version.take(message)
         self._echo.take(message, arrival_ns)
 
     # ---- out --------------------------------------------------------------------------------------------------------
@@ -137,13 +143,7 @@ class Avoidance:
         vehicle = self._vehicle()
         if vehicle is None:
             return
-        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: what was read before still counts
-            self.parameters.begin(vehicle.autopilot, vehicle.system_id)
-        margin_m = self.parameters.value("AVOID_MARGIN")
-        if margin_m is not None and vehicle.autopilot == self.parameters.kind:
-            self._margins.keep(vehicle.autopilot, vehicle.system_id, margin_m)
-        for request in self.parameters.due(now_ns, vehicle.system_id):
-            self._post(request)
+        self._read(vehicle, now_ns)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
             self._post(
@@ -153,6 +153,23 @@ class Avoidance:
                 )
             )  # fmt: skip
 
+    def _read(self, vehicle: Vehicle, now_ns: int) -> None:
+        """Asks for parameters and version, and keeps what was read."""
+        if vehicle.autopilot in WANTED:  # not while heartbeats contradict each other: what was read before still counts
+            self.parameters.begin(vehicle.autopilot, vehicle.system_id)
+            self.version.begin(vehicle.autopilot, vehicle.system_id)
+        for request in (*self.parameters.due(now_ns, vehicle.system_id), *self.version.due(now_ns, vehicle.system_id)):
+            self._post(request)
+        if vehicle.autopilot == self.parameters.kind:
+            read = self.parameters.values()
+            self._last.keep(LastValues(vehicle.autopilot, vehicle.system_id, self.version.version, read))
+
+    def _facts(self, vehicle: Vehicle) -> AutopilotFacts:
+        """What was read from the autopilot; the version as it was before this start until it is read again."""
+        version = self.version.version or self._last.of(vehicle.autopilot, vehicle.system_id).version
+        kind, values, silent = vehicle.autopilot, self.parameters.values(), self.parameters.silent()
+        return AutopilotFacts(kind=kind, values=values, silent=silent, version=version)
+
     def _notes(self, now_ns: int) -> dict[str, str]:
         """Topic -> trouble, in words, for the ground station; all topics there are, so that the end of each is told."""
         conflicts = self._link.conflicts if self._link is not None else {}
@@ -161,7 +178,7 @@ class Avoidance:
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
-        notes["mode"] = mode_trouble(vehicle, self.parameters.values()) if vehicle is not None else ""
+        notes["mode"] = mode_trouble(vehicle, self._facts(vehicle)) if vehicle is not None else ""
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
         return notes
 
@@ -169,7 +186,7 @@ class Avoidance:
         if not echoes(vehicle):
             return ""
         signing = self._link.signing_trouble if self._link is not None else ""
-        cause = likely_cause(vehicle, self.parameters.values(), signing)
+        cause = likely_cause(vehicle, self._facts(vehicle), signing)
         return self._echo.trouble(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
@@ -185,22 +202,20 @@ class Avoidance:
         vehicle = self._vehicle()
         if vehicle is None:
             return []
-        values, silent = self.parameters.values(), self.parameters.silent()
-        told = self.told
-        advised = advice(vehicle.autopilot, values, silent, self._avoid.max_distance_m)
-        advised += delay_advice(vehicle.autopilot, values, self.latency())
+        facts, told = self._facts(vehicle), self.told
+        advised = advice(facts, self._avoid) + delay_advice(facts, self.latency())
         texts = [
             (DiagnosticCode.OBSTACLES_NOT_ACCEPTED, self._echo_trouble(vehicle, now_ns)),
             (DiagnosticCode.AVOIDANCE_FAULT, told.fault if told is not None else ""),
             *((DiagnosticCode.PARAMETER_ADVICE, text) for text in advised),
             *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.parameters.contradictions(now_ns)),
-            (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, mode_trouble(vehicle, values)),
+            (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, mode_trouble(vehicle, facts)),
         ]
-        if told is not None and told.policy == "stop" and "AVOID_MARGIN" in silent:
-            margin_m = self._margin_m(vehicle) or self._avoid.avoid_margin_m
+        if told is not None and told.policy == "stop" and "AVOID_MARGIN" in facts.silent:
+            margin_m = self._parameter(vehicle, "AVOID_MARGIN") or self._avoid.avoid_margin_m
             text = (
-                f"AVOID_MARGIN is not known: when blind, the wall stands at {margin_m:g} m and more; set "
-                "[avoid] avoid_margin_m to the autopilot's"
+                f"AVOID_MARGIN was not read: the artificial wall is placed for {margin_m:g} m; set [avoid] avoid_margin_m to the "
+                "autopilot's value"
             )
             texts.append((DiagnosticCode.AVOID_MARGIN_UNKNOWN, text))
         return [Diagnostic(code, "", text) for code, text in texts if text]
@@ -225,12 +240,13 @@ class Avoidance:
         vehicle = self._vehicle() or self._silent()
         if vehicle is None:
             return AutopilotNow()
-        return AutopilotNow(kind=vehicle.autopilot, margin_m=self._margin_m(vehicle))
+        margin_m, cp_dist_m = (self._parameter(vehicle, name) for name in ("AVOID_MARGIN", "CP_DIST"))
+        return AutopilotNow(kind=vehicle.autopilot, margin_m=margin_m, cp_dist_m=cp_dist_m)
 
-    def _margin_m(self, vehicle: Vehicle) -> float | None:
-        """AVOID_MARGIN as it is read now, else as it was before this start; None: never."""
-        read_m = self.parameters.value("AVOID_MARGIN")
-        return self._margins.margin_m(vehicle.autopilot, vehicle.system_id) if read_m is None else read_m
+    def _parameter(self, vehicle: Vehicle, name: str) -> float | None:
+        """A parameter as it is read now, else as it was read before this start; None: never."""
+        read = self.parameters.value(name)
+        return self._last.of(vehicle.autopilot, vehicle.system_id).parameters.get(name) if read is None else read
 
     def _send(self, message: Any) -> None:
         told = self.sender.told  # may go out as many messages
@@ -260,7 +276,7 @@ def avoidance_of(
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     return Avoidance(
-        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, MarginFile(state),
+        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, LastValuesFile(state),
         config.extractor.profile_ring_m,
     )  # fmt: skip
 

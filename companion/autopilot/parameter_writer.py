@@ -1,5 +1,5 @@
-"""`companion doctor --apply`: the one place where parameters of an autopilot are written, and only so: listed, with a yes,
-while it is disarmed, each read back."""
+"""`companion doctor --apply`: the only place that writes parameters of an autopilot. The changes are listed, confirmed with a
+typed yes, written while the vehicle is disarmed, and read back."""
 
 from __future__ import annotations
 
@@ -17,23 +17,26 @@ from drivers.mavlink.transport import parse_address
 
 from ..config.loader import Config
 from ..paths import folders
+from .firmware_version import VersionReader
+from .parameter_advice import AutopilotFacts, braking_position_modes
 from .parameters import ARDUPILOT, PX4, WHOLE, ParameterReader, value_of
 from .session_factory import params_of, signing_of
 
 NS = 1_000_000_000
 FRESH_NS = 2 * NS
-"""A heartbeat must be this new to say that it is disarmed."""
+"""Oldest heartbeat that counts as proof that the vehicle is disarmed."""
 STILL_S = 2.5
-"""And for so long none may say otherwise, before anything is proposed."""
+"""No heartbeat may say otherwise for this time before anything is proposed."""
 TRIES, ANSWER_S = 3, 1.0
 LEAST_DELAY_S = 0.15
-"""No chain of camera, computer and line is quicker than that."""
+"""No chain of camera, computer and link has less latency."""
 REBOOT = frozenset({"PRX1_TYPE"})
+"""Parameters that take effect after a restart of the autopilot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A parameter, what it is and what it is to be, and why, in words."""
+    """A parameter with its present value, its new value and the reason, in words."""
 
     name: str
     now: float
@@ -41,50 +44,72 @@ class Change:
     why: str
 
     def words(self) -> str:
-        """For the list that is said yes to."""
-        again = "; start the autopilot again afterwards" if self.name in REBOOT else ""
+        """For the list that is to be confirmed."""
+        again = "; restart the autopilot afterwards" if self.name in REBOOT else ""
         return f"{self.name}: {self.now:g} -> {self.to:g} ({self.why}{again})"
 
 
-def changes(kind: str, values: dict[str, float], config: Config) -> list[Change]:
-    """What to write so that an autopilot with these parameters brakes. Those it did not tell are left alone, and what is
-    good already, and what is a matter of taste."""
-    wanted: list[tuple[str, bool, float, str]] = []
+def changes(facts: AutopilotFacts, config: Config) -> list[Change]:
+    """The parameters to write so that the autopilot brakes. Parameters that were not read are not changed, nor good ones, nor
+    those that are a matter of taste."""
+    v = facts.values
     keep_m = min(3.0, 0.5 * config.avoid.max_distance_m)
-    v = values.get
-    if kind == PX4:
-        worst_s = config.service.stale_s + 1.0 / config.avoid.rate_hz
-        dist = v("CP_DIST", keep_m)
+    wanted: list[tuple[str, bool, float, str]] = []
+    if facts.kind == PX4:
+        wanted = _px4_changes(facts, config, keep_m)
+    elif facts.kind == ARDUPILOT:
+        enable = int(v.get("AVOID_ENABLE", 7.0))
+        margin_bad = v.get("AVOID_MARGIN", 2.0) + 0.2 >= config.avoid.max_distance_m
+        low_bad = v.get("PRX1_MIN", 0.0) > config.avoid.min_distance_m
+        high_bad = 0.0 < v.get("PRX1_MAX", 0.0) < config.avoid.max_distance_m
         wanted = [
-            ("CP_DIST", not 0.0 < dist < config.avoid.max_distance_m, keep_m, "the distance to keep, in m; 0 is off"),
-            ("CP_GO_NO_DATA", v("CP_GO_NO_DATA", 0.0) != 0.0, 0.0, "it moves only where it was told something"),
-            ("MPC_POS_MODE", v("MPC_POS_MODE", 4.0) not in (0.0, 3.0, 4.0), 4.0, "the mode that brakes"),
-            (
-                "CP_DELAY",
-                v("CP_DELAY", 1.0) < LEAST_DELAY_S,
-                round(worst_s + 0.03, 2),
-                "our latency at its worst, in s",
-            ),
-        ]
-    elif kind == ARDUPILOT:
-        enable = int(v("AVOID_ENABLE", 7.0))
-        margin_bad = v("AVOID_MARGIN", 2.0) + 0.2 >= config.avoid.max_distance_m
-        wanted = [
-            ("PRX1_TYPE", v("PRX1_TYPE", 2.0) != 2.0, 2.0, "it listens to MAVLink"),
-            ("AVOID_ENABLE", not enable & 2, float(enable | 2), "it brakes for what it is told"),
+            ("PRX1_TYPE", v.get("PRX1_TYPE", 2.0) != 2.0, 2.0, "it reads obstacles from MAVLink"),
+            ("AVOID_ENABLE", not enable & 2, float(enable | 2), "it brakes for obstacles"),
             ("AVOID_MARGIN", margin_bad, min(2.0, keep_m), "room below [avoid] max_distance_m, in m"),
-            ("AVOID_BEHAVE", v("AVOID_BEHAVE", 1.0) != 1.0, 1.0, "it stops instead of sliding along"),
-            ("AVOID_BACKUP_SPD", v("AVOID_BACKUP_SPD", 0.0) > 0.0, 0.0, "it stands where it would back away blindly"),
+            ("AVOID_BEHAVE", v.get("AVOID_BEHAVE", 1.0) != 1.0, 1.0, "it stops instead of sliding along obstacles"),
+            (
+                "AVOID_BACKUP_SPD",
+                v.get("AVOID_BACKUP_SPD", 0.0) > 0.0,
+                0.0,
+                "it does not back away into unobserved space",
+            ),
+            ("PRX1_MIN", low_bad, 0.0, "it reads near obstacles and the artificial wall"),
+            ("PRX1_MAX", high_bad, 0.0, "it reads far obstacles"),
+            ("PRX1_ORIENT", v.get("PRX1_ORIENT", 0.0) != 0.0, 0.0, "directions are not mirrored"),
+            ("PRX1_YAW_CORR", v.get("PRX1_YAW_CORR", 0.0) != 0.0, 0.0, "directions are not turned"),
+            ("AVOID_ALT_MIN", v.get("AVOID_ALT_MIN", 0.0) > 0.0, 0.0, "it brakes at each height"),
         ]
-    return [Change(name, values[name], to, why) for name, bad, to, why in wanted if bad and name in values]
+    return [Change(name, v[name], to, why) for name, bad, to, why in wanted if bad and name in v]
+
+
+def _px4_changes(facts: AutopilotFacts, config: Config, keep_m: float) -> list[tuple[str, bool, float, str]]:
+    """(name, whether it is bad, value to write, reason). MPC_POS_MODE is changed only where the version is known."""
+    v = facts.values
+    worst_s = config.service.stale_s + 1.0 / config.avoid.rate_hz
+    dist_bad = not 0.0 < v.get("CP_DIST", keep_m) < config.avoid.max_distance_m
+    wanted = [
+        ("CP_DIST", dist_bad, keep_m, "the distance to keep, in m; 0 is off"),
+        ("CP_GO_NO_DATA", v.get("CP_GO_NO_DATA", 0.0) != 0.0, 0.0, "it moves only into directions with data"),
+        (
+            "CP_DELAY",
+            v.get("CP_DELAY", 1.0) < LEAST_DELAY_S,
+            round(worst_s + 0.03, 2),
+            "the largest latency of the service, in s",
+        ),
+    ]
+    if facts.version is not None:
+        good = braking_position_modes(facts.version)
+        bad = v.get("MPC_POS_MODE", float(good[0])) not in good
+        wanted.append(("MPC_POS_MODE", bad, float(good[0]), f"the mode that brakes in v{facts.version}"))
+    return wanted
 
 
 class ParameterWriter:
-    """On a line of its own: `propose`, then `write` what was said yes to. Usable as a context manager."""
+    """On a link of its own: `propose`, then `write` the confirmed changes. Usable as a context manager."""
 
     def __init__(self, config: Config, patience_s: float) -> None:
         self._config, self._patience_s = config, patience_s
-        self._reader = ParameterReader()
+        self._reader, self._version = ParameterReader(), VersionReader()
         self._lock = threading.Lock()
         self._told: dict[str, tuple[float, int]] = {}
         self._armed_ns: int | None = None
@@ -107,13 +132,17 @@ class ParameterWriter:
             vehicle = self._link.status().vehicle
             if vehicle is not None:
                 self._reader.begin(vehicle.autopilot, vehicle.system_id)
-                for request in self._reader.due(time.monotonic_ns(), vehicle.system_id):
+                self._version.begin(vehicle.autopilot, vehicle.system_id)
+                now_ns, system = time.monotonic_ns(), vehicle.system_id
+                for request in (*self._reader.due(now_ns, system), *self._version.due(now_ns, system)):
                     self._link.post(request)
-                if self._reader.settled and time.monotonic() - begun_s > STILL_S:
+                if self._reader.settled and self._version.settled and time.monotonic() - begun_s > STILL_S:
                     break
             time.sleep(0.05)
         kind, _ = self._writable()
-        return changes(kind, self._reader.values(), self._config)
+        return changes(
+            AutopilotFacts(kind=kind, values=self._reader.values(), version=self._version.version), self._config
+        )
 
     def write(self, wanted: list[Change]) -> Iterator[tuple[Change, str]]:
         """Each change with what went wrong, in words; empty: it was written, and read back so."""
@@ -141,7 +170,7 @@ class ParameterWriter:
             if answer is not None and abs(answer - change.to) < 1e-4:
                 return ""
             value = change.now if answer is None else answer
-        return f"it still tells {value:g}: written {TRIES} times and not taken; set it from the ground station"
+        return f"it still reports {value:g}: written {TRIES} times and not accepted; set it from the ground station"
 
     def _answer(self, name: str) -> float | None:
         end_s = time.monotonic() + ANSWER_S
@@ -162,6 +191,7 @@ class ParameterWriter:
 
     def _take(self, message: Any, arrival_ns: int) -> None:
         self._reader.take(message, arrival_ns)
+        self._version.take(message)
         if message.get_type() == "HEARTBEAT" and int(message.base_mode) & 128:
             self._armed_ns = arrival_ns
         if message.get_type() == "PARAM_VALUE":

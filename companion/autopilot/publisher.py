@@ -31,7 +31,7 @@ from ..pipeline.pipeline import PrismsResult
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
 from .distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
-from .failsafe import BlindPolicy, Recovery, Sight, policy_of
+from .failsafe import AutopilotNow, BlindPolicy, Recovery, Sight, policy_of
 from .free_space_memory import FreeMemory
 from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
 from .obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
@@ -53,7 +53,7 @@ RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 class Told:
     """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
 
-    policy: unknown or stop, as the autopilot needs it. fault: what went wrong in reckoning, in words; empty: nothing.
+    policy: name of the failsafe policy. fault: what went wrong in reckoning, in words; empty: nothing.
     points_m: (N, 3) obstacles above and below the band, where they are told; up_m, down_m: to what stands over the vehicle,
     and to the ground under it; None: nothing is sent of it."""
 
@@ -65,14 +65,6 @@ class Told:
     points_m: NDArray[np.float64] = field(default_factory=NO_POINTS.copy)
     up_m: float | None = None
     down_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AutopilotNow:
-    """What is known of the autopilot. kind: "" before it was heard. margin_m: AVOID_MARGIN, None: not told."""
-
-    kind: str = ""
-    margin_m: float | None = None
 
 
 class ObstacleTeller:
@@ -198,12 +190,11 @@ class ObstacleTeller:
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
         sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns)
-        policy = policy_of(self._avoid, autopilot.kind)
-        margin_m = self._avoid.avoid_margin_m if autopilot.margin_m is None else autopilot.margin_m
-        values = self._policy.values(sight, policy, margin_m, now_ns)
+        policy = policy_of(self._avoid, autopilot)
+        values = self._policy.values(sight, policy, now_ns)
         if values is not None:
             values = for_reader(values, self._avoid, autopilot.kind)
-        return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy, fault)
+        return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Why a camera is blind at this instant; empty: it sees."""

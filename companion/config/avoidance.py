@@ -44,7 +44,7 @@ class AvoidParams:
     blind: str = choice(
         "auto",
         ("auto", "unknown", "stop"),
-        "policy when blind; auto: unknown for PX4, stop for all others",
+        "policy when blind; auto: brake for PX4 (unknown while CP_DIST is not known), stop for all others",
         safety=True,
     )
     unseen: str = choice(
@@ -54,7 +54,11 @@ class AvoidParams:
         safety=True,
     )
     silence_s: float = critical(
-        2.0, 0.5, 10.0, "s", "policy unknown: time blind until nothing is sent, which stops PX4"
+        2.0,
+        0.5,
+        10.0,
+        "s",
+        "PX4: time blind until nothing more is sent, after which PX4 changes to Hold; policy brake: duration of the wall",
     )
     stop_inside_m: float = critical(
         0.04,
@@ -72,6 +76,13 @@ class AvoidParams:
     )
     avoid_margin_m: float = critical(
         2.0, 0.5, 20.0, "m", "value of AVOID_MARGIN that is used until the parameter has been read from the autopilot"
+    )
+    cp_dist_m: float = critical(
+        3.0,
+        0.1,
+        20.0,
+        "m",
+        "CP_DIST that is assumed for the artificial wall while heartbeats of PX4 and another autopilot contradict each other",
     )
     points: bool = switch(
         False, "ArduPilot: send OBSTACLE_DISTANCE_3D instead, with layers above and below; work in progress in MAVLink"

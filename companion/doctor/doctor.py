@@ -27,8 +27,10 @@ from drivers.mavlink.transport import parse_address
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.conflict_codes import conflict_diagnostics
+from ..autopilot.firmware_version import VersionReader
+from ..autopilot.parameter_advice import AutopilotFacts, advice
 from ..autopilot.parameter_writer import Change, apply
-from ..autopilot.parameters import ParameterReader, advice
+from ..autopilot.parameters import ParameterReader
 from ..autopilot.session_factory import params_of, signing_of
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
@@ -175,12 +177,17 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     except DriverError as error:
         yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return
-    reader = ParameterReader()
-    session = MavlinkSession(params_of(config), on_message=reader.take, signing=signing)
+    reader, version = ParameterReader(), VersionReader()
+
+    def received(message: Any, arrival_ns: int) -> None:
+        reader.take(message, arrival_ns)
+        version.take(message)
+
+    session = MavlinkSession(params_of(config), on_message=received, signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
     try:
-        status = _listened(link, reader, patience_s)
+        status = _listened(link, reader, version, patience_s)
     finally:
         link.close()
         signing.close()
@@ -196,27 +203,34 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     for conflict in conflict_diagnostics(status.conflicts):
         yield Finding("autopilot", False, conflict.text, conflict.code)
     if status.vehicle is not None:
-        known = ", ".join(f"{name} = {value:g}" for name, value in reader.values().items()) or "none was told"
+        kind, read = status.vehicle.autopilot, reader.values()
+        facts = AutopilotFacts(kind=kind, values=read, silent=reader.silent(), version=version.version)
+        yield Finding(
+            "firmware", True, f"{kind} v{facts.version}" if facts.version else f"{kind}, version not reported"
+        )
+        known = ", ".join(f"{name} = {value:g}" for name, value in read.items()) or "none was answered"
         code = "" if reader.values() else DiagnosticCode.PARAMETERS_UNKNOWN
         yield Finding("parameters", bool(reader.values()), known, code)
-        for line in advice(status.vehicle.autopilot, reader.values(), reader.silent(), config.avoid.max_distance_m):
+        for line in advice(facts, config.avoid):
             yield Finding("parameters", not config.avoid.send, line, DiagnosticCode.PARAMETER_ADVICE)
         for line in reader.contradictions(time.monotonic_ns()):
             yield Finding("parameters", False, line, DiagnosticCode.PARAMETER_CONTRADICTION)
 
 
-def _listened(link: MavlinkLink, reader: ParameterReader, patience_s: float) -> LinkStatus:
+def _listened(link: MavlinkLink, reader: ParameterReader, version: VersionReader, patience_s: float) -> LinkStatus:
     """The link after a while: as soon as all is known, else when patience ends."""
 
     def known() -> bool:
         status = link.status()
         if status.vehicle is None:
             return False
-        reader.begin(status.vehicle.autopilot)
-        for request in reader.due(time.monotonic_ns(), status.vehicle.system_id):
+        now_ns, system = time.monotonic_ns(), status.vehicle.system_id
+        reader.begin(status.vehicle.autopilot, system)
+        version.begin(status.vehicle.autopilot, system)
+        for request in (*reader.due(now_ns, system), *version.due(now_ns, system)):
             link.post(request)
         synchronised = status.clock.source is ClockSource.TIMESYNC and status.attitude_hz > 0.0
-        return synchronised and reader.settled and time.monotonic_ns() > settled_ns
+        return synchronised and reader.settled and version.settled and time.monotonic_ns() > settled_ns
 
     settled_ns = time.monotonic_ns() + 3 * NS  # rates are measured over two seconds
     _until(known, patience_s)

@@ -22,7 +22,7 @@ from .flight_path import VehicleState
 NS = 1_000_000_000
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
-_SET_MESSAGE_INTERVAL = 511
+_SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE, _REQUEST_CAPABILITIES, _AUTOPILOT_VERSION = 511, 512, 520, 148
 _INT32, _REAL32 = 6, 9
 _HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
 _DISTANCE_SENSOR, _OBSTACLE_DISTANCE = 132, 330
@@ -34,6 +34,10 @@ _STREAMED_UNASKED = {PX4: {_ATTITUDE: 100.0, _ATTITUDE_QUATERNION: 50.0, _LOCAL_
 _MOST_HZ = {PX4: 1000.0, ARDUPILOT: 250.0}
 _LOOK_NS = 1_000_000
 """Between two looks while a message is held back: it hides its attitude, or is silent."""
+
+
+_VERSIONS = {PX4: (1, 16, 0), ARDUPILOT: (4, 6, 2)}
+_VERSION_REQUESTS = ((_REQUEST_MESSAGE, _AUTOPILOT_VERSION), (_REQUEST_CAPABILITIES, 1))
 
 
 def hovering(_: int) -> VehicleState:
@@ -52,7 +56,9 @@ class FirmwareProfile:
     """How this one behaves. streams: message id -> Hz sent without being asked (None: as the real one does).
     knows_intervals: SET_MESSAGE_INTERVAL is understood. motion: the vehicle at a local instant. hides_attitude: at
     which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
-    time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it speaks the old version alone."""
+    time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
+    version: of its firmware, None: a usual one;
+    hides_version: it does not answer AUTOPILOT_VERSION."""
 
     kind: str = PX4
     system_id: int = 1
@@ -70,6 +76,8 @@ class FirmwareProfile:
     key: bytes | None = None
     signing_ticks: int = 0
     mavlink_1: bool = False
+    version: tuple[int, int, int] | None = None
+    hides_version: bool = False
 
 
 class SimulatedAutopilot:
@@ -137,6 +145,8 @@ class SimulatedAutopilot:
                 self._answer(dialect.MAVLink_timesync_message(self.boot_ns(now_ns) // 1000 * 1000 or 1000, message.ts1))
             elif kind == "COMMAND_LONG" and message.command == _SET_MESSAGE_INTERVAL:
                 self._set_interval(int(message.param1), float(message.param2))
+            elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) in _VERSION_REQUESTS:
+                self._report_version(int(message.command))
             elif kind == "REQUEST_DATA_STREAM":
                 for number in _STREAMS.get(int(message.req_stream_id), ()):
                     self._intervals[number] = float(message.req_message_rate)
@@ -182,6 +192,15 @@ class SimulatedAutopilot:
         elif interval_us < 0:
             self._intervals.pop(number, None)
         self._answer(dialect.MAVLink_command_ack_message(_SET_MESSAGE_INTERVAL, result))
+
+    def _report_version(self, command: int) -> None:
+        version = self.profile.version or _VERSIONS[self.profile.kind]
+        self._answer(dialect.MAVLink_command_ack_message(command, 3 if self.profile.hides_version else 0))
+        if not self.profile.hides_version:
+            number = version[0] << 24 | version[1] << 16 | version[2] << 8 | 255
+            self._answer(
+                dialect.MAVLink_autopilot_version_message(0, number, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+            )
 
     def _read_parameter(self, request: Any) -> None:
         name = request.param_id

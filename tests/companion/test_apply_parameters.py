@@ -13,6 +13,8 @@ import pytest
 
 import companion
 import drivers
+from companion.autopilot.firmware_version import FirmwareVersion
+from companion.autopilot.parameter_advice import AutopilotFacts
 from companion.autopilot.parameter_writer import Change, apply, changes
 from companion.cli import main
 from companion.config.loader import Config, load_config
@@ -64,6 +66,10 @@ def answering(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(words))
 
 
+def facts(kind: str, values: dict[str, float]) -> AutopilotFacts:
+    return AutopilotFacts(kind=kind, values=values, version=FirmwareVersion(1, 16) if kind == PX4 else None)
+
+
 def sets(line: AutopilotLink) -> list[Any]:
     return list(line.change(lambda a: a.of_kind("PARAM_SET")))
 
@@ -79,8 +85,8 @@ def test_with_a_typed_yes_all_is_written_and_read_back(
         assert line.change(lambda a: dict(a.parameters)) == pytest.approx(GOOD[kind])
         assert {type(v) for v in line.change(lambda a: list(a.parameters.values()))} <= {int, float}
     assert said.index("type yes to write them") < said.index("written and read back")
-    assert said.count("written and read back") == len(changes(kind, BAD[kind], load_config(config)))
-    assert ("PRX1_TYPE: 0 -> 2 (it listens to MAVLink; start the autopilot again afterwards)" in said) == (
+    assert said.count("written and read back") == len(changes(facts(kind, BAD[kind]), load_config(config)))
+    assert ("PRX1_TYPE: 0 -> 2 (it reads obstacles from MAVLink; restart the autopilot afterwards)" in said) == (
         kind == ARDUPILOT
     )
     assert ("CP_GO_NO_DATA: 1 -> 0" in said) == (kind == PX4)
@@ -150,7 +156,7 @@ def test_what_is_not_taken_is_named_and_the_rest_goes_on(tmp_path: Path) -> None
         said = steps(config, lambda wanted: True)
         assert line.change(lambda a: a.parameters["AVOID_ENABLE"]) == 3
     assert [words for good, words in said if not good] == [
-        "PRX1_TYPE: it still tells 0: written 3 times and not taken; set it from the ground station"
+        "PRX1_TYPE: it still reports 0: written 3 times and not accepted; set it from the ground station"
     ]
 
 
@@ -168,8 +174,8 @@ def test_a_line_on_which_two_speak_is_not_written_to(tmp_path: Path) -> None:
 
 def test_good_parameters_are_left_alone(tmp_path: Path) -> None:
     for kind, good in (*PARAMETERS.items(), *GOOD.items()):
-        assert changes(kind, good, Config()) == []
-        assert changes(kind, {}, Config()) == []  # what was not told is not known to be wrong
+        assert changes(facts(kind, good), Config()) == []
+        assert changes(facts(kind, {}), Config()) == []  # what was not told is not known to be wrong
     with flying(PX4, tmp_path, GOOD[PX4]) as (line, config):
         assert steps(config, lambda wanted: True) == [(True, "nothing to change")]
         assert sets(line) == []

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from companion.autopilot.feedback_check import PATIENCE_NS, EchoCheck, likely_cause
+from companion.autopilot.firmware_version import FirmwareVersion
 from companion.autopilot.manager import PX4_POSITION_MODE, echoes
 from companion.autopilot.obstacle_distance import clear_cm, obstacle_distance_message
-from companion.autopilot.parameters import ASK_AGAIN_NS, RENEW_NS, TRIES, ParameterReader, advice, delay_advice
+from companion.autopilot.parameter_advice import AutopilotFacts, advice, delay_advice
+from companion.autopilot.parameters import ASK_AGAIN_NS, AT_ONCE, OPTIONAL, RENEW_NS, TRIES, WANTED, ParameterReader
 from companion.autopilot.status_text import MOST_CHARACTERS, StatusTexts, mount_note, shortened
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.latency import LatencyStage
@@ -48,8 +50,8 @@ def tell(reader: ParameterReader, name: str, value: float, now_ns: int) -> None:
 @pytest.mark.parametrize(
     ("kind", "parameters"),
     [
-        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": -1}),
-        (ARDUPILOT, {"PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 0}),
+        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "CP_GUIDE_ANG": 30.0, "MPC_POS_MODE": -1}),
+        (ARDUPILOT, {"PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 0, "AVOID_ALT_MIN": 0.0, "RC9_OPTION": 40}),
     ],
 )  # fmt: skip
 def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: dict[str, float]) -> None:
@@ -58,7 +60,7 @@ def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: 
     reader.begin(kind)
     asked(reader, autopilot, NS, 2.0)
     assert reader.values() == parameters
-    assert reader.due(3 * NS + ASK_AGAIN_NS, 1) == []
+    assert {m.param_id for m in reader.due(3 * NS + ASK_AGAIN_NS, 1)} <= OPTIONAL
     autopilot.parameters |= {"CP_DIST": 5.0} if kind == PX4 else {"AVOID_MARGIN": 5.0}
     asked(reader, autopilot, 3 * NS, RENEW_NS / NS + 2.0)
     assert 5.0 in reader.values().values()
@@ -68,10 +70,15 @@ def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: 
 def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
     reader = ParameterReader()
     reader.begin(ARDUPILOT)
-    asked = [len(reader.due(NS + k * ASK_AGAIN_NS, 1)) for k in range(TRIES + 3)]
-    assert asked == [6] * TRIES + [0] * 3
-    assert "AVOID_MARGIN" in reader.silent()
-    assert any("did not tell AVOID_MARGIN" in line for line in advice(ARDUPILOT, {}, reader.silent(), 12.0))
+    wanted = len(WANTED[ARDUPILOT])
+    asked = [len(reader.due(NS + k * ASK_AGAIN_NS // 5, 1)) for k in range(5 * (TRIES + 3))]
+    assert max(asked) == AT_ONCE
+    assert sum(asked) == TRIES * wanted
+    assert set(reader.silent()) == set(WANTED[ARDUPILOT]) - OPTIONAL
+    assert any(
+        "did not answer for AVOID_MARGIN" in line
+        for line in advice(AutopilotFacts(kind=ARDUPILOT, silent=reader.silent()), AVOID)
+    )
     reader.begin(PX4)
     assert reader.silent() == ()
 
@@ -83,7 +90,15 @@ def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
         (PX4, {"CP_DIST": 12.0}, "never fly on"),
         (PX4, {"CP_DIST": 3.0, "CP_GO_NO_DATA": 1.0}, "CP_GO_NO_DATA"),
         (PX4, {"CP_DIST": 3.0, "MPC_POS_MODE": 1.0}, "MPC_POS_MODE = 1"),
-        (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not listen: PRX1_TYPE = 0"),
+        (ARDUPILOT, {"PRX1_MIN": 3.0, "AVOID_MARGIN": 3.0}, "PRX1_MIN = 3 m, also the artificial wall"),
+        (ARDUPILOT, {"PRX1_MIN": 0.5}, "PRX1_MIN = 0.5 m, while they are nearer"),
+        (ARDUPILOT, {"PRX1_MAX": 3.0, "AVOID_MARGIN": 3.0}, "PRX1_MAX = 3 m, also the artificial wall"),
+        (ARDUPILOT, {"PRX1_MAX": 8.0}, "PRX1_MAX = 8 m, so that it brakes late"),
+        (ARDUPILOT, {"PRX1_ORIENT": 1.0}, "PRX1_ORIENT = 1"),
+        (ARDUPILOT, {"PRX1_YAW_CORR": -90.0}, "PRX1_YAW_CORR = -90"),
+        (ARDUPILOT, {"AVOID_ALT_MIN": 2.0}, "AVOID_ALT_MIN = 2"),
+        (ARDUPILOT, {"RC9_OPTION": 40.0, "RC7_OPTION": 41.0}, "turns proximity avoidance off: RC9_OPTION = 40"),
+        (ARDUPILOT, {"PRX1_TYPE": 0.0}, "does not read obstacles: PRX1_TYPE = 0"),
         (ARDUPILOT, {"AVOID_ENABLE": 1.0}, "AVOID_ENABLE = 1 is without 2"),
         (ARDUPILOT, {"AVOID_MARGIN": 11.9}, "AVOID_MARGIN = 11.9"),
         (ARDUPILOT, {"AVOID_BEHAVE": 0.0}, "AVOID_BEHAVE = 0"),
@@ -92,23 +107,25 @@ def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
     ],
 )
 def test_what_keeps_the_vehicle_from_braking_is_said(kind: str, values: dict[str, float], word: str) -> None:
-    said = advice(kind, values, (), 12.0)
+    said = advice(AutopilotFacts(kind=kind, values=values, version=FirmwareVersion(1, 16)), AVOID)
     assert len(said) == 1
     assert word in said[0]
 
 
 def test_a_delay_shorter_than_what_was_measured_is_said_with_the_one_to_set() -> None:
     measured = (LatencyStage.EXPOSURE_TO_AUTOPILOT, 120.0, 190.0, 231.0)
-    assert delay_advice(PX4, {"CP_DELAY": 0.25}, measured) == []
-    (said,) = delay_advice(PX4, {"CP_DELAY": 0.2}, measured)
+    assert delay_advice(AutopilotFacts(kind=PX4, values={"CP_DELAY": 0.25}), measured) == []
+    late = AutopilotFacts(kind=PX4, values={"CP_DELAY": 0.2})
+    (said,) = delay_advice(late, measured)
     assert "older than 0.23 s" in said
-    assert said.endswith("set it to 0.3")
-    assert delay_advice(PX4, {"CP_DELAY": 0.2}, None) == delay_advice(PX4, {}, measured) == []
-    assert delay_advice(ARDUPILOT, {"CP_DELAY": 0.2}, measured) == []
+    assert said.endswith("set CP_DELAY to 0.3")
+    assert delay_advice(late, None) == delay_advice(AutopilotFacts(kind=PX4), measured) == []
+    assert delay_advice(AutopilotFacts(kind=ARDUPILOT, values={"CP_DELAY": 0.2}), measured) == []
 
 
 def test_nothing_is_said_of_good_parameters() -> None:
-    assert advice(PX4, {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}, (), 12.0) == []
+    px4 = {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "CP_GUIDE_ANG": 30.0, "MPC_POS_MODE": 4.0}
+    assert advice(AutopilotFacts(kind=PX4, values=px4, version=FirmwareVersion(1, 16)), AVOID) == []
     good = {
         "PRX1_TYPE": 2.0,
         "AVOID_ENABLE": 7.0,
@@ -116,8 +133,11 @@ def test_nothing_is_said_of_good_parameters() -> None:
         "AVOID_BEHAVE": 1.0,
         "AVOID_BACKUP_SPD": 0.0,
         "OA_TYPE": 0.0,
+        "PRX1_MIN": 0.0,
+        "PRX1_MAX": 0.0,
+        "RC9_OPTION": 41.0,
     }
-    assert advice(ARDUPILOT, good, (), 12.0) == []
+    assert advice(AutopilotFacts(kind=ARDUPILOT, values=good), AVOID) == []
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
@@ -130,7 +150,7 @@ def test_a_value_that_is_no_number_is_no_value(value: float) -> None:
         tell(reader, name, value, NS)
         tell(reader, name, value, 3 * NS)
     assert reader.values() == {}
-    assert advice(ARDUPILOT, reader.values(), (), 12.0) == []
+    assert advice(AutopilotFacts(kind=ARDUPILOT, values=reader.values()), AVOID) == []
 
 
 def test_another_vehicle_has_parameters_of_its_own() -> None:
@@ -164,8 +184,8 @@ def test_a_forged_value_beside_the_true_one_never_moves_the_wall(forged: float, 
             reader.take(message, now_ns)
         assert reader.value("AVOID_MARGIN") == (None if first else 2.5)
     (said,) = reader.contradictions(64 * NS)
-    assert "somebody else speaks as the autopilot" in said
-    assert ("neither counts" in said) == first
+    assert "another sender uses the autopilot's ids" in said
+    assert ("neither is used" in said) == first
     assert reader.settled
     asked(reader, autopilot, 65 * NS, 40.0)
     assert reader.value("AVOID_MARGIN") == 2.5
@@ -227,16 +247,18 @@ def test_other_obstacles_than_ours_are_said(kind: str) -> None:
         (PX4, {"CP_DIST": -1.0}, "the autopilot signs and we have no key: x", False, "signs and we have no key"),
         (PX4, {"CP_DIST": 3.0}, "", True, "MAV_PROTO_VER = 2"),
         (ARDUPILOT, {"PRX1_TYPE": 2.0}, "", True, "SERIALn_PROTOCOL = 2"),
-        (PX4, {"CP_DIST": 3.0}, "", False, "of the onboard kind"),
-        (ARDUPILOT, {}, "", False, "started again since"),
+        (PX4, {"CP_DIST": 3.0}, "", False, "MAV_n_MODE of its link Onboard"),
+        (ARDUPILOT, {}, "", False, "restarted since"),
     ],
 )
 def test_the_likely_cause_is_the_one_that_is_known(
     kind: str, values: dict[str, float], signing: str, mavlink_1: bool, word: str
 ) -> None:
     vehicle = Vehicle(1, kind, 2, True, PX4_POSITION_MODE << 16, 0, mavlink_1)
-    said = echoed(kind, True, 8.0, scene(400)).trouble(kind, NS + 8 * NS, likely_cause(vehicle, values, signing))
-    assert said.startswith("the autopilot does not take our obstacles: ")
+    said = echoed(kind, True, 8.0, scene(400)).trouble(
+        kind, NS + 8 * NS, likely_cause(vehicle, AutopilotFacts(kind=kind, values=values), signing)
+    )
+    assert said.startswith("the autopilot does not use our obstacles: ")
     assert word in said
 
 

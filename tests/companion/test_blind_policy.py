@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.failsafe import BlindPolicy, Recovery, Sight, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Policy, Recovery, Sight, policy_of
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan
@@ -46,12 +46,42 @@ def front_seen(*planes: tuple[float, ...]) -> SectorScan:
 # ---- which policy -----------------------------------------------------------------------------------------------------
 
 
+def stop_at(margin_m: float) -> Policy:
+    """The policy for an ArduPilot with this AVOID_MARGIN."""
+    return policy_of(AVOID, AutopilotNow(kind="ArduPilot", margin_m=margin_m))
+
+
+STOP, NOT_KNOWN = stop_at(2.0), Policy("unknown")
+
+
 @pytest.mark.parametrize(
-    ("autopilot", "policy"), [("PX4", "unknown"), ("ArduPilot", "stop"), ("autopilot 8", "stop"), ("", "stop")]
+    ("autopilot", "name", "wall_m", "all_around"),
+    [
+        (AutopilotNow(kind="PX4"), "unknown", 0.0, False),
+        (AutopilotNow(kind="PX4", cp_dist_m=3.0), "brake", 3.05, True),
+        (AutopilotNow(kind="PX4", cp_dist_m=0.1), "brake", 0.25, True),  # PX4 keeps min_distance at least
+        (AutopilotNow(kind="PX4", cp_dist_m=-1.0), "unknown", 0.0, False),  # collision prevention is off
+        (AutopilotNow(kind="PX4", cp_dist_m=12.0), "unknown", 0.0, False),  # no room below max_distance_m
+        (AutopilotNow(kind="ArduPilot", margin_m=2.0), "stop", 2.121, False),
+        (AutopilotNow(kind="ArduPilot"), "stop", 2.121, False),
+        (AutopilotNow(kind="autopilot 8"), "stop", 2.121, False),
+        (AutopilotNow(), "stop", 2.121, False),
+        # contradictory heartbeats: not nearer than CP_DIST, where PX4 v1.16 flies backwards, and not nearer than ArduPilot's
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0), "stop", 3.05, True),
+        (AutopilotNow(kind="ArduPilot or PX4"), "stop", 3.05, True),
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0), "stop", 2.121, True),  # it answered as ArduPilot
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, cp_dist_m=3.0), "stop", 5.369, True),
+    ],
 )
-def test_only_the_autopilot_that_stands_still_without_knowledge_is_left_without(autopilot: str, policy: str) -> None:
-    assert policy_of(AVOID, autopilot) == policy
-    assert policy_of(replace(AVOID, blind="unknown"), autopilot) == "unknown"
+def test_policy_by_autopilot(autopilot: AutopilotNow, name: str, wall_m: float, all_around: bool) -> None:
+    policy = policy_of(AVOID, autopilot)
+    assert (policy.name, policy.all_around) == (name, all_around)
+    assert policy.wall_m == pytest.approx(wall_m, abs=0.001)
+    assert policy_of(replace(AVOID, blind="unknown"), autopilot) == Policy("unknown")
+    configured = policy_of(replace(AVOID, blind="stop"), autopilot)
+    assert configured.name == "stop"
+    if autopilot.may_be_px4 and autopilot.cp_dist_m == 3.0:
+        assert configured.wall_m >= 3.05
 
 
 # ---- all blind --------------------------------------------------------------------------------------------------------
@@ -59,16 +89,16 @@ def test_only_the_autopilot_that_stands_still_without_knowledge_is_left_without(
 
 def test_px4_is_told_that_nothing_is_known_and_then_nothing() -> None:
     policy, px4 = BlindPolicy(AVOID), Px4Reader()
-    seen = policy.values(sight(front_seen(), seeing=FRONT), "unknown", 2.0, 0)
+    seen = policy.values(sight(front_seen(), seeing=FRONT), NOT_KNOWN, 0)
     assert seen is not None
     px4.read(obstacle_distance_message(seen, 0, AVOID), 0)
     assert px4.room_m(0.0, 0) == math.inf
     for t_ns in range(NS // 2, 2 * NS + 1, NS // 10):
-        blind = policy.values(sight(blind=FRONT), "unknown", 2.0, t_ns)
+        blind = policy.values(sight(blind=FRONT), NOT_KNOWN, t_ns)
         assert blind is not None
         assert (blind == UNKNOWN).all()
         px4.read(obstacle_distance_message(blind, 0, AVOID), t_ns)
-    assert policy.values(sight(blind=FRONT), "unknown", 2.0, 2 * NS + 1) is None
+    assert policy.values(sight(blind=FRONT), NOT_KNOWN, 2 * NS + 1) is None
     assert px4.room_m(0.0, NS) == 0.0  # it stands when its own bins are old, half a second after the last word
     assert px4.holds(8 * NS)
 
@@ -76,9 +106,9 @@ def test_px4_is_told_that_nothing_is_known_and_then_nothing() -> None:
 def test_blindness_counts_from_the_newest_exposure() -> None:
     policy = BlindPolicy(AVOID)
     late = sight(blind=FRONT, newest_ns=3 * NS)
-    assert policy.values(late, "unknown", 2.0, 3 * NS + 400_000_000) is not None
-    assert policy.values(late, "unknown", 2.0, 5 * NS + 1) is None
-    again = policy.values(sight(front_seen(), seeing=FRONT, newest_ns=6 * NS), "unknown", 2.0, 6 * NS)
+    assert policy.values(late, NOT_KNOWN, 3 * NS + 400_000_000) is not None
+    assert policy.values(late, NOT_KNOWN, 5 * NS + 1) is None
+    again = policy.values(sight(front_seen(), seeing=FRONT, newest_ns=6 * NS), NOT_KNOWN, 6 * NS)
     assert again is not None
     assert again[0] == clear_cm(AVOID)
 
@@ -87,7 +117,7 @@ def test_blindness_counts_from_the_newest_exposure() -> None:
 def test_ardupilot_is_shown_a_wall_where_it_holds_its_place_for_as_long_as_it_is_blind(margin_m: float) -> None:
     policy = BlindPolicy(AVOID)
     for t_ns in (NS, 60 * NS, 3600 * NS):
-        values = policy.values(sight(blind=FRONT), "stop", margin_m, t_ns)
+        values = policy.values(sight(blind=FRONT), stop_at(margin_m), t_ns)
         assert values is not None
         for old in (False, True):
             vehicle = ArduPilotReader(one_pass=old, margin_m=margin_m)
@@ -104,7 +134,7 @@ def test_ardupilot_is_shown_a_wall_where_it_holds_its_place_for_as_long_as_it_is
 
 def test_a_camera_that_never_saw_is_blind_from_the_start() -> None:
     policy = BlindPolicy(AVOID)
-    values = policy.values(sight(blind=FRONT, newest_ns=None), "stop", 2.0, NS)
+    values = policy.values(sight(blind=FRONT, newest_ns=None), STOP, NS)
     assert values is not None
     assert values[0] == 212
 
@@ -113,10 +143,10 @@ def test_what_is_remembered_nearer_than_the_wall_wins_and_what_is_farther_does_n
     remembered = NOTHING.copy()
     remembered[0], remembered[2] = 1.1, 9.0
     blind = replace(sight(blind=FRONT), recalled=Remembered(remembered, remembered))
-    stop = BlindPolicy(AVOID).values(blind, "stop", 2.0, NS)
+    stop = BlindPolicy(AVOID).values(blind, STOP, NS)
     assert stop is not None
     assert (stop[0], stop[2]) == (110, 212)
-    unknown = BlindPolicy(AVOID).values(blind, "unknown", 2.0, NS)
+    unknown = BlindPolicy(AVOID).values(blind, NOT_KNOWN, NS)
     assert unknown is not None
     assert (unknown[0], unknown[2], unknown[4]) == (110, 900, UNKNOWN)
 
@@ -127,21 +157,21 @@ def test_what_is_remembered_nearer_than_the_wall_wins_and_what_is_farther_does_n
 def test_only_sectors_that_blind_cameras_alone_cover_are_filled() -> None:
     right = np.abs(SECTOR - 9) <= 7
     both = sight(front_seen(), blind=right, seeing=FRONT)
-    stop = BlindPolicy(AVOID).values(both, "stop", 2.0, NS)
+    stop = BlindPolicy(AVOID).values(both, STOP, NS)
     assert stop is not None
     assert stop[0] == clear_cm(AVOID)
     assert stop[7] == 212  # the other one sees a part of it only
     assert (stop[right & ~FRONT] == 212).all()
     assert (stop[~right & ~FRONT] == UNKNOWN).all()
-    unknown = BlindPolicy(AVOID).values(both, "unknown", 2.0, 100 * NS)
+    unknown = BlindPolicy(AVOID).values(both, NOT_KNOWN, 100 * NS)
     assert unknown is not None  # one sees: never silence
     assert (unknown[right & ~FRONT] == UNKNOWN).all()
 
 
 def test_clear_is_never_told_where_no_camera_looks() -> None:
     everywhere = scan([View(model(free_to_m=13.0), HERE)], AVOID)
-    for policy in ("stop", "unknown"):
-        values = BlindPolicy(AVOID).values(sight(everywhere, seeing=FRONT), policy, 2.0, NS)
+    for policy in (STOP, NOT_KNOWN, Policy("brake", 3.05, True)):
+        values = BlindPolicy(AVOID).values(sight(everywhere, seeing=FRONT), policy, NS)
         assert values is not None
         assert (values[~FRONT] == UNKNOWN).all()
 
@@ -150,16 +180,67 @@ def test_a_sector_in_view_that_was_not_seen_clear_stops_ardupilot_unless_told_ot
     """65535 would be clear to it. What was seen free before that is left to it."""
     found = scan([View(model(free_to_m=6.0, view_deg=72.0), HERE)], AVOID)
     assert found.state[0] == SectorState.UNSEEN
-    values = BlindPolicy(AVOID).values(sight(found, seeing=FRONT), "stop", 2.0, NS)
+    values = BlindPolicy(AVOID).values(sight(found, seeing=FRONT), STOP, NS)
     assert values is not None
     assert 212 < values[0] <= 600
     nothing = scan([View(model(free_to_m=0.0, view_deg=72.0), HERE)], AVOID)
-    values = BlindPolicy(AVOID).values(sight(nothing, seeing=FRONT), "stop", 2.0, NS)
+    values = BlindPolicy(AVOID).values(sight(nothing, seeing=FRONT), STOP, NS)
     assert values is not None
     assert values[0] == 212
-    told = BlindPolicy(replace(AVOID, unseen="unknown")).values(sight(nothing, seeing=FRONT), "stop", 2.0, NS)
+    told = BlindPolicy(replace(AVOID, unseen="unknown")).values(sight(nothing, seeing=FRONT), STOP, NS)
     assert told is not None
     assert told[0] == UNKNOWN
+
+
+# ---- PX4 with known CP_DIST -------------------------------------------------------------------------------------------
+
+BRAKE = policy_of(AVOID, AutopilotNow(kind="PX4", cp_dist_m=3.0))
+
+
+def test_px4_gets_a_wall_all_around_and_then_nothing() -> None:
+    policy = BlindPolicy(AVOID)
+    assert policy.values(sight(front_seen(), seeing=FRONT), BRAKE, 0) is not None
+    for t_ns in (NS // 3, NS, 2 * NS):
+        values = policy.values(sight(blind=FRONT), BRAKE, t_ns)
+        assert values is not None
+        assert (values == 305).all()
+    assert policy.values(sight(blind=FRONT), BRAKE, 2 * NS + 1) is None
+
+
+def test_one_of_two_blind_cameras_first_stops_px4_and_then_leaves_it_what_the_other_one_sees() -> None:
+    right = np.abs(SECTOR - 9) <= 7
+    policy = BlindPolicy(AVOID)
+    both = sight(front_seen(), blind=right, seeing=FRONT, newest_ns=10 * NS)
+    values = policy.values(both, BRAKE, 10 * NS)
+    assert values is not None
+    assert (values == 305).all()
+    values = policy.values(both, BRAKE, 12 * NS + 1)
+    assert values is not None
+    assert (values[right & ~FRONT] == UNKNOWN).all()
+    assert values[0] == clear_cm(AVOID)
+    again = policy.values(sight(front_seen(), seeing=FRONT), BRAKE, 13 * NS)
+    assert again is not None
+    assert again[0] == clear_cm(AVOID)
+    values = policy.values(both, BRAKE, 14 * NS)
+    assert values is not None
+    assert (values == 305).all()
+
+
+def test_a_blind_camera_whose_sectors_another_one_sees_does_not_stop_px4() -> None:
+    inside = np.minimum(SECTOR, SECTORS - SECTOR) <= 4
+    values = BlindPolicy(AVOID).values(sight(front_seen(), blind=inside, seeing=FRONT), BRAKE, NS)
+    assert values is not None
+    assert values[0] == clear_cm(AVOID)
+
+
+def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
+    """Before a wall in front alone PX4 v1.16 slides sideways."""
+    both = policy_of(AVOID, AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0))
+    for t_ns in (NS, 3600 * NS):
+        values = BlindPolicy(AVOID).values(sight(blind=FRONT), both, t_ns)
+        assert values is not None
+        assert (values >= 304).all()
+        assert (values <= 305).all()
 
 
 # ---- recovery ---------------------------------------------------------------------------------------------------------
@@ -236,7 +317,7 @@ def test_a_clear_field_stops_ardupilot_in_no_face_that_the_camera_looks_into() -
     """It sees a part of its outermost sectors only: a wall there would stand in the faces beside the nose for ever."""
     field = front_seen()
     assert field.state[7] == SectorState.UNSEEN
-    values = BlindPolicy(AVOID).values(sight(field, seeing=FRONT), "stop", 2.0, NS)
+    values = BlindPolicy(AVOID).values(sight(field, seeing=FRONT), STOP, NS)
     assert values is not None
     vehicle = ArduPilotReader()
     vehicle.read(obstacle_distance_message(values, 0, AVOID), NS)

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
+from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
-from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
+from companion.autopilot.publisher import ObstacleTeller
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor

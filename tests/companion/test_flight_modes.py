@@ -8,6 +8,7 @@ import pytest
 from companion.autopilot.flight_modes import Effect, mode_of, mode_trouble
 from companion.autopilot.manager import Avoidance
 from companion.autopilot.obstacle_distance import UNKNOWN
+from companion.autopilot.parameter_advice import AutopilotFacts
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from core.types import CameraInfo, CameraMount, Intrinsics
@@ -38,10 +39,11 @@ def vehicle(kind: str, mode: int, armed: bool = True) -> Vehicle:
 def test_only_modes_known_to_stop_are_said_nothing_of(kind: str, name: str, number: int) -> None:
     stops = {"LOITER", "BRAKE", "Position", "Hold"}
     for parameters in ({}, {"OA_TYPE": 0.0}, {"OA_TYPE": 1.0}):
-        assert mode_of(vehicle(kind, number), parameters)[0] == name
-        said = mode_trouble(vehicle(kind, number), parameters)
+        facts = AutopilotFacts(kind=kind, values=parameters)
+        assert mode_of(vehicle(kind, number), facts)[0] == name
+        said = mode_trouble(vehicle(kind, number), facts)
         assert bool(said) == (name not in stops)
-        assert mode_trouble(vehicle(kind, number, armed=False), parameters) == ""
+        assert mode_trouble(vehicle(kind, number, armed=False), facts) == ""
         if said:
             assert said.startswith(name)
             assert len(f"OA: cleared: {said.split(':')[0]}") <= MOST_CHARACTERS + 6
@@ -51,16 +53,17 @@ def test_only_modes_known_to_stop_are_said_nothing_of(kind: str, name: str, numb
 @pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL"])
 def test_a_path_planner_and_one_that_may_be_there_are_told(name: str) -> None:
     copter = vehicle("ArduPilot", COPTER[name])
-    assert mode_of(copter, {"OA_TYPE": 1.0})[1] is Effect.PLANS
-    assert "round the wall" in mode_trouble(copter, {"OA_TYPE": 1.0})
-    assert mode_of(copter, {"OA_TYPE": 0.0})[1] is not Effect.PLANS
-    assert "OA_TYPE is not known" in mode_trouble(copter, {}).replace("(OA_TYPE) is", "OA_TYPE is")
-    assert "not known" not in mode_trouble(copter, {"OA_TYPE": 0.0})
+    on, off, unread = (AutopilotFacts(kind="ArduPilot", values=v) for v in ({"OA_TYPE": 1.0}, {"OA_TYPE": 0.0}, {}))
+    assert mode_of(copter, on)[1] is Effect.PLANS
+    assert "round the artificial wall" in mode_trouble(copter, on)
+    assert mode_of(copter, off)[1] is not Effect.PLANS
+    assert "OA_TYPE is not known" in mode_trouble(copter, unread).replace("(OA_TYPE) is", "OA_TYPE is")
+    assert "not known" not in mode_trouble(copter, off)
 
 
 def test_an_autopilot_of_another_kind_is_not_known_to_brake() -> None:
-    assert mode_of(vehicle("autopilot 8", 5), {})[1] is Effect.UNKNOWN
-    assert "not known to brake" in mode_trouble(vehicle("autopilot 8", 5), {})
+    assert mode_of(vehicle("autopilot 8", 5), AutopilotFacts(kind="autopilot 8"))[1] is Effect.UNKNOWN
+    assert "not known to brake" in mode_trouble(vehicle("autopilot 8", 5), AutopilotFacts(kind="autopilot 8"))
 
 
 @pytest.mark.parametrize("armed", [True, False])

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
-from companion.autopilot.publisher import AutopilotNow, ObstacleTeller
+from companion.autopilot.publisher import ObstacleTeller
 from companion.cameras.masks import apply_mask, configured_mask, polygons, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig

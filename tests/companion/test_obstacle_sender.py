@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.publisher import AutopilotNow, ObstacleSender, ObstacleTeller, Told
+from companion.autopilot.publisher import ObstacleSender, ObstacleTeller, Told
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.frames import quaternion_from_euler

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.autopilot.publisher import AutopilotNow
+from companion.autopilot.failsafe import AutopilotNow
 from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
 from companion.config.service import AutopilotConfig, RecordParams

@@ -107,7 +107,7 @@ def test_noise_and_strangers_change_nothing_of_what_the_autopilot_is_told(told: 
         assert told.steadily()
         assert until(told.sees)
         late = blind_after(told, 1.0)
-        allowed = {65535} if told.kind == PX4 else {WALL_CM}
+        allowed = {305} if told.kind == PX4 else {WALL_CM}
         assert late
         assert [x for x in late if not set(x[1]) <= allowed] == []
     counts = told.health.since(0)[-1].autopilot.counts
@@ -169,15 +169,16 @@ def test_how_old_it_is_what_the_autopilot_is_told_is_measured_and_px4s_delay_jud
 
 
 def test_forged_parameters_do_not_move_the_wall(told: Told) -> None:
-    """And where the policy has no wall, they make none."""
+    """Nearer than CP_DIST or AVOID_MARGIN the vehicle would fly backwards."""
     assert until(told.sees)
-    values = [packed(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", v, 9, 1, 0)) for v in (20.0, 0.5)]
+    name = b"CP_DIST" if told.kind == PX4 else b"AVOID_MARGIN"
+    values = [packed(dialect.MAVLink_param_value_message(name, v, 9, 1, 0)) for v in (20.0, 0.5)]
     with speaking(told, lambda k: values if k % 10 == 0 else []):
         begun_ns = time.monotonic_ns()
         assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
         late = blind_after(told, 1.0)
         assert late
-        assert {v for _, ahead in late for v in ahead} == ({65535} if told.kind == PX4 else {WALL_CM})
+        assert {v for _, ahead in late for v in ahead} == ({305} if told.kind == PX4 else {WALL_CM})
         if told.kind == ARDUPILOT:
             told.health.wait(lambda h: any("AVOID_MARGIN is told as" in t for t in h.troubles), 10.0)
     assert until(told.sees, 20.0)

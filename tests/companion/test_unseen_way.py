@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.autopilot.failsafe import BlindPolicy, Sight
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Policy, Sight, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
     PX4,
@@ -42,6 +42,7 @@ from .test_sectors import model, wall_at
 
 NS = 1_000_000_000
 AVOID = AvoidParams()
+STOP, NOT_KNOWN = policy_of(AVOID, AutopilotNow(kind="ArduPilot")), Policy("unknown")
 INFO = camera_info(320, 240)
 SENSOR = SensorModel(ke_per_m=0.0015, sky_is_far=True).scaled_to(INFO.intrinsics.width)
 EXTRACTOR = Extractor(Params())
@@ -85,7 +86,7 @@ def values_of(found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None
     seeing, whole = covered([looked_at()])
     nowhere = np.zeros(SECTORS, bool)
     sight = Sight(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
-    values = BlindPolicy(AVOID).values(sight, "unknown" if autopilot == PX4 else "stop", AVOID.avoid_margin_m, 0)
+    values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, AutopilotNow(kind=autopilot)), 0)
     assert values is not None
     return for_reader(values, AVOID, autopilot)
 
@@ -212,8 +213,8 @@ def test_a_plane_seen_from_aside_does_not_vouch_for_the_way_of_a_blind_camera() 
     blind, _ = covered([looked_into(front, AVOID)])
     seeing, whole = covered([looked_into(other, AVOID)])
     sight = Sight(found, nothing_remembered(), blind, seeing, whole, 0)
-    px4 = BlindPolicy(AVOID).values(sight, "unknown", 2.0, 0)
-    stop = BlindPolicy(AVOID).values(sight, "stop", 2.0, 0)
+    px4 = BlindPolicy(AVOID).values(sight, NOT_KNOWN, 0)
+    stop = BlindPolicy(AVOID).values(sight, STOP, 0)
     assert px4 is not None
     assert stop is not None
     assert px4[0] == UNKNOWN
@@ -249,15 +250,15 @@ def test_where_unknown_means_clear_the_plane_is_better_than_nothing() -> None:
     border = Sight(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
     inside = replace(border, whole=everywhere)
     for sight, policy, expected in (
-        (border, "stop", 500), (border, "unknown", UNKNOWN), (inside, "stop", 212), (inside, "unknown", UNKNOWN),
+        (border, STOP, 500), (border, NOT_KNOWN, UNKNOWN), (inside, STOP, 212), (inside, NOT_KNOWN, UNKNOWN),
     ):  # fmt: skip
-        values = BlindPolicy(AVOID).values(sight, policy, 2.0, 0)
+        values = BlindPolicy(AVOID).values(sight, policy, 0)
         assert values is not None
         assert values[0] == expected
-    off = BlindPolicy(replace(AVOID, unseen="unknown")).values(inside, "stop", 2.0, 0)
+    off = BlindPolicy(replace(AVOID, unseen="unknown")).values(inside, STOP, 0)
     assert off is not None
     assert off[0] == 500
-    near = BlindPolicy(AVOID).values(replace(inside, scan=unseen_behind(1.0)), "stop", 2.0, 0)
+    near = BlindPolicy(AVOID).values(replace(inside, scan=unseen_behind(1.0)), STOP, 0)
     assert near is not None
     assert near[0] == 100
 
@@ -274,7 +275,7 @@ def test_a_remembered_obstacle_does_not_stand_for_an_unseen_way() -> None:
         recalled[[0, 3, 6]] = distance_m
         remembered = Remembered(recalled, recalled if way_seen else np.full(SECTORS, np.inf))
         sight = Sight(scanned, remembered, nowhere, looking, looking, 0)
-        values = BlindPolicy(AVOID).values(sight, "unknown", 2.0, 0)
+        values = BlindPolicy(AVOID).values(sight, NOT_KNOWN, 0)
         assert values is not None
         return [int(values[i]) for i in (0, 3, 6)]
 

@@ -1,0 +1,1 @@
+"""Closed loops of the output to the autopilot with models of its firmware."""

@@ -1,0 +1,88 @@
+"""Firmware version of the autopilot (AUTOPILOT_VERSION). PX4's version decides which MPC_POS_MODE brakes."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Any, Final
+
+from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+
+NS: Final = 1_000_000_000
+AUTOPILOT_VERSION: Final = 148
+REQUEST_MESSAGE, REQUEST_CAPABILITIES = 512, 520
+"""MAV_CMD; the second one is older, and some firmware knows it alone."""
+ASK_AGAIN_NS, RENEW_NS, TRIES = NS, 60 * NS, 6
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FirmwareVersion:
+    """Release number of a firmware."""
+
+    major: int
+    minor: int
+    patch: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.patch}"
+
+
+PX4_ACCELERATION_MODE: Final = FirmwareVersion(1, 16)
+"""From this version on PX4 brakes with MPC_POS_MODE 4 only; before, with 0 or 3 only."""
+
+
+def version_of(message: Any) -> FirmwareVersion | None:
+    """Version in an AUTOPILOT_VERSION: one byte each for major, minor, patch, release type. None: not filled in."""
+    number = int(message.flight_sw_version)
+    found = FirmwareVersion(number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF)
+    return found if (found.major, found.minor) != (0, 0) else None
+
+
+class VersionReader:
+    """`due` gives the requests to send, `take` receives every message of the autopilot. Safe to use from two threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._of: tuple[str, int] = ("", 0)
+        self._version: FirmwareVersion | None = None
+        self._tries = 0
+        self._asked_ns = 0
+
+    def begin(self, kind: str, system_id: int) -> None:
+        """The autopilot that is heard; another one than before starts anew."""
+        with self._lock:
+            if (kind, system_id) != self._of:
+                self._of, self._version, self._tries, self._asked_ns = (kind, system_id), None, 0, 0
+
+    def take(self, message: Any) -> None:
+        """AUTOPILOT_VERSION; other messages are ignored."""
+        if message.get_type() == "AUTOPILOT_VERSION":
+            with self._lock:
+                self._version, self._tries = version_of(message) or self._version, 0
+
+    def due(self, now_ns: int, system_id: int) -> list[Any]:
+        """The request to send now, if any: each second until it is answered, TRIES times, then once a minute."""
+        with self._lock:
+            if not self._of[0]:
+                return []
+            wait_ns = RENEW_NS if self._version is not None or self._tries >= TRIES else ASK_AGAIN_NS
+            if self._asked_ns and now_ns - self._asked_ns < wait_ns:
+                return []
+            command = REQUEST_CAPABILITIES if self._tries % 2 else REQUEST_MESSAGE
+            self._tries, self._asked_ns = self._tries + 1, now_ns
+        first = AUTOPILOT_VERSION if command == REQUEST_MESSAGE else 1
+        return [
+            dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, command, 0, first, 0, 0, 0, 0, 0, 0)
+        ]
+
+    @property
+    def version(self) -> FirmwareVersion | None:
+        """None: not read."""
+        with self._lock:
+            return self._version
+
+    @property
+    def settled(self) -> bool:
+        """Whether the version is known, or was asked for TRIES times in vain."""
+        with self._lock:
+            return self._version is not None or self._tries >= TRIES

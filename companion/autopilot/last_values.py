@@ -1,0 +1,106 @@
+"""Values of the autopilot that are kept from one start of the service to the next.
+
+The artificial wall stands at AVOID_MARGIN or just outside CP_DIST. Reading a parameter takes more than a second. A service that
+restarts in flight would meanwhile put the wall at a configured default, where the vehicle may back away from it. The newest
+values are therefore kept in the state folder, with the kind and the system id of the autopilot they belong to."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.watched_thread import WatchedThread
+
+from .firmware_version import FirmwareVersion
+
+log = logging.getLogger("companion")
+
+NAME: Final = "autopilot.json"
+_MOST_BYTES: Final = 4000
+KEPT: Final = {"AVOID_MARGIN": 100.0, "CP_DIST": 100.0}
+"""Parameters that are kept, and the greatest value that is believed; the least is above 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class LastValues:
+    """Of one autopilot. version: None, never read. parameters: those of KEPT that were read."""
+
+    kind: str
+    system_id: int
+    version: FirmwareVersion | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+class LastValuesFile:
+    """`of` an autopilot at the last start, `keep` what is read now. folder None: nothing is kept."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._file = None if folder is None else folder / NAME
+        self._kept = None if self._file is None else _read(self._file)
+        self._writing: WatchedThread | None = None
+
+    def of(self, kind: str, system_id: int) -> LastValues:
+        """The values that were read last; none for another autopilot. While heartbeats contradict each other, kind names
+        more than one autopilot, and the values of each of them count."""
+        kept = self._kept
+        if kept is not None and kept.system_id == system_id and kept.kind in kind.split(" or "):
+            return kept
+        return LastValues(kind, system_id)
+
+    def keep(self, new: LastValues) -> None:
+        """Values that were read now. A value that was not read keeps its last one. Written by a thread of its own where
+        something is new: a slow disk delays nothing."""
+        if self._file is None or (self._writing is not None and self._writing.is_alive()):
+            return
+        old = self.of(new.kind, new.system_id)
+        known = {name: value for name, value in new.parameters.items() if name in KEPT}
+        merged = LastValues(new.kind, new.system_id, new.version or old.version, dict(old.parameters) | known)
+        if merged == self._kept or merged == LastValues(new.kind, new.system_id):
+            return
+        self._kept = merged
+        self._writing = WatchedThread(_write, "last values", (self._file, merged))
+        self._writing.start()
+
+    def close(self) -> None:
+        """Waits at most 0.5 s for what is being written. May be called twice."""
+        if self._writing is not None:
+            self._writing.join(0.5)
+
+
+def _read(file: Path) -> LastValues | None:
+    """Content of the file; None where there is none, or none that this module wrote."""
+    try:
+        with file.open("rb") as stream:
+            kept = json.loads(stream.read(_MOST_BYTES))
+        version = None if kept["version"] is None else FirmwareVersion(*(int(n) for n in kept["version"]))
+        parameters = {str(name): float(value) for name, value in kept["parameters"].items()}
+        found = LastValues(str(kept["autopilot"]), int(kept["system_id"]), version, parameters)
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
+        return None
+    good = all(math.isfinite(v) and 0.0 < v <= KEPT.get(name, 0.0) for name, v in parameters.items())
+    return found if good else None
+
+
+def _write(file: Path, kept: LastValues) -> None:
+    new = file.with_name(file.name + ".new")
+    v = kept.version
+    content: dict[str, Any] = {
+        "autopilot": kept.kind,
+        "system_id": kept.system_id,
+        "version": None if v is None else [v.major, v.minor, v.patch],
+        "parameters": dict(kept.parameters),
+    }
+    try:
+        with new.open("w") as stream:
+            json.dump(content, stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        new.replace(file)
+    except OSError as error:
+        log.warning("%s cannot be written (%s): a restart begins with configured defaults", file, error.strerror)

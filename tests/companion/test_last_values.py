@@ -1,0 +1,109 @@
+"""After a restart the artificial wall stands where the autopilot's parameters had it before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.autopilot.firmware_version import FirmwareVersion
+from companion.autopilot.last_values import NAME, LastValues, LastValuesFile
+from companion.autopilot.manager import Avoidance
+from companion.config.avoidance import AvoidParams
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session import Vehicle
+
+NS = 1_000_000_000
+
+
+def avoidance(folder: Path, system_id: int = 1) -> Avoidance:
+    def ignore(message: Any) -> None:
+        pass
+
+    vehicle = Vehicle(system_id, "ArduPilot", 2, True, 5, 0)
+    return Avoidance(
+        AvoidParams(send=True, avoid_margin_m=2.0),
+        ("front",),
+        0.3,
+        lambda: vehicle,
+        ignore,
+        last=LastValuesFile(folder),
+    )
+
+
+def told_margin(part: Avoidance, value: float) -> None:
+    """The autopilot says AVOID_MARGIN for two seconds."""
+    part.tick(NS)
+    for k in range(20):
+        part.parameters.take(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", value, 9, 1, 0), NS + k * NS // 10)
+    part.tick(3 * NS)
+
+
+def nearest_wall_m(part: Avoidance) -> float:
+    """Of the very first decision."""
+    told = part._teller.decide(part._autopilot(), 10 * NS)
+    assert told.values is not None
+    return float(told.values.min()) / 100.0
+
+
+def test_the_first_wall_after_a_restart_is_not_nearer_than_the_margin(tmp_path: Path) -> None:
+    first = avoidance(tmp_path)
+    told_margin(first, 3.0)
+    before_m = nearest_wall_m(first)
+    assert before_m > 3.0
+    first._last.close()
+    assert nearest_wall_m(avoidance(tmp_path)) == before_m
+    assert nearest_wall_m(avoidance(tmp_path, system_id=2)) < 3.0, "another vehicle has a margin of its own"
+
+
+def test_what_is_read_now_outranks_what_was_kept(tmp_path: Path) -> None:
+    first = avoidance(tmp_path)
+    told_margin(first, 5.0)
+    first._last.close()
+    second = avoidance(tmp_path)
+    told_margin(second, 3.0)
+    assert 3.0 < nearest_wall_m(second) < 5.0
+    second._last.close()
+    assert LastValuesFile(tmp_path).of("ArduPilot", 1).parameters == {"AVOID_MARGIN": 3.0}
+
+
+GOOD = b'{"autopilot": "PX4", "system_id": 1, "version": [1, 16, 0], "parameters": {"CP_DIST": 3}}'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"", b"{", b"[" * 900, b"3", b"\xff\xfe", GOOD.replace(b"3}", b"NaN}"), GOOD.replace(b"3}", b"-3}"),
+        GOOD.replace(b"CP_DIST", b"OTHER"), GOOD.replace(b"1, \"v", b"1e999, \"v"), GOOD.replace(b"[1, 16, 0]", b"16"),
+        GOOD.replace(b'{"CP_DIST": 3}', b"3"),
+    ],
+)  # fmt: skip
+def test_a_file_of_another_origin_is_ignored(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / NAME).write_bytes(content)
+    assert LastValuesFile(tmp_path).of("PX4", 1) == LastValues("PX4", 1)
+    (tmp_path / NAME).write_bytes(GOOD)
+    kept = LastValuesFile(tmp_path)
+    assert kept.of("PX4", 1) == LastValues("PX4", 1, FirmwareVersion(1, 16), {"CP_DIST": 3.0})
+    assert kept.of("ArduPilot or PX4", 1).parameters == {"CP_DIST": 3.0}, "one of the two is this vehicle"
+    assert kept.of("ArduPilot", 1).parameters == kept.of("PX4", 2).parameters == {}
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    last = LastValuesFile(tmp_path / "gone")
+    last.keep(LastValues("ArduPilot", 1, None, {"AVOID_MARGIN": 3.0}))
+    last.close()
+    assert "autopilot.json cannot be written" in caplog.text
+    assert last.of("ArduPilot", 1).parameters == {"AVOID_MARGIN": 3.0}
+
+
+def test_a_value_that_was_not_read_yet_keeps_the_last_one(tmp_path: Path) -> None:
+    first = LastValuesFile(tmp_path)
+    first.keep(LastValues("PX4", 1, FirmwareVersion(1, 16), {"CP_DIST": 3.0, "CP_DELAY": 0.4}))
+    first.close()
+    second = LastValuesFile(tmp_path)
+    second.keep(LastValues("PX4", 1))  # nothing was read yet
+    assert second.of("PX4", 1).parameters == {"CP_DIST": 3.0}
+    second.keep(LastValues("PX4", 1, FirmwareVersion(1, 16, 1)))
+    second.close()
+    assert LastValuesFile(tmp_path).of("PX4", 1) == LastValues("PX4", 1, FirmwareVersion(1, 16, 1), {"CP_DIST": 3.0})

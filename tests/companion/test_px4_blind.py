@@ -1,0 +1,33 @@
+"""PX4 in Position mode when the camera dies, both generations: how far it flies on, and that it then stands."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.autopilot.blind_px4 import VERSIONS, stopped
+
+STICKS = [(1.0, 0.0), (1.0, 30.0), (0.4, -30.0), (0.1, 0.0)]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize(("deflection", "angle_deg"), STICKS)
+def test_the_wall_all_around_stops_both_generations(
+    version: tuple[int, int], deflection: float, angle_deg: float
+) -> None:
+    brake = stopped(version, "brake", deflection, angle_deg)
+    unknown = stopped(version, "unknown", deflection, angle_deg)
+    assert brake.start_m_s > 3.0 * deflection
+    assert brake.greatest_m_s < 0.05
+    assert brake.distance_m < unknown.distance_m
+    assert brake.distance_m < 6.5
+
+
+@pytest.mark.parametrize(("policy", "angle_deg", "at_least_m_s"), [("near", 0.0, 8.0), ("front", 30.0, 3.0)])
+def test_what_the_wall_must_not_be(policy: str, angle_deg: float, at_least_m_s: float) -> None:
+    """Nearer than CP_DIST, PX4 v1.16 flies backwards (8.5 m/s with its own code); in front alone, it slides sideways."""
+    assert stopped((1, 16), policy, 1.0, angle_deg).greatest_m_s > at_least_m_s
+
+
+@pytest.mark.parametrize(("deflection", "distance_m"), [(1.0, 14.3), (0.4, 6.9)])
+def test_without_data_v1_16_coasts_as_its_own_code_did(deflection: float, distance_m: float) -> None:
+    assert stopped((1, 16), "unknown", deflection, 0.0).distance_m == pytest.approx(distance_m, rel=0.12)
