@@ -376,13 +376,17 @@ class Params:
     layer_join_m: float = number(0.25, 0.0, 2.0, "m", "tops and bottoms closer than this are one cut")
     profile_join_m: float = number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
     profile_step_deg: float = number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
-    profile_layers: int = number(7, 1, 31, "", "layers of the free-range profile (odd: one is centred on the camera)")
     profile_layer_m: float = number(
-        2.0,
-        0.2,
-        10.0,
-        "m",
-        "height of a layer of the profile; lower ones are seen whole from nearer when the camera leans",
+        0.5, 0.2, 10.0, "m", "height of an inner layer of the free-range profile: a body fits into layers that are all free"
+    )
+    profile_layers: int = number(
+        9, 1, 31, "", "inner layers of the profile, around the height of the camera (odd: one is centred on it)"
+    )
+    profile_reach_m: float = number(
+        7.0, 0.5, 50.0, "m", "height above and below the camera that the profile covers, by inner and outer layers"
+    )
+    profile_outer_layers: int = number(
+        3, 0, 15, "", "outer layers of equal height above the inner ones, and as many below them (0: none)"
     )
     profile_ring_m: float = number(0.5, 0.1, 5.0, "m", "steps of range of the free-range profile")
     free_share: float = critical(

@@ -260,13 +260,21 @@ def stop_at_planes(count, planes, plane_ints, margin, pixel_t, edges_t, layers, 
 
 
 def layer_edges(params: Params) -> NDArray[np.float32]:
-    """(L + 1,) float32 edges of the profile's layers in z, one centred on the camera; read-only."""
-    return _layer_edges(params.profile_layers, params.profile_layer_m)
+    """(L + 1,) float32 edges of the profile's layers in z, metres, increasing; read-only.
+
+    Inner layers lie around the height of the camera, outer ones above and below them up to profile_reach_m. There are no
+    outer layers where the inner ones reach as far."""
+    p = params
+    return _layer_edges(p.profile_layers, p.profile_layer_m, p.profile_outer_layers, p.profile_reach_m)
 
 
 @lru_cache(maxsize=16)
-def _layer_edges(layers: int, high_m: float) -> NDArray[np.float32]:
-    edges = (high_m * (np.arange(layers + 1) - 0.5 * layers)).astype(np.float32)
+def _layer_edges(inner: int, inner_m: float, outer: int, reach_m: float) -> NDArray[np.float32]:
+    edges = inner_m * (np.arange(inner + 1) - 0.5 * inner)
+    if outer and reach_m > edges[-1]:
+        beyond = np.linspace(edges[-1], reach_m, outer + 1)[1:]
+        edges = np.concatenate((-beyond[::-1], edges, beyond))
+    edges = edges.astype(np.float32)
     edges.setflags(write=False)
     return edges
 
