@@ -377,7 +377,11 @@ class Params:
     profile_join_m: float = number(0.01, 0.0, 0.5, "m", "ends of planes closer than this are one vertex of a prism")
     profile_step_deg: float = number(2.5, 0.5, 15.0, "deg", "width of a direction of the free-range profile")
     profile_layer_m: float = number(
-        0.5, 0.2, 10.0, "m", "height of an inner layer of the free-range profile: a body fits into layers that are all free"
+        0.5,
+        0.2,
+        10.0,
+        "m",
+        "height of an inner layer of the free-range profile: a body fits into layers that are all free",
     )
     profile_layers: int = number(
         9, 1, 31, "", "inner layers of the profile, around the height of the camera (odd: one is centred on it)"

@@ -104,6 +104,6 @@ def test_the_script_draws_a_path_through_the_window(pp: ModuleType, tmp_path: Pa
     assert 10.0 <= float(run.stdout.split()[3]) < 14.0
     assert picture.stat().st_size > 10_000
     run = subprocess.run(
-        [*command[:2], "--goal", "10", "0", "0"], capture_output=True, text=True, timeout=300, check=False
+        [*command[:2], "--goal", "10", "6", "0"], capture_output=True, text=True, timeout=300, check=False
     )
     assert (run.returncode, "unknown" in run.stderr) == (1, True), run.stderr

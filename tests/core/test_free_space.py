@@ -134,11 +134,15 @@ def test_more_cells_are_counted_than_a_narrow_number_holds() -> None:
     assert fs.count_codes(cells, 1, 150_000, 9, 9) == 149_999
 
 
+THICK: dict[str, float] = {"profile_layers": 7, "profile_layer_m": 2.0, "profile_outer_layers": 0}
+"""Layers of 2 m: number 3 lies around the height of the camera."""
+
+
 def profile(
     codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
 ) -> FreeProfile:
     planes, ints, _ = plane_table(room=1)
-    seen = fs.seen_free(codes, g, codes.shape, ground, clear_m, KE, Params(**params))
+    seen = fs.seen_free(codes, g, codes.shape, ground, clear_m, KE, Params(**{**THICK, **params}))
     return fs.free_profile(seen, 0, planes, ints, np.zeros(0, np.float32))
 
 
@@ -196,6 +200,29 @@ def test_the_profile_spans_the_view_in_even_directions() -> None:
     np.testing.assert_allclose(steps[:-1], math.radians(2.5), rtol=1e-4)
     assert 0 < steps[-1] <= math.radians(2.5) + 1e-6
     np.testing.assert_allclose(f.layer_edges_m, np.arange(-7.0, 7.5, 2.0))
+
+
+def test_layers_are_thin_around_the_camera_and_thick_above_and_below() -> None:
+    edges = fs.layer_edges(Params())
+    np.testing.assert_allclose(edges[3:13], np.arange(-2.25, 2.5, 0.5))
+    np.testing.assert_allclose(edges[12:], np.linspace(2.25, 7.0, 4), rtol=1e-6)
+    np.testing.assert_array_equal(edges, -edges[::-1])
+    assert fs.layer_edges(Params(profile_layers=2, profile_layer_m=4.0, profile_reach_m=4.0)).tolist() == [-4, 0, 4]
+
+
+def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
+    """The ceiling 0.5 m above the camera, the floor 1.5 m below, a wall 6 m away: layers of 2 m are never free there."""
+    rows = np.arange(240) - 119.5
+    x = np.minimum(6.0, np.where(rows < 0.0, 0.5, 1.5) * F / np.abs(rows))
+    codes = np.tile(code(x), (160, 1))
+    g = view(rows=240, cols=160)
+    assert (profile(codes, g).free_to_m == 0.0).all()
+    thin = profile(codes, g, **{name: getattr(Params(), name) for name in THICK})
+    inside = (thin.layer_edges_m[:-1] >= -0.5) & (thin.layer_edges_m[1:] <= 1.5)
+    assert inside.sum() == 3
+    assert (thin.free_to_m[:, inside] >= 4.5).all()
+    outside = (thin.layer_edges_m[1:] <= -0.5) | (thin.layer_edges_m[:-1] >= 1.5)
+    assert (thin.free_to_m[:, outside] == 0.0).all()
 
 
 def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
