@@ -233,12 +233,12 @@ def hidden_from(x, top, bottom, above, below):
 
 
 @inner
-def stop_at_planes(count, planes, plane_ints, margin, pixel_t, edges_t, layers, free_to, end):
+def stop_at_planes(count, planes, plane_ints, margin, pixel_t, row_t, edges_t, layers, free_to, end):
     """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
     layer less its margin, and to where a layer comes behind a plane that stands above or below it.
 
-    pixel_t: tangent of a column. The ends of a plane are known to a pixel, whose measurement may be missing: each plane
-    stops a pixel more on either side."""
+    pixel_t: tangent of a column, row_t: of a row. The edges of a plane are known to a pixel, whose measurement may be
+    missing: each plane stops a pixel more to the left, to the right, above and below."""
     for k in range(count):
         p = planes[k]
         if plane_ints[k, P_SUPPORT] < 0:
@@ -248,12 +248,14 @@ def stop_at_planes(count, planes, plane_ints, margin, pixel_t, edges_t, layers, 
                 continue
             lo = min(max(edges_t[d], p[T0]), p[T1])
             hi = max(min(edges_t[d + 1], p[T1]), p[T0])
-            x = min(distance_at(p, lo), distance_at(p, hi))
+            x_lo, x_hi = distance_at(p, lo), distance_at(p, hi)
+            x, row_m = min(x_lo, x_hi), row_t * max(x_lo, x_hi)
+            top, bottom = p[Z0] - row_m, p[Z1] + row_m
             for layer in range(layers.shape[0] - 1):
-                if p[Z0] < layers[layer + 1] and p[Z1] > layers[layer]:
+                if top < layers[layer + 1] and bottom > layers[layer]:
                     reach, why = max(0.0, x - margin[k]), _OBSTACLE
                 else:
-                    reach, why = hidden_from(x, p[Z0], p[Z1], layers[layer], layers[layer + 1]), _UNKNOWN
+                    reach, why = hidden_from(x, top, bottom, layers[layer], layers[layer + 1]), _UNKNOWN
                 if reach < free_to[d, layer]:
                     free_to[d, layer] = reach
                     end[d, layer] = why
@@ -304,11 +306,12 @@ def as_ranges(edges_t, free_from, free_to):
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SeenFree:
     """Free ranges by pixels alone, before any plane: forward distances. edges_rad, edges_t: (D + 1,) float64 azimuths and
-    their tangents; pixel_t: tangent of a column of the view; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
+    their tangents; pixel_t, row_t: tangent of a column and of a row of the view; layers_m: (L + 1,) float32; free_from_m, free_to_m: (D, L) float32; end: (D, L) uint8."""
 
     edges_rad: NDArray[np.float64]
     edges_t: NDArray[np.float64]
     pixel_t: float
+    row_t: float
     layers_m: NDArray[np.float32]
     free_from_m: NDArray[np.float32]
     free_to_m: NDArray[np.float32]
@@ -327,7 +330,7 @@ def seen_free(
         clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
     )  # fmt: skip
     return SeenFree(
-        edges_rad=edges, edges_t=edges_t, pixel_t=float(g.lateral[0]) / g.f_px, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
+        edges_rad=edges, edges_t=edges_t, pixel_t=float(g.lateral[0]) / g.f_px, row_t=1.0 / g.f_px, layers_m=layers, free_from_m=free_from, free_to_m=free_to, end=end
     )  # fmt: skip
 
 
@@ -359,7 +362,16 @@ def free_profile(
 ) -> FreeProfile:
     """The free-range profile of a frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m. Uses up `seen`."""
     stop_at_planes(
-        count, planes, plane_ints, margin, seen.pixel_t, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end
+        count,
+        planes,
+        plane_ints,
+        margin,
+        seen.pixel_t,
+        seen.row_t,
+        seen.edges_t,
+        seen.layers_m,
+        seen.free_to_m,
+        seen.end,
     )
     as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
     return FreeProfile.written(
