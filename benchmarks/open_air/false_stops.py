@@ -1,0 +1,197 @@
+"""False stops and kept obstacles of rendered stereo.
+
+    python -m benchmarks.open_air.false_stops
+    python -m benchmarks.open_air.false_stops --profile oak --scenes field,street --skies clear,clouds --heights 2
+
+Each scene is rendered as two images, matched, and extracted. Per scene: share of truly free directions called free, closed by
+any plane, and closed by a plane that is not there (false stop), all at the vehicle's height within 10 m; missed obstacle rays
+on measured pixels; phantom rays before ground and sky; recall of the upright outlines of blank things."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.fidelity.metrics import judge, rays_of
+from benchmarks.open_air.directions import judge_directions
+from benchmarks.open_air.outlines import OutlineCounts, outline_counts
+from benchmarks.open_air.views import Seen, View, profile_of, see
+from core.extractor import Extractor
+from core.params import Params
+from drivers.simulation.stereo.sky import SKIES
+from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
+from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
+
+NOISES_GREY = (0.5, 1.0, 1.5)
+INDOOR = ("white_room",)
+
+
+@dataclass(slots=True)
+class Counts:
+    """Sums over views. directions: truly free ones; rays: obstacle rays on measured pixels; open_rays: of ground and sky."""
+
+    views: int = 0
+    invalid: int = 0
+    planes: int = 0
+    pixels: int = 0
+    measured: int = 0
+    sky_pixels: int = 0
+    sky_near: int = 0
+    directions: int = 0
+    called_free: int = 0
+    closed: int = 0
+    false_stops: int = 0
+    rays: int = 0
+    missed: int = 0
+    open_rays: int = 0
+    phantom: int = 0
+    outlines: list[OutlineCounts] = field(default_factory=list)
+
+    def add(self, seen: Seen) -> None:
+        """One view."""
+        frame, model = seen.frame, seen.model
+        near = (frame.depth_mm > 0) & (frame.depth_mm < 10_000)
+        sky = ~np.isfinite(frame.truth.depth_m)
+        sky[:, : seen.unmatched_left_px] = False
+        self.views += 1
+        self.invalid += not model.valid
+        self.planes += len(model.planes)
+        self.pixels += frame.depth_mm.size
+        self.measured += int((frame.depth_mm > 0).sum())
+        self.sky_pixels += int(sky.sum())
+        self.sky_near += int((sky & near).sum())
+        d = judge_directions(frame, model, seen.unmatched_left_px)
+        self.directions += int(d.truly_free.sum())
+        self.called_free += int((d.truly_free & d.called_free).sum())
+        self.closed += int((d.truly_free & d.closed).sum())
+        self.false_stops += d.false_stops
+        rays = rays_of(frame, frame.info.ke_per_m, blind_left_px=seen.unmatched_left_px)
+        verdict = judge(frame, rays, model.planes.astype(np.float64))
+        believed = rays.obstacle & rays.measured
+        self.rays += int(believed.sum())
+        self.missed += int((verdict.missed & believed).sum())
+        self.open_rays += int(rays.open.sum())
+        self.phantom += int((verdict.phantom & rays.open).sum())
+        self.outlines += outline_counts(seen, rays, verdict.stop_m)
+
+    def row(self) -> dict[str, float]:
+        """Shares in percent."""
+
+        def percent(part: int, whole: int) -> float:
+            return 100.0 * part / whole if whole else math.nan
+
+        outline = sum(o.pixels for o in self.outlines)
+        return {
+            "views": self.views,
+            "invalid": self.invalid,
+            "planes": self.planes / max(1, self.views),
+            "measured": percent(self.measured, self.pixels),
+            "sky_near": percent(self.sky_near, self.sky_pixels),
+            "free": percent(self.called_free, self.directions),
+            "closed": percent(self.closed, self.directions),
+            "false_stops": percent(self.false_stops, self.directions),
+            "missed": percent(self.missed, self.rays),
+            "phantom": percent(self.phantom, self.open_rays),
+            "outline_px": percent(sum(o.measured for o in self.outlines), outline),
+            "outline": percent(sum(o.kept for o in self.outlines), outline),
+        }
+
+
+COLUMNS = {
+    "views": ("views", 0), "invalid": ("invalid", 0), "planes": ("planes", 1), "measured": ("measured %", 1),
+    "sky_near": ("sky < 10 m %", 2), "free": ("called free %", 1), "closed": ("closed %", 1),
+    "false_stops": ("false stops %", 2), "missed": ("missed %", 2), "phantom": ("phantom %", 2),
+    "outline_px": ("outline px %", 1), "outline": ("outline %", 1),
+}  # fmt: skip
+
+
+def table(rows: dict[str, dict[str, float]], first: str = "scene") -> str:
+    """Markdown of rows by name."""
+    lines = ["| " + " | ".join([first, *(title for title, _ in COLUMNS.values())]) + " |"]
+    lines.append("|---" * (len(COLUMNS) + 1) + "|")
+    for name, row in rows.items():
+        cells = ["" if math.isnan(row[key]) else f"{row[key]:.{digits}f}" for key, (_, digits) in COLUMNS.items()]
+        lines.append("| " + " | ".join([name, *cells]) + " |")
+    return "\n".join(lines)
+
+
+def outline_table(found: list[OutlineCounts]) -> str:
+    """Markdown: recall of outlines by range."""
+    lines = ["| range m | outline px | measured % | in the model % |", "|---|---|---|---|"]
+    for low in range(0, 20, 2):
+        here = [o for o in found if low <= o.range_m < low + 2]
+        pixels = sum(o.pixels for o in here)
+        if pixels:
+            shares = [100.0 * sum(getattr(o, key) for o in here) / pixels for key in ("measured", "kept")]
+            lines.append(f"| {low} to {low + 2} | {pixels} | {shares[0]:.1f} | {shares[1]:.1f} |")
+    return "\n".join(lines)
+
+
+def words(text: str) -> list[str]:
+    """The parts of a list with commas."""
+    return [w for w in text.split(",") if w]
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--profile", choices=list(PROFILES), default="zed")
+    p.add_argument("--scenes", type=words, default=list(STEREO_SCENES))
+    p.add_argument("--skies", type=words, default=["clear", "hazy", "clouds"], help=f"of {', '.join(SKIES)}")
+    p.add_argument("--noise", type=words, default=list(NOISES_GREY), help="grey levels")
+    p.add_argument("--heights", type=words, default=[2.0, 5.0, 10.0], help="metres")
+    p.add_argument("--pitch", type=words, default=[0.0], help="degrees")
+    p.add_argument("--roll", type=words, default=[0.0], help="degrees")
+    p.add_argument("--seeds", type=words, default=[0])
+    p.add_argument("--json", type=Path, help="all sums")
+    return p.parse_args(arguments)
+
+
+def views(a: argparse.Namespace, scene: str) -> list[View]:
+    """The views of a scene. Indoors there is no sky and one height."""
+    return [
+        View(
+            scene=scene, profile=a.profile, sky=sky, height_m=float(height), pitch_deg=float(pitch), roll_deg=float(roll),
+            seed=int(seed),
+        )
+        for sky in (a.skies[:1] if scene in INDOOR else a.skies)
+        for height in (a.heights[:1] if scene in INDOOR else a.heights)
+        for pitch in a.pitch
+        for roll in a.roll
+        for seed in a.seeds
+    ]  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns the exit status."""
+    a = parse(arguments)
+    noises = tuple(float(n) for n in a.noise)
+    camera, extractor = StereoCamera(profile_of(a.profile)), Extractor(Params())
+    by_scene: dict[str, Counts] = {}
+    by_light: dict[str, Counts] = {}
+    total = Counts()
+    for scene in a.scenes:
+        for view in views(a, scene):
+            for seen in see(view, noises, camera, extractor):
+                light = f"{view.sky}, noise {seen.noise_grey:g}"
+                for counts in (by_scene.setdefault(scene, Counts()), by_light.setdefault(light, Counts()), total):
+                    counts.add(seen)
+        print(f"{scene}: {json.dumps(by_scene[scene].row())}", file=sys.stderr, flush=True)
+    print(table({**{name: c.row() for name, c in by_scene.items()}, "all": total.row()}))
+    print()
+    print(table({name: c.row() for name, c in by_light.items()}, "light"))
+    print()
+    print(outline_table(total.outlines))
+    if a.json:
+        a.json.write_text(json.dumps({name: asdict(c) for name, c in by_scene.items()}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

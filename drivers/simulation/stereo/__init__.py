@@ -1,0 +1,1 @@
+"""Rendered grey image pairs of simulated scenes, and the stereo matching of several cameras."""
