@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ...cameras.stereo import MatchParams, depth_mm, disparity_of, matcher
+from ...cameras.stereo import MatchParams, depth_mm, compute_disparity, matcher
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
 from .pair_renderer import PairBrightness, StereoPair, StereoView, expose_pair, pair_brightness
@@ -60,7 +60,7 @@ class StereoProfile:
         sgbm, params = matcher(self.match), self.match
 
         def host(left: Gray, right: Gray) -> Disparity:
-            disparity = disparity_of(sgbm, left, right, params)
+            disparity = compute_disparity(sgbm, left, right, params)
             edge = params.edge_px
             if edge:
                 disparity[:edge], disparity[-edge:], disparity[:, :edge], disparity[:, -edge:] = -1, -1, -1, -1
