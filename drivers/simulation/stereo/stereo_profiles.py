@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ...cameras.stereo import MatchParams, depth_mm, compute_disparity, matcher
+from ...cameras.stereo import MatchParams, compute_disparity, depth_mm, matcher
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
 from .pair_renderer import PairBrightness, StereoPair, StereoView, expose_pair, pair_brightness
