@@ -1,5 +1,5 @@
-"""The service around the core: configuration, time matching, pipeline, logs, commands."""
+"""The application around the core: configuration, synchronisation, pipeline, logs and commands."""
 
 from .kernels.jit_cache import use_own_cache
 
-use_own_cache()  # before any module can import numba
+use_own_cache()  # must run before any module imports numba

@@ -1,4 +1,4 @@
-"""The command `companion`. Only the module of the command that is asked for is imported."""
+"""The command `companion`. Only the module of the given command is imported."""
 
 from __future__ import annotations
 
@@ -10,52 +10,52 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 COMMANDS: Final[dict[str, tuple[str, str]]] = {
-    "run": ("live.run", "the live service: cameras and autopilot in, prisms out"),
-    "status": ("live.status", "how the running service is, in words"),
+    "run": ("live.run", "run the live service: cameras and autopilot in, obstacles out"),
+    "status": ("live.status", "show the state of the running service"),
     "simulate-autopilot": (
         "autopilot.simulate_autopilot",
-        "an autopilot that is not there, for `run` without hardware",
+        "simulate an autopilot, for `run` without hardware",
     ),
-    "doctor": ("doctor.doctor", "before the flight: what works, what does not, and what to do"),
-    "keys": ("streams.keys", "make keys for streams that leave this machine, and of signatures"),
-    "demo": ("demo.demo", "fly through a simulated scene: the whole way from depth to prisms, without hardware"),
-    "import": ("importers.command", "make a log of a folder of depth images, or of a ROS 2 recording"),
-    "replay": ("replay.replay", "run a recorded flight through the pipeline; compare with what was recorded"),
+    "doctor": ("doctor.doctor", "check all parts before a flight and name the remedies"),
+    "keys": ("streams.keys", "make keys for the network streams and for MAVLink signatures"),
+    "demo": ("demo.demo", "fly a simulated scene without hardware and draw the result"),
+    "import": ("importers.command", "convert depth images or a ROS 2 recording into a log"),
+    "replay": ("replay.replay", "run a log through the pipeline; optionally compare with the recorded result"),
     "view": (
         "viewer.view",
-        "draw a log: pictures and a page with the prisms in 3-D; --live: a page that follows the service",
+        "draw a log as pictures and a 3-D page; --live: follow the running service",
     ),
-    "info": ("log.info", "what is in a log: topics, rates, gaps, damage"),
-    "recover": ("log.recover", "make a whole file of a damaged or unfinished one"),
+    "info": ("log.info", "show the content of a log: topics, rates, gaps, damage"),
+    "recover": ("log.recover", "repair a damaged or unfinished log"),
     "check-config": ("config.check_config", "check a configuration file"),
-    "install": ("install.install", "the service on this machine, started with it (needs root)"),
-    "uninstall": ("install.uninstall", "take the service off this machine (needs root)"),
-    "warmup": ("kernels.warmup", "compile what is compiled at first use"),
-    "bench": ("bench.bench", "how fast this machine turns depth images into obstacles"),
+    "install": ("install.install", "install the service on this computer (needs root)"),
+    "uninstall": ("install.uninstall", "remove the service from this computer (needs root)"),
+    "warmup": ("kernels.warmup", "compile all kernels"),
+    "bench": ("bench.bench", "measure the frame rate that this computer reaches"),
 }
-"""Command -> its module in this package (add_parser, run) and what it does."""
+"""Command -> its module in this package (with add_parser and run) and its help text."""
 
 _INTERRUPTED: Final = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command. 0: done; 1: it failed, stderr says why and what to do; 2: wrong use."""
+    """Runs a command. 0: success; 1: failure, with cause and remedy on stderr; 2: wrong usage."""
     words = list(sys.argv[1:] if argv is None else argv)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's threads turn in circles at a start, for nothing
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of numpy's OpenBLAS would spin during the start
     parser = _parser(words[0] if words else "")
     try:
         args = parser.parse_args(words)
-    except SystemExit as end:  # argparse ends so after --help and on wrong use
+    except SystemExit as end:  # argparse exits this way after --help and on wrong usage
         return end.code if isinstance(end.code, int) else 2
     if args.version:
         return _print_version()
     if args.command is None:
         parser.print_usage(sys.stderr)
-        print("companion: error: a command is needed; --help lists them", file=sys.stderr)
+        print("companion: error: no command is given; `companion --help` lists the commands", file=sys.stderr)
         return 2
     try:
         return int(_module(args.command).run(args))
-    except BrokenPipeError:  # the reader of our output has gone
+    except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
@@ -66,20 +66,22 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _error_text(error: Exception) -> str:
-    """The error's message; of the operating system's, the file first and what to look at."""
+    """The message of an error. For errors of the operating system: the file and what to check."""
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}; check the path, its rights and the free space"
+        return f"{error.filename}: {error.strerror}; check the path, its permissions and the free space"
     if isinstance(error, OSError):
-        return f"{error.strerror or error} while writing; what was written stays in the .active file beside the output"
+        return (
+            f"{error.strerror or error} while writing; the part written so far is in the .active file beside the output"
+        )
     return str(error)
 
 
 def _parser(command: str) -> argparse.ArgumentParser:
-    """The parser with the full options of one command, the others by name only."""
+    """The parser with the options of one command and the names of the others."""
     parser = argparse.ArgumentParser(
         prog="companion",
         description="Obstacle perception for multirotors.",
-        epilog="`companion COMMAND --help` tells a command's options; `companion demo` is where to begin.",
+        epilog="`companion COMMAND --help` lists the options of a command; start with `companion demo`.",
     )
     parser.add_argument("--version", action="store_true", help="print the version")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND")
@@ -98,7 +100,7 @@ def _module(command: str) -> Any:
 
 
 def _expected_errors() -> tuple[type[Exception], ...]:
-    """Those whose message says what is wrong and what to do; anything else is a defect and shows its trace."""
+    """Errors with a message for the user. Any other exception is a defect and prints its traceback."""
     from drivers.base import DriverError
 
     from .config.loader import ConfigError

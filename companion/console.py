@@ -1,4 +1,4 @@
-"""What commands write: results on stdout, errors and progress on stderr."""
+"""Output of commands: results on stdout, errors and progress on stderr."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import Any
 
 
 def print_line(text: str = "") -> None:
-    """A line for the reader of the command's output."""
+    """Prints one line of the result."""
     sys.stdout.write(text + "\n")
 
 
 def print_json(what: Mapping[str, Any]) -> None:
-    """The one object that `--json` promises. Numbers that JSON lacks (nan, inf) are the caller's to replace by None."""
+    """Prints the object of `--json`. The caller replaces nan and inf, which JSON does not have, by None."""
     sys.stdout.write(json.dumps(what, indent=2, allow_nan=False) + "\n")
 
 
 def fail(text: str) -> None:
-    """An error: what happened and what to do."""
+    """Prints an error with its cause and remedy."""
     sys.stderr.write(f"companion: error: {text}\n")
 
 
 def warn(text: str) -> None:
-    """Something the reader should know that is no error."""
+    """Prints a warning."""
     sys.stderr.write(f"companion: warning: {text}\n")
 
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr when that is a terminal; call what it gives with the share done, 0..1."""
+    """A progress bar on stderr where that is a terminal. Yields a function that takes the completed share, 0..1."""
     if not sys.stderr.isatty():
         yield lambda share: None
         return

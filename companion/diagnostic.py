@@ -1,4 +1,4 @@
-"""What can be wrong: one stable code for each kind of fault, and the diagnostic that reports one."""
+"""Codes of faults, and the diagnostic that reports one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 
 class DiagnosticCode(Code):
-    """The codes of `osape.v1.Diagnostic`, each with its meaning; docs/reference/diagnostics.md lists them."""
+    """The codes of `osape.v1.Diagnostic` and their meaning; listed in docs/reference/diagnostics.md."""
 
     STARTING = "starting", "the service is starting; nothing is detected yet"
     THREAD_STALLED = "thread_stalled", "a thread of the service has ended or does not respond"
@@ -81,7 +81,7 @@ class DiagnosticCode(Code):
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One thing that is wrong. camera: empty where it concerns none; text: what was found, likely cause, remedy."""
+    """One fault. camera: empty unless the fault concerns one camera; text: observation, likely cause and remedy."""
 
     code: DiagnosticCode
     camera: str
@@ -92,7 +92,7 @@ class Diagnostic:
         return f"{self.code}: {self.text}"
 
     def message(self) -> pb.Diagnostic:
-        """As it stands in the health report."""
+        """The message for the health report."""
         return pb.Diagnostic(
             code=self.code.value, camera=self.camera, text=self.text, code_enum=f"CODE_{self.code.name}"
         )

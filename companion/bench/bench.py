@@ -15,7 +15,8 @@ from core.params import Params
 
 from ..config.loader import load_config
 from ..console import fail, print_json, print_line, progress
-from ..kernels.warmup import WarmupError, warm_up
+from ..kernels.child_process import WarmupError
+from ..kernels.warmup import warm_up
 from ..log.provenance import software
 from .frames import Flight, FrameSequence, Measured, measure, render_sequence
 from .host_info import HostInfo, host_info, versions

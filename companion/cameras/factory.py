@@ -1,4 +1,4 @@
-"""The depth source that a camera's section of the configuration asks for. Only that one's library is imported."""
+"""Creates the depth source of a camera section. Only the library of that source is imported."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from ..paths import cache_folder
 
 
 def make_source(section: CameraConfig) -> DepthSource:
-    """The source, not opened yet. Raises ValueError for a kind that is no live camera."""
+    """The source, not yet opened. Raises ValueError for a kind that is not a live camera."""
     makers = {"simulated": _simulated, "oak": _oak, "zed": _zed, "v4l2": _v4l2}
     if section.kind in makers:
         return makers[section.kind](section)
     raise ValueError(
-        f'[[camera]] "{section.name}": kind = "{section.kind}" is no live camera; `companion replay` reads recordings'
+        f'[[camera]] "{section.name}": kind = "{section.kind}" is not a live camera; use `companion replay` for '
+        "recordings"
     )
 
 
@@ -77,7 +78,7 @@ def _v4l2(section: CameraConfig) -> DepthSource:
 
 
 def _range(section: CameraConfig) -> dict[str, Any]:
-    """What the configuration says of the range; the rest is the driver's default."""
+    """The configured range limits; the driver's defaults apply to the others."""
     said = {key: getattr(section, key) for key in ("min_range_m", "max_range_m")}
     return {key: value for key, value in said.items() if value is not None}
 

@@ -1,9 +1,8 @@
-"""Parts of the vehicle in a camera's image, and pixels that can never be measured.
+"""Masks of pixels that show the vehicle or can never be measured.
 
-Masked pixels are unknown, whatever the camera measures there: no obstacle, and nothing behind them is free. Where they,
-or the columns that stereo matching cannot see, take too much of a direction, the camera does not look there at all: it
-is then told as unseen, and no wall is put there for want of a view.
-"""
+Masked pixels are unknown whatever the camera measures there: they give no obstacle, and nothing behind them is free. A
+direction in which masked pixels, or the columns that stereo matching cannot measure, take too large a share counts as
+not observed by the camera: it is reported as unseen, and the camera's failure adds no obstacle there."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ Mask = NDArray[np.bool_]
 
 
 def polygons(text: str) -> list[list[tuple[float, float]]]:
-    """The corners of each polygon of `masks`. Two corners: a rectangle between them."""
+    """The corners of each polygon of `masks`. Two corners define a rectangle."""
     out = []
     for part in filter(None, (p.strip() for p in text.split(";"))):
         corners = [(float(u), float(v)) for u, v in (pair.split(",") for pair in re.split(r"\s+", part))]
@@ -32,7 +31,7 @@ def polygons(text: str) -> list[list[tuple[float, float]]]:
 
 
 def configured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
-    """(H, W) which pixels the configuration masks; None: none."""
+    """(H, W) pixels that the configuration masks; None: no mask."""
     if not section.masks:
         return None
     k = info.intrinsics
@@ -44,7 +43,7 @@ def configured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
 
 
 def unmeasured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
-    """(H, W) which pixels are never measured: masked, or columns at the left that stereo matching cannot see."""
+    """(H, W) pixels that are never measured: masked ones, and columns at the left that stereo matching cannot measure."""
     mask, columns = configured_mask(section, info), section.unmatched_px
     if mask is None and columns == 0:
         return None
@@ -55,14 +54,16 @@ def unmeasured_mask(section: CameraConfig, info: CameraInfo) -> Mask | None:
 
 
 def apply_mask(depth_mm: NDArray[np.uint16], mask: Mask | None) -> NDArray[np.uint16]:
-    """(H, W) uint16 mm with masked pixels unknown. An image of another size comes back as it is: it is refused later."""
+    """(H, W) uint16 mm with masked pixels set to unknown. An image of another size is returned unchanged; the pipeline
+    refuses it."""
     if mask is None or mask.shape != depth_mm.shape:
         return depth_mm
     return np.where(mask, np.uint16(UNKNOWN_MM), depth_mm)
 
 
 def _inside(u: NDArray[np.float64], v: NDArray[np.float64], corners: list[tuple[float, float]]) -> Mask:
-    """Which places lie in a polygon, by the number of its edges to their right; those on its upper and left edges too."""
+    """Whether points lie in a polygon, by the parity of its edges to their right. Points on the upper and left edges
+    are inside."""
     out = np.zeros(u.shape, bool)
     for (u0, v0), (u1, v1) in zip(corners, corners[1:] + corners[:1], strict=True):
         if v0 != v1:

@@ -1,7 +1,7 @@
-"""Keeps one camera's process alive: starts it, watches it, names what is wrong, starts it again.
+"""Supervises one camera process: starts it, detects its faults and restarts it.
 
-Noticed: a process that ended, one that says nothing, a camera that is silent, one that repeats its image though its
-stamps go on, and one whose stamps stand still. The service and the other cameras go on meanwhile."""
+Detected: the process ended; it sends no notifications; no frame arrives; the image repeats although its stamps advance;
+the stamps do not advance. The service and the other cameras are not affected."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ from .worker import info_from_json
 
 NS = 1_000_000_000
 _READ_S = 0.1
-"""Longest wait for a word: between frames of 12 Hz nobody has to wake. The end of the process is noticed at once."""
+"""Longest wait for a notification. The end of the process is detected at once."""
 _POLL_S = 0.05
 _STABLE_RUN_S = 3.0
-"""A camera that gave frames so long after its start is started again without delay; one that did not, later and later."""
+"""A camera that delivered frames for this long after its start is restarted without delay; otherwise the delay grows.
+"""
 _SAMPLED_ROWS = 16
-"""Every so many rows are compared to tell a frozen image: enough, since noise changes any of them."""
+"""Row step of the image comparison; noise changes every row of a live image."""
 
 
 class CameraCondition(StrEnum):
-    """How a camera is."""
+    """Condition of a camera."""
 
     STARTING = "starting"
     RUNNING = "running"
@@ -50,8 +51,8 @@ class CameraCondition(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraStatus:
-    """What is known of a camera. cause: why it does not run, in words; since_ns: of this condition; last_loss: why its
-    process had to be started anew the last time."""
+    """State of a camera. cause: why it does not run; since_ns: time of the last change of condition; last_loss: cause
+    of the last restart."""
 
     camera: str
     condition: CameraCondition
@@ -67,8 +68,8 @@ class CameraStatus:
 
 
 class CameraSupervisor:
-    """One camera. on_info: its description, whenever it was opened; on_frame: each newest frame; both are called from
-    the supervisor's thread and must not block."""
+    """Supervises one camera. on_info: called with its description at each opening; on_frame: with each newest frame.
+    Both are called from the supervisor's thread and must not block."""
 
     def __init__(
         self,
@@ -92,21 +93,21 @@ class CameraSupervisor:
 
     @property
     def status(self) -> CameraStatus:
-        """How the camera is now."""
+        """The present state."""
         return self._status
 
     @property
     def pid(self) -> int | None:
-        """Of the camera's process."""
+        """Process id of the camera process."""
         return self._process.pid if self._process is not None else None
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, in words; empty: none did."""
+        """The exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
     def open(self) -> None:
-        """Starts the thread; the camera may come later."""
+        """Starts the thread. It retries until the camera can be opened."""
         self._thread.start()
 
     def close(self) -> None:
@@ -126,13 +127,13 @@ class CameraSupervisor:
             self._set_condition(CameraCondition.LOST, cause)
             self._update(last_loss=cause)
             if (self._status.last_arrival_ns or begun_ns) - begun_ns > _STABLE_RUN_S * NS:
-                backoff_s = self._params.first_backoff_s  # in flight every second without it counts
+                backoff_s = self._params.first_backoff_s  # a short delay limits the time without this camera in flight
             self._wait(backoff_s)
             backoff_s = min(max(2.0 * backoff_s, 0.1), self._params.longest_backoff_s)
-        self._set_condition(CameraCondition.STOPPED, "the service stops")
+        self._set_condition(CameraCondition.STOPPED, "the service is stopping")
 
     def _run_process(self) -> str:
-        """One life of the process; returns why it ended."""
+        """Runs the process once; returns why it ended."""
         reader = FrameReader(self.section.name)
         config = json.dumps({k: v for k, v in dataclasses.asdict(self.section).items() if v is not None})
         self._set_condition(CameraCondition.STARTING, self._with_last_loss("opening the camera"))
@@ -151,7 +152,7 @@ class CameraSupervisor:
             self._process.wait()
 
     def _watch(self, reader: FrameReader) -> str:
-        """Passes frames on; returns why the process has to be started anew."""
+        """Passes frames on; returns why the process has to be restarted."""
         self._last_cause = ""
         begun_ns = received_ns = _now()
         opened_ns: int | None = None
@@ -172,29 +173,31 @@ class CameraSupervisor:
             reason = self._restart_reason(now_ns, begun_ns, opened_ns, received_ns)
             if reason:
                 return reason
-        return "the service stops"
+        return "the service is stopping"
 
     def _handle_notification(self, notification: Notification) -> None:
         if notification.kind == "failed":
-            self._last_cause = str(notification.payload.get("cause", "no cause was given"))
+            self._last_cause = str(notification.payload.get("cause", "no cause was reported"))
         elif notification.kind == "opened":
             try:
                 info = info_from_json(notification.payload["info"])
             except (KeyError, TypeError, ValueError) as error:
-                raise BadData(f"camera {self.section.name}: its description cannot be used: {error}") from error
+                raise BadData(
+                    f"camera {self.section.name}: its process sent an invalid description: {error}"
+                ) from error
             self._update(info=info, cause=self._with_last_loss("no frame yet"))
             self._on_info(info)
 
     def _handle_frame(self, frame: DepthFrame, now_ns: int, dropped: int) -> None:
         frozen = self._frozen_detector.check(frame)
         now = CameraCondition.FROZEN if frozen else CameraCondition.RUNNING
-        if not frozen:  # what does not change says nothing about now
-            self._on_frame(frame)  # before the status is made: the pipeline's thread wakes up meanwhile
+        if not frozen:  # a frozen image does not describe the present
+            self._on_frame(frame)  # before the status is updated, so that the pipeline's thread wakes up at once
         frames = self._status.frames + 1
         self._set_condition(now, frozen, frames=frames, dropped=dropped, last_arrival_ns=now_ns, alive_ns=now_ns)
 
     def _restart_reason(self, now_ns: int, begun_ns: int, opened_ns: int | None, received_ns: int) -> str:
-        """Names silence, and returns why the process has to be started anew, if it has."""
+        """Sets the condition SILENT where due; returns why the process has to be restarted, "" if it has not."""
         p, status = self._params, self._status
         if opened_ns is None:
             late_s = (now_ns - begun_ns) / NS
@@ -203,9 +206,9 @@ class CameraSupervisor:
         silent_s = (now_ns - last_ns) / NS
         if silent_s > p.silent_s:
             process_silent = now_ns - received_ns > p.silent_s * NS
-            what = "its process says nothing" if process_silent else "no frame"
+            what = "no notification of its process" if process_silent else "no frame"
             self._set_condition(CameraCondition.SILENT, f"{what} for {silent_s:.1f} s")
-        # the first frame may take long: pipelines start, models load, kernels compile
+        # the first frame may be late: pipelines start, models load, kernels compile
         delivered = status.last_arrival_ns is not None and status.last_arrival_ns >= opened_ns
         if silent_s > (p.restart_s if delivered else p.open_s):
             return f"silent for {silent_s:.1f} s"
@@ -214,7 +217,7 @@ class CameraSupervisor:
         return ""
 
     def _with_last_loss(self, what: str) -> str:
-        """What happens now, and why it has to happen again."""
+        """The action; after a loss with its cause."""
         lost = self._status.last_loss
         return f"{what} again, after: {lost}" if lost else what
 
@@ -224,7 +227,8 @@ class CameraSupervisor:
             self._update(alive_ns=_now())
 
     def _set_condition(self, condition: CameraCondition, cause: str, **changes: Any) -> None:
-        """The condition, with whatever else changes: one new status, since making it is most of a frame's work here."""
+        """Updates the condition together with other fields: one new status object, since creating it dominates the cost
+        per frame."""
         since_ns = self._status.since_ns if self._status.condition is condition else _now()
         self._update(condition=condition, cause=cause, since_ns=since_ns, **changes)
 
@@ -233,7 +237,7 @@ class CameraSupervisor:
 
 
 class FrozenFrameDetector:
-    """Tells a camera that repeats itself: its image though the stamps go on, or its stamps and sequence."""
+    """Detects a camera that repeats its image while the stamps advance, or whose stamps do not advance."""
 
     def __init__(self, frames: int) -> None:
         self._frames = frames
@@ -242,7 +246,7 @@ class FrozenFrameDetector:
         self._same_images = self._unchanged_stamps = 0
 
     def check(self, frame: DepthFrame) -> str:
-        """Why the camera is frozen, in words; empty when it is not."""
+        """Why the camera is frozen, as text; empty if it is not."""
         sampled = iso_hdlc(frame.depth_mm[::_SAMPLED_ROWS].tobytes())
         stamp = (frame.sequence, frame.t_exposure_ns)
         self._same_images = self._same_images + 1 if sampled == self._fingerprint else 0

@@ -1,7 +1,7 @@
-"""The process of one camera: `python -m companion.cameras.worker FD CONFIG`. Frames go to the service, nothing else.
+"""The process of one camera: `python -m companion.cameras.worker FD CONFIG`. It sends frames to the service.
 
-A camera's library may hang, crash or abort; here it takes only this process with it. The service starts it, watches it
-and starts it again (camera_supervisor.py)."""
+A camera library may hang, crash or abort; in a process of its own it cannot stop the service. `supervisor.py` starts
+and restarts the process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..config.camera import CameraConfig
 from .factory import make_source
 
 READ_S = 0.1
-"""Longest wait for a frame before a sign of life is given."""
+"""Longest wait for a frame before a notification `alive` is sent."""
 
 
 def info_to_json(info: CameraInfo) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def info_to_json(info: CameraInfo) -> dict[str, Any]:
 
 
 def info_from_json(payload: dict[str, Any]) -> CameraInfo:
-    """The description that info_to_json wrote. Raises ValueError, KeyError or TypeError."""
+    """The description from the output of info_to_json. Raises ValueError, KeyError or TypeError."""
     values = dict(payload)
     intrinsics, mount = Intrinsics(**values.pop("intrinsics")), CameraMount(**values.pop("mount"))
     return CameraInfo(intrinsics=intrinsics, mount=mount, **values)
@@ -61,8 +61,8 @@ def run_camera(section: CameraConfig, writer: FrameWriter, source: DepthSource) 
 
 
 def main(argv: list[str]) -> int:
-    """0 never: it runs until it is stopped or fails; the cause is said on the channel."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service decides when we end
+    """Runs until it is stopped (0) or fails (1); the cause of a failure is sent as a notification."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the service ends this process
     section = CameraConfig(**json.loads(argv[1]))
     writer = FrameWriter(int(argv[0]), section.name)
     try:
@@ -71,7 +71,7 @@ def main(argv: list[str]) -> int:
         try:
             writer.send("failed", cause=str(error))
         except DeviceLost:
-            return 1  # the service is gone: nobody to tell
+            return 1  # the service has ended: no receiver is left
         return 1
     return 0
 

@@ -14,7 +14,8 @@ from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig
 from ..console import fail, print_json, print_line, progress, warn
-from ..kernels.warmup import WarmupError, warm_up
+from ..kernels.child_process import WarmupError
+from ..kernels.warmup import warm_up
 from ..live.message_json import message_json
 from ..live.status import status_lines
 from ..replay.replay import Options, replay

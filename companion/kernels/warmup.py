@@ -22,19 +22,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
-
 from ..console import fail, print_json, print_line
+from .child_process import CancelledError, Children, WarmupError, end_with_parent
 from .jit_cache import VARIABLE, base_of
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
+from .run_kernels import MODES, run_kernels
 
 log = logging.getLogger("companion")
 
 CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
-MODES = ("extractor", "world")
-"""What may be made ready: the extractor, and the merged world."""
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
 COMPLETE = "complete-"
@@ -43,14 +39,6 @@ MARK = "loading"
 """Stands beside the cached kernels while a service loads them."""
 COMPILED_S = 5.0
 """Loading cached kernels takes less, compiling them far more."""
-
-
-class WarmupError(Exception):
-    """The kernels cannot be made ready; the message says why and what to do."""
-
-
-class CancelledError(WarmupError):
-    """The process was told to end while a child compiled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,45 +93,7 @@ def warm_up() -> Warmup:
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
 
 
-class _Children:
-    """The child processes that compile, so that another thread can end them."""
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()  # a signal's handler may interrupt its holder
-        self._running: subprocess.Popen[str] | None = None
-        self._cancelled = False
-
-    def run(self, command: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
-        """As `subprocess.run`, with its output. Raises CancelledError once cancelled."""
-        with self._lock:
-            if self._cancelled:
-                raise CancelledError("compiling was cancelled: the process was told to end")
-            theirs, ours = os.pipe()  # `ours` closes with this process, however that ends, see `end_with_parent`
-            process = self._running = subprocess.Popen(
-                command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-            )
-            os.close(theirs)
-        try:
-            out, errors = process.communicate(timeout=timeout_s)
-        finally:
-            process.kill()  # nothing where it has ended
-            process.wait()
-            os.close(ours)
-            with self._lock:
-                self._running = None
-        if self._cancelled:
-            raise CancelledError("compiling was cancelled: the process was told to end")
-        return subprocess.CompletedProcess(command, process.returncode, out, errors)
-
-    def cancel(self) -> None:
-        """Ends the child that runs, if one does; none is started any more."""
-        with self._lock:
-            self._cancelled = True
-            if self._running is not None:
-                self._running.kill()
-
-
-_CHILDREN = _Children()
+_CHILDREN = Children()
 
 
 class Loading(threading.Thread):
@@ -233,13 +183,6 @@ def _tell_complete(*modes: str) -> None:
             write_manifest(Path(named))
 
 
-def end_with_parent() -> None:
-    """Ends this process when its standard input is closed: a parent that was killed cannot end it."""
-    while os.read(0, 1):
-        pass
-    os._exit(1)
-
-
 def run_child(modes: Sequence[str]) -> None:
     """What a child process does: the kernels of a service in these modes; none named: all there are."""
     threading.Thread(target=end_with_parent, name="parent", daemon=True).start()
@@ -247,90 +190,6 @@ def run_child(modes: Sequence[str]) -> None:
         run_kernels(modes, metres=False)
     else:
         run_kernels()
-
-
-def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
-    """Runs what these modes use on small frames, for the extractor uint16 millimetres, as cameras give, and float32
-    metres."""
-    from core.extractor import Extractor
-    from core.params import Params
-
-    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
-    tilt = 0.2
-    c, s = np.cos(tilt), np.sin(tilt)
-    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    tilted = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ level
-    frame = _frame()
-    for mode in modes:
-        if mode == "world":
-            _run_world_kernels()
-            continue
-        extractor = Extractor(Params())
-        for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
-            state = ExtractorState()
-            for R in (level, tilted):
-                model, state = extractor.extract(depth, info, R, state, keep_strips=True)
-        _run_telling_kernels(model)
-        _run_rare_kernels(frame, info)
-
-
-def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
-    """Runs what only some frames or parameters need: the noise over time, the look at where noise is, and the pooling of columns."""
-    from core.params import Params
-    from core.self_check.depth_registration import inverse_depth_grid, rotation_between
-    from core.self_check.surfaces import find_surfaces
-    from core.stages.classify import depth_to_mm, measured_mm
-    from core.stages.level import pool_columns
-    from core.stages.noise_check import flying_off_ramps, noisy_share
-    from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
-
-    find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
-    p, ke = Params(), info.ke_per_m
-    samples = np.full((SAMPLE_ROWS, SAMPLE_COLS), 3000, np.uint16)
-    still_sigma(samples, samples, (1, 60000), p)
-    depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
-    noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
-    flying_off_ramps(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke)
-    pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
-    grid = inverse_depth_grid(depth_mm, info)
-    rotation_between(grid, grid, np.eye(3))
-
-
-def _run_telling_kernels(model: FrameModel) -> None:
-    """Runs what moves a model into the frame it is published in, and writes it down."""
-    from companion.pipeline.fast_encode import encode_model
-    from core.transformed import turned
-
-    encode_model(np.arange(20, dtype=np.uint8) % 15 + 1, turned(model, 0.1, (1.0, 2.0, 3.0)))
-
-
-def _run_world_kernels() -> None:
-    """Runs the merged world on two small frames, and on its own planes as if they had been saved."""
-    from core.extractor import Extractor
-    from core.params import Params
-    from core.world.params import WorldParams
-    from core.world.world import Sight, World
-
-    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
-    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    model, _ = Extractor(Params()).extract(_frame(), info, level)
-    world = World(WorldParams(most_planes=1024, most_free_blocks=64))
-    for k in range(2):
-        world.add(Sight(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
-    world.begin_with(world.saved())
-
-
-def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
-    """(120, 160) uint16: ground 1.5 m below, a wall with a hole, a pole, scattered pixels, some of them unknown."""
-    rng = np.random.default_rng(1)
-    depth = np.full((120, 160), 6000, np.uint16)
-    rows = np.arange(70, 120)
-    depth[70:] = np.minimum(6000, 1500 * 112.5 / (rows - 59.5)).astype(np.uint16)[:, None]
-    depth[20:50, 100:130] = 9000
-    depth[10:100, 40:43] = 3000
-    depth[5:60, 5:30] = rng.integers(4000, 5500, (55, 25)).astype(np.uint16)
-    depth[rng.random(depth.shape) < 0.05] = 0
-    return depth
 
 
 def cache_folders() -> list[Path]:

@@ -1,1 +1,1 @@
-"""The running service: its threads, its health and its main loop."""
+"""The live service: its threads, its health report and its main loop."""

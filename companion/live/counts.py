@@ -1,20 +1,20 @@
-"""What is counted from one look of the service at itself to the next."""
+"""Frame rates and losses between two health reports."""
 
 from __future__ import annotations
 
 NS = 1_000_000_000
 REPORT_NS = 10 * NS
-"""So long a loss is told."""
+"""Time for which a loss is reported."""
 
 
 class FrameRates:
-    """Frames a second of each camera."""
+    """Frame rate of each camera."""
 
     def __init__(self) -> None:
         self._before: dict[str, tuple[int, int]] = {}
 
     def hz(self, name: str, frames: int, now_ns: int) -> float:
-        """Since the report before the last. frames: how many came in all."""
+        """The rate over the last two seconds. frames: total number of frames that arrived."""
         before, then_ns = self._before.get(name, (frames, now_ns))
         if now_ns - then_ns > 2 * NS or name not in self._before:
             self._before[name] = (frames, now_ns)
@@ -22,7 +22,7 @@ class FrameRates:
 
 
 class RecentLosses:
-    """Whether something was lost within the last REPORT_NS."""
+    """Whether samples were lost within the last REPORT_NS."""
 
     def __init__(self) -> None:
         self._lost = self._until_ns = 0

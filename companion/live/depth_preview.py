@@ -1,8 +1,8 @@
-"""The depth for people's eyes: a stream of its own, made smaller, a few times a second, and only while somebody listens.
+"""A reduced depth image for viewers: a stream of a few images per second, sent only while a subscriber exists.
 
-Whoever flies by the model needs no image, so nothing is made of it without a listener: one question to the socket a
-frame (5 us). With one, a picture costs the pipeline's thread 0.2 to 0.4 ms (640x480, a busy cloud machine), after the prisms
-have gone out."""
+Planners use the model and need no image. Without a subscriber the cost is one query of the socket per frame (5 us).
+With one, an image costs the pipeline thread 0.2 to 0.4 ms (640x480, a loaded cloud machine) after the prisms are
+published."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from ..streams.publisher import Publisher, Stream
 
 NS = 1_000_000_000
 ERRORS = (ArithmeticError, LookupError, OSError, TypeError, ValueError, zmq.ZMQError)
-"""What a picture or a socket may lead to that was not foreseen."""
+"""Errors of image or socket that end the stream but not the service."""
 WIDTH_PX = 320
-"""Pixels are picked at whole steps until the image is no wider than this."""
+"""Largest width of a reduced image."""
 
 
 def subsample(depth_mm: NDArray[np.uint16], width_px: int = WIDTH_PX) -> NDArray[np.uint16]:
-    """(h, w) uint16 of a depth image (H, W): the middle one of each n x n pixels, n the least that makes it no wider than
-    width_px. Never blended: between an edge and what lies behind it there is nothing."""
+    """(h, w) uint16: the centre pixel of each n x n block of a depth image (H, W), with the smallest n that gives at
+    most width_px columns. Pixels are not averaged: the mean of an edge and its background is a point where nothing is.
+    """
     step = max(1, -(-depth_mm.shape[1] // width_px))
     rows, columns = (max(1, n // step) for n in depth_mm.shape)
     at = min(step // 2, depth_mm.shape[0] - 1)
@@ -36,7 +37,8 @@ def subsample(depth_mm: NDArray[np.uint16], width_px: int = WIDTH_PX) -> NDArray
 
 
 class DepthPreviews:
-    """The stream. hz: pictures a second of each camera, at most. `show` from one thread, the others while it rests."""
+    """The stream. hz: largest rate of images per camera. `show` is called from one thread, the other methods while it
+    does not run."""
 
     def __init__(self, hz: float, boot_id: str) -> None:
         self._period_ns, self._boot = round(NS / hz), boot_id
@@ -46,23 +48,23 @@ class DepthPreviews:
         self.fault = ""
 
     def open(self, address: str, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None) -> None:
-        """Binds the socket; an empty address: there is no such stream. Raises as Publisher does."""
+        """Binds the socket. An empty address disables the stream. Raises as Publisher does."""
         if address:
             self._publisher = Publisher(Stream("depth", address), context, keys, zmq.XPUB, newest_only=False)
 
     @property
     def sent(self) -> int:
-        """Pictures so far."""
+        """Number of images sent."""
         return 0 if self._publisher is None else self._publisher.published
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the socket. May be called twice."""
         if self._publisher is not None:
             self._publisher.close()
             self._publisher = None
 
     def show(self, frame: DepthFrame) -> None:
-        """Sends a frame where one is wanted and due. Never waits. An error ends the stream and not the flight."""
+        """Sends a frame if a subscriber exists and the interval has passed. Never blocks. An error ends the stream."""
         try:
             self._show(frame)
         except ERRORS as error:
@@ -88,7 +90,7 @@ class DepthPreviews:
         )  # fmt: skip
 
     def _has_subscriber(self, publisher: Publisher) -> bool:
-        """Whether somebody listens. ZeroMQ tells of the first and of the last one of each kind."""
+        """Whether a subscriber exists. ZeroMQ reports the first and the last subscription of each topic."""
         while int(publisher.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:
             word = publisher.socket.recv(zmq.DONTWAIT)
             if word[:1] == b"\1":

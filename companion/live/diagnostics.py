@@ -1,4 +1,4 @@
-"""Faults that are recognised by their pattern: a stable code, what was measured, the likely cause and the remedy."""
+"""Faults recognised by their pattern: a stable code, the observation, the likely cause and the remedy."""
 
 from __future__ import annotations
 
@@ -6,43 +6,50 @@ from collections.abc import Iterable
 from pathlib import PurePath
 
 from ..config.camera import CameraConfig
+from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.pipeline import PrismsResult
+from ..self_check.exposure_offset import warning_text
+from ..self_check.mount_yaw import MountYaw
+from .health import CameraView
 
 NS = 1_000_000_000
 MIN_ATTITUDE_HZ = 10.0
-"""Below it the attitudes before and after an exposure are 0.1 s and more apart: interpolation is coarse in a turn, and
-with [sync] max_gap_s = 0.15 frames are dropped as soon as one attitude is lost."""
+"""Below this rate the attitudes before and after an exposure are 0.1 s or more apart: interpolation is inaccurate in a
+turn, and with [sync] max_gap_s = 0.15 a frame is dropped as soon as one attitude is lost."""
 LOW_FOR_NS = 3 * NS
-"""The rate is measured over two seconds; it must stay low for longer than it takes to settle after a start."""
+"""The rate is measured over two seconds and must stay low for longer than it takes to settle after a start."""
 WELL_MEASURED_SHARE = 0.9
 GROUND_FRAMES = 300
-"""Well measured frames without ground, from the start of a camera: 10 s at 30 Hz."""
+"""Number of well measured frames without ground since the start of a camera: 10 s at 30 Hz."""
 TEMPLATE_V4L2_PX = (383.0, 383.0, 320.0, 240.0)
 """fx, fy, cx, cy of configs/v4l2.toml."""
 TEMPLATE_ZED_CALIBRATION = "SN12345678.conf"
-"""Of configs/zed.toml."""
+"""Placeholder in configs/zed.toml."""
 
 
 def template_intrinsics(cameras: Iterable[CameraConfig]) -> list[Diagnostic]:
-    """Cameras whose intrinsics are those of the shipped configuration, unchanged. An OAK reports its own."""
+    """Cameras whose intrinsics are those of the shipped configuration. An OAK reports its own intrinsics."""
     found = []
     for c in cameras:
         if c.kind == "v4l2" and (c.fx_px, c.fy_px, c.cx_px, c.cy_px) == TEMPLATE_V4L2_PX:
             what = "fx_px, fy_px, cx_px and cy_px are those of the shipped configs/v4l2.toml"
-            remedy = "read the intrinsics of this camera with its maker's tool and enter them"
+            remedy = "read the intrinsics of this camera with the manufacturer's tool and enter them"
         elif c.kind == "zed" and PurePath(c.calibration).name == TEMPLATE_ZED_CALIBRATION:
             what = f"calibration names {TEMPLATE_ZED_CALIBRATION}, the placeholder of the shipped configs/zed.toml"
-            remedy = "download the calibration file of this camera's serial number and name it"
+            remedy = "download the calibration file for this camera's serial number and enter its path"
         else:
             continue
-        text = f"camera {c.name}: {what}; positions and heights of obstacles are wrong with those of another camera: {remedy}"
+        text = (
+            f"camera {c.name}: {what}; with the intrinsics of another camera, positions and heights of obstacles are "
+            f"wrong: {remedy}"
+        )
         found.append(Diagnostic(DiagnosticCode.TEMPLATE_INTRINSICS, c.name, text))
     return found
 
 
 def attitude_rate_low(rate_hz: float, wanted_hz: float) -> Diagnostic:
-    """What a low rate of the attitude means. rate_hz: measured; wanted_hz: [autopilot] attitude_hz."""
+    """The diagnostic of a low attitude rate. rate_hz: measured; wanted_hz: [autopilot] attitude_hz."""
     text = (
         f"attitude arrives at {rate_hz:.1f} Hz, at least {MIN_ATTITUDE_HZ:g} Hz are needed and {wanted_hz:g} Hz were "
         "requested; likely cause: the stream rate of this port is low, another station resets it, or the link is too slow. "
@@ -51,15 +58,27 @@ def attitude_rate_low(rate_hz: float, wanted_hz: float) -> Diagnostic:
     return Diagnostic(DiagnosticCode.ATTITUDE_RATE_LOW, "", text)
 
 
+def yaw_warnings(yaws: Iterable[MountYaw]) -> list[Diagnostic]:
+    """Cameras whose direction of motion does not fit the vehicle's velocity."""
+    return [Diagnostic(DiagnosticCode.MOUNT_YAW_ERROR, yaw.camera, yaw.warning) for yaw in yaws if yaw.warns]
+
+
+def offset_warnings(config: Config, views: Iterable[CameraView]) -> list[Diagnostic]:
+    """Cameras whose exposure stamps do not fit the attitude."""
+    offsets = [view.exposure_offset for view in views if view.exposure_offset is not None]
+    texts = {o.camera: warning_text(o, config.camera(o.camera).exposure_offset_ms) for o in offsets}
+    return [Diagnostic(DiagnosticCode.EXPOSURE_TIME_OFFSET, camera, text) for camera, text in texts.items() if text]
+
+
 class AttitudeRateCheck:
-    """Reports a rate of the attitude that stays below LEAST_ATTITUDE_HZ while attitudes arrive."""
+    """Reports an attitude rate that stays below MIN_ATTITUDE_HZ while attitudes arrive."""
 
     def __init__(self, wanted_hz: float) -> None:
         self._wanted_hz = wanted_hz
         self._low_since_ns: int | None = None
 
     def check(self, rate_hz: float, now_ns: int) -> list[Diagnostic]:
-        """rate_hz: over the last two seconds; 0: none arrive, which is another fault."""
+        """rate_hz: over the last two seconds; 0 means that no attitude arrives, which is a fault of its own."""
         if rate_hz == 0.0 or rate_hz >= MIN_ATTITUDE_HZ:
             self._low_since_ns = None
             return []
@@ -69,21 +88,21 @@ class AttitudeRateCheck:
 
 
 class GroundCheck:
-    """Reports cameras that never found ground although their frames are well measured. Ground in a single frame shows
-    that mount and attitude fit, and ends the check until the camera starts again. A camera that looks up, at a wall or
-    from above `ground_max_height_m` has no ground either: it is reported, and the text says so."""
+    """Reports cameras without ground in any frame although most pixels are measured. A single frame with ground shows
+    that mount and attitude fit, and ends the check until the camera restarts. A camera that looks up, at a wall, or
+    flies above `ground_max_height_m` sees no ground either; the text names these cases."""
 
     def __init__(self) -> None:
         self._without: dict[str, int] = {}
         self._seen: set[str] = set()
 
     def started(self, camera: str) -> None:
-        """A camera opened: what was seen before proves nothing of it."""
+        """Restarts the check: a camera opened."""
         self._without[camera] = 0
         self._seen.discard(camera)
 
     def result(self, result: PrismsResult) -> None:
-        """One frame. Frames without a valid model count neither way."""
+        """Adds a frame. Frames without a valid model are not counted."""
         model = result.model
         if model is None or not model.valid or result.camera in self._seen:
             return
@@ -93,7 +112,7 @@ class GroundCheck:
             self._without[result.camera] = self._without.get(result.camera, 0) + 1
 
     def check(self) -> list[Diagnostic]:
-        """Of all cameras."""
+        """The diagnostics of all cameras."""
         return [
             Diagnostic(DiagnosticCode.GROUND_NEVER_SEEN, camera, _ground_text(camera, count))
             for camera, count in self._without.items()
@@ -104,7 +123,7 @@ class GroundCheck:
 def _ground_text(camera: str, frames: int) -> str:
     return (
         f"camera {camera}: no ground in any frame since it started, {frames} of them at least "
-        f"{100 * WELL_MEASURED_SHARE:g} % measured; likely cause: the sign of pitch_deg or roll_deg, a camera mounted rolled "
-        "by 90 or 180 degrees, or a wrong attitude. Compare the mount in the configuration with the vehicle; no fault if "
-        "the camera looks up or sees only walls"
+        f"{100 * WELL_MEASURED_SHARE:g} % measured; likely cause: the sign of pitch_deg or roll_deg, a camera mounted "
+        "rolled by 90 or 180 degrees, or a wrong attitude. Compare the mount in the configuration with the vehicle; "
+        "not a fault if the camera looks up or sees only walls"
     )

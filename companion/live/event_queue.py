@@ -1,7 +1,7 @@
-"""What arrives for the pipeline from all threads, in one order: bounded, and of frames the newest only.
+"""The bounded queue from all threads to the pipeline: one order for all items, and only the newest frame per camera.
 
-A frame that is overtaken by a newer one of its camera before the pipeline takes it stays in its place as a word that it
-was dropped, so that the log tells of it."""
+A frame that a newer one of its camera replaces before the pipeline takes it is kept in its place as a SupersededFrame,
+so that the log records the drop."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from core.types import CameraInfo, DepthFrame
 from ..pipeline.events import Item, SupersededFrame
 
 WAKE_ITEMS = 64
-"""Samples that wait together before the pipeline is woken for them: they matter to the next frame, which wakes it too. To
-wake takes more than to handle some dozens."""
+"""Number of waiting samples at which the pipeline is woken. Samples matter only to the next frame, which wakes it
+anyway, and a wake-up costs more than the handling of some dozens of samples."""
 MAX_ITEMS = 4096
-"""Samples that wait; at 200 Hz those of 20 s. Older ones give way and are counted."""
+"""Largest number of waiting items: samples of 20 s at 200 Hz. Older items are dropped and counted."""
 
 
 class EventQueue:
-    """put_... from any thread, `take` from the pipeline's."""
+    """`put` and `put_frame` may be called from any thread, `take` from the pipeline's thread."""
 
     def __init__(self, max_items: int = MAX_ITEMS) -> None:
         self._items: deque[Item] = deque()
@@ -30,14 +30,14 @@ class EventQueue:
         self.lost = 0
 
     def put(self, items: Sequence[Item]) -> None:
-        """Samples, raw frames or a camera's description."""
+        """Adds samples, raw frames or a camera's description."""
         with self._changed:
             self._items.extend(items)
             kept: list[Item] = []
             while len(self._items) > self._max_items:
                 oldest = self._items.popleft()
                 if isinstance(oldest, CameraInfo):
-                    kept.append(oldest)  # without it, no frame of the camera could be understood
+                    kept.append(oldest)  # frames of the camera cannot be interpreted without it
                 else:
                     self.lost += 1
             self._items.extendleft(reversed(kept))
@@ -45,7 +45,7 @@ class EventQueue:
                 self._changed.notify()
 
     def put_frame(self, frame: DepthFrame) -> None:
-        """A depth frame; one of the same camera that still waits is overtaken."""
+        """Adds a depth frame. A waiting frame of the same camera is superseded."""
         with self._changed:
             for i, item in enumerate(self._items):
                 if isinstance(item, DepthFrame) and item.camera == frame.camera:
@@ -54,8 +54,8 @@ class EventQueue:
             self._changed.notify()
 
     def take(self, timeout_s: float) -> list[Item]:
-        """All that waits, up to and with the first frame: what comes behind it may still be overtaken. Waits for a frame,
-        or for several samples, and takes after timeout_s what there is."""
+        """The waiting items up to and including the first frame; later items stay, since they may still be superseded.
+        Waits up to timeout_s for a frame or for WAKE_ITEMS samples."""
         with self._changed:
             if len(self._items) < WAKE_ITEMS and not any(isinstance(item, DepthFrame) for item in self._items):
                 self._changed.wait(timeout_s)

@@ -1,4 +1,4 @@
-"""How the service is, as a message and in words."""
+"""Health report: its messages, diagnostics and state."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CLOCK_SOURCES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraView:
-    """A camera as the service sees it. blind: why, in words; empty: it sees."""
+    """State of a camera in the health report. blind: why it is blind, as text; empty: it is not."""
 
     status: CameraStatus
     required: bool
@@ -56,7 +56,7 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotView:
-    """The autopilot as the service sees it."""
+    """State of the autopilot in the health report."""
 
     address: str
     line: LinkState
@@ -65,7 +65,7 @@ class AutopilotView:
 
 
 def clock_message(clock: ClockEstimate, restarts: int) -> pb.ClockEstimate:
-    """The estimate of the autopilot's clock."""
+    """Message of the clock estimate."""
     message = pb.ClockEstimate(
         source=CLOCK_SOURCES[clock.source], offset_ns=clock.offset_ns, drift=clock.drift,
         at_boot_ns=clock.at_boot_ns, exchanges=clock.exchanges, restarts=restarts,
@@ -78,7 +78,7 @@ def clock_message(clock: ClockEstimate, restarts: int) -> pb.ClockEstimate:
 
 
 def camera_message(view: CameraView) -> pb.CameraHealth:
-    """One camera."""
+    """Message of one camera."""
     s = view.status
     message = pb.CameraHealth(
         camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
@@ -94,7 +94,7 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
 
 
 def exposure_offset_message(offset: ExposureOffset) -> pb.ExposureOffset:
-    """The measured offset of a camera's stamps; without a value unless it is measured."""
+    """Message of the measured exposure time offset; without a value unless it is measured."""
     message = pb.ExposureOffset(
         state=str(offset.state),
         text=offset.text,
@@ -108,7 +108,7 @@ def exposure_offset_message(offset: ExposureOffset) -> pb.ExposureOffset:
 
 
 def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
-    """The autopilot and the line to it."""
+    """Message of the autopilot and its link."""
     link, vehicle = view.link, view.link.vehicle
     message = pb.AutopilotHealth(
         address=view.address, line_open=view.line.open, line_error=view.line.error, line_warning="; ".join(filter(None, (view.line.flood, view.line.warning))),
@@ -122,7 +122,7 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
 
 
 def latency_message(stage: LatencyStage, p50_ms: float, p95_ms: float, p99_ms: float) -> pb.Latency:
-    """The percentiles of one stage."""
+    """Message of the percentiles of one stage."""
     return pb.Latency(
         stage=stage.value,
         p50_ms=p50_ms,
@@ -134,7 +134,7 @@ def latency_message(stage: LatencyStage, p50_ms: float, p95_ms: float, p99_ms: f
 
 
 def recording_message(status: RecordStatus) -> pb.RecordingHealth:
-    """The recorder."""
+    """Message of the recorder."""
     return pb.RecordingHealth(
         recording=status.recording, file=status.file, bytes=status.bytes, dropped=status.dropped,
         trouble=status.fault, repairing=status.repairing,
@@ -144,7 +144,8 @@ def recording_message(status: RecordStatus) -> pb.RecordingHealth:
 def diagnostics_of(
     cameras: Iterable[CameraView], autopilot: AutopilotView | None, recording: RecordStatus | None, stalled: str
 ) -> list[Diagnostic]:
-    """What is wrong, each with its cause, the worst first. stalled: which thread does not respond; empty: none."""
+    """The diagnostics of cameras, link and recorder, the most severe first. stalled: the part that does not respond;
+    empty: none."""
     views = list(cameras)
     found = [Diagnostic(DiagnosticCode.THREAD_STALLED, "", f"{stalled} hangs")] if stalled else []
     if not views:
@@ -173,7 +174,7 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
     if view is None:
         return [of(DiagnosticCode.NO_AUTOPILOT_CONFIGURED, "no autopilot is configured: set [autopilot] address")]
     if not view.line.open:
-        return [of(DiagnosticCode.LINK_CLOSED, f"no line to the autopilot: {view.line.error}")]
+        return [of(DiagnosticCode.LINK_CLOSED, f"the link to the autopilot is not open: {view.line.error}")]
     found = [of(DiagnosticCode.UDP_FLOOD, view.line.flood)] if view.line.flood else []
     if view.line.warning:
         found.append(of(DiagnosticCode.LINK_SLOW, view.line.warning))
@@ -187,16 +188,19 @@ def _autopilot_diagnostics(view: AutopilotView | None) -> list[Diagnostic]:
         return found
     if view.attitude_age_ns is None or view.attitude_age_ns > ATTITUDE_OLD_NS:
         age = "never came" if view.attitude_age_ns is None else f"is {view.attitude_age_ns / NS:.1f} s old"
-        text = f"the attitude {age}: the autopilot is silent or does not send it"
+        text = f"the attitude {age}: the autopilot does not send it or the link is interrupted"
         found.append(of(DiagnosticCode.ATTITUDE_STALE, text))
     if view.link.clock.source is ClockSource.ENVELOPE:
-        text = "the autopilot does not answer TIMESYNC: its stamps are judged by their arrival, late by its delay"
+        text = (
+            "the autopilot does not answer TIMESYNC: its timestamps are estimated from arrival times and include the "
+            "delay of the link"
+        )
         found.append(of(DiagnosticCode.NO_TIMESYNC, text))
     return found
 
 
 def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], started: bool) -> pb.Health.State:
-    """One word for all. Blind: a required camera is, or all are."""
+    """The state of the service. BLIND: a required camera is blind, or all cameras are."""
     views = list(cameras)
     if not started:
         return pb.Health.STATE_STARTING
@@ -206,8 +210,8 @@ def state_of(cameras: Iterable[CameraView], diagnostics: Sequence[Diagnostic], s
 
 
 class ProcessUsage:
-    """What the machine does for the service: processor, memory, heat; and `notes`, what it was asked for and refuses, in
-    words, though nothing depends on it."""
+    """Processor time, memory and temperatures of the service. `notes`: remarks on the configuration, shown in the
+    report."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
@@ -215,7 +219,7 @@ class ProcessUsage:
         self._cpu_s = _cpu_s()
 
     def fill(self, message: pb.Health) -> None:
-        """Adds it to a report; the processor's share is that since the report before."""
+        """Fills these fields of a report. The processor's share is measured since the previous call."""
         now_ns, cpu_s = time.monotonic_ns(), _cpu_s()
         message.uptime_ns = now_ns - self._begun_ns
         message.cpu_share = (cpu_s - self._cpu_s) / max(1e-3, (now_ns - self._last_ns) / NS)
@@ -241,12 +245,12 @@ def _memory_bytes() -> int:
 
 
 def _temperatures() -> list[pb.Temperature]:
-    """Of the sensors that the system gives."""
+    """Temperatures of the system's thermal sensors."""
     found = []
     for zone in sorted(THERMAL.glob("thermal_zone*")):
         try:
             celsius = int((zone / "temp").read_text()) / 1000.0
             found.append(pb.Temperature(sensor=(zone / "type").read_text().strip(), celsius=celsius))
         except (OSError, ValueError):
-            continue  # a sensor that is off
+            continue  # the sensor is switched off
     return found

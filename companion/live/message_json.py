@@ -1,4 +1,4 @@
-"""Messages as JSON objects whose enum values are codes."""
+"""Converts messages to JSON objects with enum values as codes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from google.protobuf.message import Message
 
 
 def message_json(message: Message) -> dict[str, Any]:
-    """All fields by their names in the schema, those with default values too. Enum values are codes: `STATE_ACTIVE` of an
-    enum `State` is "active", a number that this version does not know stays a number. Fields `..._enum` repeat a code
-    that stands beside them as a string, and are left out."""
+    """All fields by their names in the schema, including those with default values. Enum values are codes:
+    `STATE_ACTIVE` of an enum `State` becomes "active"; a number that this version does not know stays a number. Fields
+    `..._enum` are left out, since they repeat a code that another field holds as a string."""
     found: dict[str, Any] = MessageToDict(
         message, preserving_proto_field_name=True, always_print_fields_with_no_presence=True
     )

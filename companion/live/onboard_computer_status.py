@@ -1,4 +1,4 @@
-"""ONBOARD_COMPUTER_STATUS (390): how the companion computer is, for ground stations that show it. Off by default."""
+"""ONBOARD_COMPUTER_STATUS (390): state of the companion computer, for ground stations that show it. Off by default."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from drivers.mavlink.dialect import dialect
 from osape_client.proto import osape_v1_pb2 as pb
 
 PRIMARY = 0
-"""Of all computers on board, to a station that does not know better."""
+"""Type of the primary computer on board."""
 NONE_U8, NONE_I8, NONE_I16, NONE_U32 = 255, 127, 32_767, 0xFFFFFFFF
-"""What a field holds that nobody measured."""
+"""Values of fields that are not measured."""
 MAX_CORES, MAX_TEMPERATURES = 8, 8
 MEGA = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class CoreTimes:
-    """Of one core since boot, in ticks of the kernel."""
+    """Times of one core since boot, in kernel ticks."""
 
     busy: int
     all: int
 
 
 class ComputerStatus:
-    """`message` once a second or so; the share of each core is that since the message before."""
+    """Builds the message once per second. The load of each core is measured since the previous message."""
 
     def __init__(self, folder: Path, stat: Path = Path("/proc/stat"), meminfo: Path = Path("/proc/meminfo")) -> None:
         """folder: on the disk that logs are written to."""
@@ -35,7 +35,7 @@ class ComputerStatus:
         self._before = self._cores()
 
     def message(self, health: pb.Health) -> Any:
-        """health: the newest report, with heat and uptime."""
+        """health: the newest report, which gives temperatures and uptime."""
         used_mb, all_mb = self._memory_mb()
         disk_used_mb, disk_all_mb = self._disk_mb()
         temperatures = [_clamped(t.celsius) for t in health.temperatures[:MAX_TEMPERATURES]]
@@ -65,7 +65,7 @@ class ComputerStatus:
         )
 
     def _shares(self) -> list[int]:
-        """Percent that each core was busy since the last time."""
+        """Load of each core since the previous call, percent."""
         now = self._cores()
         shares = [
             max(0, min(100, round(100.0 * (b.busy - a.busy) / max(1, b.all - a.all))))
@@ -83,12 +83,12 @@ class ComputerStatus:
         for line in lines:
             words = line.split()
             if words and words[0].startswith("cpu") and words[0] != "cpu":
-                ticks = [int(word) for word in words[1:9]]  # what guests use is in what users use
+                ticks = [int(word) for word in words[1:9]]  # guest time is included in user time
                 cores.append(CoreTimes(sum(ticks) - ticks[3] - ticks[4], sum(ticks)))
         return cores
 
     def _memory_mb(self) -> tuple[int, int]:
-        """(used, all)."""
+        """Used and total memory, MB."""
         try:
             rows = dict(line.split(":", 1) for line in self._meminfo.read_text().splitlines())
             all_kb, free_kb = (int(rows[name].split()[0]) for name in ("MemTotal", "MemAvailable"))
@@ -97,7 +97,7 @@ class ComputerStatus:
         return (all_kb - free_kb) // 1024, all_kb // 1024
 
     def _disk_mb(self) -> tuple[int, int]:
-        """(used, all)."""
+        """Used and total disk space, MB."""
         try:
             usage = shutil.disk_usage(self._folder)
         except OSError:

@@ -1,7 +1,7 @@
-"""The thread that turns what arrives into prisms: the one pipeline, fed from the inbox, its results sent and recorded.
+"""The pipeline thread: takes items from the event queue, runs the pipeline, publishes and records the results.
 
-What is to be recorded of a frame, and of what came with it, is handed to the recorder when its prisms are sent, in the order
-in which it happened: nobody who waits for prisms waits for the log."""
+Calls of the recorder are collected while a frame is processed and made after its prisms are published, in the original
+order, so that recording does not delay publication."""
 
 from __future__ import annotations
 
@@ -32,24 +32,25 @@ from .health import clock_message
 from .staleness import StalenessMonitor
 
 TAKE_S = 0.1
-"""Longest wait for anything to arrive: so often, at least, the loop shows that it lives."""
+"""Longest wait for an item, and with it the longest interval between two updates of `alive_ns`."""
 COLLECT_AT, COLLECT_OLDER_AT = 350, 10
-"""New objects, and rounds through these, after which the garbage collector goes through them between two frames. Of itself
-it does at 700 and 10, most often in a frame, which then takes 0.4 ms longer."""
+"""Number of new objects, and of young collections, at which the garbage collector runs between two frames. By default
+it runs at 700 and 10, mostly during a frame, which then takes 0.4 ms longer."""
 Motion = AttitudeSample | PoseSample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockCallbacks:
-    """What the loop asks others while it records: the autopilot's clock with its restarts, and whether it is armed."""
+    """Callbacks of the recording: the estimate of the autopilot's clock with its restarts, and whether the vehicle is
+    armed."""
 
     clock: Callable[[], tuple[ClockEstimate, int]]
     armed: Callable[[], bool]
 
 
 class PipelineThread:
-    """Runs until closed. publish: called with each result and its message's bytes, show: with each depth frame after its
-    results, both from this thread. `lock` guards what others read."""
+    """Runs until closed. publish: called with each result and its encoded message; show: with each depth frame after
+    its results; both from this thread. `lock` guards the attributes that other threads read."""
 
     def __init__(
         self,
@@ -65,8 +66,8 @@ class PipelineThread:
         offset_monitor: ExposureOffsetMonitor | None = None,
         yaw_monitor: MountYawMonitor | None = None,
     ) -> None:
-        """offset_monitor, yaw_monitor: measure the cameras' exposure offsets and the yaw of their mounts from what the
-        pipeline handles; they change no result."""
+        """offset_monitor, yaw_monitor: measure the cameras' exposure time offsets and mount yaws; they do not change
+        results."""
         self._yaw_monitor = yaw_monitor
         self._offset_monitor = offset_monitor
         self._pipeline, self._event_queue, self._staleness, self._publish = pipeline, event_queue, staleness, publish
@@ -91,33 +92,33 @@ class PipelineThread:
         self._idle.set()
 
     def open(self) -> None:
-        """Starts the thread; `started` when the kernels are warm and the loop runs."""
+        """Starts the thread. `started` is true when the kernels are loaded and the loop runs."""
         self._thread.start()
 
     @property
     def started(self) -> bool:
-        """Whether the kernels are warm and the loop runs; `begun` can be waited for."""
+        """Whether the kernels are loaded and the loop runs. `begun` is the event to wait for."""
         return self.begun.is_set()
 
     @property
     def running(self) -> bool:
-        """False once the thread has ended, told or not."""
+        """Whether the thread runs."""
         return self._thread.is_alive()
 
     @property
     def failure(self) -> str:
-        """The exception that ended the thread, in words; empty: none did."""
+        """The exception that ended the thread, as text; empty: none."""
         return self._thread.failure
 
     def wait_idle(self, longest_s: float) -> bool:
-        """Waits until no frame is being handled, but no longer than this; whether none is."""
+        """Waits up to `longest_s` until no frame is being processed; returns whether that is the case."""
         return self._idle.wait(longest_s)
 
     def close(self) -> None:
-        """Ends the loop. May be called twice. The log has the frame, too, over which it hangs."""
+        """Ends the loop. May be called twice. A frame whose processing hangs is recorded."""
         self._stop.set()
         if self._thread.ident is not None:
-            # one that still loads kernels has no frame in hand, and cannot be interrupted
+            # loading of kernels cannot be interrupted, and no frame is being processed
             self._thread.join(5.0 if self.started else 0.5)
             self._flush_records()
 
@@ -125,7 +126,7 @@ class PipelineThread:
         self._warm_up()
         if self._stop.is_set():
             return
-        self.alive_ns = time.monotonic_ns()  # warming up may have taken minutes, and was no hang
+        self.alive_ns = time.monotonic_ns()  # loading the kernels may have taken minutes
         self.begun.set()
         while not self._stop.is_set():
             taken = self._event_queue.take(TAKE_S)
@@ -133,14 +134,14 @@ class PipelineThread:
             with self._recorder.deferred() if self._recorder is not None else nullcontext():
                 try:
                     self._handle_all(taken)
-                finally:  # the log has the frame, too, that no pipeline could handle
+                finally:  # also records a frame that the pipeline could not process
                     self._flush_records()
             collect_garbage()
             self._idle.set()
             self.alive_ns = time.monotonic_ns()
 
     def _handle_all(self, taken: list[Item]) -> None:
-        # cameras first: a log that begins in between describes them all, and is not given up before its first image
+        # cameras first: a log that begins during this batch describes all of them
         for item in taken:
             if isinstance(item, CameraInfo):
                 self._pipeline.announce(item)
@@ -159,12 +160,12 @@ class PipelineThread:
                         self._handle(item)
 
     def _record_raw_frames(self, frames: list[RawFrame]) -> None:
-        """Of what came on the autopilot's line."""
+        """Records MAVLink messages."""
         self._open_log(frames[0])
         self._record_later(lambda log: log.frames(frames))
 
     def _handle_motion(self, samples: list[Motion]) -> None:
-        """The vehicle moved: some attitudes and positions."""
+        """Handles attitudes and positions."""
         self._open_log(samples[0])
         self._log_clock(samples[0].t_arrival_ns)
         self._record_later(lambda log: log.events(samples))
@@ -204,7 +205,7 @@ class PipelineThread:
             self._measure_offset(item)
 
     def _measure_offset(self, frame: DepthFrame) -> None:
-        """After the frame's results are sent: nobody waits for it."""
+        """Runs the self-checks, after the frame's results are published."""
         if self._offset_monitor is not None:
             self._offset_monitor.event(frame)
             with self.lock:
@@ -246,20 +247,21 @@ class PipelineThread:
     # ---- recording ----------------------------------------------------------------------------------------------------
 
     def _record_later(self, call: Callable[[Recorder], None]) -> None:
-        """What is to be said to the recorder when the prisms are sent."""
+        """Adds a call of the recorder that is made after the prisms are published."""
         if self._recorder is not None:
             self._unrecorded.append(call)
 
     def _flush_records(self) -> None:
-        """Says it, in the order in which it happened."""
+        """Makes these calls in their original order."""
         calls, self._unrecorded = self._unrecorded, []
         for call in calls:
             assert self._recorder is not None
             call(self._recorder)
 
     def _open_log(self, item: Sample) -> None:
-        """Begins a file where one is wanted: with the first frame, when the vehicle is armed, when the one before is
-        full or failed, and with a frame after a camera came or changed: a log describes its cameras at its beginning."""
+        """Begins a log file where one is due: with the first frame, when the vehicle is armed, when the previous file
+        is full or failed, and with the first frame after a camera was added or changed, since a log describes its
+        cameras at its beginning."""
         if self._recorder is None:
             return
         wanted = self._record == "always" or (self._record == "armed" and self._clock_callbacks.armed())
@@ -274,13 +276,13 @@ class PipelineThread:
         if frame and self._described != self._pipeline.cameras:
             due = True
         if due and self._recorder.may_begin:
-            self._flush_records()  # what was before belongs to the file before
+            self._flush_records()  # earlier items belong to the previous file
             self._recorder.begin(item.t_arrival_ns, self._pipeline.cameras, self._pipeline.state())
             self._clock = ClockEstimate(ClockSource.NONE)
             self._recording, self._described = True, self._pipeline.cameras
 
     def _log_clock(self, t_ns: int) -> None:
-        """The autopilot's clock, where its estimate has changed."""
+        """Records the estimate of the autopilot's clock after a change."""
         if self._recorder is None:
             return
         clock, restarts = self._clock_callbacks.clock()
@@ -290,13 +292,13 @@ class PipelineThread:
 
 
 def collect_garbage() -> None:
-    """Collects garbage where the interpreter is about to, older generations where it is their turn."""
+    """Runs the garbage collector shortly before the interpreter would; older generations in their turn."""
     new, rounds, older_rounds = gc.get_count()
     if new > COLLECT_AT:
         gc.collect(0 if rounds <= COLLECT_OLDER_AT else 1 if older_rounds <= COLLECT_OLDER_AT else 2)
 
 
 def _kind(item: Item) -> type:
-    """Items of one kind that follow each other are handled together; attitudes and positions come by turns."""
+    """Successive items of one kind are handled together; attitudes and positions count as one kind."""
     kind = type(item)
     return AttitudeSample if kind is PoseSample else kind

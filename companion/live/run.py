@@ -1,4 +1,4 @@
-"""`companion run`: the live service, until it is told to stop."""
+"""`companion run`: runs the live service until it is stopped."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 log = logging.getLogger("companion")
 
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
-"""syslog's, in front of each line: journald reads them."""
+"""Priorities of syslog, which journald reads at the beginning of a line."""
 
 
 MAX_LATE_S = 0.5
-"""Of ticks: what is missed beyond is not made up for."""
+"""Largest delay of a tick that later ticks make up for."""
 IDLE_WAIT_S = 0.03
-"""A tick waits so long, at most, for the frame at hand: a report takes some milliseconds of Python, for which frames would
-have to wait."""
+"""Longest wait of a tick for the end of the frame being processed: a report takes some milliseconds of Python, which
+would delay the frame."""
 
 
 class JournalFormatter(logging.Formatter):
-    """`<N>message` for the journal, time and message for people."""
+    """Formats `<N>message` for the journal, otherwise time, level and message."""
 
     def __init__(self, journal: bool) -> None:
         super().__init__("%(message)s" if journal else "%(asctime)s %(levelname)s %(message)s")
@@ -49,25 +49,27 @@ class JournalFormatter(logging.Formatter):
 
 
 def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: float) -> int:
-    """Runs until stopped or until a loop has ended; 0 or 1."""
+    """Runs the main loop until stopped (0) or until a required part has ended (1)."""
     previous: list[str] = []
     ready = False
     next_alive_s = 0.0
     next_tick_s = time.monotonic()
     while not stop.is_set():
-        # the rate is kept over what a tick takes, and a late one is made up for: blindness is said so often, not rarer
+        # fixed rate independent of the duration of a tick: blind cameras are reported at [service] blind_hz
         next_tick_s = max(next_tick_s + tick_s, time.monotonic() - MAX_LATE_S)
-        (stop if ready else service.loop.begun).wait(max(0.0, next_tick_s - time.monotonic()))  # told at once
+        (stop if ready else service.loop.begun).wait(
+            max(0.0, next_tick_s - time.monotonic())
+        )  # returns at once when set
         service.loop.wait_idle(IDLE_WAIT_S)
         service.tick()
         if ended := service.failures() or ("" if service.loop.running else "the pipeline has ended"):
-            # an autopilot that flies on without our word must not wait for the watchdog
-            log.critical("%s; the service ends, to be started again", ended)
+            # the autopilot must not wait for the watchdog: end at once so that systemd restarts the service
+            log.critical("%s; the service ends so that systemd restarts it", ended)
             return 1
         if service.started and not ready:
             ready = True
             notifier.ready()
-            log.info("ready: the loops run")
+            log.info("ready")
         stalled = service.stalled_part()
         now_s = time.monotonic()
         if now_s >= next_alive_s:
@@ -84,7 +86,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
 
 
 def _log_changes(now: list[str], before: list[str]) -> None:
-    """Each line once, when it comes and when it goes; numbers in it may go on changing."""
+    """Logs each diagnostic when it appears and when it is cleared; changes of numbers within it are not logged."""
     old, new = {_without_digits(t): t for t in before}, {_without_digits(t): t for t in now}
     for kind, line in new.items():
         if kind not in old:
@@ -100,25 +102,28 @@ def _without_digits(line: str) -> str:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion run`."""
-    parser = subparsers.add_parser("run", help="the live service: cameras and autopilot in, prisms out")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=True, help="such as configs/oak.toml")
+    parser = subparsers.add_parser("run", help="run the live service: cameras and autopilot in, obstacles out")
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="FILE", required=True, help="configuration file, such as configs/oak.toml"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: stopped as told; 1: it could not run, or a part of it ended."""
-    gc.disable()  # a start makes much and leaves nothing behind; it is put aside in the end, then collecting begins
-    faulthandler.enable()  # systemd's watchdog sends SIGABRT: where each thread hung is then in the journal
-    cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba loads it where it is installed, for nothing
+    """0: stopped on request; 1: a part could not start or has ended."""
+    gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
+    faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
+    cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
     config = load_config(args.config)
-    from ..kernels.warmup import Loading, WarmupError
+    from ..kernels.child_process import WarmupError
+    from ..kernels.warmup import Loading
 
     world = ("world",) if config.publish.world else ()
-    loading = Loading("extractor", *world)  # beside by far most of the modules
+    loading = Loading("extractor", *world)  # loads beside the imports, which take longer
     stop = threading.Event()
 
     def end(*_: object) -> None:
         stop.set()
-        loading.cancel()  # no child compiles on for a minute
+        loading.cancel()  # ends a child process that compiles
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)

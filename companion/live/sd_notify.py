@@ -1,4 +1,4 @@
-"""Words to systemd over its notification socket; nothing happens where there is none."""
+"""Notifications to systemd over its socket; without a socket nothing is sent."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import os
 import socket
 
 STOPPING_S = 15.0
-"""More than the unit's TimeoutStopSec, which is what bounds the end."""
+"""Longer than the unit's TimeoutStopSec, which limits the shutdown."""
 
 
 class Notifier:
-    """READY, STATUS and WATCHDOG of a unit of Type=notify. watchdog_s: how often systemd wants a sign of life."""
+    """Sends READY, STATUS and WATCHDOG for a unit of Type=notify. watchdog_s: interval of the watchdog; None: no
+    watchdog."""
 
     def __init__(self, environment: dict[str, str] | None = None) -> None:
         env = os.environ if environment is None else environment
@@ -23,27 +24,27 @@ class Notifier:
         self._status = ""
 
     def ready(self) -> None:
-        """The loops run."""
+        """Reports that the service is ready."""
         self._send("READY=1")
 
     def status(self, text: str) -> None:
-        """One line for `systemctl status`; the same one twice is sent once."""
+        """One line for `systemctl status`. An unchanged line is not sent again."""
         line = text.replace("\n", " ")
         if line != self._status:
             self._status = line
             self._send(f"STATUS={line}")
 
     def feed_watchdog(self) -> None:
-        """Feeds the watchdog."""
+        """Resets the watchdog."""
         self._send("WATCHDOG=1")
 
     def extend_timeout(self, seconds: float) -> None:
-        """Starting goes on for so long: kernels are compiled."""
+        """Extends the start timeout while kernels are compiled."""
         self._send(f"EXTEND_TIMEOUT_USEC={round(seconds * 1e6)}")
 
     def stopping(self) -> None:
-        """We end because we were told to. Nobody feeds the watchdog while a log is finished on a slow disk: it is
-        given more time than the unit gives us to stop."""
+        """Reports the shutdown and extends the watchdog beyond it: finishing a log on a slow disk takes longer than the
+        interval."""
         watchdog = f"\nWATCHDOG_USEC={round(STOPPING_S * 1e6)}" if self.watchdog_s is not None else ""
         self._send("STOPPING=1" + watchdog)
 
@@ -53,4 +54,4 @@ class Notifier:
         try:
             self._socket.sendto(text.encode(), self._address)
         except OSError:
-            return  # systemd is busy or gone: it will judge by the watchdog
+            return  # systemd is busy or has ended; its watchdog covers this case

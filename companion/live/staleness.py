@@ -1,4 +1,4 @@
-"""Which cameras are blind, and why. Silence, staleness and invalid frames are all the same to whoever flies on them."""
+"""Decides which cameras are blind: no frames, invalid frames and old frames have the same effect."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class _Camera:
 
 
 class StalenessMonitor:
-    """Takes the results in and answers for any instant. A camera is blind until a valid result says otherwise, and
-    again when the newest valid exposure is older than stale_s."""
+    """Takes the results and answers for any instant. A camera is blind until its first valid result, after an invalid
+    one, and when the newest valid exposure is older than stale_s."""
 
     def __init__(self, cameras: tuple[str, ...], stale_s: float) -> None:
         self._stale_ns = round(stale_s * NS)
         self._cameras = {camera: _Camera() for camera in cameras}
 
     def result(self, result: PrismsResult) -> None:
-        """What a frame said."""
+        """Adds the result of a frame."""
         seen = self._cameras[result.camera]
         seen.sequence = result.sequence
         if result.valid:
@@ -35,12 +35,12 @@ class StalenessMonitor:
             seen.cause = result.cause_text
 
     def age_ns(self, camera: str, now_ns: int) -> int | None:
-        """Of the newest valid exposure; None: there was none."""
+        """Age of the newest valid exposure; None: there was none."""
         exposure_ns = self._cameras[camera].exposure_ns
         return None if exposure_ns is None else now_ns - exposure_ns
 
     def cause(self, camera: str, now_ns: int, status: CameraStatus | None = None) -> str:
-        """Why a camera is blind, in words; empty when it is not."""
+        """Why a camera is blind, as text; empty if it is not."""
         seen = self._cameras[camera]
         age_ns = self.age_ns(camera, now_ns)
         if age_ns is not None and age_ns <= self._stale_ns and not seen.cause:
@@ -52,5 +52,5 @@ class StalenessMonitor:
         return f"the newest valid exposure is {(age_ns or 0) / NS:.1f} s old"
 
     def sequence(self, camera: str) -> int:
-        """Of the newest frame that said anything."""
+        """Sequence number of the newest frame with a result."""
         return self._cameras[camera].sequence

@@ -1,4 +1,4 @@
-"""`companion status`: how the running service is, in words."""
+"""`companion status`: prints the health report of the running service."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ PROBE_S = 1.0
 
 
 def address_in_use(address: str) -> bool:
-    """Whether a service holds an address: a socket that nobody holds refuses at once. Raises PermissionError where this
-    user may not ask. Where it cannot be told at all: True."""
+    """Whether a process listens on an address. Raises PermissionError where this user may not connect. True where it
+    cannot be determined."""
     try:
         if address.startswith("ipc://"):
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
@@ -50,7 +50,7 @@ def address_in_use(address: str) -> bool:
 
 
 def newest_health(address: str, timeout_s: float) -> pb.Health:
-    """The next health report on an address. Raises DeviceNotFound when none comes."""
+    """The next health report on an address. Raises DeviceNotFound when none arrives."""
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     subscriber = context.socket(zmq.SUB)
     try:
@@ -59,8 +59,9 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
         subscriber.connect(address)
         if not subscriber.poll(round(timeout_s * 1000)):
             raise DeviceNotFound(
-                f"no health report on {address} within {timeout_s:g} s: the service does not run (systemctl status "
-                "osape-companion, or `companion run`), or publishes elsewhere (give its configuration with -c)"
+                f"no health report on {address} within {timeout_s:g} s: the service does not run (check `systemctl "
+                "status osape-companion`, start `companion run`) or publishes elsewhere (give its configuration with "
+                "-c)"
             )
         return pb.Health.FromString(subscriber.recv())
     finally:
@@ -69,16 +70,16 @@ def newest_health(address: str, timeout_s: float) -> pb.Health:
 
 
 def status_lines(h: pb.Health) -> list[str]:
-    """A report for people."""
+    """The report as text for people."""
     lines = [f"{STATES.get(h.state, 'unknown').upper()} for {_span(h.uptime_ns)}"]
-    diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older versions: texts alone
+    diagnostics = [f"{d.code}: {d.text}" for d in h.diagnostics] or list(h.troubles)  # older services send texts only
     lines += [f"  ! {line}" for line in diagnostics] or ["  OK"]
     lines += [f"  note: {note}" for note in h.notes]
     lines += [f"  safety key changed: {key}" for key in h.changed_safety_keys]
     for c in h.cameras:
-        age = f"newest valid exposure {c.age_ns / MS:.0f} ms ago" if c.HasField("age_ns") else "no valid exposure yet"
+        age = f"frame age {c.age_ns / MS:.0f} ms" if c.HasField("age_ns") else "no valid frame yet"
         kind = "" if c.required else ", not required"
-        restarts = f", started {c.starts} times (the last: {c.last_loss})" if c.starts > 1 else ""
+        restarts = f", process started {c.starts} times, last cause: {c.last_loss}" if c.starts > 1 else ""
         lines.append(f"camera {c.camera}: {c.condition}{kind}, {c.hz:.1f} Hz, {age}, {c.dropped} superseded{restarts}")
         if c.HasField("exposure_offset"):
             lines.append(f"  exposure time offset: {c.exposure_offset.text}")
@@ -87,35 +88,36 @@ def status_lines(h: pb.Health) -> list[str]:
         if c.HasField("info"):
             info = camera_from_message(c.info)
             lines.append(
-                f"  obstacles are found up to {obstacle_range_m(info):.1f} m with ke_per_m = {info.ke_per_m:g}"
+                f"obstacles are detected up to {obstacle_range_m(info):.1f} m (depth noise ke_per_m = "
+                f"{info.ke_per_m:g})"
             )
     if h.HasField("autopilot"):
         lines += _autopilot_lines(h.autopilot)
     r = h.recording
     if r.recording:
-        lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} dropped")
+        lines.append(f"log: {r.file}, {r.bytes / 1e6:.1f} MB, {r.dropped} items dropped")
     else:
         lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
     if r.repairing:
-        lines.append(f"log: repairing {r.repairing}, which a killed run left")
+        lines.append(f"log: repairing {r.repairing}, left unfinished by an earlier run")
     dropped = ", ".join(f"{count} {text_of(code, DropCause)}" for code, count in sorted(h.frames_dropped.items()))
     lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
     if h.samples_lost:
-        lines.append(f"samples of the autopilot that were lost: {h.samples_lost}")
+        lines.append(f"attitude and position samples lost: {h.samples_lost}")
     for latency in h.latencies:
         lines.append(
             f"  {latency.text or latency.stage}: {latency.p50_ms:.1f} / {latency.p95_ms:.1f} / {latency.p99_ms:.1f} ms (p50/p95/p99)"
         )
     temperatures = ", ".join(f"{t.sensor} {t.celsius:.0f} C" for t in h.temperatures)
     lines.append(
-        f"machine: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB"
+        f"service: {100.0 * h.cpu_share:.0f} % of a core, {h.memory_bytes / 1e6:.0f} MB"
         + (f", {temperatures}" if temperatures else "")
     )
     return lines
 
 
 def health_json(h: pb.Health) -> dict[str, Any]:
-    """The object of `--json`: the report with enum values as their codes, and beside the codes that are keys their texts."""
+    """The object of `--json`: the report with enum values as codes, and the texts of codes that are keys."""
     found = message_json(h)
     found["texts"] = texts_of(h.frames_dropped, DropCause) | texts_of(h.autopilot.counts, LinkAnomaly)
     return found
@@ -123,14 +125,15 @@ def health_json(h: pb.Health) -> dict[str, Any]:
 
 def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
     if not a.line_open:
-        return [f"autopilot: no line on {a.address}: {a.line_error}"]
+        return [f"autopilot: the link {a.address} is not open: {a.line_error}"]
     if not a.autopilot:
-        return [f"autopilot: none heard on {a.address}"]
+        return [f"autopilot: no heartbeat on {a.address}"]
     source = {1: "not synchronised (arrival times only)", 2: "synchronised"}.get(a.clock.source, "unknown")
     bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
     lines = [
-        f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude {a.attitude_hz:.0f} Hz, "
-        f"position {a.position_hz:.0f} Hz, clock {source}{bound}, restarts {a.clock.restarts}"
+        f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude "
+        f"{a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, autopilot reboots "
+        f"{a.clock.restarts}"
     ]
     anomalies = ", ".join(f"{count} {text_of(code, LinkAnomaly)}" for code, count in sorted(a.counts.items()))
     return [*lines, f"  {anomalies}"] if anomalies else lines
@@ -145,14 +148,16 @@ def _span(ns: int) -> str:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion status`."""
-    parser = subparsers.add_parser("status", help="how the running service is, in words")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="the service's, where it publishes elsewhere")
-    parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="patience for a report (3 s)")
+    parser = subparsers.add_parser("status", help="show the state of the running service")
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="FILE", help="configuration of the service, where it publishes elsewhere"
+    )
+    parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="time limit for a report (3 s)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: it sees; 1: it is blind or starting, or there is no report."""
+    """0: the service detects obstacles; 1: it is blind or starting, or sends no report."""
     default = "ipc://{run}/health" if args.config is None else load_config(args.config).publish.health
     report = newest_health(default.replace("{run}", str(run_folder())), args.timeout)
     if args.json:

@@ -1,8 +1,8 @@
-"""The thread that merges what the frames say, and streams it: changes, a snapshot now and then and to whoever asks.
+"""The thread that merges the frames into one world and publishes it: changes, periodic snapshots, and snapshots on
+request.
 
-It has a socket for changes, of which none is skipped for a listener that keeps up, and one that answers each request with a
-snapshot. The pipeline never waits for it: frames that it cannot take in time are dropped and counted, the oldest first.
-"""
+A subscriber of the changes that keeps up misses none; a request on the second socket is answered with a snapshot. The
+pipeline never waits for this thread: when its queue is full, the oldest frames are dropped and counted."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from ..streams.world_messages import world_message
 
 NS = 1_000_000_000
 CHANGES_NS = NS // 5
-"""From one change to the next."""
+"""Interval of the changes."""
 SNAPSHOT_NS = 10 * NS
-"""From one snapshot in the stream to the next, at the latest."""
+"""Longest interval of the snapshots in the stream."""
 _WAITING = 8
-"""Frames that wait, at most."""
+"""Largest number of waiting frames."""
 _POLL_MS = 20
 NO_POSITION_NS = NS // 2
-"""Without a frame in ned for so long the world cannot be used: nobody knows where the vehicle is in it."""
+"""Longest time without a frame in ned after which the world is invalid: the vehicle's position in it is unknown."""
 
 
 class WorldThread:
-    """`put` results of frames from any thread. changes, requests: open sockets, PUB and REP, which are its from then on."""
+    """`put` takes results from any thread. changes, requests: open PUB and REP sockets, owned by this object."""
 
     def __init__(self, params: WorldParams, changes: Publisher, requests: Publisher, boot: str) -> None:
         self.world = World(params)
@@ -62,7 +62,7 @@ class WorldThread:
         self._thread.start()
 
     def put(self, result: PrismsResult) -> None:
-        """What a frame said; never waits."""
+        """Queues the result of a frame. Never blocks."""
         with self._lock:
             if len(self._waiting) == _WAITING:
                 self._waiting.popleft()
@@ -70,12 +70,12 @@ class WorldThread:
             self._waiting.append(result)
 
     def diagnostics(self, now_ns: int, liveness_timeout_s: float) -> list[Diagnostic]:
-        """What is wrong with it."""
+        """The diagnostics of this thread."""
         if self._thread.failure:
-            text = f"the merged world has ended ({self._thread.failure}): planners must not use it"
+            text = f"the merged world has ended ({self._thread.failure}): planners must not use it; restart the service"
             return [Diagnostic(DiagnosticCode.WORLD_FAULT, "", text)]
         if now_ns - self.alive_ns > liveness_timeout_s * NS:
-            text = "the merged world stands still: planners must not use it"
+            text = "the merged world is not updated: planners must not use it"
             return [Diagnostic(DiagnosticCode.WORLD_STALLED, "", text)]
         return []
 
@@ -95,7 +95,7 @@ class WorldThread:
         try:
             self._loop()
         finally:
-            self._close_sockets()  # by the thread whose they are
+            self._close_sockets()  # closed by the thread that uses them
 
     def _loop(self) -> None:
         while not self._stop.is_set():
@@ -103,7 +103,7 @@ class WorldThread:
             self._take()
             now_ns = time.monotonic_ns()
             if asked:
-                self._requests.socket.recv_multipart()  # what it holds does not matter
+                self._requests.socket.recv_multipart()  # the content of a request is not used
                 self._requests.publish(self._completed(self._snapshot(now_ns), now_ns))
             if now_ns >= self._next_ns:
                 self._next_ns = now_ns + CHANGES_NS
@@ -111,7 +111,7 @@ class WorldThread:
             self.alive_ns = now_ns
 
     def _take(self) -> None:
-        """Merges the frames that wait."""
+        """Merges the waiting frames."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
@@ -126,7 +126,7 @@ class WorldThread:
                 self._newest_ns = sight.t_ns
 
     def _publish_changes(self, now_ns: int) -> None:
-        """The next message of the stream."""
+        """Publishes the next message of the stream."""
         section = 0 if self.world.section is None else self.world.section.number
         epoch = self.world.epoch(now_ns)
         self._sequence += 1
@@ -140,13 +140,14 @@ class WorldThread:
         self._changes.publish(self._completed(message, now_ns))
 
     def _snapshot(self, now_ns: int) -> pb.WorldUpdate:
-        """All there is. It may hold more than the newest message of the stream did: what follows says it again."""
+        """A snapshot of the whole world. It may be newer than the last message of the stream; the next changes repeat
+        the difference."""
         message = world_message(self.world.picture(now_ns), np.zeros(0, np.int32), now_ns)
         message.snapshot = True
         return message
 
     def _completed(self, message: pb.WorldUpdate, now_ns: int) -> pb.WorldUpdate:
-        """With what every message says."""
+        """Fills the fields that every message has."""
         message.schema_version, message.sequence = SCHEMA_VERSION, self._sequence
         age_ns = None if self._newest_ns is None else now_ns - self._newest_ns
         message.valid = age_ns is not None and age_ns <= NO_POSITION_NS
@@ -168,7 +169,7 @@ class WorldThread:
 def open_world(
     config: Config, run: Path, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None, boot: str
 ) -> WorldThread | None:
-    """The merged world with its thread started; None where it has no addresses. Raises as a Publisher does."""
+    """The merged world with its thread started; None where no address is configured. Raises as Publisher does."""
     publish = config.publish
     if not publish.world:
         return None
@@ -185,8 +186,8 @@ def open_world(
 
 
 def observation_of(result: PrismsResult) -> Sight | None:
-    """What the world takes of a frame; None where it has no position, or says nothing. Raises ValueError where the
-    position cannot be one."""
+    """The observation of a frame for the world; None for an invalid frame or one without a position. Raises ValueError
+    for an unusable position."""
     if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:
         return None
     return Sight(

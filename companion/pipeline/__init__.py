@@ -1,1 +1,1 @@
-"""From depth, attitude and pose to published models: matching in time, extraction, transforms, messages."""
+"""The pipeline from depth, attitude and position to published models."""

@@ -1,8 +1,8 @@
-"""What the pipeline says, to and from its messages (osape.v1). What comes from the hardware: drivers/logs/codec.py.
+"""Encodes and decodes the results and the state of the pipeline (osape.v1). Messages of the hardware:
+drivers/logs/codec.py.
 
-Every `..._from_message` raises ValueError for a message that does not fit. Conversions there and back lose nothing:
-arrays are float32 on both sides.
-"""
+Every `..._from_message` raises ValueError for an inconsistent message. Encoding and decoding are lossless: arrays are
+float32 on both sides."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ MODEL_FIELDS: Final = np.array(
     ],
     np.uint8,
 )
-"""Numbers of fields in the order of companion/pipeline/fast_encode.py."""
+"""Field numbers in the order that companion/pipeline/fast_encode.py expects."""
 
 
 def wire_bytes(message: Message) -> bytes:
-    """The message's bytes, the same ones for the same content."""
+    """The encoded message; equal messages give equal bytes."""
     return message.SerializeToString(deterministic=True)
 
 
 def _set_ground(message: pb.Ground, ground: Ground) -> None:
-    """The ground under the camera, into a message."""
+    """Fills the ground of a message."""
     message.seen, message.height_m, message.share = ground.seen, ground.height_m, ground.share
     message.slope_x, message.slope_y = ground.slope_x, ground.slope_y
     message.blind_beyond_m = ground.blind_beyond_m
@@ -73,7 +73,7 @@ def _set_ground(message: pb.Ground, ground: Ground) -> None:
 
 
 def prisms_bytes(result: PrismsResult) -> bytes:
-    """What one frame says as a message's bytes; for a dropped frame valid = false and why."""
+    """The result of one frame as an encoded PrismsFrame; for a dropped frame valid is false and the cause is set."""
     model = result.model
     message = pb.PrismsFrame(
         schema_version=SCHEMA_VERSION,
@@ -85,7 +85,7 @@ def prisms_bytes(result: PrismsResult) -> bytes:
         cause=cause_message(result.drop if model is None else model.cause),
         cause_text=result.cause_text,
     )
-    # set in place: a message that is handed over is written and read again to become a part of another
+    # fields are set in place: a submessage passed to the constructor is encoded and decoded again
     if result.attitude is not None:
         _set_attitude(message.attitude, result.attitude)
     if result.pose is not None:
@@ -100,18 +100,20 @@ def prisms_bytes(result: PrismsResult) -> bytes:
     for name, value in zip(STATS, _stats(model.stats), strict=True):
         setattr(stats, name, value)
     message.ke_per_m = model.ke_per_m
-    from companion.pipeline.fast_encode import encode_model  # compiled: planners, who only read, need no numba
+    from companion.pipeline.fast_encode import (
+        encode_model,
+    )  # imported late: planner clients, which only decode, have no numba
 
-    return wire_bytes(message) + encode_model(MODEL_FIELDS, model)  # a message's bytes in two parts are one message
+    return wire_bytes(message) + encode_model(MODEL_FIELDS, model)  # two concatenated encodings decode as one message
 
 
 def prisms_message(result: PrismsResult) -> pb.PrismsFrame:
-    """The message of `prisms_bytes`."""
+    """The decoded message of `prisms_bytes`."""
     return pb.PrismsFrame.FromString(prisms_bytes(result))
 
 
 def blind_message(camera: str, sequence: int, t_exposure_ns: int, cause_text: str) -> pb.PrismsFrame:
-    """The word of a camera that gives no frame that could be used, in its place. The stamp: of its newest exposure."""
+    """The invalid frame of a camera without a usable frame. t_exposure_ns: its newest exposure."""
     return pb.PrismsFrame(
         schema_version=SCHEMA_VERSION,
         camera=camera,
@@ -137,9 +139,12 @@ def _set_pose(message: pb.PoseUsed, pose: PoseAt) -> None:
 
 
 def prisms_from_message(message: pb.PrismsFrame) -> PrismsResult:
-    """What one frame says, of a message. Its arrival is not part of the message and comes out as 0."""
+    """Decodes the result of one frame. The message has no arrival time: t_arrival_ns is 0."""
     if message.schema_version != SCHEMA_VERSION:
-        raise ValueError(f"prisms of schema version {message.schema_version}; this software reads {SCHEMA_VERSION}")
+        raise ValueError(
+            f"prisms of schema version {message.schema_version}; this version reads {SCHEMA_VERSION}: update the "
+            "older side"
+        )
     model = model_from_message(message)
     drop = DropCause.NONE
     if model is None:
@@ -175,7 +180,7 @@ def _transform(message: pb.LevelTransform) -> LevelTransform:
 
 
 def decision_message(decision: FrameDecision) -> pb.FrameDecision:
-    """Whether a frame was used, and why not."""
+    """Encodes a decision on a frame."""
     return pb.FrameDecision(
         camera=decision.camera,
         sequence=decision.sequence,
@@ -191,10 +196,10 @@ def decision_message(decision: FrameDecision) -> pb.FrameDecision:
 
 
 def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
-    """A decision of a message."""
+    """Decodes a decision on a frame."""
     cause = cause_from_number(message.cause, DropCause)
     if not isinstance(cause, DropCause):
-        raise ValueError(f"cause {message.cause} of a decision")
+        raise ValueError(f"cause {message.cause} is not valid for a decision")
     return FrameDecision(
         camera=message.camera,
         sequence=message.sequence,
@@ -209,12 +214,12 @@ def decision_from_message(message: pb.FrameDecision) -> FrameDecision:
 
 
 def _known(value: float) -> float | None:
-    """The value; None, so that the field is absent, for nan."""
+    """The value; None for nan, so that the field is absent."""
     return None if math.isnan(value) else value
 
 
 def state_message(state: PipelineState) -> pb.StateSnapshot:
-    """What later frames depend on."""
+    """Encodes the state that later frames depend on."""
     return pb.StateSnapshot(
         cameras=[
             pb.CameraState(
@@ -235,7 +240,7 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
 
 
 def state_from_message(message: pb.StateSnapshot) -> PipelineState:
-    """A snapshot of a message."""
+    """Decodes a state snapshot."""
     cameras = tuple(
         (
             camera.camera,

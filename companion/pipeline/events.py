@@ -1,4 +1,4 @@
-"""What the threads of the service hand to the pipeline and the recorder, beside frames and samples."""
+"""Items that the threads of the service pass to the pipeline and the recorder, besides frames and samples."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 @dataclass(frozen=True, slots=True)
 class SupersededFrame:
-    """A frame that a newer one replaced; its pixels are gone."""
+    """A frame that a newer frame of its camera replaced before its use; its pixels are discarded."""
 
     camera: str
     sequence: int
@@ -21,7 +21,7 @@ class SupersededFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawFrame:
-    """A MAVLink message as it came."""
+    """A MAVLink message as received."""
 
     data: bytes
     t_arrival_ns: int
@@ -29,7 +29,7 @@ class RawFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogMessage:
-    """For the log alone: a message of the table of topics by its key."""
+    """A message for the log only. key: its key in the table of topics."""
 
     key: str
     message: Message

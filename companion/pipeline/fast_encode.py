@@ -1,7 +1,8 @@
-"""A frame's model as bytes, in the encoding of Protocol Buffers; the numbers of the fields are the caller's.
+"""Encodes the model of a frame in the Protocol Buffers wire format; the caller gives the field numbers.
 
-To make an object of each prism and let the library write it takes eight times as long, as much as to find them all. A
-field that is nothing is written here, too, which the library leaves out: it reads the same."""
+Building a Python object per prism and encoding it with the library takes eight times as long, which is as long as the
+extraction of all prisms. Zero-valued fields, which the library omits, are written here; the decoded message is the
+same."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from core.jit import inner
 from core.stages.prism_table import NO_PRISMS, prism_table
 from core.types import FrameModel
 
-# places in `fields`: of the message around them, of planes, of a prism, of free ranges
+# indices into `fields`: of the enclosing message, of planes, of a prism, of the free ranges
 (
     PLANES, PRISMS, FREE,
     CORNERS, PLANE_MARGIN, SUPPORT, FLAGS, PLANE_CLUSTER,
@@ -20,17 +21,19 @@ from core.types import FrameModel
     AZIMUTHS, LAYERS, FREE_FROM, FREE_TO, END,
 ) = range(20)  # fmt: skip
 _VARINT, _BYTES, _FLOAT = 0, 2, 5
-"""How a field is written: with eight times its number it is its key."""
+"""Wire types: a field's key is 8 * number + wire type."""
 _HEAD_BYTES = 64
-"""At most, of a prism but for its vertices and planes: keys, lengths and numbers. The same of all else in a model."""
+"""Upper bound of the bytes of a prism without its vertices and planes, and of the rest of a model: keys, lengths,
+numbers."""
 _FIXED = 20
-"""Bytes of a prism's keys and of the numbers that take the same always."""
+"""Bytes of a prism's keys and of its fields of fixed size."""
 _MAX_VARINT_BYTES = 5
-"""Bytes of a whole number of 32 bits."""
+"""Largest size of an encoded 32-bit integer."""
 
 
 def encode_model(fields: NDArray[np.uint8], model: FrameModel) -> bytes:
-    """Planes, prisms and free ranges. fields: (20,) uint8, the number of each by the places above, all of them 1 to 15."""
+    """Encodes planes, prisms and free ranges. fields: (20,) uint8, the field numbers by the indices above, each 1 to
+    15."""
     table, free = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS, model.free
     planes, ranges = len(model.planes), free.free_from_m.size
     floats = 7 * planes + len(free.azimuth_edges_rad) + len(free.layer_edges_m) + 2 * ranges
@@ -49,7 +52,7 @@ def write_model(
     fields, planes, plane_margin, support_px, flags, plane_cluster, cluster, heights, closed, margin, vertex_begin, edge_begin,
     vertices, plane, azimuths, layers, free_from, free_to, end, out,
 ):  # fmt: skip
-    """See `encode_model`; the number of bytes written to `out`."""
+    """The kernel of `encode_model`: writes to `out` and returns the number of bytes."""
     at = _write_planes(fields, planes, plane_margin, support_px, flags, plane_cluster, out)
     at = _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out, at)
     return _write_free(fields, azimuths, layers, free_from, free_to, end, out, at)
@@ -138,20 +141,20 @@ def _write_free(fields, azimuths, layers, free_from, free_to, end, out, at):
 
 @inner
 def _tag_and_length(out, at, field, size):
-    """The key and length of so many bytes, at a place; the place behind them."""
+    """Writes key and length of a field of `size` bytes at `at`; returns the next index."""
     out[at] = 8 * field + _BYTES
     return _varint(out, at + 1, size)
 
 
 @inner
 def _unsigned(value):
-    """An int32's bits: a reader takes no more of one below zero."""
+    """The bits of an int32 as an unsigned number."""
     return np.int64(value) & 0xFFFFFFFF
 
 
 @inner
 def _length(value):
-    """How many bytes a whole number takes."""
+    """Size of an encoded integer, bytes."""
     count = 1
     while value > 127:
         value >>= 7
@@ -161,7 +164,7 @@ def _length(value):
 
 @inner
 def _varint(out, at, value):
-    """A whole number, seven bits a byte, the lowest first, at a place; the place behind it."""
+    """Writes a varint at `at`, seven bits per byte, lowest first; returns the next index."""
     while value > 127:
         out[at] = value & 127 | 128
         value >>= 7
@@ -172,7 +175,7 @@ def _varint(out, at, value):
 
 @inner
 def _floats(out, at, values):
-    """float32, one after the other."""
+    """Writes float32 values in sequence."""
     for value in values:
         at = _float(out, at, value)
     return at

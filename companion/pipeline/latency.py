@@ -1,4 +1,4 @@
-"""How long frames take, stage by stage: percentiles over the newest ones."""
+"""Latency of frames by stage: percentiles over the newest frames."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from core.codes import Code
 
 
 class LatencyStage(Code):
-    """What is timed, in the order of a frame's way. EXTRACT takes longer than EXTRACT_CPU where other programs, or other
-    threads, have the processor."""
+    """Measured stages in processing order. EXTRACT exceeds EXTRACT_CPU by the time in which other threads or programs
+    had the processor."""
 
     CAMERA = "camera", "exposure to arrival"
     WAIT = "wait", "waiting"
     EXTRACT = "extract", "extracting"
-    EXTRACT_CPU = "extract_cpu", "extracting, processor's time"
+    EXTRACT_CPU = "extract_cpu", "extracting, processor time"
     PUBLISH = "publish", "publishing"
     EXPOSURE_TO_PUBLISH = "exposure_to_publish", "exposure to published"
-    EXPOSURE_TO_AUTOPILOT = "exposure_to_autopilot", "exposure to told"
+    EXPOSURE_TO_AUTOPILOT = "exposure_to_autopilot", "exposure to obstacle message"
 
 
 FRAME_STAGES = (
@@ -32,17 +32,18 @@ _WINDOW = 512
 
 
 class Latencies:
-    """`add` in nanoseconds; `percentiles` in milliseconds."""
+    """`add` takes nanoseconds; `percentiles` returns milliseconds."""
 
     def __init__(self, stages: tuple[LatencyStage, ...] = FRAME_STAGES) -> None:
         self._newest_ns: dict[LatencyStage, deque[int]] = {stage: deque(maxlen=_WINDOW) for stage in stages}
 
     def add(self, stage: LatencyStage, took_ns: int) -> None:
-        """One frame's time in a stage."""
+        """Adds the time of one frame in a stage."""
         self._newest_ns[stage].append(took_ns)
 
     def percentiles(self) -> list[tuple[LatencyStage, float, float, float]]:
-        """(stage, p50, p95, p99) of the stages with frames; the p-th is the least that p % do not exceed."""
+        """(stage, p50, p95, p99) in ms of the stages with frames. The p-th percentile is the smallest value that p % do
+        not exceed."""
         found = []
         for stage, held in self._newest_ns.items():
             if held:

@@ -1,4 +1,4 @@
-"""What is known of a camera's mount, to and from its messages, and in words."""
+"""Encodes and decodes the state of the mount check, and formats it as text."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ VERDICTS = {
 
 
 def mount_state_message(state: MountState) -> pb.MountState:
-    """What the next frame goes on from."""
+    """Encodes the state that the next frame continues from."""
     return pb.MountState(
         t_ns=state.t_ns,
         measurements=state.measurements,
@@ -39,7 +39,7 @@ def mount_state_message(state: MountState) -> pb.MountState:
 
 
 def mount_state_from_message(message: pb.MountState) -> MountState:
-    """A state of a message. Raises ValueError for one that does not fit."""
+    """Decodes the state. Raises ValueError for an inconsistent message."""
     if len(message.mean) != N or len(message.covariance) != N * (N + 1) // 2:
         raise ValueError(
             f"mount state with {len(message.mean)} and {len(message.covariance)} numbers, expected 5 and 15"
@@ -59,7 +59,7 @@ def mount_state_from_message(message: pb.MountState) -> MountState:
 
 
 def mount_health(state: MountState, mount: CameraMount) -> pb.MountHealth:
-    """For the health report. mount: as configured."""
+    """The mount for the health report. mount: the configured one."""
     roll, pitch = (math.degrees(v) for v in state.error_rad)
     roll_sd, pitch_sd = (math.degrees(v) for v in state.error_sd_rad)
     to_roll, to_pitch, to_yaw = (math.degrees(v) for v in state.corrected(mount))
@@ -71,12 +71,12 @@ def mount_health(state: MountState, mount: CameraMount) -> pb.MountHealth:
 
 
 def mount_lines(health: pb.MountHealth) -> str:
-    """The lines for the camera's section of the configuration, in one line of text."""
+    """The keys for the camera's section of the configuration, as one line of text."""
     return f"roll_deg = {health.roll_deg:.1f}, pitch_deg = {health.pitch_deg:.1f}"
 
 
 def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
-    """What is wrong with a mount and what to do about it; None: nothing is known to be wrong."""
+    """The fault of a mount with its remedy; None: no known fault."""
     error = f"roll {health.roll_error_deg:+.1f} deg, pitch {health.pitch_error_deg:+.1f} deg"
     if health.verdict == pb.MountState.VERDICT_ERROR:
         text = (
@@ -100,7 +100,7 @@ def mount_diagnostic(camera: str, health: pb.MountHealth) -> Diagnostic | None:
 
 
 def mount_text(health: pb.MountHealth) -> str:
-    """One line for `companion status`."""
+    """The text of `companion status`, one line."""
     words = {
         pb.MountState.VERDICT_UNKNOWN: "not verified yet",
         pb.MountState.VERDICT_VERIFIED: "verified",

@@ -1,12 +1,11 @@
-"""What several cameras say, as one model: the newest word of each, in one frame, as of one moment.
+"""The newest results of all cameras as one model in one frame at one instant.
 
-Every result is levelled for its own exposure. To stand side by side they are brought into one frame: ned, where each of
-them has a position of the same section of the autopilot's estimate; else level at the newest exposure, where the turns
-of the vehicle between the exposures are taken out and its way is not (what was flown since is for the reader to add:
-the exposure of each camera is told).
+Each result is levelled at its own exposure. The common frame is ned where every result has a position of the same
+section of the autopilot's estimate. Otherwise it is level at the newest exposure: the rotation of the vehicle between
+the exposures is removed, its translation is not. The reader corrects for the translation with the exposure time of each
+camera.
 
-Nothing is resolved between cameras: where one of them sees an obstacle there is one, whatever another calls free.
-"""
+Results are not fused: an obstacle of one camera remains, whatever another camera reports as free."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ from .transform import LevelTransform, transform_model
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnavailableCamera:
-    """A camera that says nothing: nothing of it may be taken as free, and no plane of it is carried on."""
+    """A camera without a usable frame: none of its directions is free, and none of its planes is kept."""
 
     camera: str
     sequence: int
@@ -34,36 +33,36 @@ class UnavailableCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AllCamerasModel:
-    """One model of all cameras. t_ns: the newest exposure that says something (0: none does); frame: of all parts.
+    """One model of all cameras. t_ns: the newest usable exposure, 0: none; frame: of all parts.
 
-    parts: one a camera, in the order of the configuration."""
+    parts: one per camera, in the order of the configuration."""
 
     t_ns: int
     frame: str
     parts: tuple[PrismsResult | UnavailableCamera, ...]
 
     def valid(self, required: frozenset[str]) -> bool:
-        """Whether every required camera says something, and any at all does."""
+        """Whether at least one camera and every required camera has a usable frame."""
         available = {part.camera for part in self.parts if isinstance(part, PrismsResult)}
         return bool(available) and required <= available
 
 
 class AllCamerasModelBuilder:
-    """Keeps the newest result of each camera. cameras: all of them, so that one that never spoke is blind too."""
+    """Keeps the newest result of each camera. cameras: all of them; a camera without a result is unavailable."""
 
     def __init__(self, cameras: tuple[str, ...]) -> None:
         self._cameras = cameras
         self._newest: dict[str, PrismsResult] = {}
 
     def result(self, result: PrismsResult) -> None:
-        """What a frame said, valid or not."""
+        """Adds the result of a frame, valid or not."""
         self._newest[result.camera] = result
 
     def model(self, blind: Callable[[str], str], oldest_ns: int = 0) -> AllCamerasModel:
-        """The model now. blind: why a camera is blind, in words; empty where it is not.
+        """The present model. blind: returns the cause why a camera is blind, "" if it is not.
 
-        What was exposed before oldest_ns says nothing, whatever blind says: it may know of a newer frame already whose
-        result is not here yet."""
+        Results exposed before oldest_ns are not used, whatever `blind` returns: it may refer to a newer frame whose
+        result has not arrived yet."""
         words = {camera: blind(camera) for camera in self._cameras}
         available = [self._newest[c] for c in self._cameras if not words[c] and self._is_available(c, oldest_ns)]
         frame, target = common_frame(available)
@@ -74,7 +73,7 @@ class AllCamerasModelBuilder:
                 parts.append(to_common_frame(newest, frame, target))
                 continue
             cause = words[camera] or (
-                "no frame yet" if newest is None else newest.cause_text or "its newest frame is old"
+                "no frame yet" if newest is None else newest.cause_text or "its newest frame is too old"
             )
             sequence, t_ns = (0, 0) if newest is None else (newest.sequence, newest.t_exposure_ns)
             parts.append(UnavailableCamera(camera=camera, sequence=sequence, t_exposure_ns=t_ns, cause_text=cause))
@@ -87,7 +86,7 @@ class AllCamerasModelBuilder:
 
 
 def common_frame(results: list[PrismsResult]) -> tuple[str, float]:
-    """("ned", 0) where all results stand in one section of ned; else ("level", heading of the newest exposure, rad)."""
+    """("ned", 0) where all results are in one section of ned; otherwise ("level", heading of the newest exposure, rad)."""
     sections = {None if r.pose is None else r.pose.reset_counter for r in results}
     if len(sections) == 1 and None not in sections and all(r.frame == "ned" for r in results):
         return "ned", 0.0
@@ -96,15 +95,16 @@ def common_frame(results: list[PrismsResult]) -> tuple[str, float]:
 
 
 def heading_rad(result: PrismsResult) -> float:
-    """Heading of the vehicle at the exposure, clockwise from north; a result without an attitude has none: ValueError."""
+    """Heading of the vehicle at the exposure, rad, clockwise from north. Raises ValueError for a result without an
+    attitude."""
     if result.attitude is None:
-        raise ValueError(f"camera {result.camera}: a result without an attitude cannot be turned")
+        raise ValueError(f"camera {result.camera}: a result without an attitude cannot be rotated")
     R_ned_frd = rotation_from_quaternion(result.attitude.q_ned_frd_wxyz)
     return math.atan2(float(R_ned_frd[1, 0]), float(R_ned_frd[0, 0]))
 
 
 def to_common_frame(result: PrismsResult, frame: str, target_heading_rad: float) -> PrismsResult:
-    """The result in the common frame; the very same where it stands there already."""
+    """The result in the common frame; the same object where it is in that frame already."""
     if result.frame == frame and (frame == "ned" or heading_rad(result) == target_heading_rad):
         return result
     step = transform_to_level(result, target_heading_rad)
@@ -120,17 +120,17 @@ def to_common_frame(result: PrismsResult, frame: str, target_heading_rad: float)
 
 
 def transform_to_level(result: PrismsResult, target_heading_rad: float) -> LevelTransform:
-    """From the frame of the result to level with another heading: out of ned by its own position, then turned."""
+    """The transform from the result's frame to level with another heading; out of ned by the result's own position."""
     if result.frame == "ned":
         if result.pose is None:
-            raise ValueError(f"camera {result.camera}: a result in ned without a position cannot be moved")
+            raise ValueError(f"camera {result.camera}: a result in ned without a position cannot be transformed")
         x, y, z = result.pose.position_ned_m
         return LevelTransform(target_heading_rad, (x, y, z)).inverse()
     return LevelTransform(math.remainder(heading_rad(result) - target_heading_rad, math.tau), (0.0, 0.0, 0.0))
 
 
 def compose(second: LevelTransform, first: LevelTransform) -> LevelTransform:
-    """One transform that does first, then second."""
+    """The transform that applies first, then second."""
     c, s = math.cos(second.yaw_rad), math.sin(second.yaw_rad)
     x, y, z = first.translation_m
     tx, ty, tz = second.translation_m
@@ -138,7 +138,7 @@ def compose(second: LevelTransform, first: LevelTransform) -> LevelTransform:
 
 
 def all_cameras_message(surround: AllCamerasModel, required: frozenset[str]) -> pb.SurroundFrame:
-    """The model for the stream. required: the cameras without which it is not valid."""
+    """The message for the stream. required: cameras without which the model is invalid."""
     message = pb.SurroundFrame(
         schema_version=SCHEMA_VERSION, t_ns=surround.t_ns, frame=surround.frame, valid=surround.valid(required)
     )

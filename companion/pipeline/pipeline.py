@@ -1,13 +1,11 @@
-"""The one pipeline, live and in replay: events in the order of their arrival go in, what they say comes out.
+"""The pipeline of the live service and of replay: it turns events, in order of arrival, into decisions and prisms.
 
-It holds no clock, file or socket; what it decides depends on the events alone (and on the state it was started with),
-so the same events give the same results, bit for bit.
-"""
+It uses no clock, file or socket. Its output depends on the events and its initial state only, so the same input gives
+the same output bit for bit."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.frames import Vector, level_cam_at, rotation_from_quaternion
+from core.frames import level_cam_at, rotation_from_quaternion
 from core.invalid_model import invalid_model
 from core.self_check.mount_check import MountState, MountVerdict, checked, due
 from core.self_check.mount_params import MountCheckParams
@@ -26,14 +24,14 @@ from drivers.base import Event
 from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
-from .transform import LevelTransform, transform_model
+from .transform import LevelTransform, seed_ground_height, transform_from_level_cam, transform_model
 
 UNPUBLISHED_DROPS = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
-"""Dropped without a message of their own: the same or a newer exposure has been published already."""
+"""Drop causes without a published message: the same or a newer exposure has been published already."""
 
 
 class FrameExtractor(Protocol):
-    """What the pipeline needs of core.extractor.Extractor."""
+    """The interface of core.extractor.Extractor that the pipeline uses."""
 
     def extract(
         self,
@@ -48,7 +46,8 @@ class FrameExtractor(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameDecision:
-    """Whether a frame was used, and if not, why. attitude_cutoff_ns: the newest attitude that had arrived by then."""
+    """Whether a frame was used, and the cause if not. attitude_cutoff_ns: stamp of the newest attitude that had
+    arrived."""
 
     camera: str
     sequence: int
@@ -62,13 +61,13 @@ class FrameDecision:
 
     @property
     def used(self) -> bool:
-        """Whether the extractor saw it."""
+        """Whether the frame was extracted."""
         return self.cause is DropCause.NONE
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PrismsResult:
-    """What one frame says, in `frame` ("level" or "ned"). model None: it was dropped; drop says why."""
+    """The result of one frame in `frame` ("level" or "ned"). model None: the frame was dropped for the cause `drop`."""
 
     camera: str
     sequence: int
@@ -81,21 +80,21 @@ class PrismsResult:
     pose: PoseAt | None = None
     transform: LevelTransform | None = None
     mount: MountState | None = None
-    """What is known of the camera's mount after this frame; None: the frame was dropped."""
+    """State of the mount check after this frame; None: the frame was dropped."""
 
     @property
     def valid(self) -> bool:
-        """Whether anything may be read from it; False: blind."""
+        """Whether the model may be used; False: the frame is blind."""
         return self.model is not None and self.model.valid
 
     @property
     def cause(self) -> DropCause | InvalidCause:
-        """Why it is not valid; NONE when it is."""
+        """Cause of an invalid result; NONE for a valid one."""
         return self.drop if self.model is None else self.model.cause
 
     @property
     def cause_text(self) -> str:
-        """The text of `cause`, for people; empty when it is valid."""
+        """The text of `cause`; empty for a valid result."""
         return self.cause.text
 
 
@@ -104,7 +103,7 @@ Output = FrameDecision | PrismsResult
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """What one camera's frames hand on."""
+    """State of one camera that its next frame depends on."""
 
     extractor: ExtractorState = field(default_factory=ExtractorState)
     last_t_exposure_ns: int | None = None
@@ -113,7 +112,7 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class PipelineState:
-    """All that later frames depend on; a pipeline started with it goes on as the one it was taken from."""
+    """The complete state that later frames depend on; a pipeline started with it continues identically."""
 
     cameras: tuple[tuple[str, CameraState], ...] = ()
     attitudes: tuple[AttitudeSample, ...] = ()
@@ -121,7 +120,8 @@ class PipelineState:
 
 
 class Pipeline:
-    """Depth, attitude and position in; decisions and prisms out. One extractor a camera, made by `make_extractor`."""
+    """Turns depth, attitude and position into decisions and prisms. It has one extractor per camera, made by
+    `make_extractor`."""
 
     def __init__(
         self,
@@ -132,11 +132,11 @@ class Pipeline:
         mask: Callable[[CameraInfo], Mask | None] = lambda info: None,
         mount_check: MountCheckParams | None = None,
     ) -> None:
-        """mask: which pixels of a camera's images are unknown whatever they hold."""
+        """mask: returns the (H, W) mask of a camera's pixels that are always unknown, None: no mask."""
         self._mount_check = mount_check or MountCheckParams()
         self._infos = {info.camera: info for info in cameras}
         if len(self._infos) != len(cameras):
-            raise ValueError("pipeline: two cameras have the same name; give each its own")
+            raise ValueError("pipeline: two cameras have the same name; give each camera another name")
         self._make_extractor = make_extractor
         self._extractors = {info.camera: make_extractor(info) for info in cameras}
         self._mask = mask
@@ -157,16 +157,16 @@ class Pipeline:
             self._sync.poses.add(pose)
 
     def state(self) -> PipelineState:
-        """A snapshot that another pipeline can be started with."""
+        """A snapshot of the state to start another pipeline with."""
         return PipelineState(tuple(self._states.items()), self._sync.attitudes.samples, self._sync.poses.samples)
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
-        """Those announced, as they are used."""
+        """The announced cameras."""
         return tuple(self._infos.values())
 
     def announce(self, info: CameraInfo) -> None:
-        """A camera that was opened. One that is described otherwise than before begins anew."""
+        """Adds an opened camera. A camera with a changed description starts with a new state."""
         if self._infos.get(info.camera) == info:
             return
         self._infos[info.camera] = info
@@ -175,7 +175,7 @@ class Pipeline:
         self._states[info.camera] = CameraState()
 
     def superseded(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
-        """The decision on a frame that a newer one replaced before it came here; it changes nothing."""
+        """The decision on a frame that a newer frame replaced before it reached the pipeline. It changes no state."""
         return FrameDecision(
             camera=camera,
             sequence=sequence,
@@ -187,17 +187,17 @@ class Pipeline:
 
     @property
     def newest_attitude_ns(self) -> int | None:
-        """Stamp of the newest attitude held."""
+        """Stamp of the newest attitude."""
         return self._sync.attitudes.newest_ns
 
     def sample_anomalies(self) -> dict[str, int]:
-        """How many attitudes and positions came twice, late or after a restart."""
+        """Numbers of duplicate attitudes and positions, of those out of order, and of restarts of their sender."""
         kinds = (("attitude", self._sync.attitudes.counts), ("pose", self._sync.poses.counts))
         return {f"{kind}_{anomaly}": n for kind, counts in kinds for anomaly, n in sorted(counts.items())}
 
     def handle(self, event: Event) -> tuple[Output, ...]:
-        """What one event leads to: nothing for a sample; for a frame its decision and, unless the same or a newer
-        exposure has been handled, its prisms. Raises ValueError for a camera that was not announced."""
+        """The outputs of one event: none for a sample; for a frame its decision and its prisms, unless the same or a
+        newer exposure has been handled. Raises ValueError for a camera that was not announced."""
         if isinstance(event, AttitudeSample):
             self._sync.attitudes.add(event)
             return ()
@@ -210,7 +210,8 @@ class Pipeline:
         info = self._infos.get(frame.camera)
         if info is None:
             raise ValueError(
-                f"pipeline: a frame of the unknown camera {frame.camera!r}; known: {', '.join(self._infos)}"
+                f"pipeline: a frame of camera {frame.camera!r}, which was not announced; announced: "
+                f"{', '.join(self._infos)}"
             )
         cause = self._check_order(frame, info)
         attitude = self._sync.attitude_at(frame.t_exposure_ns) if cause is DropCause.NONE else cause
@@ -232,7 +233,8 @@ class Pipeline:
         return decision, result
 
     def _check_order(self, frame: DepthFrame, info: CameraInfo) -> DropCause:
-        """Whether the frame fits its camera and comes after what was handled; a camera that restarted begins anew."""
+        """The drop cause by the frame's order and size, NONE if it can be used. A stamp far back means that the camera
+        restarted: its state is reset."""
         last = self._states[frame.camera].last_t_exposure_ns
         if last is not None and frame.t_exposure_ns <= last - round(self._sync.params.restart_step_s * NS):
             self._states[frame.camera] = CameraState()
@@ -260,7 +262,7 @@ class Pipeline:
             state=seed_ground_height(state.extractor, pose, transform),
             keep_strips=False,
         )
-        if not model.ground.seen:  # a height told by the pose is not carried on as one that was seen
+        if not model.ground.seen:  # a ground height that comes from the position is not kept as a measured one
             after = dataclasses.replace(after, ground_height_m=state.extractor.ground_height_m)
         mount = state.mount
         if model.valid and due(mount, frame.t_exposure_ns, self._mount_check):
@@ -285,9 +287,11 @@ class Pipeline:
         self, frame: DepthFrame, depth_mm: NDArray[np.uint16], info: CameraInfo, attitude: AttitudeAt,
         R_level_optical: NDArray[np.float64], camera_rad: float, ke_per_m: float,
     ) -> MountState:  # fmt: skip
-        """The state of the mount's check after this frame. camera_rad: the camera's heading."""
+        """The state of the mount check after this frame. camera_rad: heading of the camera."""
         from core.self_check.mount_cues import cues_of
-        from core.self_check.surfaces import find_surfaces  # compiled: planners, who only read, need no numba
+        from core.self_check.surfaces import (
+            find_surfaces,
+        )  # imported late: planner clients, which only decode, have no numba
 
         cues = cues_of(find_surfaces(depth_mm, info, R_level_optical, ke_per_m))
         return checked(
@@ -319,31 +323,8 @@ class Pipeline:
 
 
 def invalidate_if_mount_wrong(model: FrameModel, mount: MountState) -> FrameModel:
-    """The model; an invalid one that reports nothing where the verdict on the mount makes frames invalid."""
+    """The model; an empty invalid model where the verdict on the mount invalidates frames."""
     if not model.valid or not mount.verdict.invalid:
         return model
     wrong = mount.verdict is MountVerdict.ERROR
     return invalid_model(model, InvalidCause.MOUNT_ERROR if wrong else InvalidCause.MOUNT_UNVERIFIED)
-
-
-def seed_ground_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTransform) -> ExtractorState:
-    """The state with the camera's height above the origin of ned as its ground seed, where no frame has left one yet.
-
-    A hint only: the ground is still found in the image, or not seen. transform: level_cam to the published frame."""
-    height_m = -transform.translation_m[2]
-    if pose is None or math.isfinite(state.ground_height_m) or height_m <= 0.0:
-        return state
-    return dataclasses.replace(state, ground_height_m=height_m)
-
-
-def transform_from_level_cam(
-    camera_rad: float, vehicle_rad: float, lever_ned_m: Vector, pose: PoseAt | None
-) -> LevelTransform:
-    """level_cam -> level, or with a position level_cam -> ned. By the headings of camera and vehicle and the camera's lever
-    arm, see `level_cam_at`."""
-    x, y, z = lever_ned_m
-    if pose is not None:
-        north, east, down = pose.position_ned_m
-        return LevelTransform(camera_rad, (x + north, y + east, z + down))
-    c, s = math.cos(vehicle_rad), math.sin(vehicle_rad)
-    return LevelTransform(math.remainder(camera_rad - vehicle_rad, math.tau), (c * x + s * y, c * y - s * x, z))

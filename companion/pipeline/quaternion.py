@@ -1,4 +1,4 @@
-"""Quaternions (w, x, y, z) for the synchronisation: product, power, interpolation, body rates."""
+"""Quaternions (w, x, y, z) for the synchronisation: product, rotation vector, interpolation, body rates."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ Vector = tuple[float, float, float]
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """The unit quaternion of q."""
+    """The quaternion scaled to unit length."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """a * b: first b, then a, as with rotation matrices."""
+    """The product a * b: rotation b, then a, as with rotation matrices."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -32,9 +32,9 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def from_rotation_vector(v: Vector) -> Quaternion:
-    """The rotation by |v| rad about v."""
+    """The rotation about v by |v| rad."""
     angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    # sin(angle/2)/angle, by its series where the division loses digits
+    # sin(angle/2)/angle; its series where the division loses precision
     k = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(angle / 2) / angle
     return (math.cos(angle / 2), k * v[0], k * v[1], k * v[2])
 
@@ -48,19 +48,19 @@ def to_rotation_vector(q: Quaternion) -> Vector:
 
 
 def slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
-    """From a (share 0) to b (share 1) the short way at constant rate."""
+    """Spherical interpolation from a (share 0) to b (share 1) along the shorter arc."""
     a, b = normalised(a), normalised(b)
     v = to_rotation_vector(product(conjugate(a), b))
     return normalised(product(a, from_rotation_vector((v[0] * share, v[1] * share, v[2] * share))))
 
 
 def rotate_by_rates(q_ned_frd: Quaternion, rates_frd_rad_s: Vector, dt_s: float) -> Quaternion:
-    """The attitude dt_s later (or earlier, negative) at constant body rates: q * exp(rates dt)."""
+    """The attitude after dt_s (negative: before) at constant body rates: q * exp(rates dt)."""
     wx, wy, wz = rates_frd_rad_s
     return normalised(product(normalised(q_ned_frd), from_rotation_vector((wx * dt_s, wy * dt_s, wz * dt_s))))
 
 
 def rates_between(a: Quaternion, b: Quaternion, dt_s: float) -> Vector:
-    """The constant body rates, rad/s, that turn a into b within dt_s."""
+    """The constant body rates, rad/s, that rotate a into b within dt_s."""
     v = to_rotation_vector(product(conjugate(normalised(a)), normalised(b)))
     return (v[0] / dt_s, v[1] / dt_s, v[2] / dt_s)

@@ -1,9 +1,8 @@
-"""Attitude and position of the vehicle at a frame's mid-exposure, from the samples that had arrived by then.
+"""Attitude and position of the vehicle at a frame's mid-exposure, from the samples that have arrived.
 
-Pure and deterministic: nothing here looks at a clock, so replay decides as the live run did. The caller hands samples
-over in the order of their arrival and asks for an instant; every answer is exact, interpolated, extrapolated within
-bounds, or a cause why there is none.
-"""
+Pure and deterministic: no clock is read, so replay decides as the live run did. The caller adds samples in order of
+arrival and asks for an instant. The answer is exact, interpolated, extrapolated within bounds, or a cause why there is
+none."""
 
 from __future__ import annotations
 
@@ -21,13 +20,13 @@ from .quaternion import Quaternion, Vector, rates_between, rotate_by_rates, sler
 
 NS = 1_000_000_000
 MAX_RATE_RAD_S = 70.0
-"""Twice what the gyros of autopilots can measure: faster rates are nonsense and carry no attitude."""
+"""Twice the measuring range of autopilots' gyros: faster rates are measurement errors."""
 MAX_DISTANCE_M = 100_000.0
-"""From the origin of ned: farther out float32 cannot hold the centimetres of a prism, nor an autopilot's local frame."""
+"""Largest distance from the origin of ned: beyond it float32 cannot represent the centimetres of a prism."""
 
 
 class Source(IntEnum):
-    """What a value at an instant rests on; the numbers are those of osape.v1.AttitudeUsed.Source."""
+    """How a value was obtained; the numbers are those of osape.v1.AttitudeUsed.Source."""
 
     NONE = 0
     EXACT = 1
@@ -36,7 +35,7 @@ class Source(IntEnum):
 
 
 class DropCause(Code):
-    """Why a frame was not used. NONE: it was."""
+    """Why a frame was not used; NONE: it was used."""
 
     NONE = "", ""
     NO_ATTITUDE = "no_attitude", "no attitude had arrived"
@@ -52,7 +51,7 @@ class DropCause(Code):
 
 @dataclass(frozen=True, slots=True)
 class AttitudeAt:
-    """q_ned_frd at an instant and what it rests on; distance_ns: to the nearest sample used."""
+    """q_ned_frd at an instant and how it was obtained. distance_ns: to the nearest sample used."""
 
     q_ned_frd_wxyz: Quaternion
     source: Source
@@ -61,7 +60,7 @@ class AttitudeAt:
 
 @dataclass(frozen=True, slots=True)
 class PoseAt:
-    """Position in ned at an instant, metres, and what it rests on."""
+    """Position in ned at an instant, m, and how it was obtained."""
 
     position_ned_m: Vector
     source: Source
@@ -78,7 +77,7 @@ S = TypeVar("S", bound=_Stamped)
 
 
 class SampleBuffer(Generic[S]):
-    """The newest samples in the order of their stamps. `counts` tells what was odd about those that came."""
+    """The newest samples ordered by stamp. `counts`: numbers of duplicates, samples out of order and restarts."""
 
     def __init__(self, held: int, restart_step_s: float) -> None:
         self._held = held
@@ -92,17 +91,17 @@ class SampleBuffer(Generic[S]):
 
     @property
     def samples(self) -> tuple[S, ...]:
-        """Those still held, by stamp."""
+        """The stored samples by stamp."""
         return tuple(self._samples)
 
     @property
     def newest_ns(self) -> int | None:
-        """The newest stamp held."""
+        """The newest stored stamp."""
         return self._stamps[-1] if self._stamps else None
 
     def add(self, sample: S) -> None:
-        """Takes a sample in. A stamp far before the newest one means that its sender restarted: what was held is of
-        another time and is forgotten. Of two samples with one stamp the first stays."""
+        """Adds a sample. A stamp far before the newest one means that the sender restarted: all stored samples are
+        discarded. Of two samples with the same stamp the first is kept."""
         if self._stamps and sample.t_ns <= self._stamps[-1] - self._restart_ns:
             self.counts["restarts"] += 1
             self._stamps.clear()
@@ -119,7 +118,7 @@ class SampleBuffer(Generic[S]):
             del self._stamps[0], self._samples[0]
 
     def around(self, t_ns: int) -> tuple[S | None, S | None]:
-        """(the newest sample at or before t_ns, the oldest at or after it); both the same one at an exact stamp."""
+        """(newest sample at or before t_ns, oldest at or after it); both are the same sample at an exact stamp."""
         i = bisect_left(self._stamps, t_ns)
         after = self._samples[i] if i < len(self._samples) else None
         if after is not None and after.t_ns == t_ns:
@@ -127,13 +126,13 @@ class SampleBuffer(Generic[S]):
         return (self._samples[i - 1] if i else None), after
 
     def before(self, sample: S) -> S | None:
-        """The sample held just before this one."""
+        """The stored sample just before this one."""
         i = bisect_left(self._stamps, sample.t_ns)
         return self._samples[i - 1] if i else None
 
 
 class Synchroniser:
-    """The samples that have arrived, and the vehicle's attitude and position at any instant near them."""
+    """Stores the samples that have arrived and gives the vehicle's attitude and position at instants near them."""
 
     def __init__(self, params: SyncParams) -> None:
         self.params = params
@@ -141,8 +140,8 @@ class Synchroniser:
         self.poses: SampleBuffer[PoseSample] = SampleBuffer(params.held_samples, params.restart_step_s)
 
     def attitude_at(self, t_ns: int) -> AttitudeAt | DropCause:
-        """The attitude at t_ns, or why there is none: exact, else between two samples that are near enough to each
-        other, else carried from the nearest one by its body rates (or by the turn between its neighbour and itself)."""
+        """The attitude at t_ns, or why there is none: exact; interpolated between two samples that are close enough;
+        extrapolated from the nearest sample by its body rates, or by those between its neighbour and itself."""
         before, after = self.attitudes.around(t_ns)
         if before is None and after is None:
             return DropCause.NO_ATTITUDE
@@ -171,15 +170,15 @@ class Synchroniser:
         return AttitudeAt(q, Source.EXTRAPOLATED, distance_ns)
 
     def _neighbour_rates(self, sample: AttitudeSample) -> Vector | None:
-        """Body rates from the sample's neighbour, where that is near enough to say something."""
+        """Body rates between the sample and its neighbour, where these are close enough."""
         neighbour = self.attitudes.before(sample) or self.attitudes.around(sample.t_ns + 1)[1]
         if neighbour is None or abs(sample.t_ns - neighbour.t_ns) > self.params.max_gap_s * NS:
             return None
         return rates_between(neighbour.q_ned_frd_wxyz, sample.q_ned_frd_wxyz, (sample.t_ns - neighbour.t_ns) / NS)
 
     def pose_at(self, t_ns: int) -> PoseAt | str:
-        """The position at t_ns, or the words why there is none. Never across a jump of the autopilot's estimate, never
-        so far from the origin that a prism there would lose its shape."""
+        """The position at t_ns, or a text why there is none. Not across a jump of the autopilot's estimate, and not
+        beyond MAX_DISTANCE_M."""
         found = self._pose_at(t_ns)
         if isinstance(found, PoseAt) and not all(abs(c) <= MAX_DISTANCE_M for c in found.position_ned_m):  # also NaN
             return f"the position is farther than {MAX_DISTANCE_M / 1000.0:g} km from the origin of ned"
@@ -212,17 +211,17 @@ class Synchroniser:
 
 
 def _plausible(rates_rad_s: Vector | None) -> Vector | None:
-    """The rates, unless nothing that flies turns so fast."""
+    """The rates; None where they exceed MAX_RATE_RAD_S."""
     if rates_rad_s is None or max(map(abs, rates_rad_s)) > MAX_RATE_RAD_S:
         return None
     return rates_rad_s
 
 
 def _nearest(t_ns: int, before: S | None, after: S | None) -> S:
-    """The nearer of two samples of which one exists; the earlier one when they are equally near."""
+    """The nearer of two samples, at least one of which exists; the earlier one where both are equally near."""
     if before is None or (after is not None and after.t_ns - t_ns < t_ns - before.t_ns):
         if after is None:
-            raise ValueError("neither a sample before nor one after")
+            raise ValueError("there is neither a sample before nor one after")
         return after
     return before
 

@@ -1,16 +1,21 @@
-"""A frame's model moved from level_cam into the frame it is published in: a turn about the vertical and a shift."""
+"""Transforms the model of a frame from level_cam to the published frame: a rotation about the vertical and a
+translation."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
-from core.types import FrameModel
+from core.frames import Vector
+from core.types import ExtractorState, FrameModel
+
+from .sync import PoseAt
 
 
 @dataclass(frozen=True, slots=True)
 class LevelTransform:
-    """p_frame = Rz(yaw_rad) p_level_cam + translation_m; the translation is where the camera is."""
+    """p_frame = Rz(yaw_rad) p_level_cam + translation_m; translation_m is the position of the camera."""
 
     yaw_rad: float
     translation_m: tuple[float, float, float]
@@ -23,8 +28,32 @@ class LevelTransform:
 
 
 def transform_model(model: FrameModel, transform: LevelTransform) -> FrameModel:
-    """The model in the transform's target frame; one that says nothing where its numbers are not all finite. See
+    """The model in the transform's target frame; an invalid model where its numbers are not all finite. See
     `core.transformed`."""
-    from core.transformed import turned  # compiled: planners, who only read, need no numba
+    from core.transformed import turned  # imported late: planner clients, which only decode, have no numba
 
     return turned(model, transform.yaw_rad, transform.translation_m)
+
+
+def seed_ground_height(state: ExtractorState, pose: PoseAt | None, transform: LevelTransform) -> ExtractorState:
+    """The state with the camera's height above the origin of ned as ground seed, where no frame has set one yet.
+
+    The seed is a hint only: the ground must still be found in the image. transform: level_cam to the published frame.
+    """
+    height_m = -transform.translation_m[2]
+    if pose is None or math.isfinite(state.ground_height_m) or height_m <= 0.0:
+        return state
+    return dataclasses.replace(state, ground_height_m=height_m)
+
+
+def transform_from_level_cam(
+    camera_rad: float, vehicle_rad: float, lever_ned_m: Vector, pose: PoseAt | None
+) -> LevelTransform:
+    """The transform level_cam -> level, or level_cam -> ned where a position is given. Computed from the headings of
+    camera and vehicle and the camera's lever arm, see `level_cam_at`."""
+    x, y, z = lever_ned_m
+    if pose is not None:
+        north, east, down = pose.position_ned_m
+        return LevelTransform(camera_rad, (x + north, y + east, z + down))
+    c, s = math.cos(vehicle_rad), math.sin(vehicle_rad)
+    return LevelTransform(math.remainder(camera_rad - vehicle_rad, math.tau), (c * x + s * y, c * y - s * x, z))

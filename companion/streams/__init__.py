@@ -1,1 +1,1 @@
-"""ZeroMQ streams: publishers, keys, receive times and the fast message encoder."""
+"""ZeroMQ streams: publishers, keys, receive times and world messages."""

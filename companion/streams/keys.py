@@ -1,4 +1,4 @@
-"""`companion keys`: keys for streams that leave this machine, and of MAVLink 2 signatures."""
+"""`companion keys`: creates keys for network streams and for MAVLink 2 signatures."""
 
 from __future__ import annotations
 
@@ -16,20 +16,26 @@ from .curve_auth import make_keys
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion keys`."""
-    parser = subparsers.add_parser("keys", help="make keys for streams that leave this machine, and of signatures")
+    parser = subparsers.add_parser("keys", help="make keys for the network streams and for MAVLink signatures")
     parser.add_argument(
-        "folder", type=Path, nargs="?", metavar="FOLDER", help="of the keys, such as /etc/osape-companion/keys"
+        "folder",
+        type=Path,
+        nargs="?",
+        metavar="FOLDER",
+        help="directory of the keys, such as /etc/osape-companion/keys",
     )
-    parser.add_argument("--client", default="planner", metavar="NAME", help="who is to listen (planner)")
-    parser.add_argument("--signing", type=Path, metavar="FILE", help="instead: a key of MAVLink 2 signatures")
+    parser.add_argument("--client", default="planner", metavar="NAME", help="name of the client (planner)")
+    parser.add_argument("--signing", type=Path, metavar="FILE", help="make a key for MAVLink 2 signatures instead")
     parser.add_argument(
-        "--passphrase", action="store_true", help="made of a passphrase, asked for, as ground stations make theirs"
+        "--passphrase",
+        action="store_true",
+        help="with --signing: derive the key from a passphrase, as ground stations do",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Makes the server's keys, where there are none, and those of a client. Raises ValueError and OSError."""
+    """Creates the server's keys, if missing, and those of a client. Raises ValueError and OSError."""
     if args.signing is not None:
         return _signing(args)
     if args.folder is None:
@@ -41,7 +47,8 @@ def run(args: argparse.Namespace) -> int:
     for file in written:
         print_line(f"{file} (mode {file.stat().st_mode & 0o777:o})")
     print_line(
-        f"give {written[-1].name} and server.public to the client, over a private channel; delete {written[-1]} here"
+        f"give {written[-1].name} and server.public to the client over a private channel, then delete {written[-1]} "
+        "here"
     )
     print_line(f'in the configuration: [publish] keys = "{args.folder}"')
     return 0
@@ -57,7 +64,7 @@ def _signing(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"written": [str(args.signing)]})
         return 0
-    print_line(f"{args.signing} (mode 600); the user who runs the service must own it")
+    print_line(f"{args.signing} (mode 600); it must belong to the user that runs the service")
     print_line(f'in the configuration: [autopilot] signing_key = "{args.signing.absolute()}"')
-    print_line("the autopilot needs the same key: docs/explanation/failsafe.md tells how it gets it")
+    print_line("the autopilot needs the same key: see docs/explanation/failsafe.md")
     return 0

@@ -1,10 +1,8 @@
-"""The streams on ZeroMQ: one protobuf message a frame, one stream a socket, the newest only.
+"""Publishers on ZeroMQ: one protobuf message per frame, one stream per socket.
 
-ipc by default, for planners on the same machine; a lock beside the socket refuses a second service, which would
-otherwise take the path over in silence. tcp beyond this machine only with CURVE: keys by `companion keys`, and a list
-of the clients that may listen (`curve.py`). A subscriber that hangs or is slow costs nothing: what it does not take is
-dropped for it alone.
-"""
+The default is ipc, for planners on the same computer; a lock file beside the socket refuses a second service on the
+same path. tcp beyond the loopback interface requires CURVE keys (`companion keys`, `curve_auth.py`). A slow or blocked
+subscriber does not affect the others: messages are dropped for it alone."""
 
 from __future__ import annotations
 
@@ -25,16 +23,16 @@ from .curve_auth import ServerKeys, beyond_loopback, serve
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """Where a stream is published: ipc:///run/osape-companion/prisms or tcp://127.0.0.1:5601."""
+    """Name and address of a stream, such as ipc:///run/osape-companion/prisms or tcp://127.0.0.1:5601."""
 
     name: str
     address: str
 
 
 class Publisher:
-    """One stream. kind: zmq.PUB, or zmq.REP for one that answers; newest_only: a slow listener gets the newest message, else
-    each one in its order as long as at most 1000 wait. Raises DeviceNotFound where its address cannot be had, ValueError
-    where it would be open to all."""
+    """One stream. kind: zmq.PUB, or zmq.REP for answers; newest_only: a slow subscriber receives the newest message
+    only, otherwise every message in order while at most 1000 wait. Raises DeviceNotFound where the address cannot be
+    bound, ValueError where other machines could connect without keys."""
 
     def __init__(
         self, stream: Stream, context: zmq.Context[zmq.Socket[bytes]], keys: ServerKeys | None = None, kind: int = zmq.PUB,
@@ -46,7 +44,7 @@ class Publisher:
         if beyond_loopback(stream.address) and keys is None:
             raise ValueError(
                 f"stream {stream.name}: {stream.address} can be reached from other machines and needs keys: make them "
-                "with `companion keys`, and name their folder in [publish] keys"
+                "with `companion keys` and set their directory in [publish] keys"
             )
         self._lock = _locked(stream)
         self._socket = context.socket(kind)
@@ -61,23 +59,23 @@ class Publisher:
         except zmq.ZMQError as error:
             self.close()
             raise DeviceNotFound(
-                f"stream {stream.name}: {stream.address} cannot be bound ({error.strerror}); does its folder exist, is "
-                "the port free?"
+                f"stream {stream.name}: {stream.address} cannot be bound ({error.strerror}); check that its directory "
+                "exists and the port is free"
             ) from error
 
     @property
     def socket(self) -> zmq.Socket[bytes]:
-        """To take requests from."""
+        """The socket, for receiving requests."""
         return self._socket
 
     def publish(self, message: Message | bytes) -> None:
-        """Sends a message, or its bytes, to whoever listens. Never waits."""
+        """Sends a message or its encoding to all subscribers. Never blocks."""
         data = message if isinstance(message, bytes) else wire_bytes(message)
         self._socket.send(data, zmq.DONTWAIT)
         self.published += 1
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the socket and releases the lock. May be called twice."""
         if not self._socket.closed:
             self._socket.close(0)
         if self._lock is not None:
@@ -86,13 +84,14 @@ class Publisher:
 
 
 def _locked(stream: Stream) -> IO[str] | None:
-    """The lock beside an ipc socket, held as long as it is open."""
+    """Takes the lock file beside an ipc socket; it is released when closed."""
     if not stream.address.startswith("ipc://"):
-        return None  # a second binder of a tcp port is refused by the system
+        return None  # the system refuses a second bind of a tcp port
     place = Path(stream.address.removeprefix("ipc://"))
     if not place.parent.is_dir():
         raise DeviceNotFound(
-            f"stream {stream.name}: the folder {place.parent} does not exist; make it, or publish elsewhere"
+            f"stream {stream.name}: the directory {place.parent} does not exist; create it, or change the address in "
+            "[publish]"
         )
     lock = place.with_name(place.name + ".lock").open("a+")
     try:
@@ -112,6 +111,6 @@ def _locked(stream: Stream) -> IO[str] | None:
 
 
 def _close_to_others(stream: Stream) -> None:
-    """The socket is for the owner and the group, as the folder allows."""
+    """Restricts an ipc socket to its owner and group."""
     if stream.address.startswith("ipc://"):
         os.chmod(stream.address.removeprefix("ipc://"), 0o660)

@@ -25,7 +25,7 @@ from core.codes import Code, text_of
 from core.self_check.mount_check import MountVerdict
 from core.types import InvalidCause
 from drivers.mavlink.anomalies import LinkAnomaly
-from drivers.mavlink.conflicts import RECENT_NS, Strangers
+from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from osape_client.decode import cause_code
 from osape_client.proto import osape_v1_pb2 as pb
 
@@ -139,11 +139,11 @@ def test_the_check_of_a_replay_compares_causes_and_not_their_texts() -> None:
 
 
 def test_every_conflict_on_the_link_has_a_code() -> None:
-    others = Strangers(component_id=195)
+    others = ConflictDetector(component_id=195)
     now_ns = RECENT_NS
     others.left_out(7, now_ns)
     others.kind("PX4", now_ns)
     others.kind("ArduPilot", now_ns)
-    said = others.troubles(now_ns, configured=1, heard=False)
+    said = others.texts(now_ns, configured=1, heard=False)
     assert set(said) == {"two autopilots", "system id"}
     assert set(said) <= set(CONFLICT_CODES)

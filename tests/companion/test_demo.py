@@ -15,7 +15,7 @@ from companion.config.loader import Config, config_of, load_config
 from companion.config.service import AutopilotConfig
 from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config
 from companion.demo.live import DemoError, Processes, live_config, toml_of
-from companion.kernels.warmup import run_kernels
+from companion.kernels.run_kernels import run_kernels
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -11,7 +11,8 @@ from typing import Any, cast
 import pytest
 
 from companion.config.loader import Config, config_of, load_config
-from companion.doctor.doctor import _link_findings, config_findings
+from companion.doctor.autopilot_check import link_findings
+from companion.doctor.doctor import config_findings
 from companion.live.diagnostics import (
     GROUND_FRAMES,
     MIN_ATTITUDE_HZ,
@@ -79,7 +80,7 @@ def test_doctor_names_a_low_rate_of_the_attitude() -> None:
     clock = ClockEstimate(ClockSource.TIMESYNC)
     status = SimpleNamespace(vehicle=vehicle, attitude_hz=2.0, position_hz=1.0, received=9, clock=clock)
     link = SimpleNamespace(line=SimpleNamespace(error="", open=True))
-    findings = {f.part: f for f in _link_findings(Config(), cast(Any, link), cast(Any, status))}
+    findings = {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
     assert not findings["attitude"].ok
     assert findings["attitude"].text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")
 
@@ -134,7 +135,7 @@ def test_the_health_report_holds_code_and_text(tmp_path: Path, monkeypatch: pyte
     service = Service(config, Folders(tmp_path, tmp_path), lambda: None)
     monkeypatch.setattr(type(service.loop), "started", True)
     published: list[pb.Health] = []
-    service._publishers["health"] = cast(
+    service._output.publishers["health"] = cast(
         Any, SimpleNamespace(published=0, publish=published.append, close=lambda: None)
     )
     try:

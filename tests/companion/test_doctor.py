@@ -14,7 +14,7 @@ import pytest
 import zmq
 
 from companion.cli import main
-from companion.doctor import doctor
+from companion.doctor import computer_check, service_check
 from companion.live.status import address_in_use
 from companion.streams.publisher import Publisher, Stream
 from drivers.simulation.autopilot import ARDUPILOT, PX4, SimulatedAutopilot
@@ -94,7 +94,7 @@ def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(
 ) -> None:
     live.cable.unlink()
     live.config.write_text(live.config.read_text().split("[autopilot]")[0])
-    monkeypatch.setattr(doctor, "COMPILED_S", 0.0)
+    monkeypatch.setattr(computer_check, "COMPILED_S", 0.0)
     status, said = looked(live, capsys, "60")
     assert status == 1
     assert "unplugged" in said["camera front"]["text"]
@@ -107,7 +107,7 @@ def test_an_autopilot_that_is_not_there_is_named(live: Live, capsys: pytest.Capt
     live.config.write_text("[autopilot]" + live.config.read_text().split("[autopilot]")[1])
     status, said = looked(live, capsys, "1")
     assert status == 1
-    assert f"no heartbeat on udpin:127.0.0.1:{live.port}: is it on" in said["autopilot"]["text"]
+    assert f"no heartbeat on udpin:127.0.0.1:{live.port}: check that the autopilot is on" in said["autopilot"]["text"]
 
 
 def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
@@ -119,14 +119,14 @@ def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     status, said = looked(live, capsys, "1")
     assert status == 1
-    assert "no line" in said["autopilot"]["text"]
+    assert "the link is not open" in said["autopilot"]["text"]
     assert "[record] folder" in said["log"]["text"]
     assert "[[camera]]" in said["cameras"]["text"]
 
 
 def test_a_full_disk_is_said(live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     live.config.write_text("[record]\nleast_free_mb = 100000\n")
-    monkeypatch.setattr(doctor, "free_bytes", lambda folder: 5_000_000)
+    monkeypatch.setattr(computer_check, "free_bytes", lambda folder: 5_000_000)
     assert "5 MB free" in looked(live, capsys, "1")[1]["log"]["text"]
 
 
@@ -153,16 +153,16 @@ def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
         held.listen()
         status, said = looked(live, capsys, "0.5")
         assert status == 1
-        assert "told nothing within 0.5 s: does it hang?" in said["service"]["text"]
+        assert "sent no health report within 0.5 s" in said["service"]["text"]
         assert set(said) == {"safety keys", "service", "log", "kernels"}
     assert not address_in_use(f"ipc://{live.folder}/run/health")
 
     def closed(address: str) -> bool:
         raise PermissionError
 
-    monkeypatch.setattr(doctor, "address_in_use", closed)
+    monkeypatch.setattr(service_check, "address_in_use", closed)
     said = looked(live, capsys, "1")[1]
-    assert "closed to this user" in said["service"]["text"]
+    assert "may not be read by this user" in said["service"]["text"]
     assert set(said) == {"safety keys", "service", "log", "kernels"}
 
 
@@ -224,7 +224,7 @@ def test_the_line_s_budget_is_told(
     config.write_text(f'[autopilot]\naddress = "serial:{end.device}:{baud}"\n[avoid]\nsend = true\n')
     with AutopilotLink(SimulatedAutopilot(), end):
         main(["doctor", "-c", str(config), "--json", "--patience", "3"])
-    (line,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "line"]
+    (line,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "link"]
     assert line["ok"] == good
     assert f"of {baud / 10_000:.1f} each way" in line["text"]
     assert ("set 921600 baud" in line["text"]) != good

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import pytest
 
-from companion.importers.folder import ATTITUDE, POSITION
+from companion.importers.frames_csv import ATTITUDE, POSITION
 from core.frames import rotation_from_quaternion
 from core.types import AttitudeSample, DepthFrame
 from drivers.logs.reader import McapRecording

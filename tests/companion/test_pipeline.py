@@ -7,15 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from companion.pipeline.pipeline import (
-    FrameDecision,
-    Pipeline,
-    PrismsResult,
-    seed_ground_height,
-    transform_from_level_cam,
-)
+from companion.pipeline.pipeline import FrameDecision, Pipeline, PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
-from companion.pipeline.transform import LevelTransform, transform_model
+from companion.pipeline.transform import LevelTransform, seed_ground_height, transform_from_level_cam, transform_model
 from core.frames import (
     level_cam_at,
     quaternion_from_euler,

@@ -45,7 +45,7 @@ def test_it_ends_at_once_when_nobody_tells_the_autopilot_any_more(
         service.avoidance.sender._ask = broken
         loop.join(1.0)
         assert ended == [1]
-        assert "the sender of obstacles has ended" in caplog.text
+        assert "the obstacle sender has ended" in caplog.text
     finally:
         stop.set()
         with pytest.raises(OSError, match="nobody thought of"):  # from the last decision, which is tried once more

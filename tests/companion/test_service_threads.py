@@ -124,8 +124,8 @@ def of_camera(service: Service) -> None:
     ("inject", "name"),
     [
         (of_pipeline, "the pipeline has ended: RuntimeError: injected"),
-        (of_line, "the line to the autopilot has ended: RuntimeError: injected"),
-        (of_sender, "the sender of obstacles has ended: RuntimeError: injected"),
+        (of_line, "the link to the autopilot has ended: RuntimeError: injected"),
+        (of_sender, "the obstacle sender has ended: RuntimeError: injected"),
     ],
 )
 def test_the_service_ends_with_the_cause_and_the_autopilot_is_told(

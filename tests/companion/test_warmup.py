@@ -99,7 +99,7 @@ from pathlib import Path
 import companion.kernels.warmup as warmup
 from companion.config.loader import Config
 from companion.replay.replay import make_pipeline, process
-from companion.replay.summary import Tally
+from companion.replay.summary import ReplayCounts
 from drivers.logs.reader import McapRecording
 from numba.core.dispatcher import Dispatcher
 
@@ -112,7 +112,7 @@ warmup.run_kernels(("extractor",), metres=False)
 before = loaded()
 for path in sorted(Path(sys.argv[1]).glob("*.mcap")):
     with McapRecording(path) as recording:
-        for _ in process(recording.events(), make_pipeline(Config(), recording.cameras), Tally()):
+        for _ in process(recording.events(), make_pipeline(Config(), recording.cameras), ReplayCounts()):
             pass
 print(len(before), sorted(loaded() - before))
 """

@@ -1,0 +1,141 @@
+"""Checks the link to the autopilot: heartbeat, rates, clock, signatures and parameters."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from drivers.base import DriverError
+from drivers.mavlink.clock_sync import ClockSource
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import LinkStatus, MavlinkSession
+from drivers.mavlink.transport import parse_address
+
+from ..autopilot.conflict_codes import conflict_diagnostics
+from ..autopilot.firmware_version import VersionReader
+from ..autopilot.parameter_advice import AutopilotFacts, advice
+from ..autopilot.parameters import ParameterReader
+from ..autopilot.session_factory import params_of, signing_of
+from ..config.loader import Config
+from ..diagnostic import DiagnosticCode
+from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
+from ..paths import folders
+from .finding import Finding
+from .wait import wait_until
+
+NS = 1_000_000_000
+MIN_RATE_SHARE = 0.8
+"""Least share of the requested attitude rate; a lower rate shows that the link or the autopilot limits it."""
+RATE_WINDOW_NS = 3 * NS
+"""Rates are measured over two seconds."""
+
+
+def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
+    """The link, the autopilot's heartbeat, attitude and clock, and its parameters."""
+    a = config.autopilot
+    if not a.address:
+        text = "none is configured: set [autopilot] address"
+        yield Finding("autopilot", False, text, DiagnosticCode.NO_AUTOPILOT_CONFIGURED)
+        return
+    try:
+        signing = signing_of(a, folders().state)
+    except DriverError as error:
+        yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
+        return
+    reader, version = ParameterReader(), VersionReader()
+
+    def received(message: Any, arrival_ns: int) -> None:
+        reader.take(message, arrival_ns)
+        version.take(message)
+
+    session = MavlinkSession(params_of(config), on_message=received, signing=signing)
+    link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
+    link.open()
+    try:
+        status = _observed_status(link, reader, version, patience_s)
+    finally:
+        link.close()
+        signing.close()
+    if status.signing_trouble:
+        yield Finding("signing", False, status.signing_trouble, DiagnosticCode.SIGNING_FAULT)
+    elif status.signed:
+        yield Finding("signing", True, "both ends sign with the same key")
+    if link.budget is not None:
+        text, warning = link.budget.words(), link.budget.warning()
+        code = DiagnosticCode.LINK_SLOW if warning else ""
+        yield Finding("link", not warning, f"{text}: {warning}" if warning else text, code)
+    yield from link_findings(config, link, status)
+    for conflict in conflict_diagnostics(status.conflicts):
+        yield Finding("autopilot", False, conflict.text, conflict.code)
+    if status.vehicle is not None:
+        yield from _parameter_findings(config, status.vehicle.autopilot, reader, version)
+
+
+def _parameter_findings(
+    config: Config, autopilot: str, reader: ParameterReader, version: VersionReader
+) -> Iterator[Finding]:
+    values = reader.values()
+    facts = AutopilotFacts(kind=autopilot, values=values, silent=reader.silent(), version=version.version)
+    firmware = f"{autopilot} v{facts.version}" if facts.version else f"{autopilot}, version not reported"
+    yield Finding("firmware", True, firmware)
+    text = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameter was received"
+    yield Finding("parameters", bool(values), text, "" if values else DiagnosticCode.PARAMETERS_UNKNOWN)
+    for line in advice(facts, config.avoid):
+        yield Finding("parameters", not config.avoid.send, line, DiagnosticCode.PARAMETER_ADVICE)
+    for line in reader.contradictions(time.monotonic_ns()):
+        yield Finding("parameters", False, line, DiagnosticCode.PARAMETER_CONTRADICTION)
+
+
+def _observed_status(
+    link: MavlinkLink, reader: ParameterReader, version: VersionReader, patience_s: float
+) -> LinkStatus:
+    """The link's status as soon as clock, rates, parameters and version are known, at the latest after `patience_s`."""
+
+    def complete() -> bool:
+        status = link.status()
+        if status.vehicle is None:
+            return False
+        now_ns, system = time.monotonic_ns(), status.vehicle.system_id
+        reader.begin(status.vehicle.autopilot, system)
+        version.begin(status.vehicle.autopilot, system)
+        for request in (*reader.due(now_ns, system), *version.due(now_ns, system)):
+            link.post(request)
+        synchronised = status.clock.source is ClockSource.TIMESYNC and status.attitude_hz > 0.0
+        return synchronised and reader.settled and version.settled and time.monotonic_ns() > settled_ns
+
+    settled_ns = time.monotonic_ns() + RATE_WINDOW_NS
+    wait_until(complete, patience_s)
+    return link.status()
+
+
+def link_findings(config: Config, link: MavlinkLink, status: LinkStatus) -> Iterator[Finding]:
+    """The open link, the heartbeat, the attitude's rate and the clock."""
+    line = link.state
+    if line.error or not (line.open or status.received):
+        yield Finding("autopilot", False, f"the link is not open: {line.error}", DiagnosticCode.LINK_CLOSED)
+        return
+    if status.vehicle is None:
+        other = f" ({status.received} messages arrived, no heartbeat of an autopilot)" if status.received else ""
+        text = f"no heartbeat on {config.autopilot.address}{other}: check that the autopilot is on and sends to this address"
+        yield Finding("autopilot", False, text, DiagnosticCode.NO_HEARTBEAT)
+        return
+    v = status.vehicle
+    yield Finding("autopilot", True, f"{v.autopilot}, system {v.system_id}, {'ARMED' if v.armed else 'disarmed'}")
+    yield _attitude_finding(status, config.autopilot.attitude_hz)
+    clock = status.clock
+    if clock.source is ClockSource.TIMESYNC and clock.bound_ns is not None:
+        yield Finding("clock", True, f"synchronised within {clock.bound_ns / 1e6:.2f} ms")
+    else:
+        text = "the autopilot does not answer TIMESYNC: the delay of the link becomes an error of the attitude's time"
+        yield Finding("clock", False, text, DiagnosticCode.NO_TIMESYNC)
+
+
+def _attitude_finding(status: LinkStatus, requested_hz: float) -> Finding:
+    if 0.0 < status.attitude_hz < MIN_ATTITUDE_HZ:
+        low = attitude_rate_low(status.attitude_hz, requested_hz)
+        return Finding("attitude", False, low.line(), low.code)
+    text = f"{status.attitude_hz:.0f} Hz of {requested_hz:g} Hz requested, position {status.position_hz:.0f} Hz"
+    if status.attitude_hz >= MIN_RATE_SHARE * requested_hz:
+        return Finding("attitude", True, text)
+    return Finding("attitude", False, f"{text}: use a faster link (921600 baud)", DiagnosticCode.ATTITUDE_RATE_LOW)

@@ -1,0 +1,63 @@
+"""Checks one camera: it opens it in a process of its own, as the service does, and measures its frames."""
+
+from __future__ import annotations
+
+from statistics import median
+
+import numpy as np
+
+from core.types import FAR_MM, DepthFrame
+
+from ..cameras.supervisor import CameraSupervisor
+from ..config.camera import CameraConfig
+from ..config.loader import Config
+from ..diagnostic import DiagnosticCode
+from .finding import Finding
+from .wait import wait_until
+
+NS = 1_000_000_000
+MIN_MEASURED_SHARE = 0.05
+"""Least share of measured pixels: a frame with fewer is invalid."""
+MIN_RATE_SHARE = 0.8
+"""Least share of the configured frame rate."""
+
+
+def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> Finding:
+    """Whether a camera opens, its frame rate and the share of measured pixels."""
+    part = f"camera {section.name}"
+    if section.kind == "mcap":
+        text = 'kind = "mcap" is a recording; set the kind of a live camera: oak, zed, v4l2 or simulated'
+        return Finding(part, False, text, DiagnosticCode.NOT_A_LIVE_CAMERA)
+    frames: list[DepthFrame] = []
+    supervisor = CameraSupervisor(section, lambda info: None, frames.append, config.supervision)
+    supervisor.open()
+    try:
+        wait_until(lambda: len(frames) > 3 * section.fps or bool(supervisor.status.last_loss), patience_s)
+        status = supervisor.status
+    finally:
+        supervisor.close()
+    if not frames:
+        cause = status.last_loss or status.cause or "the camera opened and sent no frame"
+        return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE)
+    return _frames_finding(part, section, frames)
+
+
+def _frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:
+    span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
+    hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
+    depth = frames[-1].depth_mm
+    measured = float(np.mean((depth > 0) & (depth < FAR_MM)))
+    delay_ms = median(f.t_arrival_ns - f.t_exposure_ns for f in frames) / 1e6
+    text = (
+        f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {delay_ms:.0f} ms from exposure to arrival, "
+        f"{100 * measured:.0f} % of the pixels measured"
+    )
+    if measured < MIN_MEASURED_SHARE:
+        text += ": too few; check that the lens is clear, the scene is lit and objects are within range"
+        return Finding(part, False, text, DiagnosticCode.CAMERA_FEW_MEASURED)
+    if hz < MIN_RATE_SHARE * section.fps:
+        text += (
+            f": fps = {section.fps:g} is configured; check that the camera is on USB 3 and used by this process only"
+        )
+        return Finding(part, False, text, DiagnosticCode.CAMERA_RATE_LOW)
+    return Finding(part, True, text)

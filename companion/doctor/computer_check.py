@@ -1,0 +1,50 @@
+"""Checks the companion computer: free disk space for logs, and the compiled kernels."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..config.loader import Config
+from ..diagnostic import DiagnosticCode
+from ..kernels.run_kernels import run_kernels
+from ..kernels.warmup import COMPILED_S, discard_damaged
+from ..log.log_directory import free_bytes
+from ..paths import folders
+from .finding import Finding
+
+
+def computer_findings(config: Config) -> Iterator[Finding]:
+    """The log directory, the kernel cache and the kernels."""
+    record = config.record
+    if record.record == "off":
+        yield Finding("log", True, "recording is off")
+    else:
+        yield _log_finding(Path(record.folder) if record.folder else folders().state / "logs", record.least_free_mb)
+    if discarded := discard_damaged():
+        text = f"{discarded} damaged files were deleted; they are compiled again now"
+        yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)
+    begun_s = time.process_time()  # processor time: independent of the load by other programs
+    run_kernels(("extractor",), metres=False)
+    took_s = time.process_time() - begun_s
+    if took_s > COMPILED_S:
+        text = f"were not compiled before ({took_s:.0f} s); run `companion warmup` as the service's user"
+        yield Finding("kernels", False, text, DiagnosticCode.KERNELS_NOT_COMPILED)
+    else:
+        yield Finding("kernels", True, f"compiled; loaded in {took_s:.1f} s")
+
+
+def _log_finding(folder: Path, least_mb: float) -> Finding:
+    existing = folder
+    while not existing.exists():
+        existing = existing.parent
+    if not os.access(existing, os.W_OK):
+        text = f"{folder} cannot be written by this user; set another [record] folder"
+        return Finding("log", False, text, DiagnosticCode.LOG_NOT_WRITABLE)
+    free_mb = free_bytes(existing) / 1e6
+    if free_mb < least_mb:
+        text = f"{free_mb:.0f} MB free for {folder}, least_free_mb = {least_mb:g}: nothing is recorded; free disk space"
+        return Finding("log", False, text, DiagnosticCode.DISK_LOW)
+    return Finding("log", True, f"{folder}, {free_mb / 1000:.1f} GB free")

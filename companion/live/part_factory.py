@@ -1,0 +1,31 @@
+"""Creates the optional parts of the service that the configuration asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..config.loader import Config
+from ..log.provenance import run_info
+from ..log.recorder import Recorder
+from ..paths import Folders
+
+if TYPE_CHECKING:
+    from .prometheus import MetricsServer
+
+
+def make_recorder(config: Config, folders: Folders) -> Recorder | None:
+    """The recorder; None with `[record] record = "off"`."""
+    if config.record.record == "off":
+        return None
+    folder = Path(config.record.folder) if config.record.folder else folders.state / "logs"
+    return Recorder(folder, run_info("live", config), config.record)
+
+
+def make_metrics(config: Config) -> MetricsServer | None:
+    """The metrics server; None without `[service] metrics_port`."""
+    if config.service.metrics_port == 0:
+        return None
+    from .prometheus import MetricsServer  # imports a web server: only where it is needed
+
+    return MetricsServer(config.service.metrics_port)
