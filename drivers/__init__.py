@@ -1,1 +1,1 @@
-"""Hardware and its twins: depth sources and pose sources behind two small protocols."""
+"""Hardware drivers and their simulation: depth sources and event sources behind two protocols."""

@@ -1,4 +1,4 @@
-"""The two contracts of the hardware floor, and its errors. A driver imports core.types, never the algorithm."""
+"""The two protocols of the drivers, and their errors. A driver imports core.types, but not the algorithm."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ class DriverError(Exception):
 
 
 class DeviceNotFound(DriverError):
-    """The device or file is not there."""
+    """The device or file does not exist."""
 
 
 class DeviceLost(DriverError):
-    """It was there and has gone away."""
+    """The device was lost."""
 
 
 class BadData(DriverError):
-    """It is there, but what it delivers cannot be used."""
+    """The data of the device or file are invalid."""
 
 
 class DepthSource(Protocol):
-    """One depth camera, live or not. close is idempotent; a half-failed open closes what it opened; read before open and
-    after close raises DeviceNotFound. tests/drivers/test_sources.py holds every driver to it."""
+    """A depth camera, real or simulated. close may be called twice; a failed open closes what it opened; read before
+    open and after close raises DeviceNotFound. tests/drivers/test_sources.py checks every driver."""
 
     @property
     def info(self) -> CameraInfo:
-        """Known after open()."""
+        """The description, known after open()."""
         ...
 
     def open(self) -> None:
-        """Raises DriverError."""
+        """Opens the camera. Raises DriverError."""
         ...
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The newest frame not yet delivered, or None after timeout_s. Raises DeviceLost."""
+        """The newest undelivered frame, or None after timeout_s. Raises DeviceLost."""
         ...
 
     def close(self) -> None: ...
 
 
 Event = DepthFrame | AttitudeSample | PoseSample
-"""What a recording delivers, in the order in which it arrived on board."""
+"""Events of a recording, in the order of arrival on board."""
 
 
 class EventSource(Protocol):
@@ -55,7 +55,7 @@ class EventSource(Protocol):
     def cameras(self) -> tuple[CameraInfo, ...]: ...
 
     def events(self) -> Iterator[Event]:
-        """Raises BadData where the recording cannot be used; what was readable before it has been delivered."""
+        """Yields the events. Raises BadData where the recording is invalid, after everything readable was delivered."""
         ...
 
     def close(self) -> None: ...

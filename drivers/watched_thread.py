@@ -1,4 +1,4 @@
-"""A thread that remembers why it ended, so that its end can be named."""
+"""A thread that stores the exception that ended it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class WatchedThread(threading.Thread):
-    """A daemon thread. failure: the exception that ended it, in words; empty: none did. The trace goes to the journal."""
+    """A daemon thread. failure: the exception that ended it, as text; empty: none. The traceback goes to the journal."""
 
     def __init__(self, target: Callable[..., object], name: str, args: tuple[object, ...] = ()) -> None:
         super().__init__(target=target, name=name, args=args, daemon=True)
@@ -22,5 +22,5 @@ class WatchedThread(threading.Thread):
 
     @property
     def ended(self) -> bool:
-        """Whether it was started and runs no more."""
+        """Whether it was started and has ended."""
         return self.ident is not None and not self.is_alive()

@@ -1,1 +1,1 @@
-"""`companion bench`: the speed of the algorithm on this machine."""
+"""`companion bench`: measures the speed of the extraction on this computer."""

@@ -1,4 +1,4 @@
-"""`companion bench`: how fast this machine turns depth images into obstacles. Simulated images, no hardware."""
+"""`companion bench`: measures the frame rate that this computer reaches, with simulated images."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from .stage_trace import in_order
 from .timing import one_core
 
 VIEWS: Final = (("street", "buildings, cars, lamps"), ("trees", "foliage"))
-"""Scenes of the simulator and what is in them."""
+"""Scenes of the simulator and their content."""
 ROLL_DEG, PITCH_DEG = 5.0, -10.0
-"""As a multirotor holds its camera in forward flight."""
+"""Camera attitude of a multirotor in forward flight."""
 FRAMES, SIZE, HZ = 200, (640, 480), 12.0
 WATCHED: Final = 40
-"""At most so many of the frames are taken apart by stage."""
+"""Largest number of frames measured by stage."""
 BUSY: Final = 1.2
-"""The wall's time over the processor's, from which on the figures are those of a shared core."""
+"""Ratio of wall time to processor time above which the core was shared with other programs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """ready_s: loading (or, the first time, compiling) all kernels in a process of its own; first_s: the first frame of
-    this process; measured: by view; hz: of the camera that the verdict is about."""
+    """ready_s: time to load (at the first run: compile) all kernels in a separate process; first_s: time of the first
+    frame; measured: by view; hz: frame rate of the assessed camera."""
 
     size: tuple[int, int]
     frames: int
@@ -49,18 +49,18 @@ class Bench:
     versions: dict[str, str]
 
     def worst(self) -> Measured:
-        """The view whose slow frames are the slowest."""
+        """The view with the largest 99th percentile."""
         return max(self.measured, key=lambda m: m.times.wall(99))
 
     def used_share(self) -> float:
-        """Share of the time between two images of the camera that 99 of 100 frames stay within, in the worst view."""
+        """99th percentile of the frame time in the worst view, as a share of the frame interval."""
         return self.worst().times.wall(99) * self.hz / 1000.0
 
 
 def bench(params: Params, size: tuple[int, int], frames: int, hz: float, bar: Callable[[str], Any]) -> Bench:
-    """Warms up, flies and measures, on one thread of one core. bar: a context manager that gives a progress for a label.
-    Raises WarmupError."""
-    with bar("compiling what is not compiled yet (some minutes the first time on a small computer)"):
+    """Warms up, replays the sequences and measures, on one thread of one core. bar: a context manager that gives a
+    progress for a label. Raises WarmupError."""
+    with bar("compiling the kernels (several minutes at the first run on a small computer)"):
         begun = time.monotonic()
         warm_up()
         ready_s = time.monotonic() - begun
@@ -85,11 +85,13 @@ def _measured(view: FrameSequence, extractor: Extractor, frames: int, bar: Calla
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion bench`."""
-    parser = subparsers.add_parser("bench", help="how fast this machine turns depth images into obstacles")
-    parser.add_argument("--frames", type=_frames, default=FRAMES, metavar="N", help=f"of each view ({FRAMES})")
-    parser.add_argument("--size", type=_size, default=SIZE, metavar="WxH", help="of the depth image (640x480)")
-    parser.add_argument("--hz", type=_hz, default=HZ, metavar="N", help=f"images a second of the camera ({HZ:g})")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="a configuration, for its [extractor]")
+    parser = subparsers.add_parser("bench", help="measure the frame rate that this computer reaches")
+    parser.add_argument("--frames", type=_frames, default=FRAMES, metavar="N", help=f"frames per view ({FRAMES})")
+    parser.add_argument("--size", type=_size, default=SIZE, metavar="WxH", help="size of the depth image (640x480)")
+    parser.add_argument("--hz", type=_hz, default=HZ, metavar="N", help=f"frame rate of the camera ({HZ:g})")
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="FILE", help="configuration whose [extractor] section is used"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -115,7 +117,7 @@ def _hz(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: measured; 1: the kernels cannot be made ready, or a configuration cannot be used."""
+    """0: measured; 1: the kernels cannot be compiled, or the configuration is invalid."""
     params = load_config(args.config).extractor if args.config is not None else Params()
     try:
         done = bench(params, args.size, args.frames, args.hz, progress)
@@ -138,15 +140,15 @@ def _print_summary(done: Bench) -> None:
         figures = "".join(f"{m.times.wall(p):>7.1f} ms" for p in (50, 95, 99))
         print_line(f"{f'{name} ({what})':<34}{figures}{1000.0 / m.times.wall():>10.0f}")
     print_line()
-    print_line("Where the processor's time goes, ms:")
+    print_line("Processor time by stage, ms:")
     print_line(f"  {'':<32}" + "".join(f"{m.name:>10}" for m in done.measured))
     for stage in in_order(stage for m in done.measured for stage in m.stages_ms):
         print_line(f"  {stage:<32}" + "".join(f"{m.stages_ms.get(stage, 0.0):>10.2f}" for m in done.measured))
     print_line(f"  {'between the stages':<32}" + "".join(f"{m.rest_ms():>10.2f}" for m in done.measured))
     print_line(f"  {'whole frame, median':<32}" + "".join(f"{m.times.cpu():>10.2f}" for m in done.measured))
     print_line()
-    print_line(f"Start: {done.ready_s:.1f} s until every kernel was ready, {done.first_s:.2f} s for the first frame.")
-    print_line(f"{done.frames} frames of each view. Machine: {done.host_info.text()}.")
+    print_line(f"Start: {done.ready_s:.1f} s to load the kernels, {done.first_s:.2f} s for the first frame.")
+    print_line(f"{done.frames} frames per view. Computer: {done.host_info.text()}.")
     print_line(f"{software()}; " + ", ".join(f"{name} {version}" for name, version in done.versions.items()) + ".")
     print_line()
     print_line(verdict(done))
@@ -155,25 +157,25 @@ def _print_summary(done: Bench) -> None:
 
 
 def verdict(done: Bench) -> str:
-    """One line: does this machine keep up with the camera?"""
+    """One line: whether this computer keeps up with the camera."""
     budget, worst = 1000.0 / done.hz, done.worst()
-    needs = f"{done.hz:g} Hz needs a frame every {budget:.0f} ms; this machine takes {worst.times.wall(99):.1f} ms"
+    needs = f"{done.hz:g} Hz needs a frame every {budget:.0f} ms; this computer takes {worst.times.wall(99):.1f} ms"
     share = (
         f"in 99 of 100 frames of the harder view ({worst.name}), {100.0 * done.used_share():.0f} % of one core's time"
     )
     if done.used_share() > 1.0:
-        return f"TOO SLOW: {needs} {share}. Fewer pixels or column_step = 2 in [extractor] make it faster."
+        return f"TOO SLOW: {needs} {share}. Use smaller images or set column_step = 2 in [extractor]."
     return f"{needs} {share}."
 
 
 def busy_text(done: Bench) -> str:
-    """Whether other work took the core away while we measured; "" when not."""
+    """A warning if other programs used the core during the measurement; "" otherwise."""
     factor = max(m.times.wall() / m.times.cpu() for m in done.measured)
     if factor < BUSY:
         return ""
     return (
-        f"This machine was busy with other things: by the clock frames took {factor:.1f} times what the processor spent "
-        "on them. Stop those and measure again."
+        f"Other programs used this computer: frames took {factor:.1f} times their processor time. Stop them and "
+        "measure again."
     )
 
 

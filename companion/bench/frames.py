@@ -1,4 +1,4 @@
-"""Simulated frames whose modelling is timed, and the timing itself."""
+"""Simulated frame sequences and the measurement of their extraction."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .stage_trace import Stopwatch, in_order, traced
 from .timing import Clock, Times
 
 HEIGHT_M = 2.0
-"""Of the camera above the ground."""
+"""Height of the camera above the ground."""
 
 MIN_RUNS = 1
 
@@ -33,7 +33,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameSequence:
-    """Images of one view that differ in their noise only, so that no image is measured twice in a row.
+    """Images of one view that differ in noise only, so that consecutive frames differ.
 
     depth_mm: (H, W) uint16 each; R_level_optical: (3, 3)."""
 
@@ -44,7 +44,7 @@ class FrameSequence:
 
     def __post_init__(self) -> None:
         if not self.depth_mm:
-            raise ValueError(f"footage {self.name!r}: no image")
+            raise ValueError(f"frame sequence {self.name!r}: it needs at least one image")
 
 
 def render_sequence(
@@ -60,7 +60,7 @@ def render_sequence(
     images: int = 4,
     seed: int = 1,
 ) -> FrameSequence:
-    """Images of a scene by a camera with the typical faults, `size` (width, height) px; pitch is positive upwards."""
+    """Renders images of a scene with the typical sensor faults. size: (width, height) px; pitch is positive upwards."""
     info = camera_info(*size, ke_per_m=ke_per_m)
     sensor = replace(TYPICAL, ke_per_m=ke_per_m).scaled_to(size[0])
     scene_model = make_scene(scene, seed) if isinstance(scene, str) else scene
@@ -75,8 +75,7 @@ def render_sequence(
 
 
 class Flight:
-    """Models the images of some footage one after the other, again and again, as in flight: what a frame hands to the
-    next one is handed on."""
+    """Extracts the images of a sequence repeatedly, passing the state from frame to frame as in flight."""
 
     def __init__(self, extractor: Extractor, frames: FrameSequence) -> None:
         self._extractor, self._frames = extractor, frames
@@ -93,8 +92,8 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Measured:
-    """Times of whole calls, medians of the processor's ms in each stage (the calls watched, so a little longer),
-    and medians of what the models hold."""
+    """Times of whole calls, medians of the processor time per stage in ms (of traced calls, which are slightly slower),
+    and median sizes of the models."""
 
     name: str
     times: Times
@@ -104,7 +103,7 @@ class Measured:
     strips: int
 
     def rest_ms(self) -> float:
-        """What of the whole call no stage accounts for: handing arrays from one to the next."""
+        """Processor time of a call outside of all stages."""
         return max(0.0, self.times.cpu() - sum(self.stages_ms.values()))
 
 
@@ -118,9 +117,10 @@ def measure(
     interleaved: Sequence[Callable[[], object]] = (),
     progress: Progress = lambda share: None,
 ) -> Measured:
-    """Times `runs` calls after warm-up, then `watched` more by stage; fewer, but one at least, once `budget_s` is over.
+    """Measures `runs` calls after warm-up, then `watched` more by stage; fewer, but at least one, once `budget_s` has
+    passed.
 
-    beside: calls made between the runs, outside of their time (a reference workload with a clock of its own)."""
+    interleaved: calls between the runs, outside of their time (such as a reference workload)."""
     flight, clock = Flight(extractor, frames), Clock()
     end_s = time.monotonic() + budget_s
 

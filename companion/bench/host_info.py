@@ -1,4 +1,4 @@
-"""On what, and with what, times were measured: the processor and the versions; no name of the machine, no path."""
+"""Processor and package versions of a measurement, without host name or paths."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 PACKAGES: Final = ("numpy", "numba", "llvmlite", "scipy", "opencv-python-headless")
-"""Distributions on which the times depend."""
+"""Packages that affect the times."""
 _CPUINFO: Final = Path("/proc/cpuinfo")
 _GOVERNOR: Final = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 _BOARD: Final = Path("/proc/device-tree/model")
@@ -18,8 +18,8 @@ _BOARD: Final = Path("/proc/device-tree/model")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostInfo:
-    """processor: its model in the maker's words; cores: that this process may use; governor: how the clock rate is
-    chosen, "" where the system does not tell; board: of a single-board computer, "" elsewhere."""
+    """processor: its model name; cores: usable by this process; governor: of the clock frequency, "" if unknown; board:
+    of a single-board computer, "" otherwise."""
 
     processor: str
     architecture: str
@@ -29,14 +29,14 @@ class HostInfo:
     system: str
 
     def text(self) -> str:
-        """One line."""
+        """The description in one line."""
         parts = [self.board, self.processor, self.architecture, f"{self.cores} core{'s' * (self.cores != 1)}"]
-        parts.append(f"clock governor {self.governor}" if self.governor else "clock governor not told")
+        parts.append(f"clock governor {self.governor}" if self.governor else "clock governor unknown")
         return ", ".join(part for part in [*parts, self.system] if part)
 
 
 def host_info() -> HostInfo:
-    """The machine that this runs on."""
+    """Description of this computer."""
     return HostInfo(
         processor=processor_model(_text(_CPUINFO)) or platform.processor() or "unknown processor",
         architecture=platform.machine(),
@@ -48,7 +48,7 @@ def host_info() -> HostInfo:
 
 
 def processor_model(cpuinfo: str) -> str:
-    """The model's name in the text of /proc/cpuinfo; of ARM cores, which give numbers only, their part numbers."""
+    """The model name in the text of /proc/cpuinfo; for ARM cores, which report numbers only, their part numbers."""
     rows = [line.split(":", 1) for line in cpuinfo.splitlines() if ":" in line]
     values = [(key.strip().lower(), value.strip()) for key, value in rows]
     for wanted in ("model name", "hardware"):
@@ -60,7 +60,7 @@ def processor_model(cpuinfo: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Python and the packages that the times depend on."""
+    """Versions of Python and of the packages that affect the times."""
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
 
 

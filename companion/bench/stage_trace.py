@@ -1,10 +1,9 @@
-"""Taps: every call that the extractor makes to a stage can be watched, without a line of it in the extractor.
+"""Traces the calls of the extractor to its stages, without code in the extractor.
 
-While a `with tapped(...)` block lasts, the names by which the extractor knows its stages lead through the tap. The
-stages themselves are left alone, so compiled kernels that call each other never meet a tap, and a kernel that is
-renamed or moved is followed by itself: it is counted to the stage of the file that it lies in. A kernel that does nothing
-but call stages runs as the Python that it was compiled from meanwhile, so that these are seen too: the result is the same, the
-calls cost more."""
+Within `with traced(...)`, the names by which the extractor's modules refer to stages are replaced by wrappers. The
+stages themselves are unchanged, so calls between compiled kernels are not traced. A function belongs to the stage of
+its module. A composite kernel, which only calls stages, runs as Python meanwhile, so that its stages are traced too:
+results are equal, calls are slower."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from types import ModuleType
 from typing import Any, Final
 
 HOSTS: Final = ("core.extractor", "core.stages.strip_stages", "core.stages.plane_stages")
-"""Modules whose calls are watched: those that put the stages together."""
+"""Modules whose calls are traced: those that combine the stages."""
 
 STAGE_OF_MODULE: Final[dict[str, str]] = {
     "classify": "classify, flying pixels",
@@ -45,13 +44,13 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "prisms": "layers, prisms",
     "free_space": "free-range profile",
 }
-"""File of core -> what its part of the work is called. A file that is missing here is a stage by its own name."""
+"""Module of core -> name of its stage. A missing module is a stage with its own name."""
 
 STAGE_OF_FUNCTION: Final[dict[str, str]] = {
     "depth_to_mm": "depth to millimetres",
     "estimate_ke": "noise estimate",
 }
-"""Functions that are told apart from the rest of their file."""
+"""Functions with a stage of their own within their module."""
 
 STAGES: Final = (
     "depth to millimetres",
@@ -72,15 +71,16 @@ STAGES: Final = (
     "free-range profile",
     "tables, flags",
 )
-"""The stages in the order of the algorithm, in which tables list them."""
+"""The stages in the order of the algorithm, for tables."""
 
 TraceFunction = Callable[[str, str, Callable[..., Any], tuple[Any, ...], dict[str, Any]], Any]
-"""tap(stage, name, function, args, kwargs) -> what the function returned."""
+"""trace(stage, name, function, args, kwargs) -> the result of the function."""
 
 
 @contextmanager
 def traced(trace: TraceFunction) -> Iterator[None]:
-    """Every call of a stage goes through `tap` inside the block, also after an error as before it."""
+    """Passes every call of a stage within the block to `trace`; the original names are restored at its end, also after
+    an exception."""
     hosts = [import_module(name) for name in HOSTS]
     known = [(host, name, value) for host in hosts for name, value in vars(host).items()]
     changed = [(host, name, value) for host, name, value in known if _is_stage(value, host) or _is_core(value)]
@@ -94,21 +94,21 @@ def traced(trace: TraceFunction) -> Iterator[None]:
 
 
 def _replacement(value: Any, name: str, trace: TraceFunction) -> Any:
-    """What stands in for a stage, for a module of stages, or for a kernel that is put together of stages."""
+    """The replacement of a stage, of a module of stages, or of a composite kernel."""
     if isinstance(value, ModuleType):
         return _TracedModule(value, trace)
     return getattr(value, "py_func", value) if _is_composite(value) else _wrapped(value, name, trace)
 
 
 def stage_of(function: Callable[..., Any]) -> str:
-    """What the work of a function of core is called."""
+    """The stage of a function of core."""
     file = str(getattr(function, "__module__", "")).rpartition(".")[2]
     name = str(getattr(function, "__name__", ""))
     return STAGE_OF_FUNCTION.get(name) or STAGE_OF_MODULE.get(file) or file
 
 
 def in_order(stages: Iterable[str]) -> list[str]:
-    """Each stage once, in the order of the algorithm; those that are not known to it at the end."""
+    """Each stage once, in the order of the algorithm; unknown stages at the end."""
     found = list(dict.fromkeys(stages))
     return [s for s in STAGES if s in found] + [s for s in found if s not in STAGES]
 
@@ -118,12 +118,12 @@ def _is_core(value: object) -> bool:
 
 
 def _is_composite(value: object) -> bool:
-    """A kernel put together of stages, which runs as Python so that these are seen."""
+    """Whether it is a composite kernel, which runs as Python while traced."""
     return hasattr(value, "py_func") and getattr(value, "__module__", "") in HOSTS
 
 
 def _is_stage(value: object, host: ModuleType) -> bool:
-    """A function (compiled or not) of another file of core than the host."""
+    """Whether it is a function (compiled or not) of another module of core than the host."""
     module = str(getattr(value, "__module__", ""))
     return callable(value) and not isinstance(value, type) and module.startswith("core.") and module != host.__name__
 
@@ -134,7 +134,7 @@ def _wrapped(function: Callable[..., Any], name: str, trace: TraceFunction) -> C
 
 
 class _TracedModule:
-    """Stands in for a module of core: its functions lead through the tap, all else is as it is."""
+    """Replaces a module of core: its functions are traced, other attributes are unchanged."""
 
     def __init__(self, module: ModuleType, trace: TraceFunction) -> None:
         self._module, self._trace = module, trace
@@ -150,9 +150,9 @@ class _TracedModule:
 
 
 class Stopwatch:
-    """A tap that adds up the processor time of this thread in each stage, ms.
+    """A trace function that sums the processor time of this thread by stage, ms.
 
-    What a stage spends in another one that is watched too is counted there only."""
+    Time in a nested stage counts for the nested stage only."""
 
     def __init__(self) -> None:
         self.spent_ms: dict[str, float] = defaultdict(float)

@@ -1,4 +1,4 @@
-"""Times of many runs of one call on one thread of one core: the wall's, and what the processor really worked."""
+"""Measures many runs of a call on one thread of one core: wall time and processor time."""
 
 from __future__ import annotations
 
@@ -14,30 +14,32 @@ from numpy.typing import NDArray
 
 _THREADS: Final = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD: Final = dict.fromkeys(_THREADS, "1")
-"""Environment that keeps libraries to one thread; read by them when they are first imported."""
+"""Environment variables that restrict libraries to one thread, read at their import."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Times:
-    """wall_ms, cpu_ms: (N,) float64 of N runs. The processor's time leaves out what other work on the machine takes,
-    but not what it does to the caches and the clock rate."""
+    """wall_ms, cpu_ms: (N,) float64 of N runs. Processor time excludes that of other programs, but not their effect on
+    caches and clock frequency."""
 
     wall_ms: NDArray[np.float64]
     cpu_ms: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         if not len(self.wall_ms) == len(self.cpu_ms) > 0:
-            raise ValueError(f"times: {len(self.wall_ms)} of the wall, {len(self.cpu_ms)} of the processor")
+            raise ValueError(
+                f"times: {len(self.wall_ms)} wall times and {len(self.cpu_ms)} processor times; expected equal numbers"
+            )
 
     def __len__(self) -> int:
         return len(self.wall_ms)
 
     def wall(self, percent: float = 50.0) -> float:
-        """A percentile of the wall's time, ms: of N runs, one that was really measured."""
+        """A percentile of the wall time, ms: one of the measured values."""
         return float(np.percentile(self.wall_ms, percent, method="higher"))
 
     def cpu(self, percent: float = 50.0) -> float:
-        """A percentile of the processor's time, ms."""
+        """A percentile of the processor time, ms."""
         return float(np.percentile(self.cpu_ms, percent, method="higher"))
 
 
@@ -49,7 +51,7 @@ class Clock:
         self._cpu_ns: list[int] = []
 
     def run(self, call: Callable[[], Any]) -> Any:
-        """What the call returns; its time is kept."""
+        """Runs the call, stores its time and returns its result."""
         wall, cpu = time.perf_counter_ns(), time.thread_time_ns()
         result = call()
         self._cpu_ns.append(time.thread_time_ns() - cpu)
@@ -57,14 +59,14 @@ class Clock:
         return result
 
     def times(self) -> Times:
-        """Of all runs so far."""
+        """The times of all runs so far."""
         return Times(1e-6 * np.array(self._wall_ns, np.float64), 1e-6 * np.array(self._cpu_ns, np.float64))
 
 
 @contextmanager
 def one_core() -> Iterator[int | None]:
-    """Keeps this thread on one of the cores that it may use, the last of them; gives its number. None: the system does
-    not let a process choose."""
+    """Binds this thread to the last of its allowed cores and returns the core's number; None: not supported by the
+    system."""
     if not hasattr(os, "sched_setaffinity"):
         yield None
         return

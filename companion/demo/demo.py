@@ -1,4 +1,4 @@
-"""`companion demo`: the live service on a simulated flight, without hardware, then pictures and a page of its log."""
+"""`companion demo`: flies the live service in a simulation, then draws its log."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=64
 EMBEDDED = Config(
     cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
 )  # fmt: skip
-"""The embedded default: what configs/simulated.toml says too."""
+"""The embedded default, equal to configs/simulated.toml."""
 MAX_FPS = 15.0
-"""So many frames a second make a page that is still small enough to open."""
+"""Largest frame rate in the page, which limits its size."""
 SECONDS, FAST_SECONDS, FAST_WIDTH_PX = 10.0, 3.0, 320
 PICTURES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemoOptions:
-    """folder: where everything goes; width_px None: as the configuration has it."""
+    """folder: output directory; width_px None: as configured."""
 
     folder: Path = OUTPUT
     seconds: float = SECONDS
@@ -47,7 +47,7 @@ class DemoOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demo:
-    """What was made. log: the service's own; replay: of that log, compared with what the service said in flight."""
+    """The results. log: of the service; replay: of that log, compared with the recorded results."""
 
     log: Path
     live: LiveRun
@@ -56,11 +56,11 @@ class Demo:
 
 
 def demo_config(config: Config, options: DemoOptions) -> Config:
-    """The configuration as it is flown. Raises ValueError where there is no simulated camera."""
+    """The configuration for the flight. Raises ValueError without a simulated camera."""
     simulated = [c for c in config.cameras if c.kind == "simulated"]
     if not simulated:
         raise ValueError(
-            'no camera of kind = "simulated" in the configuration; configs/simulated.toml is one for the demo'
+            'the configuration has no camera of kind = "simulated"; use for example configs/simulated.toml'
         )
     cameras = tuple(
         replace(c, width_px=options.width_px or c.width_px, fps=min(c.fps, MAX_FPS)) for c in simulated
@@ -69,20 +69,19 @@ def demo_config(config: Config, options: DemoOptions) -> Config:
 
 
 def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
-    """Flies, replays and draws. bar: a context manager that gives a Progress for a label. Raises what the stages do."""
+    """Flies, replays and draws. bar: a context manager that gives a Progress for a label. Raises the exceptions of
+    these stages."""
     config = load_config(options.config) if options.config is not None else EMBEDDED
     config = demo_config(config, options)
     options.folder.mkdir(parents=True, exist_ok=True)
-    with bar("compiling what is not compiled yet (a minute the first time)"):
+    with bar("compiling the kernels (about a minute at the first run)"):
         warm_up()
-    with bar(
-        f"flying for {options.seconds:g} s: the service, an autopilot and a planner, each in its own process"
-    ) as on:
+    with bar(f"flying for {options.seconds:g} s: service, autopilot and planner, each in a process of its own") as on:
         live = fly(config, options.folder, options.seconds, on)
     log = options.folder / "prisms.mcap"
     live.log.replace(log)
     live.log.parent.rmdir()
-    with bar("replaying the log: the same prisms again, bit for bit?") as on:
+    with bar("replaying the log and comparing it bit for bit") as on:
         result = replay(log, Options(check=True), on)
     with bar("drawing") as on:
         every = max(1, result.counts.frames // PICTURES)
@@ -91,27 +90,27 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
 
 
 def demo_problems(done: Demo) -> list[str]:
-    """What should not be, in words. Blind frames before the autopilot's clock is known are as they should be."""
+    """The problems, as text. Blind frames before the clocks are synchronised are expected."""
     problems = [done.replay.damage] if done.replay.damage else []
     comparison = done.replay.comparison
     if comparison is not None and not comparison.passed:
-        problems.append(
-            f"the replay differs from what the service said: `companion replay {done.log} --check` tells where"
-        )
+        problems.append(f"the replay differs from the recorded results: run `companion replay {done.log} --check`")
     if not done.replay.counts.valid:
-        problems.append("no image said anything")
+        problems.append("the replay has no valid frame")
     if not done.live.received.valid:
-        problems.append("the subscriber heard nothing that says anything")
+        problems.append("the subscriber received no valid frame")
     return problems
 
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion demo`."""
-    parser = subparsers.add_parser("demo", help="the live service on a simulated flight, without hardware")
+    parser = subparsers.add_parser("demo", help="fly the live service in a simulation, without hardware")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="DIR", help=f"folder ({OUTPUT})")
     parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="a configuration with a simulated camera")
-    parser.add_argument("--seconds", type=_seconds, metavar="S", help=f"fly for so long ({SECONDS:g})")
-    parser.add_argument("--fast", action="store_true", help=f"{FAST_SECONDS:g} s of {FAST_WIDTH_PX} pixels' width")
+    parser.add_argument("--seconds", type=_seconds, metavar="S", help=f"duration of the flight ({SECONDS:g} s)")
+    parser.add_argument(
+        "--fast", action="store_true", help=f"{FAST_SECONDS:g} s with images {FAST_WIDTH_PX} pixels wide"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -123,7 +122,7 @@ def _seconds(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: everything was made and is as it should be; 1: not."""
+    """0: success; 1: a problem was found."""
     seconds = args.seconds or (FAST_SECONDS if args.fast else SECONDS)
     width_px = FAST_WIDTH_PX if args.fast else None
     options = DemoOptions(folder=args.output, config=args.config, seconds=seconds, width_px=width_px)
@@ -145,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _announced(label: str) -> Any:
-    """A progress bar with a line before it, for people who see no bar."""
+    """A progress bar, and a printed line where no terminal shows it."""
     print_line(f"- {label} ...")
     return progress(label)
 
@@ -154,44 +153,43 @@ def _print_summary(done: Demo) -> None:
     received, counts = done.live.received, done.replay.counts
     valid = max(1, counts.valid)
     print_line()
-    print_line("How the service was, as `companion status` told at the end of the flight:")
+    print_line("State of the service at the end of the flight, as printed by `companion status`:")
     for line in status_lines(done.live.health):
         print_line(f"  {line}")
     print_line()
     print_line(
-        f"A planner in another process got {received.messages} messages: {received.valid} with obstacles and free space,"
+        f"A planner in another process received {received.messages} messages: {received.valid} with obstacles and "
+        "free space,"
     )
-    said = f"{received.age_ms[0]:.0f} ms after the exposure in the median, {received.age_ms[1]:.0f} ms at most of 99 in 100"
+    said = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
     print_line(f"{said};")
     blind = ", ".join(f"{n} x {received.texts[code]}" for code, n in sorted(received.causes.items())) or "none"
-    print_line(f"and blind ones before the service saw: {blind}.")
+    print_line(f"and blind ones before the service was ready: {blind}.")
     print_line(
-        f"On average {counts.planes / valid:.0f} vertical planes, joined to {counts.prisms / valid:.0f} prisms, stood in an image."
+        f"On average a frame has {counts.planes / valid:.0f} vertical planes in {counts.prisms / valid:.0f} prisms."
     )
     comparison = done.replay.comparison
     if comparison is not None and comparison.passed:
-        print_line("The log, replayed, gave the same prisms bit for bit.")
+        print_line("Replaying the log gave the same prisms bit for bit.")
     print_line()
     print_line("Look at:")
     if done.views.page is not None:
-        print_line(
-            f"  {_shown(done.views.page)}  the obstacles in 3-D: open it in a browser, turn it, step through time"
-        )
+        print_line(f"{_shown(done.views.page)}  obstacles in 3-D: open it in a browser")
     if done.views.pictures:
         folder = _shown(done.views.pictures[0].parent)
-        print_line(
-            f"  {folder}/*.png  {len(done.views.pictures)} pictures: depth with planes over it, from above, from the side"
-        )
-    print_line(f"  {_shown(done.log)}  the log of the flight; Foxglove and Lichtblick open it too")
+        print_line(f"{folder}/*.png  {len(done.views.pictures)} pictures: depth image with planes, top view, side view")
+    print_line(f"{_shown(done.log)}  log of the flight; Foxglove and Lichtblick can open it")
     print_line()
     print_line("Next:")
     print_line(f"  companion info {_shown(done.log)}")
-    print_line("  companion run -c configs/simulated.toml   the same service, until you end it")
-    print_line("  companion import FOLDER -o my.mcap   a recording of your own (docs/how-to/import-recordings.md)")
+    print_line("companion run -c configs/simulated.toml   run the same service until you stop it")
+    print_line(
+        "companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"
+    )
 
 
 def _shown(path: Path) -> str:
-    """Relative where that is shorter to type."""
+    """The path, relative where that is shorter."""
     relative = os.path.relpath(path)
     return relative if not relative.startswith("..") else str(path)
 

@@ -1,6 +1,6 @@
-"""A planner's side of the demo: a subscriber in a process of its own, `python -m companion.demo.listener PRISMS`.
+"""The demo's planner: a subscriber in a process of its own, `python -m companion.demo.listener PRISMS`.
 
-It takes each message as a planner would and prints one JSON object when it is told to end (SIGTERM)."""
+It reads each message as a planner would and prints one JSON object when it is ended (SIGTERM)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ POLL_MS = 100
 
 @dataclass(slots=True)
 class ReceiveStats:
-    """What a subscriber got. age_ms: (p50, p99) from exposure to here, of those that say something."""
+    """Counts of a subscriber. age_ms: (p50, p99) from exposure to reception of valid frames."""
 
     messages: int = 0
     valid: int = 0
@@ -29,13 +29,13 @@ class ReceiveStats:
     bytes: int = 0
     age_ms: tuple[float, float] = (0.0, 0.0)
     causes: dict[str, int] = field(default_factory=dict)
-    """How often each cause came, by code."""
+    """Number of invalid frames by code of the cause."""
     texts: dict[str, str] = field(default_factory=dict)
-    """Of these causes, for people."""
+    """Texts of these causes."""
 
 
 def listen(address: str) -> ReceiveStats:
-    """Counts what comes until SIGTERM or SIGINT."""
+    """Counts messages until SIGTERM or SIGINT."""
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda n, _: stop.append(n))

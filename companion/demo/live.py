@@ -1,7 +1,7 @@
-"""The live service flown without hardware: service, simulated autopilot and a subscriber, each in its own process.
+"""Runs the live service without hardware: service, simulated autopilot and a subscriber, each in its own process.
 
-Only the camera and the autopilot are not there: the processes, the shared memory, MAVLink over UDP, the clocks, ZeroMQ
-and the log are those of a flight."""
+Only the camera and the autopilot are simulated: processes, shared memory, MAVLink over UDP, clocks, ZeroMQ and the log
+are those of a flight."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from ..log.log_directory import files_of
 from .listener import ReceiveStats
 
 ACTIVE_TIMEOUT_S = 90.0
-"""Longest wait for the service to see: a slow machine renders the flight first."""
+"""Longest wait for the first valid frame: a slow computer renders the flight first."""
 END_S = 20.0
 ACTIVE_STATES = (pb.Health.STATE_ACTIVE, pb.Health.STATE_DEGRADED)
 
@@ -37,12 +37,12 @@ Progress = Callable[[float], None]
 
 
 class DemoError(Exception):
-    """A part of the live demo that did not do what it should; the message says which and shows its last words."""
+    """A fault of a part of the demo; the message names the part and shows its output."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRun:
-    """What was flown. log: the recorder's file; health: the last report before the end; heard: by the subscriber."""
+    """The result of the flight. log: the recorder's file; health: the last report; received: by the subscriber."""
 
     log: Path
     health: pb.Health
@@ -51,7 +51,7 @@ class LiveRun:
 
 
 def live_config(config: Config, folder: Path, run: Path) -> Config:
-    """The configuration with lines of its own: a free port for the autopilot, sockets in `run`, logs in `folder`."""
+    """The configuration with changed addresses: a free port for the autopilot, sockets in `run`, logs in `folder`."""
     record = replace(
         config.record, record="always", folder=str(folder), file_mb=4096.0, budget_mb=8192.0, file_s=7200.0
     )
@@ -61,20 +61,20 @@ def live_config(config: Config, folder: Path, run: Path) -> Config:
 
 
 def toml_of(config: Config) -> str:
-    """The configuration as a file that `companion run` reads."""
+    """The configuration as a file for `companion run`."""
     lines: list[str] = []
     for name in SECTIONS:
         for section in config.cameras if name == "camera" else (getattr(config, name),):
             lines.append("[[camera]]" if name == "camera" else f"[{name}]")
             values = ((f.name, getattr(section, f.name)) for f in fields(section))
-            # JSON's numbers, texts and true/false are TOML's too
+            # numbers, strings and booleans are the same in JSON and TOML
             lines += [f"{key} = {json.dumps(value)}" for key, value in values if value is not None]
     return "\n".join(lines) + "\n"
 
 
 def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress = lambda share: None) -> LiveRun:
-    """Flies for duration_s from the moment on at which the service sees. Raises DemoError."""
-    run = Path(tempfile.mkdtemp(prefix="osape-"))  # a short path: sockets have room for 107 characters
+    """Flies for duration_s from the first valid frame. Raises DemoError."""
+    run = Path(tempfile.mkdtemp(prefix="osape-"))  # a short path: that of a socket is limited to 107 characters
     logs = folder / "logs"
     shutil.rmtree(logs, ignore_errors=True)
     logs.mkdir(parents=True)
@@ -100,12 +100,12 @@ def fly(config: Config, folder: Path, duration_s: float, on_progress: Progress =
         shutil.rmtree(run, ignore_errors=True)
     recorded = [f.path for f in files_of(logs) if not f.active]
     if len(recorded) != 1:
-        raise DemoError(f"{logs}: the service left {len(recorded)} finished logs there, expected one")
+        raise DemoError(f"{logs}: {len(recorded)} finished logs, expected one")
     return LiveRun(log=recorded[0], health=health, received=received, duration_s=duration_s)
 
 
 def _wait_until_active(address: str, processes: Processes) -> float:
-    """The instant at which a camera says something."""
+    """Waits for the first valid frame; returns its time."""
     end_s = time.monotonic() + ACTIVE_TIMEOUT_S
     report: pb.Health | None = None
     while time.monotonic() < end_s:
@@ -116,21 +116,19 @@ def _wait_until_active(address: str, processes: Processes) -> float:
             continue
         if report.state in ACTIVE_STATES and report.frames_used > 0:
             return time.monotonic()
-    diagnostics = "; ".join(report.troubles) if report is not None else "it gave no report"
-    raise DemoError(
-        f"the service did not see anything within {ACTIVE_TIMEOUT_S:g} s: {diagnostics}\n{processes.output('service')}"
-    )
+    diagnostics = "; ".join(report.troubles) if report is not None else "no health report"
+    raise DemoError(f"no valid frame within {ACTIVE_TIMEOUT_S:g} s: {diagnostics}\n{processes.output('service')}")
 
 
 class Processes:
-    """The demo's processes, their output in files beside the sockets."""
+    """The demo's processes; their output is in files beside the sockets."""
 
     def __init__(self, run: Path) -> None:
         self._run = run
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, module: str, *output: str) -> None:
-        """Starts `python -m module words`."""
+        """Starts `python -m module` with these arguments."""
         environment = {**os.environ, "RUNTIME_DIRECTORY": str(self._run), "STATE_DIRECTORY": str(self._run)}
         with (self._run / f"{name}.out").open("wb") as out, (self._run / f"{name}.err").open("wb") as err:
             self._processes[name] = subprocess.Popen(
@@ -138,13 +136,13 @@ class Processes:
             )
 
     def check(self) -> None:
-        """Raises DemoError when one has ended by itself."""
+        """Raises DemoError when a process has ended."""
         for name, process in self._processes.items():
             if process.poll() is not None:
-                raise DemoError(f"the {name} ended by itself with status {process.returncode}\n{self.output(name)}")
+                raise DemoError(f"the {name} ended unexpectedly with status {process.returncode}\n{self.output(name)}")
 
     def end(self, name: str) -> str:
-        """Tells one to end and gives what it wrote. Raises DemoError when it does not, or not well."""
+        """Ends a process and returns its output. Raises DemoError when it does not end, or fails."""
         process = self._processes.pop(name)
         process.terminate()
         try:
@@ -157,11 +155,11 @@ class Processes:
         return (self._run / f"{name}.out").read_text(encoding="utf-8")
 
     def output(self, name: str) -> str:
-        """Its last words on stderr."""
+        """The last lines of its stderr."""
         return "\n".join((self._run / f"{name}.err").read_text(encoding="utf-8", errors="replace").splitlines()[-12:])
 
     def kill(self) -> None:
-        """Ends what still runs, at once."""
+        """Kills all running processes."""
         for process in self._processes.values():
             process.kill()
             process.wait()
@@ -169,7 +167,7 @@ class Processes:
 
 
 def free_port() -> int:
-    """A UDP port of this machine that nobody has."""
+    """A free UDP port of this computer."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: Any = probe.getsockname()[1]

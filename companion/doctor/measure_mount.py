@@ -1,4 +1,5 @@
-"""`companion doctor --mount`: roll, pitch and height of each camera, measured while the vehicle is turned and tilted by hand."""
+"""`companion doctor --mount`: measures roll, pitch and height of each camera while the vehicle is turned and tilted by
+hand."""
 
 from __future__ import annotations
 
@@ -34,14 +35,14 @@ MIN_TURN_RAD = math.radians(60.0)
 MIN_FRAMES = 30
 TARGET_SD_RAD = math.radians(0.3)
 MAX_SD_RAD = math.radians(0.25)
-"""When roll and pitch are known this well, measuring ends before its time."""
+"""Standard deviation of roll and pitch at which the measurement ends early."""
 PARAMS = MountCheckParams(interval_s=0.05, terrain_deg_per_sqrt_s=0.05)
 Incoming = queue.SimpleQueue[Event | CameraInfo]
 
 
 @dataclass(slots=True)
 class MountMeasurement:
-    """The measurement of one camera, event by event."""
+    """The measurement of one camera from a sequence of events."""
 
     info: CameraInfo
     sync: SyncParams
@@ -59,7 +60,7 @@ class MountMeasurement:
         self._mask = configured_mask(self.config, self.info)
 
     def add(self, event: Event) -> None:
-        """An attitude or a frame, in the order of arrival; positions are not used."""
+        """Adds an attitude or a frame, in order of arrival; positions are not used."""
         if isinstance(event, AttitudeSample):
             self._synchroniser.attitudes.add(event)
         elif isinstance(event, DepthFrame):
@@ -82,7 +83,7 @@ class MountMeasurement:
 
     @property
     def turned_rad(self) -> float:
-        """Angle between the outermost headings at which ground was measured."""
+        """Angle between the outermost headings with measured ground."""
         if not self.headings_rad:
             return 0.0
         turns = np.unwrap(self.headings_rad)
@@ -90,33 +91,39 @@ class MountMeasurement:
 
     @property
     def done(self) -> bool:
-        """Whether more would not make the result better."""
+        """Whether the result cannot be improved by more frames."""
         sure = max(self.state.error_sd_rad) <= MAX_SD_RAD
         return sure and len(self.heights_m) >= MIN_FRAMES and self.turned_rad >= MIN_TURN_RAD
 
     def refusal(self) -> str:
-        """Why there is no result, and what to do; empty: there is one."""
+        """Why there is no result, with the remedy; empty: there is one."""
         if not self.frames:
             if self.without_attitude:
-                return f"{self.without_attitude} frames came, none with an attitude: check the autopilot with `companion doctor`"
-            return "no frame came: check the camera with `companion doctor`"
+                return (
+                    f"{self.without_attitude} frames arrived, none with an attitude: check the autopilot with "
+                    "`companion doctor`"
+                )
+            return "no frame arrived: check the camera with `companion doctor`"
         if len(self.heights_m) < MIN_FRAMES:
             return (
-                f"ground in {len(self.heights_m)} of {self.frames} frames only, {MIN_FRAMES} are needed: hold the vehicle above "
-                "level, textured ground so that the lower half of the image shows it"
+                f"ground in only {len(self.heights_m)} of {self.frames} frames, {MIN_FRAMES} are needed: hold the "
+                "vehicle above level, textured ground that fills the lower half of the image"
             )
         if self.turned_rad < MIN_TURN_RAD:
             return (
-                f"turned by {math.degrees(self.turned_rad):.0f} degrees only: turn the vehicle by "
-                f"{math.degrees(MIN_TURN_RAD):.0f} degrees or more to both sides, slowly, and tilt it by about 15 degrees"
+                f"turned by only {math.degrees(self.turned_rad):.0f} degrees: turn the vehicle slowly by "
+                f"{math.degrees(MIN_TURN_RAD):.0f} degrees or more to both sides, and tilt it by about 15 degrees"
             )
         sd_deg = math.degrees(max(self.state.error_sd_rad))
         if max(self.state.error_sd_rad) > TARGET_SD_RAD:
-            return f"known to {sd_deg:.1f} degrees only: the ground is uneven or the turn was too quick; repeat it on level ground"
+            return (
+                f"standard deviation of {sd_deg:.1f} degrees: the ground is uneven or the turn was too fast; repeat "
+                "it on level ground"
+            )
         return ""
 
     def lines(self) -> list[str]:
-        """The lines for the configuration."""
+        """The configuration lines."""
         roll, pitch, yaw = self.state.corrected(self.info.mount)
         said = [
             "[[camera]]", f'name = "{self.config.name}"', f"roll_deg = {math.degrees(roll):.1f}",
@@ -139,7 +146,7 @@ class MountMeasurement:
 
 @dataclass(frozen=True, slots=True)
 class MountFinding:
-    """What came of one camera. lines: for the configuration; empty: there is no result."""
+    """The result of one camera. lines: for the configuration; empty: there is no result."""
 
     camera: str
     ok: bool
@@ -157,7 +164,7 @@ def finding_of(measurement: MountMeasurement) -> MountFinding:
 
 
 def measured_mounts(config: Config, seconds: float, print_line: Callable[[str], None]) -> Iterator[MountFinding]:
-    """Measures all cameras at once over the autopilot's own line. Raises DriverError."""
+    """Measures all cameras at once, with the autopilot's attitude. Raises DriverError."""
     if not config.autopilot.address:
         yield MountFinding("all", False, "the attitude is needed: set [autopilot] address")
         return
@@ -167,7 +174,7 @@ def measured_mounts(config: Config, seconds: float, print_line: Callable[[str], 
     link = MavlinkLink(parse_address(config.autopilot.address), session, lambda samples: _put(events, samples))
 
     def take_frame(frame: DepthFrame) -> None:
-        link.catch_up()  # the attitudes that came before it
+        link.catch_up()  # the attitudes that arrived before the frame
         events.put(frame)
 
     cameras = [CameraSupervisor(c, events.put, take_frame, config.supervision) for c in config.cameras]
@@ -189,7 +196,7 @@ def measured_mounts(config: Config, seconds: float, print_line: Callable[[str], 
     for section in config.cameras:
         measurement = measurements.get(section.name)
         if measurement is None:
-            yield MountFinding(section.name, False, "it did not open: check the camera with `companion doctor`")
+            yield MountFinding(section.name, False, "the camera did not open: check it with `companion doctor`")
         else:
             yield finding_of(measurement)
 
@@ -200,7 +207,7 @@ def _put(events: Incoming, samples: list[AttitudeSample | PoseSample]) -> None:
 
 
 def _collect(events: Incoming, measurements: dict[str, MountMeasurement], config: Config, seconds: float) -> None:
-    """Until every camera is measured, or the time is over."""
+    """Processes events until every camera is measured or the time has passed."""
     end_s = time.monotonic() + seconds
     while (left_s := end_s - time.monotonic()) > 0.0:
         try:

@@ -1,1 +1,1 @@
-"""Recordings of other systems turned into logs."""
+"""Conversion of other recordings into logs."""

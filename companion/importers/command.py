@@ -1,8 +1,7 @@
-"""`companion import`: somebody's recording into a log of ours, in the order in which things arrived.
+"""`companion import`: converts a recording into a log, in order of arrival.
 
-What is wrong with parts of a recording is told, with the place and the remedy, and ends the command with status 1;
-what was readable is in the log all the same.
-"""
+Problems with parts of a recording are reported with place and remedy, and the command ends with status 1; the readable
+part is in the log."""
 
 from __future__ import annotations
 
@@ -28,13 +27,13 @@ from .report import ImportOptions, Report, RosTopics
 from .ros2 import Ros2Source
 
 REMEDY_NO_SOURCE = (
-    "expected a folder with intrinsics.json, frames.csv and depth PNGs, or a ROS 2 recording as an .mcap file"
+    "expected a directory with intrinsics.json, frames.csv and depth PNGs, or a ROS 2 recording as an .mcap file"
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """What became of a recording. frames: kept, of frames_named that the recording speaks of."""
+    """The result of an import. frames: kept frames; frames_named: frames in the recording."""
 
     output: Path
     frames: int
@@ -47,13 +46,13 @@ class Imported:
 
 
 def import_recording(path: Path, output: Path, options: ImportOptions, config: Config | None = None) -> Imported:
-    """Writes the recording as a log. Raises DriverError when nothing of it can be used, OSError and ValueError when
-    the log cannot be written; problems with parts of it are in the result."""
+    """Writes the recording as a log. Raises DriverError when nothing can be used, OSError and ValueError when the log
+    cannot be written; problems with parts are in the result."""
     refuse_output(output, path, *([options.tlog] if options.tlog is not None else []))
     report = Report()
     try:
         source = open_recording(path, options, report)
-    except BadData as error:  # what went before may be its cause
+    except BadData as error:  # the problems found before may be its cause
         raise BadData("\n".join([str(error), *report.all_problems()])) from error
     counted = _Counted(source)
     try:
@@ -63,7 +62,7 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     finally:
         source.close()
     if not counted.kinds[DepthFrame]:
-        report.problem("recording", f"{path}: no frame of it could be used")
+        report.problem("recording", f"{path}: no frame could be used")
     return Imported(
         output=output,
         frames=counted.kinds[DepthFrame],
@@ -77,18 +76,18 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
 
 
 def open_recording(path: Path, options: ImportOptions, report: Report) -> FolderSource | Ros2Source:
-    """The reader of a folder or file. Raises DriverError."""
+    """The reader of a directory or file. Raises DriverError."""
     if path.is_dir():
         return FolderSource(path, options, report)
     if not path.exists():
-        raise DeviceNotFound(f"{path}: there is nothing; {REMEDY_NO_SOURCE}")
+        raise DeviceNotFound(f"{path}: does not exist; {REMEDY_NO_SOURCE}")
     if path.suffix.lower() in (".db3", ".bag"):
         raise BadData(f"{path}: not an MCAP file; convert it first (ros2 bag convert, or the mcap tool)")
     return Ros2Source(path, options, report)
 
 
 class _Counted:
-    """Passes a source on and counts what it delivers."""
+    """Passes the events of a source on and counts them."""
 
     def __init__(self, source: FolderSource | Ros2Source) -> None:
         self._source = source
@@ -101,11 +100,11 @@ class _Counted:
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last exposure."""
+        """Time from the first to the last exposure."""
         return (max(self._exposures) - min(self._exposures)) / NS if self._exposures else 0.0
 
     def events(self) -> Iterator[Event]:
-        """As the source has them."""
+        """The events of the source."""
         for event in self._source.events():
             self.kinds[type(event)] += 1
             if isinstance(event, DepthFrame):
@@ -118,44 +117,57 @@ class _Counted:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion import`."""
-    parser = subparsers.add_parser("import", help="make a log of a recording")
-    parser.add_argument("source", type=Path, metavar="DIR|FILE", help="folder with depth PNGs, or a ROS 2 .mcap")
+    parser = subparsers.add_parser("import", help="convert a recording into a log")
+    parser.add_argument("source", type=Path, metavar="DIR|FILE", help="directory with depth PNGs, or a ROS 2 .mcap")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
     parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", help="its [[camera]] section says mount and ranges"
+        "-c",
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration whose [[camera]] section gives mount and ranges",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    camera = parser.add_argument_group("the camera (over the configuration and the recording)")
-    camera.add_argument("--camera", metavar="NAME", help="its name in the log (default: front)")
+    camera = parser.add_argument_group("camera (overrides the configuration and the recording)")
+    camera.add_argument("--camera", metavar="NAME", help="name in the log (default: front)")
     camera.add_argument(
         "--mount",
         type=_three,
         metavar="R,P,Y",
-        help="roll,pitch,yaw in degrees on the vehicle; down is --mount=0,-20,0",
+        help="roll,pitch,yaw of the mount in degrees; 20 degrees down: --mount=0,-20,0",
     )
-    camera.add_argument("--lever-arm", type=_three, metavar="X,Y,Z", help="forward,right,down in metres")
-    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer is no measurement")
-    camera.add_argument("--max-range-m", type=float, metavar="M", help="what lies beyond is not believed")
-    camera.add_argument("--ke", type=float, metavar="1/M", help="noise: sigma_Z = ke * Z^2")
+    camera.add_argument(
+        "--lever-arm", type=_three, metavar="X,Y,Z", help="position on the vehicle: forward,right,down in metres"
+    )
+    camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer depth is no measurement")
+    camera.add_argument("--max-range-m", type=float, metavar="M", help="farther depth is no measurement")
+    camera.add_argument("--ke", type=float, metavar="1/M", help="depth noise: sigma_Z = ke * Z^2")
     folder = parser.add_argument_group("a folder")
     folder.add_argument(
-        "--frame-latency-ms", type=_latency, default=50.0, metavar="MS", help="exposure to arrival (50)"
+        "--frame-latency-ms", type=_latency, default=50.0, metavar="MS", help="delay from exposure to arrival (50 ms)"
     )
     log = folder.add_mutually_exclusive_group()
     log.add_argument(
-        "--tlog", type=Path, metavar="FILE", help="attitude from this log (default: the one in the folder)"
+        "--tlog",
+        type=Path,
+        metavar="FILE",
+        help="take the attitude from this log (default: the .tlog in the directory)",
     )
-    log.add_argument("--no-tlog", action="store_true", help="attitude from frames.csv, although a log lies beside it")
+    log.add_argument(
+        "--no-tlog", action="store_true", help="take the attitude from frames.csv even if there is a .tlog"
+    )
     folder.add_argument("--tlog-epoch", type=_epoch_us, metavar="UNIX_S", help="unix time of t_ns 0, seconds")
-    folder.add_argument("--system-id", type=int, metavar="ID", help="of the vehicle, where several sent")
-    ros = parser.add_argument_group("a ROS 2 recording (needed where several topics fit)")
+    folder.add_argument("--system-id", type=int, metavar="ID", help="system id of the vehicle, if the log has several")
+    ros = parser.add_argument_group("ROS 2 recording (needed where several topics fit)")
     for name in ("depth", "info", "attitude", "pose"):
         ros.add_argument(f"--{name}-topic", metavar="TOPIC")
-    ros.add_argument("--base-frame", default="base_link", metavar="FRAME", help="the vehicle's body (base_link)")
+    ros.add_argument(
+        "--base-frame", default="base_link", metavar="FRAME", help="frame of the vehicle's body (base_link)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all of it; 1: not all of it, or nothing; what was readable is kept."""
+    """0: everything was converted; 1: a part or everything is missing; the readable part is kept."""
     config = load_config(args.config) if args.config is not None else Config()
     done = import_recording(args.source, args.output, _options(args, config), config)
     if args.json:
@@ -237,7 +249,7 @@ def _latency(text: str) -> float:
 
 
 def _epoch_us(text: str) -> int:
-    """Microseconds of a decimal number of seconds, without rounding through a float."""
+    """Microseconds of a decimal number of seconds, exact."""
     try:
         value = Decimal(text)
         return int((value * 1_000_000).to_integral_value())

@@ -1,7 +1,7 @@
-"""A folder of depth PNGs, intrinsics.json and frames.csv, with a .tlog beside them where there is one.
+"""Reads a directory with depth PNGs, intrinsics.json, frames.csv and optionally a .tlog.
 
-frames.csv: `file`, `t_ns` (mid-exposure), `roll_rad`, `pitch_rad`, `yaw_rad` (frd to ned, ZYX, as in MAVLink), and, where
-known, `x_m`, `y_m`, `z_m` (ned). Further columns are ignored. With a .tlog the attitude (and position) is the log's.
+frames.csv: `file`, `t_ns` (mid-exposure), `roll_rad`, `pitch_rad`, `yaw_rad` (frd to ned, ZYX, as in MAVLink), and
+optionally `x_m`, `y_m`, `z_m` (ned). Other columns are ignored. With a .tlog, attitude and position are taken from it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .tlog import TiltRow, tlog_samples
 
 
 class FolderSource:
-    """A recording in a folder (EventSource). What is wrong with single rows and images is told in `report`, and the rest
-    is delivered. Raises BadData where nothing can be delivered. An attribute `frame_count` holds the rows that there are."""
+    """A recording in a directory (EventSource). Problems with single rows and images are added to `report`; the rest is
+    delivered. Raises BadData where nothing can be delivered. frame_count: number of rows."""
 
     def __init__(self, folder: Path, options: ImportOptions, report: Report) -> None:
         self._folder, self._options, self._report = folder, options, report
@@ -37,19 +37,19 @@ class FolderSource:
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
-        """The one camera."""
+        """The camera."""
         return (self._info,)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Does nothing: no file stays open."""
 
     def events(self) -> Iterator[Event]:
-        """Everything in order of arrival; images are read when their turn comes."""
+        """All events in order of arrival; images are read when due."""
 
         def arrival(item: AttitudeSample | PoseSample | FrameRow) -> int:
             return self._arrival_ns(item) if isinstance(item, FrameRow) else item.t_arrival_ns
 
-        # of equal arrivals the samples come first: a frame may use them
+        # samples come before a frame of the same arrival, which may use them
         items: list[AttitudeSample | PoseSample | FrameRow] = [*self._attitudes, *self._poses, *self._rows]
         for item in sorted(items, key=arrival):
             if not isinstance(item, FrameRow):
@@ -83,12 +83,12 @@ class FolderSource:
         return PoseSample(t_ns, arrival_ns, s.position_ned_m, s.velocity_ned_m_s, s.reset_counter)
 
     def _shift(self) -> int:
-        """Whole seconds that bring the first stamp to 0 or later: a log cannot hold negative ones."""
+        """Shift in whole seconds that makes all timestamps 0 or later, as a log requires."""
         samples: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
         first = min([r.t_ns for r in self._rows] + [s.t_ns for s in samples])
         shift_ns = -(first // NS) * NS if first < 0 else 0
         if shift_ns:
-            self._report.note(f"the clock was moved by {shift_ns // NS} s, so that no stamp is negative")
+            self._report.note(f"all timestamps were shifted by {shift_ns // NS} s, so that none is negative")
         return shift_ns
 
     def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:
@@ -111,33 +111,35 @@ class FolderSource:
             lines = spans(r.line for r in self._rows if r.t_ns in missing_ns)
             self._report.problem(
                 "attitude",
-                f"{log.name}: no attitude near the frames of frames.csv line {lines}; they are kept without one",
+                f"{log.name}: no attitude near the frames of frames.csv line {lines}; these frames are kept without "
+                "attitude",
             )
         return attitudes, poses
 
     def _report_unusable(self) -> None:
-        """Attitudes and positions of frames.csv that are left out."""
+        """Reports attitudes and positions of frames.csv that are not used."""
         path = self._folder / "frames.csv"
         without_attitude = [r.line for r in self._rows if r.euler_rad is None]
         if without_attitude:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(without_attitude)} rows without a usable attitude (line {spans(without_attitude)}): the frames are kept, their "
-                "attitude is left out; fill in roll_rad, pitch_rad and yaw_rad, or put a .tlog beside it",
+                f"{path}: {len(without_attitude)} rows without a usable attitude (line {spans(without_attitude)}): "
+                "the frames are kept without attitude; fill in roll_rad, pitch_rad and yaw_rad, or add a .tlog",
             )
         too_large = [r.line for r in self._rows if looks_like_degrees(r)]
         if too_large:
             self._report.problem(
                 "attitude",
-                f"{path}: {len(too_large)} rows with angles of more than a full turn (line {spans(too_large)}): the frames are "
-                "kept, their attitude is left out; roll_rad, pitch_rad and yaw_rad are radians, these look like degrees",
+                f"{path}: {len(too_large)} rows with angles of more than a full turn (line {spans(too_large)}): the "
+                "frames are kept without attitude; roll_rad, pitch_rad and yaw_rad must be radians, these look like "
+                "degrees",
             )
         without_position = [r.line for r in self._rows if r.position_ned_m is None]
         if 0 < len(without_position) < len(self._rows):
             self._report.problem(
                 "position",
-                f"{path}: {len(without_position)} rows without a usable position (line {spans(without_position)}): the frames are kept, their "
-                "position is left out; fill in x_m, y_m and z_m",
+                f"{path}: {len(without_position)} rows without a usable position (line {spans(without_position)}): "
+                "the frames are kept without position; fill in x_m, y_m and z_m",
             )
 
     def _tlog(self) -> Path | None:
@@ -147,12 +149,12 @@ class FolderSource:
         if len(found) > 1:
             names = ", ".join(f.name for f in found)
             raise BadData(
-                f"{self._folder}: several logs ({names}); choose with --tlog FILE or leave out with --no-tlog"
+                f"{self._folder}: several logs ({names}); choose one with --tlog FILE or use none with --no-tlog"
             )
         return found[0] if found else None
 
     def _report_unlisted(self) -> None:
-        """Images that no row names have no time and cannot be used."""
+        """Reports images without a row: they have no time and are not used."""
         listed = {(self._folder / r.file).resolve() for r in self._rows}
         for parent in sorted({p.parent for p in listed}):
             unlisted = [p.name for p in sorted(parent.glob("*.png")) if p not in listed]
@@ -160,6 +162,6 @@ class FolderSource:
                 shown = ", ".join(unlisted[:3]) + (", ..." if len(unlisted) > 3 else "")
                 self._report.problem(
                     "gap",
-                    f"{self._folder / 'frames.csv'}: {len(unlisted)} images in {parent.name}/ have no row ({shown}): without "
-                    "a time they are left out; add their rows, or move the images away",
+                    f"{self._folder / 'frames.csv'}: {len(unlisted)} images in {parent.name}/ have no row ({shown}): "
+                    "they have no time and are left out; add their rows, or move the images away",
                 )

@@ -19,14 +19,14 @@ from .report import Report
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 POSITION = ("x_m", "y_m", "z_m")
 MAX_ANGLE_RAD = 2.0 * math.pi
-"""No angle of an attitude in radians is more than a turn."""
+"""Largest plausible angle of an attitude in radians."""
 GAP_FACTOR, GAP_MIN_S = 5.0, 0.5
-"""A pause this many times the usual interval, and at least this long, is told."""
+"""A pause of this multiple of the median interval, and of at least this length, is reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRow:
-    """One row of frames.csv. line: in the file, 1 being the heading; number: of the row, the frame's sequence."""
+    """One row of frames.csv. line: line number in the file, 1 is the heading; number: of the row, the frame's sequence."""
 
     line: int
     number: int
@@ -37,8 +37,8 @@ class FrameRow:
 
 
 def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
-    """(the usable rows of frames.csv in order of time, how many rows there are); what is wrong with the others is told.
-    Raises BadData for a file without the columns that give each frame its image and its time."""
+    """(usable rows in order of time, number of rows). Problems with other rows are reported. Raises BadData for a file
+    without the columns of image and time."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
@@ -56,11 +56,11 @@ def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
         )
     duplicated = [c for c in ("file", "t_ns", *ATTITUDE, *POSITION) if columns.count(c) > 1]
     if duplicated:
-        raise BadData(f"{path} line 1: column {', '.join(duplicated)} stands there more than once; keep the right one")
+        raise BadData(f"{path} line 1: column {', '.join(duplicated)} is duplicated; remove one")
     missing_angles = [c for c in ATTITUDE if c not in columns]
     if missing_angles:
         report.problem(
-            "column", f"{path} line 1: column {', '.join(missing_angles)} is missing, hence no frame has an attitude"
+            "column", f"{path} line 1: column {', '.join(missing_angles)} is missing: no frame has an attitude"
         )
     usable = [row for n, (line, cells) in enumerate(content) if (row := _row(path, line, n, cells, report)) is not None]
     rows = _in_order(path, usable, report)
@@ -69,8 +69,8 @@ def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
 
 
 def _in_order(path: Path, rows: list[FrameRow], report: Report) -> list[FrameRow]:
-    """Most rows whose times increase: a single wrong stamp costs its own row, not all that follow it. The longest
-    increasing subsequence, by patience sorting."""
+    """The largest set of rows with increasing times: a single wrong stamp removes its own row only. Longest increasing
+    subsequence by patience sorting."""
     tails: list[int] = []
     ends: list[int] = []
     before: list[int | None] = []
@@ -87,8 +87,8 @@ def _in_order(path: Path, rows: list[FrameRow], report: Report) -> list[FrameRow
         if i not in kept:
             report.problem(
                 "order",
-                f"{path} line {row.line}: t_ns {row.t_ns} does not come after the rows before and ahead of those after it; "
-                "row left out; correct the stamp, or sort the rows by t_ns",
+                f"{path} line {row.line}: t_ns {row.t_ns} is out of order; row left out; correct the stamp, or sort "
+                "the rows by t_ns",
             )
     return [row for i, row in enumerate(rows) if i in kept]
 
@@ -102,13 +102,13 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
     try:
         t_ns = int(stamp)
     except ValueError:
-        report.problem("row", f"{path} line {line}: t_ns {stamp!r} is no whole number of nanoseconds; row left out")
+        report.problem("row", f"{path} line {line}: t_ns {stamp!r} is not a whole number of nanoseconds; row left out")
         return None
     if not -(1 << 62) < t_ns < 1 << 62:
         report.problem("row", f"{path} line {line}: t_ns {stamp} is out of range; row left out")
         return None
     if "\0" in file:
-        report.problem("row", f"{path} line {line}: file {file!r} is no file name; row left out")
+        report.problem("row", f"{path} line {line}: file {file!r} is not a file name; row left out")
         return None
     return FrameRow(
         line=line,
@@ -121,7 +121,7 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
 
 
 def looks_like_degrees(row: FrameRow) -> bool:
-    """Whether its angles cannot be radians."""
+    """Whether the angles are too large for radians."""
     return row.euler_rad is not None and max(map(abs, row.euler_rad)) > MAX_ANGLE_RAD
 
 
@@ -143,6 +143,6 @@ def _report_gaps(path: Path, rows: list[FrameRow], report: Report) -> None:
         if interval > max(GAP_FACTOR * usual, GAP_MIN_S):
             report.problem(
                 "gap",
-                f"{path} lines {a.line}-{b.line}: a gap of {interval:.2f} s (usual: {usual:.3f} s); rows are missing or the "
-                "camera stood still, and nothing is known of that time",
+                f"{path} lines {a.line}-{b.line}: a gap of {interval:.2f} s (median: {usual:.3f} s); rows are "
+                "missing or the camera was interrupted",
             )

@@ -15,14 +15,14 @@ from .report import ImportOptions
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthCoding:
-    """How the PNGs hold depth: millimetres of one step, and the values that mean no measurement."""
+    """Encoding of depth in the PNGs: millimetres per step, and the values without a measurement."""
 
     unit_mm: float = 1.0
     invalid: tuple[int, ...] = (0, 65535)
 
 
 def read_intrinsics(path: Path, options: ImportOptions) -> tuple[CameraInfo, DepthCoding]:
-    """The camera and how its images hold depth. Raises BadData."""
+    """The camera and the encoding of its images. Raises BadData."""
     content = _json_object(path)
     numbers: dict[str, float] = {}
     for key in ("width", "height", "fx", "fy", "cx", "cy"):
@@ -32,7 +32,7 @@ def read_intrinsics(path: Path, options: ImportOptions) -> tuple[CameraInfo, Dep
         numbers[key] = value
     unit_mm = content.get("depth_unit_mm", 1.0)
     if isinstance(unit_mm, bool) or not isinstance(unit_mm, int | float) or not 1e-3 <= unit_mm <= 1000.0:
-        raise BadData(f"{path}: depth_unit_mm = {unit_mm!r}; expected the millimetres of one step, 0.001..1000")
+        raise BadData(f"{path}: depth_unit_mm = {unit_mm!r}; expected millimetres per step, 0.001..1000")
     invalid = content.get("invalid", [0, 65535])
     if not isinstance(invalid, list) or not all(type(v) is int and 0 <= v <= 65535 for v in invalid):
         raise BadData(f"{path}: invalid = {invalid!r}; expected a list of pixel values 0..65535")
@@ -44,9 +44,9 @@ def read_intrinsics(path: Path, options: ImportOptions) -> tuple[CameraInfo, Dep
         intrinsics = Intrinsics(*size, *(float(numbers[key]) for key in ("fx", "fy", "cx", "cy")))
         info = options.camera.applied_to(CameraInfo(options.camera.name, intrinsics))
     except OverflowError as error:
-        raise BadData(f"{path}: a number of pixels is far too large; expected fx, fy, cx, cy in pixels") from error
+        raise BadData(f"{path}: a value is too large; expected fx, fy, cx, cy in pixels") from error
     except ValueError as error:
-        raise BadData(f"{path}, or what overrides it on the command line: {error}") from error
+        raise BadData(f"{path}, or its override on the command line: {error}") from error
     return info, DepthCoding(unit_mm=float(unit_mm), invalid=tuple(invalid))
 
 
@@ -54,11 +54,13 @@ def _json_object(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadData(f"{path}: cannot be read ({error.strerror}); it holds width, height, fx, fy, cx, cy") from error
+        raise BadData(
+            f"{path}: cannot be read ({error.strerror}); it must contain width, height, fx, fy, cx, cy"
+        ) from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise BadData(f"{path}: not valid JSON ({error})") from error
     except RecursionError as error:
-        raise BadData(f"{path}: nested deeper than can be read; it holds width, height, fx, fy, cx, cy") from error
+        raise BadData(f"{path}: nested too deeply; it must contain width, height, fx, fy, cx, cy") from error
     if not isinstance(content, dict):
         raise BadData(f'{path}: expected an object such as {{"width": 640, "height": 480, "fx": 383.5, ...}}')
     return content

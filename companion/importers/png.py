@@ -1,4 +1,4 @@
-"""One depth PNG as uint16 millimetres, with every way in which it may be unfit told apart."""
+"""Reads a depth PNG as uint16 millimetres; each kind of unsuitable file has its own error."""
 
 from __future__ import annotations
 
@@ -21,32 +21,30 @@ COLOURS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGBA"}
 def read_depth_png(
     path: Path, size: tuple[int, int], unit_mm: float = 1.0, invalid: Sequence[int] = (0, 65535)
 ) -> NDArray[np.uint16]:
-    """(H, W) uint16 millimetres, UNKNOWN_MM where the file's value is in `invalid` or cannot be held.
+    """(H, W) uint16 millimetres; UNKNOWN_MM where the file's value is in `invalid` or cannot be represented.
 
-    size: (width, height) that the intrinsics are for. unit_mm: millimetres of one step. Raises BadData."""
+    size: (width, height) of the intrinsics. unit_mm: millimetres per step. Raises BadData."""
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise BadData(
-            f"{path}: cannot be read ({error.strerror}); the file that frames.csv names must be there"
-        ) from error
+        raise BadData(f"{path}: cannot be read ({error.strerror}); the file is named in frames.csv") from error
     width, height = _checked(path, data)
     if (width, height) != size:
         raise BadData(
-            f"{path}: {width}x{height} pixels, but intrinsics.json is for {size[0]}x{size[1]}; "
-            "intrinsics must be of the same resolution as the images"
+            f"{path}: {width}x{height} pixels, but intrinsics.json is for {size[0]}x{size[1]}; use the intrinsics of "
+            "the images' resolution"
         )
     raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None or raw.dtype != np.uint16 or raw.shape != (height, width):
-        raise BadData(f"{path}: its pixels cannot be decoded; write it again as a 16-bit grey PNG")
+        raise BadData(f"{path}: its pixels cannot be decoded; save it again as a 16-bit grey PNG")
     depth = millimetres(raw, unit_mm)
     depth[np.isin(raw, np.array(list(invalid), dtype=np.int64))] = UNKNOWN_MM
     return depth
 
 
 def millimetres(raw: NDArray[np.uint16], unit_mm: float) -> NDArray[np.uint16]:
-    """uint16 millimetres of uint16 steps. What millimetres cannot hold is unknown: the two largest values mean
-    "far" and "saturated" in this project, and no recorder meant that by them."""
+    """Millimetres of uint16 steps as uint16. Values that cannot be represented become unknown, including the two
+    largest, which mean "far" and "saturated" in this software."""
     if unit_mm == 1.0:
         depth = raw.copy()
         depth[raw >= FAR_MM] = UNKNOWN_MM
@@ -56,7 +54,8 @@ def millimetres(raw: NDArray[np.uint16], unit_mm: float) -> NDArray[np.uint16]:
 
 
 def _checked(path: Path, data: bytes) -> tuple[int, int]:
-    """(width, height) of a whole 16-bit grey PNG; OpenCV alone would convert other kinds or show half of one."""
+    """(width, height) of a complete 16-bit grey PNG. OpenCV alone would convert other kinds and accept incomplete
+    files."""
     if not data.startswith(SIGNATURE):
         raise BadData(f"{path}: not a PNG; depth images are 16-bit grey PNGs")
     at, header, ended = len(SIGNATURE), b"", False
@@ -67,19 +66,19 @@ def _checked(path: Path, data: bytes) -> tuple[int, int]:
         if len(tail) < 4:
             break
         if zlib.crc32(kind + body) != struct.unpack(">I", tail)[0]:
-            raise BadData(f"{path}: damaged (wrong checksum); copy it again from where it was recorded")
+            raise BadData(f"{path}: damaged (wrong checksum); copy it again from the original")
         header = header or body
         at += 12 + length
         ended = kind == b"IEND"
         if ended:
             break
     if not ended or len(header) != 13:
-        raise BadData(f"{path}: cut short; copy it again from where it was recorded")
+        raise BadData(f"{path}: incomplete; copy it again from the original")
     width, height, bits, colour = struct.unpack_from(">IIBB", header)
     if bits != 16 or colour != 0:
         kind_name = COLOURS.get(colour, f"colour type {colour}")
         raise BadData(
-            f"{path}: {bits}-bit {kind_name}, expected 16-bit grey; save the depth itself (uint16), "
-            "not a picture of it for looking at"
+            f"{path}: {bits}-bit {kind_name}, expected 16-bit grey; save the depth itself (uint16), not a rendered "
+            "image"
         )
     return int(width), int(height)

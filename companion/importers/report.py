@@ -1,4 +1,4 @@
-"""What the readers of recordings share: their options, what they found wrong, and what they leave for the summary."""
+"""Options and report of the importers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..config.sync import SyncParams
 from ..pipeline.sync import NS
 
 SHOWN = 8
-"""Problems of one kind that are spelled out; the rest is counted."""
+"""Number of problems per kind that are printed; the rest is counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosTopics:
-    """Which topics of a ROS 2 recording are read; None: the only one that fits."""
+    """Topics of a ROS 2 recording; None: the only matching one."""
 
     depth: str | None = None
     camera_info: str | None = None
@@ -28,8 +28,9 @@ class RosTopics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """camera: its name, and what overrides the recording. frame_latency_s: from mid-exposure to arrival where the
-    recording does not say. tlog_epoch_us: unix microseconds of t_ns 0. system_id: of the vehicle, where several sent."""
+    """camera: name and overrides of the recording. frame_latency_s: from mid-exposure to arrival where the recording
+    does not contain it. tlog_epoch_us: unix microseconds of t_ns 0. system_id: of the vehicle, if the log has several.
+    """
 
     camera: CameraConfig = field(default_factory=lambda: CameraConfig(name="front"))
     frame_latency_s: float = 0.05
@@ -43,26 +44,26 @@ class ImportOptions:
 
 @dataclass(slots=True)
 class Report:
-    """problems: something is missing or was left out (the import fails, what was readable is kept); notes: what the
-    reader decided and the person should know."""
+    """problems: missing or unused parts (the import fails, the readable part is kept); notes: decisions of the importer
+    that the user should know."""
 
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     _of_kind: dict[str, int] = field(default_factory=dict)
 
     def problem(self, kind: str, text: str) -> None:
-        """One problem; of each kind the first few are kept."""
+        """Adds a problem; of each kind the first SHOWN are kept."""
         self._of_kind[kind] = self._of_kind.get(kind, 0) + 1
         if self._of_kind[kind] <= SHOWN:
             self.problems.append(text)
 
     def note(self, text: str) -> None:
-        """Something to say once."""
+        """Adds a note once."""
         if text not in self.notes:
             self.notes.append(text)
 
     def all_problems(self) -> list[str]:
-        """The problems and how many more there were of each kind."""
+        """The problems, and the number of further ones of each kind."""
         more = [f"... and {n - SHOWN} more: {kind}" for kind, n in self._of_kind.items() if n > SHOWN]
         return self.problems + more
 
@@ -79,7 +80,7 @@ def spans(numbers: Iterable[int]) -> str:
 
 
 def uncovered(exposures_ns: Sequence[int], attitudes_ns: Sequence[int], sync: SyncParams) -> list[int]:
-    """Exposures for which no attitude is near enough, in either direction, whatever its arrival."""
+    """Exposures without an attitude near enough before or after, whatever its arrival."""
     stamps = sorted(attitudes_ns)
     out = []
     for t in exposures_ns:

@@ -1,8 +1,7 @@
-"""A ROS 2 recording (MCAP) with depth images, camera info and the vehicle's attitude.
+"""Reads a ROS 2 recording (MCAP) with depth images, camera info and the vehicle's attitude.
 
-Two passes: the first reads everything but the images and chooses topics, the second delivers the images with the
-samples that had arrived by then. The recorder's log time is the arrival; the header's stamp is the measurement.
-"""
+Two passes: the first reads everything except the images and chooses topics; the second delivers the images with the
+samples that had arrived. The log time is the arrival time, the header's stamp the time of measurement."""
 
 from __future__ import annotations
 
@@ -25,21 +24,21 @@ from .ros2_frames import DEPTH_TYPES, TransformTree, depth_from_image, mount_of,
 from .ros2_motion import Motion
 
 CLOCKS_APART_NS = 5 * NS
-"""Log times farther than this from the stamps are of another clock (simulated time, a recorder without a clock)."""
+"""Log times farther than this from the stamps belong to another clock (simulated time, a recorder without a clock)."""
 
 
 MAX_STAMP_ERROR_NS = 60 * NS
-"""A stamp this far from its arrival is damaged or was never set."""
+"""A stamp farther than this from its arrival is damaged or was never set."""
 
 
 def stamp_ns(header: Any) -> int:
-    """The header's stamp."""
+    """The header's stamp, ns."""
     return int(header.stamp.sec) * NS + int(header.stamp.nanosec)
 
 
 class Ros2Source:
-    """A ROS 2 recording (EventSource). Opens at once; raises BadData naming the topics there are when none, or more
-    than one, fits."""
+    """A ROS 2 recording (EventSource). The constructor reads it and raises BadData with the list of topics when none,
+    or more than one, fits."""
 
     def __init__(self, path: Path, options: ImportOptions, report: Report) -> None:
         self._path, self._options, self._report = path, options, report
@@ -61,14 +60,14 @@ class Ros2Source:
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
-        """The one camera."""
+        """The camera."""
         return (self._info,)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Does nothing: no file stays open."""
 
     def events(self) -> Iterator[Event]:
-        """Everything in order of arrival."""
+        """All events in order of arrival."""
         items: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
         waiting = sorted(items, key=lambda s: s.t_arrival_ns)
         next_sample, newest_ns, exposures = 0, 0, []
@@ -78,8 +77,8 @@ class Ros2Source:
             if arrived_ns is None:
                 self._report.problem(
                     "stamp",
-                    f"{self._path}: {self._depth_topic} image {number}: its stamp, {t_ns} ns, is nowhere near its recording; "
-                    "left out, no attitude can belong to it",
+                    f"{self._path}: {self._depth_topic} image {number}: its stamp, {t_ns} ns, is far from its log "
+                    "time; left out, since it cannot have an attitude",
                 )
                 continue
             arrival_ns = newest_ns = max(newest_ns, arrived_ns)
@@ -96,8 +95,8 @@ class Ros2Source:
             begin = (missing[0] - exposures[0]) / NS
             self._report.problem(
                 "attitude",
-                f"{self._path}: {len(missing)} of {len(exposures)} frames have no attitude near them, the first {begin:.2f} s "
-                "after the first frame; they are kept without one",
+                f"{self._path}: {len(missing)} of {len(exposures)} frames have no attitude near them, the first "
+                f"{begin:.2f} s after the first frame; they are kept without attitude",
             )
 
     def _frame(self, number: int, t_ns: int, arrival_ns: int, message: Any) -> DepthFrame | None:
@@ -128,12 +127,12 @@ class Ros2Source:
                     yield item.message.log_time, message
 
     def _messages(self) -> Iterator[Logged]:
-        """ROS messages in file order; damage is told once."""
+        """ROS messages in file order; damage is reported once."""
         scan = open_scan(self._path)
         try:
             for item in scan.items():
                 if isinstance(item, Damage):
-                    text = f"{self._path}: {item.cause} (byte {item.offset}); what could be read was kept"
+                    text = f"{self._path}: {item.cause} (byte {item.offset}); the readable part was kept"
                     if text not in self._report.problems:
                         self._report.problem("damage", text)
                 elif isinstance(item, Logged) and item.schema is not None:
@@ -162,7 +161,7 @@ class Ros2Source:
                 self._motion.add_message(topic, kind, message, stamp_ns(message.header), item.message.log_time)
         for topic, number in undecoded.items():
             self._report.problem(
-                "decode", f"{self._path}: {number} messages of {topic} do not fit their own definition"
+                "decode", f"{self._path}: {number} messages of {topic} do not fit their definition in the file"
             )
 
     def _transforms(self, topic: str, message: Any, log_ns: int) -> None:
@@ -177,17 +176,19 @@ class Ros2Source:
                 self._motion.add_static(transform.header.frame_id, transform.child_frame_id, placed)
 
     def _clock_offset(self) -> int:
-        """What log times are ahead of the stamps' clock: 0 unless they are of another one."""
+        """Offset of the log times from the stamps' clock; 0 unless they belong to another clock."""
         if not self._delays_ns:
             return 0
         usual = median_low(self._delays_ns)
         if abs(usual) <= CLOCKS_APART_NS:
             return 0
-        self._report.note("log times and stamps are of different clocks: the least delay between them is taken as none")
+        self._report.note(
+            "log times and stamps belong to different clocks: the smallest delay between them is assumed to be zero"
+        )
         return min(d for d in self._delays_ns if abs(d - usual) <= CLOCKS_APART_NS)
 
     def _arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
-        """The log time on the stamps' clock, never before the measurement; None for a stamp that cannot be true."""
+        """The arrival on the stamps' clock, not before the measurement; None for an implausible stamp."""
         arrival_ns = log_ns - self._offset_ns
         return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= MAX_STAMP_ERROR_NS else None
 
@@ -196,7 +197,7 @@ class Ros2Source:
         depth = [t for t, encoding in images.items() if encoding in DEPTH_TYPES]
         wanted = self._options.topics.depth
         if wanted is not None and wanted not in depth:
-            is_there = f"is {images[wanted]}" if wanted in images else "is not there"
+            is_there = f"is {images[wanted]}" if wanted in images else "is not in the recording"
             raise BadData(f"{self._path}: {wanted} {is_there}; depth images: {_joined(depth) or 'none'}")
         if wanted is not None:
             return wanted
@@ -209,7 +210,7 @@ class Ros2Source:
     def _found_text(self) -> str:
         ours = sum(kind in {t.schema for t in TOPICS.values()} for kind in self._types.values())
         if ours and not self._first_images:
-            return "it is a log of this project already: replay it directly"
+            return "it is a log of this software: replay it directly"
         kinds = sorted(set(self._types.values()))
         there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6]) or "nothing at all"
         compressed = [t for t, kind in self._types.items() if kind == "sensor_msgs/CompressedImage"]
@@ -223,11 +224,13 @@ class Ros2Source:
     def _camera_info(self) -> CameraInfo:
         topic = self._options.topics.camera_info or self._info_topic()
         if topic not in self._infos:
-            raise BadData(f"{self._path}: no camera info on {topic}; there is: {_joined(list(self._infos)) or 'none'}")
+            raise BadData(f"{self._path}: no camera info on {topic}; available: {_joined(list(self._infos)) or 'none'}")
         k_message, image = self._infos[topic], self._first_images[self._depth_topic]
         fx, _, cx, _, fy, cy = list(k_message.k)[:6]
         if any(abs(d) > 1e-6 for d in k_message.d):
-            self._report.note(f"{topic} tells of a lens distortion: depth images are taken as rectified, it is ignored")
+            self._report.note(
+                f"{topic} contains a lens distortion: it is ignored, since depth images are assumed to be rectified"
+            )
         try:
             intrinsics = Intrinsics(int(k_message.width), int(k_message.height), fx, fy, cx, cy)
             info = CameraInfo(self._options.camera.name, intrinsics)
@@ -238,8 +241,8 @@ class Ros2Source:
                 self._report.note(f"mount from the transforms {base} -> {optical}")
             elif self._options.camera.pitch_deg is None:
                 self._report.note(
-                    f"no transform joins {base} and {optical}: the camera is taken as looking forward, level; if it does "
-                    "not, give --mount ROLL,PITCH,YAW"
+                    f"no transform connects {base} and {optical}: the camera is assumed to look forward, level; "
+                    "otherwise give --mount ROLL,PITCH,YAW"
                 )
             return self._options.camera.applied_to(info)
         except ValueError as error:
@@ -252,8 +255,8 @@ class Ros2Source:
         if len(self._infos) == 1:
             return next(iter(self._infos))
         raise BadData(
-            f"{self._path}: no camera info beside {self._depth_topic}; there is: {_joined(list(self._infos)) or 'none'}; "
-            "choose with --info-topic"
+            f"{self._path}: no camera info beside {self._depth_topic}; available: "
+            f"{_joined(list(self._infos)) or 'none'}; choose with --info-topic"
         )
 
     def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:
@@ -264,18 +267,18 @@ class Ros2Source:
         if pose is None:
             pose = attitude if attitude in pose_topics else pose_topics[0] if len(pose_topics) == 1 else None
         elif pose not in pose_topics:
-            raise BadData(f"{self._path}: no position on {pose}; there is: {_joined(pose_topics) or 'none'}")
-        self._report.note(f"attitude from {attitude}, position from {pose or 'nowhere'}")
+            raise BadData(f"{self._path}: no position on {pose}; available: {_joined(pose_topics) or 'none'}")
+        self._report.note(f"attitude from {attitude}, position from {pose or 'no topic'}")
         invalid = self._motion.unusable(attitude)
         if invalid:
             self._report.problem(
-                "attitude", f"{self._path}: {invalid} attitudes of {attitude} are no rotation, left out"
+                "attitude", f"{self._path}: {invalid} attitudes of {attitude} are not rotations; left out"
             )
         to_child = self._static_tree.between
         for unconnected in self._motion.unconnected_frames(attitude, to_child):
             self._report.note(
-                f"no transform joins {unconnected} and {topics.base_frame}: {attitude} is taken as the attitude of the vehicle "
-                "itself; if it is not, record /tf_static, or choose with --base-frame"
+                f"no transform connects {unconnected} and {topics.base_frame}: {attitude} is assumed to be the "
+                "attitude of the vehicle; otherwise record /tf_static, or choose with --base-frame"
             )
         attitudes, poses = (
             self._motion.attitudes(attitude, to_child),
@@ -285,7 +288,7 @@ class Ros2Source:
         lost = sum(a is None for a in kept[0])
         if lost:
             self._report.problem(
-                "stamp", f"{self._path}: {lost} attitudes with a stamp nowhere near their recording, left out"
+                "stamp", f"{self._path}: {lost} attitudes have a stamp far from their log time; left out"
             )
         return [a for a in kept[0] if a is not None], [p for p in kept[1] if p is not None]
 
@@ -302,7 +305,7 @@ def _choose_topic(path: Path, what: str, wanted: str | None, there: list[str], t
     named = ", ".join(f"{t} ({types[t]})" for t in there)
     if wanted is not None:
         if wanted not in there:
-            raise BadData(f"{path}: no {what} on {wanted}; there is: {named or 'none'}")
+            raise BadData(f"{path}: no {what} on {wanted}; available: {named or 'none'}")
         return wanted
     if len(there) == 1:
         return there[0]

@@ -1,4 +1,4 @@
-"""ROS 2 messages by the definition that their recording holds, checked for the fields that are read."""
+"""Decodes ROS 2 messages by the definitions in the recording and checks the fields that are read."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _READ_OF_TRANSFORM: Final = (
     *_paths("transform.rotation", "wxyz"),
 )
 _MIN: Final = {CAMERA_INFO: ("k", 9), IMU: ("orientation_covariance", 9)}
-"""Arrays that are read by place, and their length."""
+"""Arrays that are read by index, and their minimum length."""
 _ERRORS: Final = (
     struct.error,
     McapError,
@@ -58,16 +58,17 @@ _ERRORS: Final = (
     NameError,
     NotImplementedError,
 )
-"""What the decoder raises for a message, or a definition, that is damaged."""
+"""Exceptions of the decoder for a damaged message or definition."""
 
 
 def type_of(schema_name: str) -> str:
-    """sensor_msgs/Image of sensor_msgs/msg/Image."""
+    """sensor_msgs/Image for sensor_msgs/msg/Image."""
     return schema_name.replace("/msg/", "/")
 
 
 class Ros2Decoder:
-    """Messages of the types that are read; None where one does not fit its definition, or that not its type."""
+    """Decodes messages of the supported types; None where a message does not fit its definition, or the definition not
+    its type."""
 
     def __init__(self) -> None:
         self._factory = DecoderFactory()

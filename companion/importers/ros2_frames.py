@@ -1,10 +1,9 @@
-"""ROS conventions to ours, as pure functions.
+"""Conversion of ROS conventions, as pure functions.
 
-REP 103: the world is ENU (x east, y north, z up), the body FLU (x forward, y left, z up), a camera's optical frame
-has x right, y down, z forward (as ours). Ours: ned and frd. Hence R_ned_frd = R_ned_enu R_enu_flu R_flu_frd, a position
-(x, y, z) in ENU is (y, x, -z) in ned, a rate (p, q, r) in FLU is (p, -q, -r) in frd. Frames whose name says `ned` or
-`frd` are taken at their word.
-"""
+REP 103: the world is ENU (x east, y north, z up), the body FLU (x forward, y left, z up), a camera's optical frame has
+x right, y down, z forward. This software uses ned and frd. Hence R_ned_frd = R_ned_enu R_enu_flu R_flu_frd, a position
+(x, y, z) in ENU is (y, x, -z) in ned, a rate (p, q, r) in FLU is (p, -q, -r) in frd. Frames whose name contains `ned`
+or `frd` use these axes."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ from drivers.base import BadData
 R_NED_ENU: Rotation = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 R_FRD_FLU: Rotation = np.diag([1.0, -1.0, -1.0])
 DEPTH_TYPES = {"16UC1": 2, "mono16": 2, "32FC1": 4}
-"""Encoding -> bytes a pixel; the first two are millimetres, the last metres (REP 118)."""
+"""Encoding -> bytes per pixel; the first two are millimetres, the last metres (REP 118)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,11 +33,11 @@ class Rigid:
     t_m: NDArray[np.float64]
 
     def then(self, child: Rigid) -> Rigid:
-        """The transform from the child's child to this one's parent."""
+        """The transform from the source frame of `child` to the target frame of this one."""
         return Rigid(self.R @ child.R, self.R @ child.t_m + self.t_m)
 
     def inverse(self) -> Rigid:
-        """From parent to child."""
+        """The transform from parent to child."""
         return Rigid(self.R.T, -self.R.T @ self.t_m)
 
 
@@ -46,25 +45,27 @@ IDENTITY = Rigid(np.eye(3), np.zeros(3))
 
 
 def rigid(translation: Any, rotation: Any) -> Rigid | None:
-    """Of a geometry_msgs translation (or position) and quaternion; None when they are no numbers or no rotation."""
+    """The transform of a geometry_msgs translation (or position) and quaternion; None when they are not finite or not a
+    rotation."""
     t = np.array([translation.x, translation.y, translation.z], dtype=np.float64)
     R = rotation_from_message(rotation)
     return None if R is None or not np.isfinite(t).all() else Rigid(R, t)
 
 
 def rotation_from_message(q: Any) -> Rotation | None:
-    """(3, 3) of a geometry_msgs quaternion, None when it is none (all zero means "not told")."""
+    """(3, 3) rotation of a geometry_msgs quaternion; None when it is not a unit quaternion (all zero means "not
+    given")."""
     norm = math.hypot(q.w, q.x, q.y, q.z)
     return rotation_from_quaternion((q.w, q.x, q.y, q.z)) if 0.9 < norm < 1.1 else None
 
 
 def to_ned(world_frame: str) -> Rotation:
-    """R_ned_world: ENU unless a word of the frame's name is ned (`map_ned`, but not `aligned_map`)."""
+    """R_ned_world: ENU unless a part of the frame's name is ned (`map_ned`, but not `aligned_map`)."""
     return np.eye(3) if "ned" in _name_parts(world_frame) else R_NED_ENU
 
 
 def to_frd(body_frame: str) -> Rotation:
-    """R_frd_body: FLU unless a word of the frame's name is frd (`base_link_frd`)."""
+    """R_frd_body: FLU unless a part of the frame's name is frd (`base_link_frd`)."""
     return np.eye(3) if "frd" in _name_parts(body_frame) else R_FRD_FLU
 
 
@@ -78,12 +79,12 @@ def quaternion_wxyz(R: Rotation) -> tuple[float, float, float, float]:
 
 
 def triple(v: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Three floats."""
+    """The vector as a tuple."""
     return float(v[0]), float(v[1]), float(v[2])
 
 
 def mount_of(base_from_optical: Rigid, base_frame: str) -> CameraMount:
-    """The mount of a camera whose optical frame stands so to the body."""
+    """The mount of a camera with this pose of its optical frame in the base frame."""
     to_body = to_frd(base_frame)
     roll, pitch, yaw = euler_from_rotation(to_body @ base_from_optical.R @ R_CAMFRD_OPTICAL.T)
     x, y, z = triple(to_body @ base_from_optical.t_m)
@@ -91,11 +92,11 @@ def mount_of(base_from_optical: Rigid, base_frame: str) -> CameraMount:
 
 
 def depth_from_image(message: Any) -> NDArray[np.uint16]:
-    """(H, W) uint16 millimetres of a sensor_msgs/Image; UNKNOWN_MM where it holds no finite positive number or one that
-    millimetres cannot hold. Rows may be padded, bytes swapped. Raises BadData."""
+    """(H, W) uint16 millimetres of a sensor_msgs/Image; UNKNOWN_MM where it holds no finite positive number or one out
+    of range. Padded rows and swapped bytes are supported. Raises BadData."""
     size = DEPTH_TYPES.get(message.encoding)
     if size is None:
-        raise BadData(f"image encoding {message.encoding!r}; depth is 16UC1 (millimetres) or 32FC1 (metres)")
+        raise BadData(f"image encoding {message.encoding!r}; expected 16UC1 (millimetres) or 32FC1 (metres)")
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = bytes(message.data)
     if step < width * size or len(data) < step * height or not width or not height:
@@ -114,22 +115,22 @@ def depth_from_image(message: Any) -> NDArray[np.uint16]:
 
 
 class TransformTree:
-    """The newest transform of each frame to its parent, by /tf and /tf_static."""
+    """The newest transform of each frame to its parent, from /tf and /tf_static."""
 
     def __init__(self) -> None:
         self._up: dict[str, tuple[str, Rigid]] = {}
 
     def add(self, parent: str, child: str, transform: Rigid) -> None:
-        """Replaces what was known of the child."""
+        """Sets the transform of the child."""
         self._up[child.lstrip("/")] = (parent.lstrip("/"), transform)
 
     @property
     def frames(self) -> list[str]:
-        """All that have a parent."""
+        """All frames with a parent."""
         return sorted(self._up)
 
     def root_from(self, frame: str) -> tuple[str, Rigid]:
-        """(root, transform from the frame to it)."""
+        """(root, transform from the frame to the root)."""
         total, at, seen = IDENTITY, frame.lstrip("/"), set[str]()
         while at in self._up and at not in seen:
             seen.add(at)
@@ -138,7 +139,7 @@ class TransformTree:
         return at, total
 
     def between(self, target: str, source: str) -> Rigid | None:
-        """p_target = R p_source + t, None when no chain joins them."""
+        """p_target = R p_source + t; None when no chain connects the frames."""
         if target.lstrip("/") == source.lstrip("/"):
             return IDENTITY
         target_root, target_up = self.root_from(target)

@@ -1,4 +1,4 @@
-"""Attitude and position out of ROS messages: Odometry, PoseStamped, Imu and transforms."""
+"""Attitude and position from ROS messages: Odometry, PoseStamped, Imu and transforms."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from .ros2_frames import (
 )
 
 Between = Callable[[str, str], Rigid | None]
-"""(target frame, source frame) -> transform, None where no chain joins them."""
+"""(target frame, source frame) -> transform; None where no chain connects them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """One message in the terms of its own frames. t_m None: no position; rates and velocity are in the body frame."""
+    """One message in its own frames. t_m None: no position; rates and velocity are in the body frame."""
 
     t_ns: int
     log_ns: int
@@ -43,7 +43,7 @@ class Reading:
 
 
 class Motion:
-    """Collects readings by topic and turns them into samples of the vehicle."""
+    """Collects readings by topic and converts them to samples of the vehicle."""
 
     def __init__(self, base_frame: str) -> None:
         self._base = base_frame
@@ -52,25 +52,26 @@ class Motion:
         self._tree = TransformTree()
 
     def attitude_topics(self) -> list[str]:
-        """Those with rotations; transforms only where nothing else tells (they are usually made of it)."""
+        """Topics with rotations; transforms only where there is no other topic, since they are usually derived from
+        one."""
         has_values = [t for t in self._readings if not t.endswith("/tf")]
         return sorted(has_values or self._readings)
 
     def pose_topics(self) -> list[str]:
-        """Those with positions, likewise."""
+        """Topics with positions; transforms only where there is no other topic."""
         placed = [t for t, r in self._readings.items() if any(x.t_m is not None for x in r)]
         return sorted([t for t in placed if not t.endswith("/tf")] or placed)
 
     def unusable(self, topic: str) -> int:
-        """Messages of a topic that were no rotation."""
+        """Number of messages of a topic that were not rotations."""
         return self._invalid.get(topic, 0)
 
     def add_message(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
-        """One message of a type in MOTION_TYPES."""
+        """Adds one message of a type in MOTION_TYPES."""
         world, body = message.header.frame_id, self._base
         rates = velocity = t_m = None
         if kind == IMU:
-            if message.orientation_covariance[0] == -1.0:  # "no orientation", by the message's definition
+            if message.orientation_covariance[0] == -1.0:  # means "no orientation" by the message's definition
                 return
             R = rotation_from_message(message.orientation)
             world, body = "", message.header.frame_id or self._base
@@ -88,11 +89,11 @@ class Motion:
             self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, world, body))
 
     def add_static(self, parent: str, child: str, placed: Rigid) -> None:
-        """A transform that never changes."""
+        """Adds a constant transform."""
         self._tree.add(parent, child, placed)
 
     def add_moving(self, topic: str, message: Any, t_ns: int, log_ns: int) -> None:
-        """A geometry_msgs/TransformStamped that changes; one of the base frame is a reading."""
+        """Adds a changing geometry_msgs/TransformStamped; one of the base frame is a reading."""
         placed = rigid(message.transform.translation, message.transform.rotation)
         if placed is None:
             self._invalid[topic] = self._invalid.get(topic, 0) + 1
@@ -106,13 +107,13 @@ class Motion:
         self._readings.setdefault(topic, []).append(reading)
 
     def attitudes(self, topic: str, between: Between) -> list[AttitudeSample]:
-        """Attitudes of the base frame, ned from frd, in file order. Rates that are zero throughout were never filled in
-        (a real gyro is never still): they are not told."""
+        """Attitudes of the base frame, ned from frd, in file order. Rates that are always zero were never filled in (a
+        gyro has noise) and are left out."""
         has_values = any(r.rates is not None and r.rates.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
             joined = between(r.body, self._base)
-            # where no chain joins the two they are taken as the same body, each with the axes that its name says
+            # where no chain connects the frames they are assumed to be the same body, each with the axes of its name
             R_frd_body = to_frd(r.body) if joined is None else to_frd(self._base) @ joined.R.T
             R = to_ned(r.world) @ r.R_world_body @ R_frd_body.T
             rates = None if r.rates is None or not has_values else triple(R_frd_body @ r.rates)
@@ -120,7 +121,7 @@ class Motion:
         return out
 
     def poses(self, topic: str, between: Between) -> list[PoseSample]:
-        """Positions of the base frame in ned, in file order. Velocities that are zero throughout are not told."""
+        """Positions of the base frame in ned, in file order. Velocities that are always zero are left out."""
         has_values = any(r.velocity is not None and r.velocity.any() for r in self._readings[topic])
         out = []
         for r in self._readings[topic]:
@@ -135,12 +136,12 @@ class Motion:
         return out
 
     def unconnected_frames(self, topic: str, between: Between) -> list[str]:
-        """Body frames of a topic that no chain joins with the base frame: taken as the same body."""
+        """Body frames of a topic that no chain connects with the base frame; assumed to be the same body."""
         bodies = {r.body for r in self._readings[topic]} - {self._base}
         return sorted(body for body in bodies if between(body, self._base) is None)
 
     def _body_from_base(self, r: Reading, between: Between) -> Rigid:
-        """Where the base frame stands in the frame that the reading is of; the same one where no chain joins them."""
+        """Pose of the base frame in the frame of the reading; identity where no chain connects them."""
         return (between(r.body, self._base) if r.body != self._base else IDENTITY) or IDENTITY
 
 

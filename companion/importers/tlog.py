@@ -18,12 +18,12 @@ from drivers.mavlink.tlog import TlogAttitude, VehicleLog, read_tlog, vehicle_lo
 from .report import ImportOptions, Report
 
 AROUND_US = 1_000_000
-"""Samples this far before the first and behind the last frame are kept."""
+"""Samples this long before the first and after the last frame are kept."""
 GRID_US = 20_000
 MATCH_RAD = math.radians(0.5)
-"""Roll and pitch of frames.csv and of the log must agree to this (rms) for their clocks to be called matched."""
+"""Largest rms difference of roll and pitch between frames.csv and the log for matched clocks."""
 UNIQUE_US = 150_000
-"""All offsets that match nearly as well must lie this near to the best one."""
+"""Largest distance of other, nearly equal matches from the best one."""
 MIN_ROWS = 10
 
 
@@ -39,9 +39,9 @@ class TiltRow:
 def tlog_samples(
     path: Path, frames_ns: tuple[int, int], rows: Sequence[TiltRow], options: ImportOptions, report: Report
 ) -> tuple[list[AttitudeSample], list[PoseSample]]:
-    """Samples around the frames (first and last t_ns), measured and arrived on the frames' clock.
+    """Samples around the frames (first and last t_ns) on the frames' clock.
 
-    Raises BadData when the log holds nothing for them, or when nothing says where its clock stands."""
+    Raises BadData when the log has none, or when the offset of its clock cannot be determined."""
     log = read_tlog(path)
     vehicle = vehicle_log(log, options.system_id)
     _report_log(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
@@ -58,7 +58,7 @@ def tlog_samples(
         )
     attitudes = [s for a in near if (s := _attitude(a, epoch_us)) is not None]
     if len(attitudes) < len(near):
-        report.problem("attitude", f"{path}: {len(near) - len(attitudes)} attitudes are no numbers and were left out")
+        report.problem("attitude", f"{path}: {len(near) - len(attitudes)} attitudes are not finite and were left out")
     poses = []
     for p in vehicle.poses:
         if first - AROUND_US <= p.t_us <= last + AROUND_US:
@@ -72,12 +72,12 @@ def _report_log(path: Path, vehicle: VehicleLog, bad: int, skipped: int, truncat
     report.note(
         f"attitude from {path.name}: {vehicle.kind} of system {vehicle.system}, component 1"
         + (f", clock drift {vehicle.drift * 1e6:.0f} ppm" if vehicle.drift else "")
-        + (f", {vehicle.boots} starts of the autopilot" if vehicle.boots > 1 else "")
+        + (f", {vehicle.boots} boots of the autopilot" if vehicle.boots > 1 else "")
     )
     damage = [f"{bad} messages with a wrong checksum"] * bool(bad) + [f"{skipped} bytes of noise"] * bool(skipped)
-    damage += [f"{vehicle.strange} messages with a damaged record stamp"] * bool(vehicle.strange)
+    damage += [f"{vehicle.strange} messages with a damaged timestamp"] * bool(vehicle.strange)
     if damage or truncated:
-        report.note(f"{path.name}: {', '.join(damage + ['cut short'] * truncated)}; the rest was read")
+        report.note(f"{path.name}: {', '.join(damage + ['incomplete'] * truncated)}; the rest was read")
 
 
 def _stamps(t_us: float, stamp_us: int, epoch_us: int) -> tuple[int, int]:
@@ -100,29 +100,29 @@ def _attitude(a: TlogAttitude, epoch_us: int) -> AttitudeSample | None:
 def _derived_epoch(
     path: Path, vehicle: VehicleLog, frames_ns: tuple[int, int], rows: Sequence[TiltRow], report: Report
 ) -> int:
-    """Unix microseconds of t_ns 0 where there is only one plausible answer. Raises BadData otherwise."""
+    """Unix microseconds of t_ns 0 if only one value is plausible. Raises BadData otherwise."""
     own = vehicle.attitudes[0].t_us, vehicle.attitudes[-1].t_us
     if own[0] - AROUND_US <= frames_ns[0] / 1000 and frames_ns[1] / 1000 <= own[1] + AROUND_US:
-        report.note(f"t_ns of frames.csv are unix times within {path.name}: taken as such (--tlog-epoch 0)")
+        report.note(f"t_ns of frames.csv are unix times within {path.name} and used as such (--tlog-epoch 0)")
         return 0
     match = match_tilt(vehicle, rows)
     if match is None:
         raise BadData(
-            f"{path}: nothing says where its clock stands against t_ns of frames.csv, and roll and pitch do not match "
-            "in one place only; give the unix time of t_ns 0 with --tlog-epoch SECONDS, or leave the log out with "
-            "--no-tlog"
+            f"{path}: the offset between its clock and t_ns of frames.csv is unknown, and roll and pitch match at "
+            "several times or nowhere; give the unix time of t_ns 0 with --tlog-epoch SECONDS, or leave the log out "
+            "with --no-tlog"
         )
     epoch_us, rms_rad = match
     report.note(
-        f"t_ns 0 found at unix {seconds(epoch_us)} s: the only place where roll and pitch of frames.csv agree with "
-        f"{path.name} (rms {math.degrees(rms_rad):.2f} deg); --tlog-epoch {seconds(epoch_us)} says it outright"
+        f"t_ns 0 is at unix {seconds(epoch_us)} s: the only time at which roll and pitch of frames.csv agree with "
+        f"{path.name} (rms {math.degrees(rms_rad):.2f} deg); set explicitly with --tlog-epoch {seconds(epoch_us)}"
     )
     return epoch_us
 
 
 def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float] | None:
-    """(unix microseconds of t_ns 0, rms in rad) where roll and pitch of the rows agree with the log's, or None when
-    they do nowhere or in several places. All rows must lie within the log."""
+    """(unix microseconds of t_ns 0, rms in rad) where roll and pitch of the rows agree with the log's; None when they
+    agree nowhere or at several times. All rows must lie within the log."""
     if len(rows) < MIN_ROWS:
         return None
     rows = rows[:: max(1, len(rows) // 200)]
@@ -139,7 +139,7 @@ def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float
         roll, pitch = (np.interp(at, log_us, tilt[:, i]) - wanted[:, i] for i in (0, 1))
         return float(np.sqrt(np.mean(roll**2 + pitch**2)))
 
-    slack = GRID_US / 2  # the log may begin and end with the very frames
+    slack = GRID_US / 2  # the log may begin and end with exactly these frames
     offsets: NDArray[np.float64] = np.arange(-row_us[0] - slack, log_us[-1] - row_us[-1] + slack, GRID_US)
     if not len(offsets):
         return None
@@ -152,7 +152,7 @@ def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float
     alike = offsets[errors <= max(2.0 * least, least + 0.2 * MATCH_RAD)]
     if least > MATCH_RAD or (len(alike) and np.abs(alike - found).max() > UNIQUE_US):
         return None
-    still = np.ptp(wanted, axis=0).max() < 4.0 * MATCH_RAD  # a camera at rest matches everywhere
+    still = np.ptp(wanted, axis=0).max() < 4.0 * MATCH_RAD  # a camera at rest matches at any time
     return None if still else (round((start + found) / 1000.0) * 1000, least)
 
 

@@ -1,1 +1,1 @@
-"""Installing and removing the systemd service."""
+"""Installs and removes the systemd service."""

@@ -1,4 +1,4 @@
-"""`companion install`: the service on this machine, started with it, or in the image of a machine."""
+"""`companion install`: installs the service on this computer or in an image."""
 
 from __future__ import annotations
 
@@ -30,92 +30,97 @@ from .steps import (
 )
 
 HIDDEN = (Path("/home"), Path("/root"), Path("/run/user"))
-"""The unit's ProtectHome hides them from the service."""
+"""Hidden from the service by the unit's ProtectHome."""
 WARMUP_TIMEOUT_S = 3600.0
 
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion install`."""
-    parser = subparsers.add_parser("install", help="the service on this machine, started with it (needs root)")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="such as configs/oak.toml; copied to /etc")
-    parser.add_argument("--replace-config", action="store_true", help="also where there is another one already")
-    parser.add_argument("--no-start", action="store_true", help="only from the next boot on")
+    parser = subparsers.add_parser("install", help="install the service on this computer (needs root)")
     parser.add_argument(
-        "--root", type=Path, default=Path("/"), metavar="DIR", help="an image's root instead: files only"
+        "-c", "--config", type=Path, metavar="FILE", help="configuration, such as configs/oak.toml; copied to /etc"
     )
-    parser.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
-    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+    parser.add_argument("--replace-config", action="store_true", help="replace an existing configuration")
+    parser.add_argument("--no-start", action="store_true", help="do not start the service before the next boot")
+    parser.add_argument(
+        "--root", type=Path, default=Path("/"), metavar="DIR", help="install files into the root directory of an image"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="print the steps without running them")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: installed, or told what would be. Raises InstallError, ConfigError and OSError."""
+    """0: installed, or the steps printed. Raises InstallError, ConfigError and OSError."""
     paths = install_paths(args.root)
     check_reachable(interpreter_paths())
     steps = install_steps(paths, args.config, args.replace_config, not args.no_start)
     carry_out(steps, paths, args.dry_run, args.json)
     if not args.json and not args.dry_run and paths.live:
-        print_line(f"it starts with the machine; `companion status` and `journalctl -u {NAME}` tell how it is")
+        print_line(f"the service starts at boot; check it with `companion status` and `journalctl -u {NAME}`")
     return 0
 
 
 def install_steps(paths: InstallPaths, config: Path | None, replace_config: bool, start: bool) -> list[Step]:
-    """All steps, in order. Raises InstallError for what is missing, ConfigError for a configuration with mistakes."""
+    """All steps, in order. Raises InstallError where something is missing, ConfigError for an invalid configuration."""
     command = str(Path(sysconfig.get_path("scripts")) / "companion")
     if not re.fullmatch(r"[A-Za-z0-9/._+-]+", command):
-        raise InstallError(f"{command}: a unit wants a path of letters, digits and /._+- only; install somewhere else")
+        raise InstallError(
+            f"{command}: the path of a unit's command may contain letters, digits and /._+- only; install in another "
+            "directory"
+        )
     docs = str(packaged_file("docs/reference", "service.md"))
     unit = packaged_file("systemd", UNIT).read_text().replace("@COMPANION@", command).replace("@DOCS@", docs)
     steps = [
         file_step(
-            paths.sysusers, packaged_file("systemd", f"{NAME}.sysusers").read_text(), "the service's user and groups"
+            paths.sysusers, packaged_file("systemd", f"{NAME}.sysusers").read_text(), "user and groups of the service"
         ),
         user_step(paths),
         config_step(paths, config, replace_config),
-        file_step(paths.rules, packaged_file("systemd", f"60-{NAME}.rules").read_text(), "who may use which device"),
+        file_step(paths.rules, packaged_file("systemd", f"60-{NAME}.rules").read_text(), "device permissions"),
         file_step(paths.unit, unit, "the service"),
     ]
     if not paths.live:
         enable = ["systemctl", f"--root={paths.root}", "enable", UNIT]
-        return [*steps, command_step(enable, "it starts with the machine", paths.enabled.is_symlink())]
+        return [*steps, command_step(enable, "start at boot", paths.enabled.is_symlink())]
     changed = not all(s.done for s in steps)
     trigger = ["udevadm", "trigger", "--action=add"]
     match = [f"--subsystem-match={name}" for name in ("usb", "hidraw", "tty", "usb-serial")]
     steps += [
-        command_step(["udevadm", "control", "--reload"], "the new rules", not changed),
-        command_step([*trigger, *match], "for what is plugged in already", not changed),
+        command_step(["udevadm", "control", "--reload"], "load the new rules", not changed),
+        command_step([*trigger, *match], "apply them to connected devices", not changed),
         command_step([*trigger, "--sysname-match=cpu_dma_latency"], "for how deep processors sleep", not changed),
-        command_step(["systemctl", "daemon-reload"], "the new unit", not changed),
+        command_step(["systemctl", "daemon-reload"], "load the new unit", not changed),
         Step(f"compile the kernels into {paths.cache} (a minute, several on a Raspberry Pi)", False, _warm_up(paths)),
-        command_step(["systemctl", "enable", UNIT], "it starts with the machine", paths.enabled.is_symlink()),
+        command_step(["systemctl", "enable", UNIT], "start at boot", paths.enabled.is_symlink()),
     ]
     return [*steps, command_step(["systemctl", "restart", UNIT], "now")] if start else steps
 
 
 def user_step(paths: InstallPaths) -> Step:
-    """Makes the service's user."""
+    """Creates the service's user."""
     where = [] if paths.live else [f"--root={paths.root}"]
     command = ["systemd-sysusers", *where, str(paths.sysusers)]
     return command_step(command, f"the user {NAME}", paths.has_user())
 
 
 def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step:
-    """Copies the configuration; one that is there stays unless it is to be replaced."""
+    """Copies the configuration; an existing one is kept unless it is to be replaced."""
     target = paths.config
     if config is None:
         if not target.exists():
-            raise InstallError(f"there is no {target} yet: give a configuration with -c, such as -c configs/oak.toml")
+            raise InstallError(f"{target} does not exist: give a configuration, such as -c configs/oak.toml")
         load_config(target)
         return Step(f"keep {target}", True, lambda: None)
     folder = load_config(config).record.folder
     if folder and not Path(folder).is_relative_to("/var/lib/" + NAME):
         warn(
-            f'[record] folder = "{folder}": the service may write there only after `systemctl edit {NAME}` with the lines '
-            f"[Service] and ReadWritePaths={folder}, and when the user {NAME} owns it"
+            f'[record] folder = "{folder}": the service may write there only after `systemctl edit {NAME}` with the '
+            f"lines [Service] and ReadWritePaths={folder}, and if the user {NAME} owns it"
         )
     step = file_step(target, config.read_text(encoding="utf-8"), f"the configuration, from {config}")
     if target.exists() and not step.done and not replace:
         raise InstallError(
-            f"{target} is there and differs from {config}; add --replace-config, or leave -c away to keep what is there"
+            f"{target} exists and differs from {config}; add --replace-config, or leave -c away to keep it"
         )
     return step
 
@@ -123,7 +128,7 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
 def check_reachable(paths: Sequence[Path]) -> None:
     """Raises InstallError where the service's user could not read this software."""
     remedy = (
-        "make the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
+        "create the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
         "/opt/osape-companion/bin/pip install --require-hashes --only-binary :all: -r requirements.lock && "
         "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation ./clients/python . && "
         "/opt/osape-companion/bin/companion install"
@@ -131,24 +136,24 @@ def check_reachable(paths: Sequence[Path]) -> None:
     for place in paths:
         hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
         if hidden is not None:
-            raise InstallError(f"{place} lies below {hidden}, which the service cannot see; {remedy}")
+            raise InstallError(f"{place} is below {hidden}, which the service cannot read; {remedy}")
         if not place.exists():
-            raise InstallError(f"{place} is not there; {remedy}")
+            raise InstallError(f"{place} does not exist; {remedy}")
         for parent in (place, *place.parents):
             if parent.is_dir() and not parent.stat().st_mode & stat.S_IXOTH:
-                raise InstallError(f"{parent} is closed to other users, also to the service's; {remedy}")
+                raise InstallError(f"{parent} cannot be read by the service's user; {remedy}")
 
 
 def check_permissions(paths: InstallPaths) -> None:
-    """Raises InstallError without root, or without a systemd that runs."""
+    """Raises InstallError without root, or where systemd does not run."""
     if paths.live and os.geteuid() != 0:
-        raise InstallError("this changes the system and needs root: sudo (--dry-run only tells what would be done)")
+        raise InstallError("this changes the system and needs root: run it with sudo (--dry-run only prints the steps)")
     if paths.live and not Path("/run/systemd/system").is_dir():
-        raise InstallError("systemd does not run here; `companion run` works without it, --root prepares an image")
+        raise InstallError("systemd does not run here; use `companion run` without it, or prepare an image with --root")
 
 
 def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json: bool) -> None:
-    """Says what is to be done, then does it. Raises InstallError and OSError; what is done until then stays done."""
+    """Prints the steps, then runs them. Raises InstallError and OSError; finished steps are not undone."""
     if as_json:
         told = [{"step": s.words, "already": s.done} for s in steps]
     else:
@@ -166,7 +171,7 @@ def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json
 
 
 def _warm_up(paths: InstallPaths) -> Any:
-    """Compiles the kernels as the service's user, into the cache that the unit names."""
+    """Compiles the kernels as the service's user into the cache of the unit."""
 
     def act() -> None:
         user = pwd.getpwnam(NAME)

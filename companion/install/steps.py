@@ -1,4 +1,4 @@
-"""The steps of an installation: each says what it does and whether that is done already; nothing is done twice."""
+"""Steps of an installation: each has a description, a check whether it is done, and an action."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ COMMAND_TIMEOUT_S = 120.0
 
 
 class InstallError(ValueError):
-    """A step that cannot be done: what, why and what to do."""
+    """A step that cannot be done: what, why and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """words: what it does; done: there is nothing to do; act: does it, and raises InstallError or OSError."""
+    """text: description; done: nothing to do; act: runs the step, raises InstallError or OSError."""
 
     words: str
     done: bool
@@ -32,13 +32,13 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class InstallPaths:
-    """Where an installation puts what, below `root`: "/" for this machine, else an image of one."""
+    """Paths of an installation below `root`: "/" for this computer, otherwise an image."""
 
     root: Path = Path("/")
 
     @property
     def live(self) -> bool:
-        """Whether it is this machine, with its running systemd."""
+        """Whether the root is this computer, with its running systemd."""
         return self.root == Path("/")
 
     @property
@@ -78,7 +78,7 @@ class InstallPaths:
         return self.root / "var/lib" / NAME
 
     def has_user(self) -> bool:
-        """Whether the service's user exists there."""
+        """Whether the service's user exists."""
         if self.live:
             try:
                 pwd.getpwnam(NAME)
@@ -90,22 +90,22 @@ class InstallPaths:
 
 
 def install_paths(root: Path) -> InstallPaths:
-    """Below a root that is one. Raises InstallError."""
+    """The paths below a root directory. Raises InstallError for another directory."""
     if not (root / "etc").is_dir():
-        raise InstallError(f"{root} is no root of a machine: it holds no etc")
+        raise InstallError(f"{root} is not the root directory of a system: it has no etc")
     return InstallPaths(root.resolve())
 
 
 def packaged_file(part: str, name: str) -> Path:
-    """A file that comes with this software: of the checkout, or of an installed package's share folder."""
+    """A file of this software: in the checkout, or in the share directory of an installed package."""
     for folder in (Path(__file__).resolve().parents[2], Path(sysconfig.get_path("data")) / "share" / NAME):
         if (folder / part / name).is_file():
             return folder / part / name
-    raise InstallError(f"{part}/{name} is not part of this installation; install osape-companion again")
+    raise InstallError(f"{part}/{name} is missing from this installation; install osape-companion again")
 
 
 def file_step(target: Path, content: str, what: str) -> Step:
-    """Writes a file where its content is another."""
+    """Writes a file where its content differs."""
 
     def act() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -119,7 +119,7 @@ def file_step(target: Path, content: str, what: str) -> Step:
 
 
 def remove_step(target: Path, what: str) -> Step:
-    """Deletes a file or a folder with all it holds, where it is."""
+    """Deletes a file, or a directory with its content, if it exists."""
 
     def act() -> None:
         if target.is_dir() and not target.is_symlink():
@@ -131,29 +131,29 @@ def remove_step(target: Path, what: str) -> Step:
 
 
 def command_step(command: Sequence[str], what: str, done: bool = False) -> Step:
-    """Runs a command of the system."""
+    """Runs a system command."""
     return Step(f"run {' '.join(command)}: {what}", done, lambda: run_command(command))
 
 
 def run_command(command: Sequence[str]) -> None:
-    """Runs a command. Raises InstallError with its last words."""
+    """Runs a command. Raises InstallError with the last line of its output."""
     if shutil.which(command[0]) is None:
-        raise InstallError(f"{command[0]} is not there; this needs a Linux with systemd")
+        raise InstallError(f"{command[0]} is not installed; a Linux with systemd is needed")
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=COMMAND_TIMEOUT_S)
     except subprocess.TimeoutExpired as error:
         raise InstallError(f"{' '.join(command)} did not end within {COMMAND_TIMEOUT_S:g} s") from error
     if done.returncode != 0:
-        words = (done.stderr.strip() or done.stdout.strip() or "it says nothing").splitlines()[0]
+        words = (done.stderr.strip() or done.stdout.strip() or "no output").splitlines()[0]
         raise InstallError(f"{' '.join(command)} failed with status {done.returncode}: {words}")
 
 
 def folder_size_mb(folder: Path) -> float:
-    """Of all files below."""
+    """Total size of all files below, MB."""
     return sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / 1e6
 
 
 def interpreter_paths() -> list[Path]:
-    """What the service must be able to read: the command, its interpreter, its packages."""
+    """Paths that the service must be able to read: the command, its interpreter, its packages."""
     command = Path(sysconfig.get_path("scripts")) / "companion"
     return [command, Path(sys.executable).resolve(), Path(sys.prefix), Path(__file__).resolve().parents[1]]

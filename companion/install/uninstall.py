@@ -1,4 +1,5 @@
-"""`companion uninstall`: takes away what `companion install` made; configuration, keys and logs only when asked to."""
+"""`companion uninstall`: removes what `companion install` has installed; configuration, keys and logs only with
+--purge."""
 
 from __future__ import annotations
 
@@ -14,15 +15,15 @@ from .steps import UNIT, InstallPaths, Step, command_step, folder_size_mb, insta
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion uninstall`."""
-    parser = subparsers.add_parser("uninstall", help="take the service off this machine (needs root)")
-    parser.add_argument("--purge", action="store_true", help="configuration, keys, logs and the user too")
-    parser.add_argument("--root", type=Path, default=Path("/"), metavar="DIR", help="an image's root instead")
-    parser.add_argument("--dry-run", action="store_true", help="say what would be done, and do nothing")
-    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+    parser = subparsers.add_parser("uninstall", help="remove the service from this computer (needs root)")
+    parser.add_argument("--purge", action="store_true", help="also delete configuration, keys, logs and the user")
+    parser.add_argument("--root", type=Path, default=Path("/"), metavar="DIR", help="root directory of an image")
+    parser.add_argument("--dry-run", action="store_true", help="print the steps without running them")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: taken away, or told what would be. Raises InstallError and OSError."""
+    """0: removed, or the steps printed. Raises InstallError and OSError."""
     paths = install_paths(args.root)
     carry_out(uninstall_steps(paths, args.purge), paths, args.dry_run, args.json)
     if not args.json and not args.purge:
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
             if kept.exists():
                 print_line(f"kept: {kept} ({folder_size_mb(kept):.1f} MB); --purge deletes it")
         if paths.has_user():
-            print_line(f"kept: the user {NAME}, who owns the logs; --purge deletes it")
+            print_line(f"kept: the user {NAME}, which owns the logs; --purge deletes it")
     return 0
 
 
@@ -40,23 +41,23 @@ def uninstall_steps(paths: InstallPaths, purge: bool) -> list[Step]:
     where = [] if paths.live else [f"--root={paths.root}"]
     stop = ["systemctl", *where, "disable", *(["--now"] if paths.live else []), UNIT]
     steps = [
-        command_step(stop, "stop it, and no start with the machine", uninstalled),
+        command_step(stop, "stop it and do not start it at boot", uninstalled),
         remove_step(paths.unit, "the service"),
-        remove_step(paths.rules, "who may use the cameras"),
+        remove_step(paths.rules, "device permissions"),
         remove_step(paths.cache, "compiled kernels"),
     ]
     if purge:
         steps += [
-            remove_step(paths.drop_ins, "your changes to the unit"),
-            remove_step(paths.settings, "the configuration and the keys"),
-            remove_step(paths.state, f"the logs, {folder_size_mb(paths.state):.1f} MB"),
-            command_step(["userdel", *_image(paths), NAME], "the service's user", not paths.has_user()),
+            remove_step(paths.drop_ins, "local changes of the unit"),
+            remove_step(paths.settings, "configuration and keys"),
+            remove_step(paths.state, f"logs, {folder_size_mb(paths.state):.1f} MB"),
+            command_step(["userdel", *_image(paths), NAME], "user of the service", not paths.has_user()),
         ]
-    steps.append(remove_step(paths.sysusers, "the service's user and groups"))
+    steps.append(remove_step(paths.sysusers, "user and groups of the service"))
     if paths.live:
         steps += [
-            command_step(["systemctl", "daemon-reload"], "the unit is gone", uninstalled),
-            command_step(["udevadm", "control", "--reload"], "the rules are gone", uninstalled),
+            command_step(["systemctl", "daemon-reload"], "unload the unit", uninstalled),
+            command_step(["udevadm", "control", "--reload"], "unload the rules", uninstalled),
         ]
     return steps
 

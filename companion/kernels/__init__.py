@@ -1,1 +1,1 @@
-"""Compiling kernels ahead of time and keeping them on disk."""
+"""Compiles kernels ahead of time and keeps them on disk."""

@@ -17,10 +17,10 @@ class CancelledError(WarmupError):
 
 
 class Children:
-    """The child processes that compile, so that another thread can end them."""
+    """The compiling child process, which another thread can end."""
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()  # a signal's handler may interrupt its holder
+        self._lock = threading.RLock()  # a signal handler may interrupt the thread that holds it
         self._running: subprocess.Popen[str] | None = None
         self._cancelled = False
 
@@ -28,8 +28,8 @@ class Children:
         """As `subprocess.run`, with its output. Raises CancelledError once cancelled."""
         with self._lock:
             if self._cancelled:
-                raise CancelledError("compiling was cancelled: the process was told to end")
-            theirs, ours = os.pipe()  # `ours` closes with this process, however that ends, see `end_with_parent`
+                raise CancelledError("compiling was cancelled: the process is shutting down")
+            theirs, ours = os.pipe()  # `ours` closes when this process ends in any way, see `end_with_parent`
             process = self._running = subprocess.Popen(
                 command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
             )
@@ -37,17 +37,17 @@ class Children:
         try:
             out, errors = process.communicate(timeout=timeout_s)
         finally:
-            process.kill()  # nothing where it has ended
+            process.kill()  # no effect after it has ended
             process.wait()
             os.close(ours)
             with self._lock:
                 self._running = None
         if self._cancelled:
-            raise CancelledError("compiling was cancelled: the process was told to end")
+            raise CancelledError("compiling was cancelled: the process is shutting down")
         return subprocess.CompletedProcess(command, process.returncode, out, errors)
 
     def cancel(self) -> None:
-        """Ends the child that runs, if one does; none is started any more."""
+        """Ends the running child; no further child is started."""
         with self._lock:
             self._cancelled = True
             if self._running is not None:
@@ -55,7 +55,7 @@ class Children:
 
 
 def end_with_parent() -> None:
-    """Ends this process when its standard input is closed: a parent that was killed cannot end it."""
+    """Ends this process when its standard input is closed, which shows that the parent was killed."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -1,13 +1,12 @@
-"""Compiled kernels are kept apart by the sources they were made of.
+"""Keeps compiled kernels in one directory per state of the sources.
 
-numba asks of a cached kernel only whether the kernel's own file has changed. A kernel that calls one of another file
-holds that one's machine code too, and would go on with the old code after a change there. So every state of the
-sources gets a directory of its own, named by a hash of them all; a few old ones are kept, for going back and forth.
-A new directory starts with links to the kernels of older ones whose import closure has not changed (see `seed`), so that a
-change recompiles only the kernels of the changed file and of the files that import it.
+numba checks only whether a cached kernel's own file has changed. A kernel contains the machine code of those it calls
+in other files, and would keep the old code after a change there. Every state of the sources therefore has a directory
+of its own, named by a hash of all sources; a few old ones are kept. A new directory starts with links to the kernels of
+older ones whose import closure is unchanged (see `seed`), so that a change recompiles only the kernels of the changed
+file and of the files that import it.
 
-numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() before anything else.
-"""
+numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() first."""
 
 from __future__ import annotations
 
@@ -31,26 +30,25 @@ from .manifest import copy_entries
 VARIABLE: Final = "NUMBA_CACHE_DIR"
 ROOT: Final = Path(__file__).resolve().parents[2]
 MAX_CACHES: Final = 3
-"""Directories that stay, the one in use among them."""
+"""Number of directories that are kept, including the one in use."""
 _PREFIX: Final = "kernels-"
 _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
 _LOCK: Final = "in-use"
 _CLOSURES: Final = "closures.json"
-"""In each directory: the hash of the import closure of every module that was there when the directory was made."""
+"""In each directory: the hash of the import closure of every module at the time of its creation."""
 KERNELS_OUTSIDE_CORE: Final = ("drivers/simulation/ray_caster.py", "companion/pipeline/fast_encode.py")
-"""Files with kernels, relative to the root, beside those of core."""
+"""Files with kernels outside of core, relative to the root."""
 _NOT_IN_KERNELS: Final = frozenset({"core.params", "core.world.params"})
-"""Modules of parameter classes. A kernel cannot read one, so a change there changes no machine code."""
+"""Modules of parameter classes. Kernels cannot read them, so they do not affect machine code."""
 
 _held: list[int] = []
-"""Open files whose locks tell other processes that the directory is in use; they close with the process."""
+"""Open files whose locks mark the directory as in use; the system closes them with the process."""
 
 
 def use_own_cache() -> Path | None:
-    """Names the directory of the present sources in NUMBA_CACHE_DIR, below the one that was named there, else below
-    the user's cache. Returns it, or None when nothing was changed: numba is loaded already and has chosen, or there is
-    no place to write."""
-    if "numba" in sys.modules or find_spec("numba") is None:  # a planner's client needs no kernels
+    """Sets NUMBA_CACHE_DIR to the directory of the present sources, below its previous value or below the user's cache.
+    Returns it; None when nothing was changed: numba is already imported, or no directory can be written."""
+    if "numba" in sys.modules or find_spec("numba") is None:  # a planner client needs no kernels
         return None
     named = os.environ.get(VARIABLE)
     for base in [base_of(Path(named))] if named else _usual_bases():
@@ -63,16 +61,16 @@ def use_own_cache() -> Path | None:
             prune(base, folder)
             os.environ[VARIABLE] = str(folder)
             return folder
-    return None  # numba then says that it cannot write, and `companion warmup` what to do
+    return None  # numba then reports the error, and `companion warmup` the remedy
 
 
 def base_of(folder: Path) -> Path:
-    """The directory that holds those of all states: a child process is handed the one of its parent's."""
+    """The parent of the per-state directories: a child process inherits the directory of its parent."""
     return folder.parent if _KEYED.fullmatch(folder.name) else folder
 
 
 def source_key(root: Path) -> str:
-    """16 hex digits: the sources of every kernel of the service, and numba's version."""
+    """16 hex digits: hash of the sources of all kernels and of numba's version."""
     digest = hashlib.sha256(metadata.version("numba").encode())
     for path in _kernel_files(root):
         content = path.read_bytes()
@@ -82,10 +80,10 @@ def source_key(root: Path) -> str:
 
 
 def seed(base: Path, folder: Path, root: Path) -> None:
-    """Links the cached kernels of older directories into a new one, for each module whose import closure is the same.
+    """Links the cached kernels of older directories into a new one, for each module whose import closure is unchanged.
 
-    numba replaces its files by renaming, so a link never changes the older directory. It checks the source of the
-    kernel's own file by itself."""
+    numba replaces its files by renaming, so a link never changes the older directory. numba itself checks the kernel's
+    own file."""
     closures = import_closures(root)
     missing = dict(closures)
     older = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
@@ -100,8 +98,8 @@ def seed(base: Path, folder: Path, root: Path) -> None:
 
 
 def import_closures(root: Path) -> dict[str, str]:
-    """Hash per module (`core.stages.level`): its own source, and the syntax trees of all it imports from the kernels' files,
-    without docstrings."""
+    """Hash per module (`core.stages.level`): its own source, and the syntax trees without docstrings of all kernel
+    files it imports."""
     files = {".".join(path.relative_to(root).with_suffix("").parts): path for path in _kernel_files(root)}
     trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
     imports = {name: _imported(tree, name, files.keys()) - _NOT_IN_KERNELS for name, tree in trees.items()}
@@ -132,7 +130,7 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
 
 
 def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
-    """Those of the known modules that a module imports, by whatever form of import."""
+    """The known modules that a module imports, by any form of import."""
     parents, found = name.split(".")[:-1], set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -147,17 +145,17 @@ def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
 def _closures_of(folder: Path) -> dict[str, str]:
     try:
         return dict(json.loads((folder / _CLOSURES).read_text()))
-    except (OSError, ValueError, TypeError, RecursionError):  # damaged: as if there were none
+    except (OSError, ValueError, TypeError, RecursionError):  # a damaged file counts as missing
         return {}
 
 
 def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
     """Links the kernels of this module into the target directory; returns their paths relative to the source directory."""
     package, _, stem = module.rpartition(".")
-    # numba names a directory by the last folder of the source and a hash of its path
+    # numba names a directory by the last directory of the source and a hash of its path
     places = f"{package.rpartition('.')[2]}_*/{stem}.*"
     files = [f for f in source.glob(places) if f.suffix in (".nbi", ".nbc")]
-    # each data file before the index that names it
+    # each data file before the index that refers to it
     for file in sorted(files, key=lambda f: f.suffix):
         place = target / file.parent.name / file.name
         place.parent.mkdir(exist_ok=True)
@@ -167,8 +165,8 @@ def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
 
 
 def prune(base: Path, current: Path) -> None:
-    """Deletes the directories of old states but for the latest KEPT (with `current`) and those that a running process
-    uses. Nothing else below `base` is touched."""
+    """Deletes the directories of old states except the latest MAX_CACHES (with `current`) and those in use by a running
+    process. Nothing else below `base` is deleted."""
     others = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f.is_dir() and f != current]
     for folder in sorted(others, key=_last_use, reverse=True)[MAX_CACHES - 1 :]:
         descriptor = _lock(folder, fcntl.LOCK_EX)
@@ -178,17 +176,17 @@ def prune(base: Path, current: Path) -> None:
 
 
 def _usual_bases() -> list[Path]:
-    """The user's cache; where that cannot be written, beside the sources, as numba itself would have it."""
+    """The user's cache; where it cannot be written, beside the sources, as numba does."""
     beside = ROOT / "core" / "__pycache__"
     home = Path(os.path.expanduser("~"))
     named = os.environ.get("XDG_CACHE_HOME")
-    if not named and home in (Path("~"), Path("/"), Path()):  # a service may have no home
+    if not named and home in (Path("~"), Path("/"), Path()):  # a service may have no home directory
         return [beside]
     return [(Path(named) if named else home / ".cache") / "osape-companion", beside]
 
 
 def _open(folder: Path) -> bool:
-    """Makes the directory and marks it as used; False when it cannot be written."""
+    """Creates the directory and marks it as used; False when it cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _lock(folder, fcntl.LOCK_SH)
@@ -203,7 +201,7 @@ def _open(folder: Path) -> bool:
 
 
 def _lock(folder: Path, kind: int) -> int | None:
-    """An open file with the lock, None when another process has the opposite one."""
+    """An open file with the lock; None when another process has a conflicting one."""
     try:
         descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError:

@@ -1,9 +1,8 @@
 """SHA-256 of every compiled kernel in a cache directory, checked before a service loads them.
 
-numba checks of a cached kernel that its source has not changed, not that the file is whole: a damaged one can end the
-process or compute something else. The manifest is written when all kernels of a service are there, after their content
-has reached the disk. A kernel that numba writes later is newer than the manifest, and is taken into it at the next
-writing; until then it is not checked."""
+numba checks that a kernel's source has not changed, but not that the cached file is complete: a damaged file can end
+the process or give wrong results. The manifest is written when all kernels are compiled and on the disk. Kernels
+written later are not checked until the manifest is written again."""
 
 from __future__ import annotations
 
@@ -17,29 +16,28 @@ from typing import Final
 
 MANIFEST: Final = "manifest.json"
 CACHED: Final = ("*.nbi", "*.nbc")
-"""numba's index and code files: nothing else is ever deleted."""
+"""Patterns of numba's index and code files: no other files are deleted."""
 _ENDING: Final = re.compile(r"(\.\d+)?\.nb[ic]$")
 Entry = tuple[int, int, str]
-"""Size in bytes, time of the last change in ns, SHA-256."""
+"""Size in bytes, modification time in ns, SHA-256."""
 
 
 class UnreadableManifest(Exception):
-    """There is a manifest, and it is damaged."""
+    """The manifest exists but is damaged."""
 
 
 def write_manifest(folder: Path) -> None:
-    """Adds all kernels that are not in the manifest as they are, and drops those that are gone. Raises OSError."""
+    """Adds the kernels that are not in the manifest, and removes those that no longer exist. Raises OSError."""
     try:
         before = _entries(folder)
     except UnreadableManifest:
         before = {}
-    os.sync()  # else a power cut could leave a manifest of files whose content was never written
+    os.sync()  # a power failure must not leave a manifest of files whose content was not written
     _write(folder, {str(f.relative_to(folder)): _entry(folder, f, before) for f in _kernels(folder)})
 
 
 def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
-    """Takes over what the manifest of one directory says about files that were linked into another. names: relative
-    paths. Raises OSError."""
+    """Copies the entries of files that were linked into another directory. names: relative paths. Raises OSError."""
     try:
         there, here = _entries(source), _entries(target)
     except UnreadableManifest:
@@ -50,8 +48,7 @@ def copy_entries(source: Path, target: Path, names: Iterable[str]) -> None:
 
 
 def damaged_kernels(folder: Path) -> list[Path]:
-    """Kernels whose content is not that of the manifest; all of them where the manifest cannot be read. Without a manifest:
-    none."""
+    """Kernels that differ from the manifest; all kernels where the manifest cannot be read; none without a manifest."""
     path = folder / MANIFEST
     try:
         entries = _entries(folder)
@@ -62,7 +59,7 @@ def damaged_kernels(folder: Path) -> list[Path]:
 
 
 def delete_kernels(files: Iterable[Path]) -> int:
-    """Deletes all files of the functions that these belong to; returns how many."""
+    """Deletes all files of the functions that these files belong to; returns their number."""
     deleted = 0
     for stem in {(f.parent, _ENDING.sub("", f.name)) for f in files}:
         for file in [f for f in _kernels(stem[0]) if _ENDING.sub("", f.name) == stem[1]]:
@@ -85,7 +82,7 @@ def _is_damaged(file: Path, entry: Entry, written_ns: int) -> bool:
         return False  # numba compiles it again
     except OSError:
         return True
-    return now.st_mtime_ns <= written_ns  # a newer one was written by numba
+    return now.st_mtime_ns <= written_ns  # numba has written a newer one
 
 
 def _entry(folder: Path, file: Path, before: dict[str, Entry]) -> Entry:

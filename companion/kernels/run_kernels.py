@@ -13,8 +13,8 @@ MODES = ("extractor", "world")
 
 
 def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
-    """Runs what these modes use on small frames, for the extractor uint16 millimetres, as cameras give, and float32
-    metres."""
+    """Runs the kernels of these groups on small frames: uint16 millimetres, as cameras deliver, and for the extractor
+    optionally float32 metres."""
     from core.extractor import Extractor
     from core.params import Params
 
@@ -38,7 +38,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
 
 
 def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
-    """Runs what only some frames or parameters need: the noise over time, the look at where noise is, and the pooling of columns."""
+    """Runs kernels that only some frames or parameters need: noise over time, noise check, pooling of columns."""
     from core.params import Params
     from core.self_check.depth_registration import inverse_depth_grid, rotation_between
     from core.self_check.surfaces import find_surfaces
@@ -60,7 +60,7 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
 
 
 def _run_telling_kernels(model: FrameModel) -> None:
-    """Runs what moves a model into the frame it is published in, and writes it down."""
+    """Runs the kernels that transform and encode a model."""
     from companion.pipeline.fast_encode import encode_model
     from core.transformed import turned
 
@@ -68,7 +68,7 @@ def _run_telling_kernels(model: FrameModel) -> None:
 
 
 def _run_world_kernels() -> None:
-    """Runs the merged world on two small frames, and on its own planes as if they had been saved."""
+    """Runs the merged world on two small frames, and on its own planes as saved ones."""
     from core.extractor import Extractor
     from core.params import Params
     from core.world.params import WorldParams
@@ -84,7 +84,7 @@ def _run_world_kernels() -> None:
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
-    """(120, 160) uint16: ground 1.5 m below, a wall with a hole, a pole, scattered pixels, some of them unknown."""
+    """(120, 160) uint16: ground 1.5 m below, a wall with a hole, a pole, scattered and unknown pixels."""
     rng = np.random.default_rng(1)
     depth = np.full((120, 160), 6000, np.uint16)
     rows = np.arange(70, 120)

@@ -1,9 +1,7 @@
-"""`companion warmup`: every kernel compiled and cached before take-off, and a damaged cache mended.
+"""`companion warmup`: compiles and caches every kernel before a flight, and repairs a damaged cache.
 
-The kernels run in a child process: a truncated or corrupt cache file (a power cut while it was written) can raise
-anything, or end the process outright. Whatever happens there, the parent sees it, deletes the cached kernels and
-lets a second child compile them again.
-"""
+The kernels run in a child process: a truncated or corrupt cache file (after a power failure) can raise any exception or
+end the process. The parent then deletes the cached kernels and a second child compiles them again."""
 
 from __future__ import annotations
 
@@ -34,17 +32,17 @@ CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(s
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
 COMPLETE = "complete-"
-"""With a mode behind it: stands beside the cached kernels when all that a service in this mode uses are there."""
+"""Prefix of a file beside the cached kernels: all kernels of this group are cached."""
 MARK = "loading"
-"""Stands beside the cached kernels while a service loads them."""
+"""A file beside the cached kernels while a service loads them."""
 COMPILED_S = 5.0
-"""Loading cached kernels takes less, compiling them far more."""
+"""Loading cached kernels takes less time, compiling them far more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Warmup:
-    """cache: where compiled kernels lie (several places when NUMBA_CACHE_DIR is not set); deleted: cache files that
-    were damaged or stood beside such, and are made again; cached: files there now."""
+    """cache: directories of compiled kernels (several when NUMBA_CACHE_DIR is not set); deleted: damaged cache files
+    and their companions; cached: present files."""
 
     cache: tuple[str, ...]
     deleted: int
@@ -53,12 +51,12 @@ class Warmup:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion warmup`."""
-    parser = subparsers.add_parser("warmup", help="compile what is compiled at first use")
-    parser.add_argument("--json", action="store_true", help="one machine-readable object on stdout")
+    parser = subparsers.add_parser("warmup", help="compile all kernels")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: all kernels are compiled; 1: they cannot be."""
+    """0: all kernels are compiled; 1: an error."""
     try:
         done = warm_up()
     except WarmupError as error:
@@ -74,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def warm_up() -> Warmup:
-    """Compiles or loads every kernel, in a child process. Raises WarmupError."""
+    """Compiles or loads every kernel in a child process. Raises WarmupError."""
     _check_cache_place()
     folders = cache_folders()
     deleted = discard_damaged()
@@ -86,7 +84,7 @@ def warm_up() -> Warmup:
         second = _child()
         if second.returncode != 0:
             raise WarmupError(
-                f"the kernels do not run, also after {deleted} cached files were deleted: {_last_line(second)}"
+                f"the kernels do not run, even after {deleted} cached files were deleted: {_last_line(second)}"
             )
     _tell_complete(*MODES)
     cached = len(list(_cached_files(folders)))
@@ -97,36 +95,35 @@ _CHILDREN = Children()
 
 
 class Loading(threading.Thread):
-    """make_ready, beside whatever else a start has to do. Loading releases the interpreter for most of its time."""
+    """Runs make_ready in a thread. Loading releases the interpreter for most of the time."""
 
     def __init__(self, *modes: str) -> None:
         super().__init__(name="loading", daemon=True)
         self._modes, self._done = modes, False
 
     def run(self) -> None:
-        with contextlib.suppress(CancelledError):  # `finish` says so
+        with contextlib.suppress(CancelledError):  # `finish` raises instead
             make_ready(*self._modes)
             self._done = True
 
     def cancel(self) -> None:
-        """Ends a child that compiles; `finish` then raises. What this process itself is loading goes on."""
+        """Ends a compiling child; `finish` then raises. Loading in this process continues."""
         _CHILDREN.cancel()
 
     def finish(self) -> None:
-        """Waits until the kernels are there. Raises WarmupError where they cannot be had."""
+        """Waits until the kernels are loaded. Raises WarmupError where that fails."""
         self.join()
         if not self._done:
-            raise WarmupError("the kernels could not be loaded: the cause stands above; try `companion warmup`")
+            raise WarmupError("the kernels could not be loaded: the cause is printed above; run `companion warmup`")
 
 
 def make_ready(*modes: str) -> None:
-    """Loads the kernels that a live service in these modes uses, or has them compiled where that was never done: by a
-    child, since compiling leaves a gigabyte behind, and the service stays as large as it once was.
+    """Loads the kernels of these groups. Missing ones are compiled by a child process, since compiling leaves about 1
+    GB allocated.
 
-    A service that died while it loaded has perhaps met a damaged cache, and would die of it again at each start: a
-    mark tells the next one, which lets `warm_up` look and mend first. What the start has made stays for good: it is
-    frozen (`gc.freeze`), since full collections would otherwise scan all of it again and again and stop the other
-    threads meanwhile. Raises WarmupError."""
+    A service that ended while it loaded may have met a damaged cache and would end again at each start: a mark file
+    makes the next start run `warm_up` first. The objects of the start are frozen (`gc.freeze`), since full garbage
+    collections would otherwise scan them and stop the other threads. Raises WarmupError."""
     begun_s = time.monotonic()
     named = os.environ.get(VARIABLE)
     mark = Path(named) / MARK if named else None
@@ -137,23 +134,23 @@ def make_ready(*modes: str) -> None:
         if discarded := discard_damaged():
             log.warning("the cache of compiled kernels is damaged: %d files deleted, compiling them again", discarded)
         if (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
-            _tell_complete(*lacking)  # else it is tried here, which tells why it fails
+            _tell_complete(*lacking)  # otherwise compiled here, which shows the error
         elif not lacking and not (mark.parent / MANIFEST).exists():
             _tell_complete(*modes)  # compiled by a version without a manifest
-    with contextlib.suppress(OSError):  # a cache that cannot be written is not one that we damage
+    with contextlib.suppress(OSError):  # a cache that cannot be written cannot be damaged by this process
         if mark is not None:
             mark.touch()
     run_kernels(modes, metres=False)
     if mark is not None:
         mark.unlink(missing_ok=True)
     if time.monotonic() - begun_s > COMPILED_S:
-        gc.collect()  # compiling leaves much behind, loading little
+        gc.collect()  # compiling leaves much garbage, loading little
     gc.freeze()
 
 
 def discard_damaged() -> int:
-    """Deletes the kernels whose content is not that of the manifest, and the marks that say that all are there; returns
-    how many files were deleted. A cache that cannot be written is left as it is."""
+    """Deletes the kernels that differ from the manifest, and the marks that all are cached; returns the number of
+    deleted files. A cache that cannot be written is left unchanged."""
     named = os.environ.get(VARIABLE)
     damaged = damaged_kernels(Path(named)) if named else []
     if not named or not damaged:
@@ -184,7 +181,7 @@ def _tell_complete(*modes: str) -> None:
 
 
 def run_child(modes: Sequence[str]) -> None:
-    """What a child process does: the kernels of a service in these modes; none named: all there are."""
+    """The child process: runs the kernels of these groups; all groups without arguments."""
     threading.Thread(target=end_with_parent, name="parent", daemon=True).start()
     if modes:
         run_kernels(modes, metres=False)
@@ -193,8 +190,8 @@ def run_child(modes: Sequence[str]) -> None:
 
 
 def cache_folders() -> list[Path]:
-    """Where numba keeps compiled kernels of these sources: NUMBA_CACHE_DIR as jit_cache set it, else (no place could
-    be written, or numba was imported before this package) beside the sources or in the user's own cache."""
+    """Directories of numba's cache for these sources: NUMBA_CACHE_DIR as set by jit_cache; otherwise (not writable, or
+    numba imported before this package) beside the sources and in the user's cache."""
     named = os.environ.get(VARIABLE)
     if named:
         return [Path(named)]
@@ -217,11 +214,11 @@ def _delete(folders: list[Path]) -> int:
 
 
 def _check_cache_place() -> None:
-    """numba's own message for a cache that cannot be written names neither the directory nor a remedy."""
+    """Checks the cache directory: numba's own error for one that cannot be written names neither it nor a remedy."""
     named = os.environ.get(VARIABLE)
     if not named:
         return
-    named = str(base_of(Path(named)))  # what the user wrote
+    named = str(base_of(Path(named)))  # the value that the user has set
     try:
         Path(named).mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=named):
@@ -238,7 +235,10 @@ def _child(*modes: str) -> subprocess.CompletedProcess[str]:
     try:
         return _CHILDREN.run(command, TIMEOUT_S)
     except subprocess.TimeoutExpired as error:
-        raise WarmupError(f"compiling did not end within {TIMEOUT_S:g} s; is the machine overloaded?") from error
+        raise WarmupError(
+            f"compiling did not end within {TIMEOUT_S:g} s; reduce the load of the computer and run "
+            "`companion warmup` again"
+        ) from error
 
 
 def _last_line(child: subprocess.CompletedProcess[str]) -> str:

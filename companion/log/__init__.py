@@ -1,1 +1,1 @@
-"""MCAP logs: writing, recording in flight, reading what is in them, repairing them."""
+"""MCAP logs: recording, writing, inspecting and repairing."""

@@ -1,7 +1,6 @@
-"""Prisms drawn for viewers: foxglove.SceneUpdate and FrameTransform, which Foxglove and Lichtblick show as they are.
+"""Drawings of the prisms for viewers: foxglove.SceneUpdate and FrameTransform, for Foxglove and Lichtblick.
 
-Viewers draw z up; the root frame `up` (north, west, up) turns the autopilot's `ned` over for them.
-"""
+Viewers draw z upwards; the root frame `up` (north, west, up) rotates the frame `ned` accordingly."""
 
 from __future__ import annotations
 
@@ -30,17 +29,17 @@ from ..pipeline.quaternion import Quaternion as Wxyz
 from ..pipeline.quaternion import product
 
 LIFETIME_S: Final = 1
-"""A drawing is gone after this, so that what a viewer shows is never older."""
+"""Lifetime of a drawing: a viewer never shows an older one."""
 NEAR_M: Final = 2.0
 FAR_M: Final = 15.0
-"""Ends of the colour scale: red and nearer, blue and farther."""
+"""Ends of the colour scale: red at and below, blue at and above."""
 
 _Q_UP_NED: Final[Wxyz] = (0.0, 1.0, 0.0, 0.0)
 _Q_CAMFRD_OPTICAL: Final[Wxyz] = (0.5, 0.5, 0.5, 0.5)
 
 
 def scene_message(result: PrismsResult) -> SceneUpdate:
-    """The frame's prisms as triangles; a frame that says nothing takes the camera's drawing away."""
+    """The frame's prisms as triangles; an invalid frame deletes the camera's drawing."""
     name = f"{result.camera} prisms"
     timestamp = stamp(result.t_exposure_ns)
     if result.model is None or not result.valid:
@@ -62,8 +61,8 @@ def scene_message(result: PrismsResult) -> SceneUpdate:
 
 
 def transform_messages(result: PrismsResult, info: CameraInfo) -> tuple[FrameTransform, ...]:
-    """up -> ned -> level -> frd -> the camera's optical frame at exposure. Without a position ned's origin is drawn at
-    the vehicle; a frame without attitude has none."""
+    """up -> ned -> level -> frd -> the camera's optical frame at exposure. Without a position, ned's origin is drawn at
+    the vehicle. A frame without attitude has no transforms."""
     if result.attitude is None:
         return ()
     q_ned_frd = result.attitude.q_ned_frd_wxyz
@@ -98,7 +97,7 @@ def _pose() -> Pose:
 
 
 def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, float]) -> None:
-    """Two triangles for each edge of the side profile."""
+    """Two triangles per edge of the side profile."""
     xy = prism.vertices_m.tolist()
     ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
     for a, b in zip(xy, ends, strict=False):
@@ -111,7 +110,7 @@ def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float
 
 
 def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:
-    """From a point to the nearest point of a segment, seen from above, metres."""
+    """Horizontal distance from a point to a segment, m."""
     along_x, along_y = b[0] - a[0], b[1] - a[1]
     to_x, to_y = p[0] - a[0], p[1] - a[1]
     length2 = along_x * along_x + along_y * along_y
@@ -120,7 +119,7 @@ def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> flo
 
 
 def distance_colour(distance_m: float) -> Color:
-    """Red (NEAR_M and nearer) over yellow and green to blue (FAR_M and farther), a little transparent."""
+    """Red (NEAR_M and nearer) over yellow and green to blue (FAR_M and farther), partly transparent."""
     h = 4.0 * min(1.0, max(0.0, (distance_m - NEAR_M) / (FAR_M - NEAR_M)))
     red, green, blue = min(1.0, max(0.0, 2.0 - h)), min(1.0, h, 4.0 - h), min(1.0, max(0.0, h - 2.0))
     return Color(r=red, g=green, b=blue, a=0.8)

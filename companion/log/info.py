@@ -1,4 +1,4 @@
-"""`companion info`: what a log holds, how regular it is, and what is wrong with it."""
+"""`companion info`: content, regularity and damage of a log."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ..console import fail, print_json, print_line
 from ..pipeline.sync import DropCause
 
 _GAP_MEDIANS: Final = 3.0
-"""An interval longer than this many times the usual one is a gap."""
+"""An interval longer than this multiple of the median is a gap."""
 _NS: Final = 1_000_000_000
 _LISTED: Final = 40
 _REGULAR: Final = ("depth", "attitude", "pose")
-"""Kinds whose gaps matter."""
+"""Kinds of topics whose gaps are reported."""
 
 
 @dataclass(slots=True)
@@ -44,17 +44,17 @@ class TopicInfo:
 
     @property
     def intervals_ns(self) -> list[int]:
-        """Between the records."""
+        """Intervals between records."""
         return [b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)]
 
     @property
     def rate_hz(self) -> float | None:
-        """Mean rate, None with fewer than two records or no time between them."""
+        """Mean rate; None with fewer than two records or no time between them."""
         span = self.times_ns[-1] - self.times_ns[0] if self.times_ns else 0
         return (len(self.times_ns) - 1) * _NS / span if span > 0 else None
 
     def gaps(self) -> list[tuple[int, int]]:
-        """(begin, length) in ns of the intervals far longer than the usual one."""
+        """(begin, length) in ns of the gaps."""
         intervals = self.intervals_ns
         if len(intervals) < 2:
             return []
@@ -63,13 +63,13 @@ class TopicInfo:
 
     @property
     def steps_back(self) -> int:
-        """How often the time went backwards."""
+        """Number of records older than their predecessor."""
         return sum(dt < 0 for dt in self.intervals_ns)
 
 
 @dataclass(slots=True)
 class LogInfo:
-    """What is in a file."""
+    """The content of a file."""
 
     path: Path
     topics: dict[str, TopicInfo] = field(default_factory=dict)
@@ -82,18 +82,18 @@ class LogInfo:
 
     @property
     def ours(self) -> bool:
-        """Whether it holds any topic of this software."""
+        """Whether the file contains a topic of this software."""
         return any(info.key is not None for info in self.topics.values())
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """The first and the last stamp."""
+        """The first and the last timestamp."""
         times = [t for info in self.topics.values() for t in (min(info.times_ns), max(info.times_ns))]
         return (min(times), max(times)) if times else None
 
 
 def read_log_info(path: Path) -> LogInfo:
-    """One pass over an MCAP file, anybody's. Raises DriverError when it is none."""
+    """Reads an MCAP file of any origin. Raises DriverError for another file."""
     info = LogInfo(path)
     scan = open_scan(path)
     try:
@@ -139,7 +139,7 @@ def _read(info: LogInfo, key: str | None, data: bytes) -> None:
 
 
 def _text(code: str) -> str:
-    """For people; what is no cause ("used") stays as it is."""
+    """The text of a code; another string ("used") is returned unchanged."""
     return text_of(text_of(code, InvalidCause), DropCause)
 
 
@@ -193,14 +193,14 @@ def _camera_json(info: CameraInfo) -> dict[str, Any]:
 
 
 def print_info(info: LogInfo) -> None:
-    """The same for people."""
+    """Prints the content as text."""
     span = info.span_ns
     duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
     print_line(f"{info.path}: {info.path.stat().st_size / 1e6:.2f} MB{duration}")
     if info.run is not None:
         print_line(f"made by {info.run.software} ({info.run.source or 'source not told'})")
     if not info.ours:
-        print_line("not a recording of this software: none of its topics is known")
+        print_line("not a log of this software: none of its topics is known")
     for camera in info.cameras:
         print_line(_camera_line(camera))
     listed = list(info.topics.values())[:_LISTED]
@@ -219,16 +219,16 @@ def print_info(info: LogInfo) -> None:
         print_line("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(info.decisions.items())))
     if info.valid or info.invalid:
         blind = "".join(f"; {n} blind: {_text(code)}" for code, n in sorted(info.invalid.items()))
-        print_line(f"prisms: {info.valid} frames say something{blind}")
+        print_line(f"prisms: {info.valid} valid frames{blind}")
 
 
 def _camera_line(info: CameraInfo) -> str:
     k, m = info.intrinsics, info.mount
     angles = ", ".join(f"{math.degrees(a):g}" for a in (m.roll_rad, m.pitch_rad, m.yaw_rad))
     return (
-        f"camera {info.camera}: {k.width}x{k.height}, fx {k.fx:g} fy {k.fy:g} px, {info.min_range_m:g}.."
-        f"{info.max_range_m:g} m, ke {info.ke_per_m:g}/m, obstacles are found up to {obstacle_range_m(info):.1f} m, "
-        f"mount roll, pitch, yaw {angles} deg"
+        f"camera {info.camera}: {k.width}x{k.height}, fx {k.fx:g} fy {k.fy:g} px, "
+        f"{info.min_range_m:g}..{info.max_range_m:g} m, depth noise {info.ke_per_m:g}/m, obstacles are detected up to "
+        f"{obstacle_range_m(info):.1f} m, mount roll, pitch, yaw {angles} deg"
     )
 
 
@@ -237,26 +237,26 @@ def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
     if gaps:
         at, longest = max(gaps, key=lambda gap: gap[1])
         print_line(
-            f"{topic.topic}: {len(gaps)} gaps, the longest {longest / _NS:.3f} s, {(at - start_ns) / _NS:.3f} s in"
+            f"{topic.topic}: {len(gaps)} gaps, the longest {longest / _NS:.3f} s at {(at - start_ns) / _NS:.3f} s"
         )
     if topic.steps_back:
-        print_line(f"{topic.topic}: its time goes back {topic.steps_back} times")
+        print_line(f"{topic.topic}: {topic.steps_back} timestamps go backwards")
 
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion info`."""
-    parser = subparsers.add_parser("info", help="what is in a log: topics, rates, gaps, damage")
-    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file, anybody's")
+    parser = subparsers.add_parser("info", help="show the content of a log: topics, rates, gaps, damage")
+    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file of any origin")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the command; 1 when the file is damaged."""
+    """0: the file is complete; 1: it is damaged."""
     info = read_log_info(args.input)
     if args.json:
         print_json(as_json(info))
     else:
         print_info(info)
     for damage in info.damages:
-        fail(f"{args.input}: damaged: {damage}. `companion recover {args.input}` writes what is readable")
+        fail(f"{args.input}: damaged: {damage}. `companion recover {args.input}` recovers the readable part")
     return 1 if info.damages else 0

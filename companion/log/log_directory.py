@@ -1,8 +1,8 @@
-"""The folder of flight logs: names and the budget of the disk.
+"""The directory of flight logs: file names and disk budget.
 
-A flight's files are named FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT begins with the wall clock's date as a label.
-A file being written ends in .active. Of finished flights the oldest files go first when the budget is spent; those of
-the running flight are never touched."""
+The files of a flight are FLIGHT.000.mcap, FLIGHT.001.mcap, ...; FLIGHT begins with the wall clock's date as a label. A
+file being written ends in .active. When the budget is used, the oldest files of finished flights are deleted; files of
+the running flight are kept."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PART = re.compile(r"^(?P<flight>.+)\.(?P<part>\d{3,})\.mcap(?P<active>\.active)
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
-    """One file of a flight in the folder."""
+    """One file of a flight."""
 
     path: Path
     flight: str
@@ -30,19 +30,19 @@ class LogFile:
 
 
 def new_flight(folder: Path) -> str:
-    """A name that no flight in the folder has: the wall clock's date and time, a label and no more."""
+    """An unused name for a flight: the date and time of the wall clock, as a label only."""
     label = time.strftime("%Y%m%d-%H%M%S", time.gmtime(time.time_ns() / 1e9))
     taken = {f.flight for f in files_of(folder)}
     return next(name for name in (label, *(f"{label}-{k}" for k in range(2, 10_000))) if name not in taken)
 
 
 def part_path(folder: Path, flight: str, part: int) -> Path:
-    """The name of a flight's file when it is finished."""
+    """The name of a finished file."""
     return folder / f"{flight}.{part:03d}.mcap"
 
 
 def files_of(folder: Path) -> list[LogFile]:
-    """The logs in a folder, oldest first. What has another name is not ours and never touched."""
+    """The logs in a directory, oldest first. Files with other names are not logs and are never deleted."""
     found = []
     for entry in os.scandir(folder):
         match = _PART.match(entry.name)
@@ -51,7 +51,7 @@ def files_of(folder: Path) -> list[LogFile]:
         try:
             stat = entry.stat()
         except FileNotFoundError:
-            continue  # renamed meanwhile
+            continue  # the file was renamed meanwhile
         active = match["active"] is not None
         path = Path(entry.path)
         found.append(LogFile(path, match["flight"], int(match["part"]), active, stat.st_size, stat.st_mtime_ns))
@@ -59,12 +59,12 @@ def files_of(folder: Path) -> list[LogFile]:
 
 
 def used_bytes(folder: Path) -> int:
-    """What all logs take together, with the copies that a repair is writing."""
+    """Size of all logs, including copies that a repair is writing."""
     return sum(f.bytes for f in files_of(folder)) + sum(_size(path) for path in recovering_files(folder))
 
 
 def recovering_files(folder: Path) -> list[Path]:
-    """Copies that a repair is writing, or that one left which was killed."""
+    """Copies that a repair is writing or has left unfinished."""
     return [path for path in folder.glob(f"*{ACTIVE}{RECOVERING}") if path.is_file()]
 
 
@@ -72,11 +72,11 @@ def _size(path: Path) -> int:
     try:
         return path.stat().st_size
     except FileNotFoundError:
-        return 0  # renamed meanwhile
+        return 0  # the file was renamed meanwhile
 
 
 def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
-    """Deletes the oldest files of finished flights until all logs together fit the budget; returns what went."""
+    """Deletes the oldest files of finished flights until all logs fit the budget; returns the deleted files."""
     files = files_of(folder)
     excess = used_bytes(folder) - budget_bytes
     gone = []
@@ -92,6 +92,6 @@ def make_room(folder: Path, budget_bytes: int, running: str) -> list[Path]:
 
 
 def free_bytes(folder: Path) -> int:
-    """Free space of the folder's disk, for us."""
+    """Free disk space for this user, bytes."""
     stat = os.statvfs(folder)
     return stat.f_bavail * stat.f_frsize

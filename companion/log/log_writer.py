@@ -1,8 +1,7 @@
-"""Writes logs: the same input gives the same bytes, on every run.
+"""Writes logs. The same input gives the same bytes.
 
-A log is written as FILE.active and gets its name when it is whole; a killed run leaves an .active file, which
-`companion recover` makes whole.
-"""
+A log is written as FILE.active and renamed when complete. A killed process leaves the .active file, which `companion
+recover` completes."""
 
 from __future__ import annotations
 
@@ -31,18 +30,18 @@ from .foxglove_scene import scene_message, transform_messages
 from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
 
 LIBRARY: Final = "osape-companion log 1"
-"""In the file's header; a fixed text, so that a newer MCAP library does not change the bytes."""
+"""In the file's header; a constant, so that a newer MCAP library does not change the bytes."""
 CHUNK_BYTES: Final = 1 << 20
 ACTIVE: Final = ".active"
 RECOVERING: Final = ".recovering"
-"""Behind ACTIVE: a whole file in the making from an unfinished one."""
+"""Suffix after ACTIVE of a file that a repair is writing."""
 
 
 class LogWriter:
-    """A log in the making. As a context manager it is finished at the end, or left as .active after an exception.
+    """A log being written. As a context manager it is finished at the end, or left as .active after an exception.
 
-    Raises OSError (no space, no rights) and ValueError for an output that is something else than a log, and for
-    stamps and names that a log cannot hold.
+    Raises OSError (no space, no permission) and ValueError for an output that exists and is not a log, and for
+    timestamps and names that a log cannot hold.
 
     level: of zstandard, see `McapWriter`."""
 
@@ -51,8 +50,10 @@ class LogWriter:
         refuse_output(self.path)
         self.active_path = self.path.with_name(self.path.name + ACTIVE)
         self._file: BinaryIO = self.active_path.open("wb")
-        with contextlib.suppress(OSError):  # some network folders have no locks
-            fcntl.flock(self._file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)  # no repair of a file that is being written
+        with contextlib.suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(
+                self._file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB
+            )  # prevents a repair of a file that is being written
         self._writer = McapWriter(self._file, CHUNK_BYTES, level)
         self._writer.start(LIBRARY)
         self._schemas: dict[str, int] = {}
@@ -73,31 +74,31 @@ class LogWriter:
 
     @property
     def bytes_written(self) -> int:
-        """On the way to the disk; the open chunk comes on top."""
+        """Bytes written to the file, without the open chunk."""
         return 0 if self._file.closed else self._file.tell()
 
     def sync(self) -> None:
-        """Waits until what was written is on the disk itself. Raises OSError."""
+        """Flushes the file to the disk. Raises OSError."""
         self._file.flush()
         os.fdatasync(self._file.fileno())
 
     @property
     def in_place(self) -> bool:
-        """Whether the file still has its name: it was neither deleted nor moved, nor was its folder."""
+        """Whether the file is still at its path: neither it nor its directory was deleted or moved."""
         try:
             return os.path.samestat(os.stat(self.active_path), os.fstat(self._file.fileno()))
         except OSError:
             return False
 
     def abandon(self) -> None:
-        """Leaves what was written as FILE.active."""
+        """Closes the file as FILE.active."""
         with contextlib.suppress(OSError):  # a full disk refuses the rest of the buffer
             self._file.close()
 
     def begin(
         self, run: pb.RunInfo, cameras: Iterable[CameraInfo], state: PipelineState | None = None, t_ns: int = 0
     ) -> None:
-        """What every log opens with. t_ns: where on the time line, best that of the first event."""
+        """Writes the opening content. t_ns: time of its records, best that of the first event."""
         self.write("run", run, t_ns)
         for info in cameras:
             self._infos[info.camera] = info
@@ -106,7 +107,7 @@ class LogWriter:
         self.write("state", state_message(state or PipelineState()), t_ns)
 
     def event(self, event: Event) -> None:
-        """What came from the hardware, at its arrival."""
+        """Writes an event of the hardware, at its arrival time."""
         arrival_ns = event.t_arrival_ns
         if isinstance(event, DepthFrame):
             at = (arrival_ns, event.camera, event.sequence, event.t_exposure_ns)
@@ -117,8 +118,8 @@ class LogWriter:
             self.write("pose", pose_message(event), arrival_ns, publish_ns=event.t_ns)
 
     def output(self, output: Output, scene: bool = True, transforms: bool = True, prisms: bytes | None = None) -> None:
-        """What the pipeline said, at the arrival of the frame it is about; drawn for viewers where asked for. prisms: the
-        bytes of the prisms' message, where they are known already."""
+        """Writes an output of the pipeline, at the arrival of its frame; with drawings for viewers where requested.
+        prisms: the encoded message, if available."""
         at = (output.t_arrival_ns, output.camera, output.sequence, output.t_exposure_ns)
         if isinstance(output, FrameDecision):
             self.write("decision", decision_message(output), *at)
@@ -138,7 +139,7 @@ class LogWriter:
         sequence: int = 0,
         publish_ns: int | None = None,
     ) -> None:
-        """One message of the table of topics. t_ns: its arrival."""
+        """Writes one message of the table of topics. t_ns: its arrival."""
         self._write(key, (wire_bytes(message),), t_ns, camera, sequence, publish_ns)
 
     def _write(
@@ -147,12 +148,13 @@ class LogWriter:
         publish_ns = t_ns if publish_ns is None else publish_ns
         if not 0 <= t_ns < 1 << 63 or publish_ns >= 1 << 63:
             raise ValueError(
-                f"log: stamp {t_ns} ns cannot be written; stamps count from the start of the system's clock"
+                f"log: timestamp {t_ns} ns cannot be written; timestamps count from the start of the system's clock"
             )
         if not 0 <= sequence < 1 << 32:
             raise ValueError(f"log: sequence {sequence} cannot be written; expected 0..{(1 << 32) - 1}")
         channel = self._channels.get((key, camera)) or self._open_channel(key, camera)
-        # a stamp before the clock's zero (a wrong clock estimate) stays in the message; the record cannot hold it
+        # a stamp before the clock's zero (wrong clock estimate) stays in the message; the record's time cannot be
+        # negative
         self._writer.add_message(channel, t_ns, parts, max(0, publish_ns), sequence)
 
     def _open_channel(self, key: str, camera: str) -> int:
@@ -169,39 +171,39 @@ class LogWriter:
         return self._names[name]
 
     def finish(self) -> None:
-        """Writes the closing part and gives the file its name. May be called again."""
+        """Writes the end of the file and renames it. May be called twice."""
         if self._file.closed:
             return
         finish_file(self._writer, self._file, self.active_path, self.path)
 
 
 def refuse_output(path: Path, *inputs: Path) -> None:
-    """Raises ValueError where writing a log to `path` would destroy something: one of the inputs (also by the name
-    under which the log is written until it is whole), a directory, or a file that is no log."""
+    """Raises ValueError where writing a log to `path` would overwrite an input (also by the temporary name), a
+    directory, or a file that is not a log."""
     taken = {path.resolve(), path.with_name(path.name + ACTIVE).resolve()}
     for given in inputs:
         if given.resolve() in taken:
             raise ValueError(
-                f"{given}: writing {path} would overwrite this input; input and output are the same file or would "
-                "share the name of the unfinished log; give -o another name"
+                f"{given}: writing {path} would overwrite this input, or its unfinished log would have the same name; "
+                "give -o another name"
             )
     if path.is_dir():
         raise ValueError(f"{path}: is a directory; give -o the name of a file, such as {path / 'out.mcap'}")
     if path.is_file() and path.stat().st_size:
         with path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
-                raise ValueError(f"{path}: exists and is no log; it is left as it is; give -o another name")
+                raise ValueError(f"{path}: exists and is not a log; it is not overwritten; give -o another name")
 
 
 def start_writer(stream: BinaryIO) -> Writer:
-    """A writer for MCAP files of any content that has begun: for logs of this software LogWriter is quicker."""
+    """A started writer for MCAP files of any content. LogWriter is faster for logs of this software."""
     writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
     writer.start(profile="", library=LIBRARY)
     return writer
 
 
 def finish_file(writer: McapWriter | Writer, stream: BinaryIO, active: Path, path: Path) -> None:
-    """Ends the file, waits until it is on the disk and names it."""
+    """Finishes the file, flushes it to the disk and renames it."""
     finish: Callable[[], None] = writer.finish
     finish()
     stream.truncate()
@@ -211,7 +213,7 @@ def finish_file(writer: McapWriter | Writer, stream: BinaryIO, active: Path, pat
 
 
 def schema_bytes(kind: type[Message]) -> bytes:
-    """A message type with all it depends on, dependencies first: what makes a log self-describing."""
+    """The schema of a message type with its dependencies, dependencies first: it makes the log self-describing."""
     files: dict[str, Any] = {}
 
     def add(descriptor: Any) -> None:
@@ -227,8 +229,8 @@ def schema_bytes(kind: type[Message]) -> bytes:
 
 
 def write_recording(source: EventSource, path: Path | str, run: pb.RunInfo) -> int:
-    """Writes a source's events into a log without prisms; returns their number. When the source raises BadData the
-    log is finished with what was delivered before, and the error goes on."""
+    """Writes the events of a source into a log without prisms; returns their number. When the source raises BadData,
+    the log is finished with the events delivered before, and the error is raised."""
     number = 0
     with LogWriter(path) as log:
         try:

@@ -1,9 +1,8 @@
-"""MCAP files, written with little work: messages go into one buffer, each chunk of it is compressed and written.
+"""A fast writer for MCAP files: messages are collected in one buffer; each chunk is compressed and written.
 
-The mcap library's writer copies each image half a dozen times and makes a new compressor for each chunk; here an image
-is copied once, by whoever hands it over in parts, and buffer and compressor stay. The checksum of a chunk is zlib's, which
-fastcrc makes in a tenth of the time. What comes once a file (header, schemas, channels, the closing part) is the
-library's."""
+The mcap library's writer copies each image about six times and creates a compressor per chunk. This writer copies an
+image once and keeps buffer and compressor. The chunk checksum is zlib's CRC-32, computed by fastcrc in a tenth of the
+time. Header, schemas, channels and the closing part are the library's records."""
 
 from __future__ import annotations
 
@@ -22,39 +21,39 @@ from zstandard import ZstdCompressor
 from drivers.logs.record_scanner import MAGIC
 
 ZSTD_LEVEL: Final = 1
-"""Where nobody waits and nothing else says it; what others take and save: docs/research/service-measurements.md."""
+"""Default compression level; measurements of others: docs/research/service-measurements.md."""
 _MESSAGE: Final = struct.Struct("<BQHIQQ")
-"""Opcode, length of what follows, channel, sequence, time of the log, time of publishing."""
+"""Opcode, length, channel, sequence, log time, publish time."""
 _MESSAGE_HEAD: Final = 22
-"""Of the length, what is not the message's own bytes."""
+"""Bytes of that length without the message."""
 _CHUNK: Final = struct.Struct("<BQQQQII4sQ")
 """Opcode, length, first and last time, uncompressed size and checksum, "zstd" with its length, compressed size."""
 _INDEX: Final = struct.Struct("<BQHI")
 _CHUNK_INDEX: Final = struct.Struct("<BQQQQQI")
-"""Opcode, length, first and last time, where the chunk begins, its length, bytes of the places that follow."""
+"""Opcode, length, first and last time, offset and length of the chunk, bytes of the following offsets."""
 _PLACE: Final = struct.Struct("<HQ")
-"""A channel, and where its index of the chunk begins."""
+"""A channel and the offset of its index."""
 _CHUNK_SIZES: Final = struct.Struct("<QI4sQQ")
-"""Length of all the indexes, "zstd" with its length, compressed and uncompressed size."""
+"""Length of all indexes, "zstd" with its length, compressed and uncompressed size."""
 _START: Final = 1 << 16
 
 Part = bytes | memoryview
 
 
 class Sink(Protocol):
-    """A file, of which so much is needed here."""
+    """The file operations that the writer needs."""
 
     def write(self, data: Part, /) -> int:
-        """Takes all of it."""
+        """Writes all bytes."""
 
     def flush(self) -> None:
-        """Hands to the kernel what is kept."""
+        """Passes buffered bytes to the system."""
 
 
 class McapWriter:
-    """A file in the making: `start`, then channels and messages, then `finish`, which leaves the stream open.
+    """An MCAP file being written: `start`, then channels and messages, then `finish`, which leaves the stream open.
 
-    level: of zstandard; a lower level is faster and gives larger files, also below 0."""
+    level: of zstandard; a lower level, also below 0, is faster and gives larger files."""
 
     def __init__(self, stream: Sink, chunk_bytes: int, level: int = ZSTD_LEVEL) -> None:
         self._stream, self._chunk_bytes = stream, chunk_bytes
@@ -70,19 +69,19 @@ class McapWriter:
         self._first_ns = self._last_ns = self._messages = 0
 
     def start(self, library: str) -> None:
-        """Writes the head. Raises OSError, as all that writes."""
+        """Writes the header. Raises OSError, as all writing methods do."""
         self._write(MAGIC)
         self._write(_record(Header("", library)))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """A kind of message; returns its number."""
+        """Registers a message type; returns its number."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._schemas.append(schema)
         self._append(_record(schema))
         return schema.id
 
     def register_channel(self, topic: str, message_encoding: str, schema_id: int) -> int:
-        """A stream of messages of one kind; returns its number."""
+        """Registers a channel; returns its number."""
         channel = Channel(
             id=len(self._channels) + 1, topic=topic, message_encoding=message_encoding, schema_id=schema_id, metadata={}
         )
@@ -93,7 +92,7 @@ class McapWriter:
     def add_message(
         self, channel_id: int, log_time: int, parts: Sequence[Part], publish_time: int, sequence: int
     ) -> None:
-        """A message whose bytes are those of the parts, one after the other."""
+        """Adds a message whose bytes are the concatenated parts."""
         size = 0
         for part in parts:
             size += len(part)
@@ -115,7 +114,7 @@ class McapWriter:
             self._finish_chunk()
 
     def finish(self) -> None:
-        """Writes the last chunk and the closing part, by which readers find their way."""
+        """Writes the last chunk and the summary, which readers need for random access."""
         if self._indexes:
             self._finish_chunk()
         self._write(_record(DataEnd(0)))
@@ -139,7 +138,7 @@ class McapWriter:
         self._write(MAGIC)
 
     def _room(self, size: int) -> int:
-        """Where so many bytes can be put."""
+        """Reserves `size` bytes in the buffer."""
         if self._filled + size > len(self._buffer):
             grown = memoryview(bytearray(2 * (self._filled + size)))
             grown[: self._filled] = self._buffer[: self._filled]
@@ -156,7 +155,7 @@ class McapWriter:
         self._offset += len(data)
 
     def _finish_chunk(self) -> None:
-        """Compresses what the buffer holds, and writes it with the places of its messages."""
+        """Compresses and writes the buffer as a chunk with its message indexes."""
         content, start = self._buffer[: self._filled], self._offset
         times = [index[::2] for index in self._indexes.values()]
         first_ns, last_ns = min(map(min, times)), max(map(max, times))
@@ -174,14 +173,14 @@ class McapWriter:
             places += _PLACE.pack(channel_id, self._offset)
             packed = struct.pack(f"<{len(index)}Q", *index)
             self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(packed), channel_id, len(packed)) + packed)
-        # as it will be written: made at the end, those of a thousand chunks would keep the interpreter from a frame or two
+        # encoded now: encoding a thousand chunk indexes at the end would delay a frame or two
         size = _CHUNK_INDEX.size - 9 + len(places) + _CHUNK_SIZES.size
         self._chunks.append(
             _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, size, first_ns, last_ns, start, after - start, len(places))
             + places
             + _CHUNK_SIZES.pack(self._offset - after, 4, b"zstd", len(data), len(content))
         )
-        self._stream.flush()  # whatever ends this process now, the chunk is there
+        self._stream.flush()  # the chunk survives the end of this process
         self._first_ns = min(self._first_ns, first_ns) if self._messages else first_ns
         self._last_ns = max(self._last_ns, last_ns)
         self._messages += sum(map(len, times))
@@ -197,7 +196,7 @@ class McapWriter:
 
 
 def _record(record: Any) -> bytes:
-    """A record of the library as it is written."""
+    """A library record as bytes."""
     builder: Any = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())

@@ -1,4 +1,4 @@
-"""Who makes a log, with what: the first message of every log."""
+"""The provenance of a log: the first message of every log."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def software() -> str:
 
 
 def run_info(source: str, config: Config | None = None) -> pb.RunInfo:
-    """What a log says about its making. source: "replay", "import", "simulated", "live"; config: the effective one."""
+    """The provenance message. source: "replay", "import", "simulated" or "live"; config: the effective configuration."""
     return pb.RunInfo(
         schema_version=SCHEMA_VERSION,
         software=software(),

@@ -1,8 +1,8 @@
-"""Records the flight: a thread of its own behind a bounded queue. The pipeline never waits for the disk.
+"""Records a flight in a thread of its own with a bounded queue. The pipeline never waits for the disk.
 
-Every file opens with the state that its frames depend on, so each replays by itself. When something had to be dropped
-(a slow disk, a full one), all that follows is dropped too and counted, until a new file can open with a new state: a log
-has no holes that a replay would not notice."""
+Every file begins with the state that its frames depend on, so it can be replayed alone. When an item has to be dropped
+(slow or full disk), all following items are dropped and counted until a new file begins with a new state: a log has no
+gap that a replay would miss."""
 
 from __future__ import annotations
 
@@ -32,25 +32,26 @@ from .repair import Repairs
 
 NS: Final = 1_000_000_000
 RETRY_NS: Final = 5 * NS
-"""After a failure, before a new file is tried."""
+"""Delay after a failure before a new file is tried."""
 REPAIR_AFTER_NS: Final = 10 * NS
-"""Files of killed runs are repaired once this flight is being recorded, or so long after the start where it is not."""
+"""Unfinished files of earlier runs are repaired once this flight is being recorded, or after this time without
+recording."""
 _SMALL: Final = 512
-"""Bytes that a sample or a decision counts for in the queue."""
+"""Queue size of a sample or a decision, bytes."""
 _RESULT: Final = 20_000
 _WAKE_BYTES: Final = 100_000
 _WAKE_ITEMS: Final = 64
 _IDLE_S: Final = 0.2
-"""What waits is written at least so often, be it much or little."""
+"""Longest time until queued items are written."""
 _AFTER_S: Final = 0.001
-"""So long after a frame was handed over the work on it begins: whoever listens wakes up with its prisms just then, and
-would wait 1 to 2 ms for the processor on which a chunk is compressed."""
+"""Delay before the work on a new frame: its subscribers wake up at the same time and would wait 1 to 2 ms for a
+processor that compresses a chunk."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordStatus:
-    """How recording goes. trouble: in words, empty when there is none. repairing: name of the file of an earlier flight
-    that is being made whole beside it, empty: none."""
+    """State of the recording. fault: as text, empty: none; repairing: name of the earlier file being repaired, empty:
+    none."""
 
     recording: bool = False
     file: str = ""
@@ -69,10 +70,10 @@ class _Item:
 
 
 class Recorder:
-    """`begin`, `event`, `output`, `message` and `end` come from the pipeline's thread; `close` ends the last file.
+    """The pipeline thread calls `begin`, `event`, `output`, `message` and `end`; `close` finishes the last file.
 
-    When `wants_begin`, call `begin` with the state at that moment. One lock, that of `_ready`, guards all fields that
-    several threads use. It is the last in the order of locks: nothing is called while it is held that takes another."""
+    When `wants_begin`, the caller calls `begin` with the present state. One lock, that of `_ready`, guards all shared
+    fields. It is the last in the lock order: no other lock is taken while it is held."""
 
     def __init__(self, folder: Path, run: pb.RunInfo, params: RecordParams | None = None) -> None:
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
@@ -92,51 +93,54 @@ class Recorder:
         self.flight = ""
 
     def open(self) -> None:
-        """Makes the folder and starts the thread. Raises OSError where the folder cannot be made."""
+        """Creates the directory and starts the thread. Raises OSError where the directory cannot be created."""
         self._folder.mkdir(parents=True, exist_ok=True)
         self.flight = new_flight(self._folder)
         self._thread.start()
 
     @property
     def status(self) -> RecordStatus:
-        """How it goes now."""
+        """The present state."""
         with self._ready:
             queued = len(self._queue) + len(self._deferred)
             status = replace(self._status, queued=queued, dropped=self._dropped)
         if self._thread.failure:
-            fault = f"recording has ended ({self._thread.failure}); `companion recover` makes the last file whole"
+            fault = (
+                f"recording has ended ({self._thread.failure}); restart the service; `companion recover` completes "
+                "the last file"
+            )
             return replace(status, recording=False, fault=fault)
         return status
 
     @property
     def may_begin(self) -> bool:
-        """Whether a new file can be begun now; after a failure not again for some seconds."""
+        """Whether a new file can begin now; not for RETRY_NS after a failure."""
         with self._ready:
             return time.monotonic_ns() >= self._not_before_ns
 
     @property
     def wants_begin(self) -> bool:
-        """Whether a new file is to be begun now."""
+        """Whether a new file should begin now."""
         with self._ready:
             return self._start_wanted and self.may_begin
 
     # ---- from the pipeline ------------------------------------------------------------------------------------------
 
     def begin(self, t_ns: int, cameras: Iterable[CameraInfo], state: PipelineState) -> None:
-        """From here on into a new file, which opens with this state."""
+        """Begins a new file with this state."""
         with self._ready:
             self._started_once = True
             self._accepting = self._append(Begin(t_ns, tuple(cameras), state), _SMALL)
             self._start_wanted = not self._accepting
 
     def end(self) -> None:
-        """Nothing more until the next begin: the vehicle was disarmed."""
+        """Ends the file: the vehicle was disarmed."""
         with self._ready:
             self._accepting = False
             self._append(None, 0)
 
     def event(self, event: Event) -> None:
-        """What came from the hardware."""
+        """Records an event of the hardware."""
         if isinstance(event, DepthFrame):
             if self._params.depth:
                 self._enqueue(lambda log: log.event(event), event.depth_mm.nbytes)
@@ -144,7 +148,7 @@ class Recorder:
             self._enqueue(lambda log: log.event(event), _SMALL)
 
     def events(self, events: Sequence[Event]) -> None:
-        """The same of several samples: one thing in the queue."""
+        """Records several samples as one queue item."""
 
         def write(log: LogWriter) -> None:
             for event in events:
@@ -153,7 +157,7 @@ class Recorder:
         self._enqueue(write, len(events) * _SMALL, len(events))
 
     def frames(self, frames: Sequence[RawFrame]) -> None:
-        """What came on the autopilot's line."""
+        """Records MAVLink messages."""
 
         def write(log: LogWriter) -> None:
             for raw in frames:
@@ -162,18 +166,18 @@ class Recorder:
         self._enqueue(write, sum(len(raw.data) + _SMALL for raw in frames), len(frames))
 
     def output(self, output: Output, prisms: bytes | None = None) -> None:
-        """What the pipeline said; prisms: the bytes of its message, where they are known already."""
+        """Records an output of the pipeline. prisms: the encoded message, if available."""
         drawn = self._params.drawings
         self._enqueue(lambda log: log.output(output, drawn, drawn, prisms), _RESULT)
 
     def message(self, key: str, message: Message, t_ns: int) -> None:
-        """Another message of the table of topics."""
+        """Records another message of the table of topics."""
         self._enqueue(lambda log: log.write(key, message, t_ns), message.ByteSize() + _SMALL)
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
-        """What is said meanwhile is handed to the thread at the end, so that it does not begin to work beside a frame
-        that is not published yet."""
+        """Passes the items recorded within the block to the thread at its end, so that the thread does not work while a
+        frame is processed."""
         with self._ready:
             self._deferring = True
         try:
@@ -184,17 +188,17 @@ class Recorder:
                 self._hand_over()
 
     def _enqueue(self, write: Callable[[LogWriter], None], size: int, count: int = 1) -> None:
-        """count: how many messages it is, where they are dropped."""
+        """count: number of messages, for the count of dropped ones."""
         with self._ready:
             if not self._accepting:
-                # not while nothing is to be recorded, nor before the first camera, when there is nothing to begin with
+                # nothing is dropped while recording is off, or before the first camera
                 self._dropped += count if self._start_wanted and self._started_once else 0
             elif not self._append(_Item(write), size, count):
                 self._accepting = False
                 self._start_wanted = True
 
     def _append(self, item: Begin | _Item | None, size: int, count: int = 1) -> bool:
-        """With the lock. False: there was no room."""
+        """Adds an item to the queue; False: the queue is full. The lock is held."""
         waiting = len(self._queue) + len(self._deferred)
         waiting_bytes = self._queued_bytes + self._deferred_bytes + size
         full = waiting >= self._params.queue_items or waiting_bytes > self._params.queue_mb * 1e6
@@ -208,8 +212,8 @@ class Recorder:
         return True
 
     def _hand_over(self) -> None:
-        """With the lock. Wakes the thread for a frame or for many samples; for a few it comes by itself, some times a
-        second."""
+        """Passes the items to the thread. Wakes it for a frame or for many samples; for few samples it wakes by itself.
+        The lock is held."""
         self._queue.extend(self._deferred)
         self._queued_bytes += self._deferred_bytes
         self._deferred.clear()
@@ -222,7 +226,7 @@ class Recorder:
         return self._queued_bytes >= _WAKE_BYTES or len(self._queue) >= _WAKE_ITEMS
 
     def close(self) -> None:
-        """Writes what is queued, finishes the file and ends. May be called twice."""
+        """Writes the queued items, finishes the file and ends. May be called twice."""
         with self._ready:
             self._hand_over()
             self._stop = True
@@ -242,7 +246,7 @@ class Recorder:
             while (items := self._next_items()) is not None:
                 fault = self._write(current, items, fault)
                 if current.path is not None or time.monotonic_ns() >= repair_ns:
-                    with suppress(OSError):  # a folder that is gone has nothing to repair
+                    with suppress(OSError):  # a deleted directory has nothing to repair
                         repairs.step(current.room_for)
                 self._update_status(current, fault or repairs.fault)
         finally:
@@ -250,10 +254,12 @@ class Recorder:
         try:
             current.finish()
         except OSError as error:
-            self._status = RecordStatus(fault=f"the last file stays .active: {error.strerror}")
+            self._status = RecordStatus(
+                fault=f"the last file remains .active: {error.strerror}; run `companion recover` on it"
+            )
 
     def _write(self, current: CurrentLog, items: Sequence[Begin | _Item | None], fault: str) -> str:
-        """Into the file; why recording has stopped, in words, empty: it goes on. trouble: the one before."""
+        """Writes the items to the file. Returns why recording has stopped, "": it continues. fault: the previous fault."""
         try:
             for item in items:
                 if isinstance(item, Begin):
@@ -268,7 +274,7 @@ class Recorder:
             fault = f"recording stopped: {getattr(error, 'strerror', None) or error}"
             current.abandon()
             with self._ready:
-                # where the file was taken away nothing keeps a new one from being begun at once
+                # a removed file may be replaced at once
                 wait_ns = 0 if isinstance(error, LogRemovedError) else RETRY_NS
                 self._not_before_ns = time.monotonic_ns() + wait_ns
                 self._accepting, self._start_wanted = False, True
@@ -286,7 +292,7 @@ class Recorder:
             )  # fmt: skip
 
     def _next_items(self) -> list[Begin | _Item | None] | None:
-        """What is queued, waiting a little for it; None at the end."""
+        """The queued items, after a short wait; None at the end."""
         with self._ready:
             idle = not self._stop and not self._wake_due
             if idle and self._ready.wait(_IDLE_S) and not self._stop:

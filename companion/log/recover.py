@@ -1,4 +1,4 @@
-"""`companion recover`: what is readable of a damaged or unfinished MCAP file, written into a whole one."""
+"""`companion recover`: writes the readable part of a damaged or unfinished MCAP file into a new file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .log_writer import ACTIVE, RECOVERING, finish_file, start_writer
 
 @dataclass(slots=True)
 class RecoverResult:
-    """What was found. output None: the file is whole and nothing was written."""
+    """The result of a recovery. output None: the file is complete and nothing was written."""
 
     output: Path | None
     messages: int = 0
@@ -29,8 +29,8 @@ class RecoverResult:
 
 
 def recover(path: Path, output: Path | None = None) -> RecoverResult:
-    """Writes the readable part of an MCAP file, anybody's, into `output` (default: `default_output`). Raises
-    DriverError when nothing is readable, ValueError when the output would overwrite something it should not."""
+    """Writes the readable part of an MCAP file of any origin into `output` (default: `default_output`). Raises
+    DriverError when nothing is readable, ValueError when the output would overwrite a file."""
     target = output or default_output(path)
     if target.resolve() == path.resolve():
         raise ValueError(f"{path}: input and output are the same file; give -o another name")
@@ -41,7 +41,7 @@ def recover(path: Path, output: Path | None = None) -> RecoverResult:
 
 
 def default_output(path: Path) -> Path:
-    """FILE.mcap for FILE.mcap.active, else FILE.recovered.mcap. Raises ValueError when it exists."""
+    """FILE.mcap for FILE.mcap.active, otherwise FILE.recovered.mcap. Raises ValueError when it exists."""
     if path.name.endswith(ACTIVE):
         target = path.with_name(path.name.removesuffix(ACTIVE))
     else:
@@ -52,7 +52,7 @@ def default_output(path: Path) -> Path:
 
 
 def _copied(path: Path, target: Path) -> RecoverResult:
-    """Copies message by message; the copy gets its name only when it is worth having."""
+    """Copies message by message; the copy is renamed when it contains a message."""
     result = RecoverResult(target)
     scan = open_scan(path)
     active = target.with_name(target.name + ACTIVE + RECOVERING)
@@ -65,7 +65,7 @@ def _copied(path: Path, target: Path) -> RecoverResult:
             copy.take(item, result)
         if result.messages == 0:
             first = f" (byte {result.damages[0].offset}: {result.damages[0].cause})" if result.damages else ""
-            raise BadData(f"{path}: no message in it is readable{first}; nothing was written")
+            raise BadData(f"{path}: no message is readable{first}; nothing was written")
         if result.damages:
             finish_file(writer, stream, active, target)
     finally:
@@ -77,7 +77,7 @@ def _copied(path: Path, target: Path) -> RecoverResult:
 
 
 class _Copy:
-    """Channels and schemas are written as they are met, under numbers of the new file."""
+    """Writes channels and schemas when first used, under new numbers."""
 
     def __init__(self, writer: Writer, scan: McapScan) -> None:
         self._writer, self._scan = writer, scan
@@ -85,7 +85,7 @@ class _Copy:
         self._schemas: dict[int, int] = {}
 
     def take(self, item: Item, result: RecoverResult) -> None:
-        """Copies one item, or notes the damage."""
+        """Copies one item, or notes a damage."""
         if isinstance(item, Damage):
             result.damages.append(item)
         elif isinstance(item, Logged):
@@ -121,8 +121,8 @@ class _Copy:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion recover`."""
-    parser = subparsers.add_parser("recover", help="make a whole file of a damaged or unfinished one")
-    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file, anybody's; it is not changed")
+    parser = subparsers.add_parser("recover", help="repair a damaged or unfinished log")
+    parser.add_argument("input", type=Path, metavar="FILE", help="an MCAP file of any origin; it is not changed")
     parser.add_argument(
         "-o",
         "--output",
@@ -134,7 +134,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the command; 0 also when there was nothing to do."""
+    """0: recovered, or nothing to recover."""
     result = recover(args.input, args.output)
     if args.json:
         print_json(
@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     if result.output is None:
-        print_line(f"{args.input} is whole ({result.messages} messages): nothing to recover, nothing written")
+        print_line(f"{args.input} is complete ({result.messages} messages): nothing to recover, nothing written")
         return 0
     for damage in result.damages:
         print_line(f"damaged at byte {damage.offset}: {damage.cause}")

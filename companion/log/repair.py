@@ -1,8 +1,8 @@
-"""What killed runs left behind is made whole, one file at a time, in a process of the lowest priority.
+"""Repairs unfinished files of earlier runs, one at a time, in a process of the lowest priority.
 
-The recorder starts it once the running flight is being recorded: copying a file of 512 MB takes many seconds, in which
-the recorder's own thread would write nothing. An unfinished file is deleted only when its whole copy is on the disk, so
-that a kill at any moment loses nothing: the next start begins the copy anew."""
+The recorder starts it once the flight is being recorded: copying a file of 512 MB takes many seconds, during which the
+recorder's thread could not write. An unfinished file is deleted only when its complete copy is on the disk: a kill at
+any moment loses nothing, and the next start begins the copy again."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ LEFT: Final = "left as it is"
 
 
 def leftovers(folder: Path, running: str) -> list[Path]:
-    """Unfinished files of other flights than the running one, oldest first."""
+    """Unfinished files of flights other than the running one, oldest first."""
     return [f.path for f in files_of(folder) if f.active and f.flight != running]
 
 
 def repair_file(path: Path) -> str:
-    """Makes a whole file of an unfinished one; returns what was done, in words. Where that fails, and while another
-    process writes or repairs the file, it stays as it is."""
+    """Completes an unfinished file; returns the result as text. Where that fails, or another process writes or repairs
+    the file, it is left as it is."""
     target = path.with_name(path.name.removesuffix(ACTIVE))
     try:
         with path.open("rb") as stream:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             result = recover(path, target)
             if result.output is None:
-                os.replace(path, target)  # it was whole, only its name was missing
+                os.replace(path, target)  # it was complete except for its name
             else:
-                _sync_folder(path.parent)  # the copy has its name on the disk before the original goes
+                _sync_folder(path.parent)  # the copy's name must be on the disk before the original is deleted
                 path.unlink()
     except BlockingIOError:
         return f"{path.name}: {LEFT} (another process writes or repairs it)"
@@ -55,7 +55,7 @@ def repair_file(path: Path) -> str:
 
 
 def repair(folder: Path, running: str) -> list[str]:
-    """`repair_file` of all `leftovers`, here and now."""
+    """Repairs all `leftovers` in this process."""
     return [repair_file(path) for path in leftovers(folder, running)]
 
 
@@ -68,7 +68,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 class Repairs:
-    """Repairs beside a recording. `begin`, then `step` again and again, and `stop` at the end; from one thread."""
+    """Repairs beside a recording. Call `begin`, then `step` repeatedly, and `stop` at the end, from one thread."""
 
     def __init__(self, folder: Path, command: tuple[str, ...] = (sys.executable, "-c", CHILD)) -> None:
         self._folder, self._command = folder, command
@@ -79,23 +79,23 @@ class Repairs:
 
     @property
     def repairing(self) -> str:
-        """Name of the file that is being repaired, empty: none is."""
+        """Name of the file being repaired; empty: none."""
         return self._path.name if self._path is not None else ""
 
     @property
     def fault(self) -> str:
-        """Which files could not be repaired, in words; empty: none."""
+        """Files that could not be repaired, as text; empty: none."""
         return "; ".join(s for s in self.results if LEFT in s)
 
     def begin(self, running: str) -> None:
-        """Looks for what is to be repaired, and deletes copies that an earlier repair did not finish."""
+        """Lists the files to repair and deletes unfinished copies of an earlier repair."""
         for path in recovering_files(self._folder):
             path.unlink(missing_ok=True)
         self._waiting = leftovers(self._folder, running)
 
     def step(self, room_for: Callable[[int], bool]) -> None:
-        """Takes the result of a repair that has ended, or starts the next. room_for: whether a copy of so many bytes
-        may be written."""
+        """Takes the result of a finished repair, or starts the next. room_for: whether a copy of that many bytes may be
+        written."""
         if self._process is not None:
             if self._process.poll() is not None:
                 self._take_result()
@@ -106,15 +106,16 @@ class Repairs:
         try:
             size = path.stat().st_size
         except FileNotFoundError:
-            return  # it made room for another
+            return  # the file was deleted to free disk space
         if not room_for(size):
             self._add_result(
-                f"{path.name}: {LEFT} (no room for a copy of {size / 1e6:.0f} MB; `companion recover` makes one)"
+                f"{path.name}: {LEFT} (no space for a copy of {size / 1e6:.0f} MB; run `companion recover` with an "
+                "output on another disk)"
             )
             return
-        log.info("log: repairs %s, %.0f MB, which a killed run left, beside the recording", path.name, size / 1e6)
+        log.info("log: repairing %s, %.0f MB, left unfinished by an earlier run", path.name, size / 1e6)
         self._path = path
-        # the open end of its standard input tells the child that this process lives
+        # the child ends when its standard input closes, which shows that this process has ended
         self._process = subprocess.Popen(
             [*self._command, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
@@ -132,12 +133,13 @@ class Repairs:
         log.log(logging.WARNING if LEFT in text else logging.INFO, "log: %s", text)
 
     def files_deleted(self, paths: list[Path]) -> None:
-        """These files were deleted to make room: their repair ends."""
+        """Stops the repair of a file that was deleted to free disk space."""
         if self._path in paths:
-            self.stop("its file was deleted to make room")
+            self.stop("its file was deleted to free disk space")
 
     def stop(self, why: str = "") -> bool:
-        """Ends a repair at once; whether there was one. The unfinished file stays, its copy is deleted. why: to be said."""
+        """Stops a repair; returns whether one was running. The unfinished file stays, its copy is deleted. why:
+        reported if not empty."""
         if self._process is None:
             return False
         if why:
@@ -151,13 +153,13 @@ class Repairs:
 
 
 def run_child() -> None:
-    """The child process: repairs the file that its command line names, and says on standard output what was done."""
+    """The child process: repairs the file named on its command line and prints the result."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     print_line(repair_file(Path(sys.argv[1])))
 
 
 def _end_with_parent() -> None:
-    """Ends this process when the recorder's is gone: the next start repairs by itself."""
-    while os.read(0, 1):  # not through sys.stdin, whose lock would be held when this process ends by itself
+    """Ends this process when the recorder's process has ended; the next start repairs again."""
+    while os.read(0, 1):  # not through sys.stdin: its lock would be held when this process exits
         pass
     os._exit(1)

@@ -1,4 +1,4 @@
-"""A world on disk: written whole or not at all, read as far as it is whole."""
+"""The merged world in a file: replaced atomically, and readable up to the first damage."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from core.world.serialize import SavedSection, bytes_of, sections_of
 
 
 def write_world(path: Path, sections: tuple[SavedSection, ...]) -> None:
-    """Replaces the file by a whole new one; a loss of power leaves the old one or the new one. Raises OSError."""
+    """Replaces the file atomically: after a power failure it is either the old or the new one. Raises OSError."""
     part = path.with_name(path.name + ".part")
     with part.open("wb") as file:
         file.write(bytes_of(sections))
@@ -19,11 +19,11 @@ def write_world(path: Path, sections: tuple[SavedSection, ...]) -> None:
 
 
 def read_world(path: Path) -> tuple[tuple[SavedSection, ...], str]:
-    """(sections, trouble): what is whole of a file, and in words where it is not; empty: all of it is.
+    """(sections, trouble): the readable sections of a file, and the damage as text, "" if complete.
 
-    Raises ValueError for a file that is no world, OSError where it cannot be read."""
+    Raises ValueError for a file that is not a world, OSError where it cannot be read."""
     try:
         sections, trouble = sections_of(path.read_bytes())
     except ValueError as error:
-        raise ValueError(f"{path}: {error}; was it written by write_world?") from error
-    return sections, f"{path}: {trouble}; what came before was read" if trouble else ""
+        raise ValueError(f"{path}: {error}; expected a file of write_world") from error
+    return sections, f"{path}: {trouble}; the part before the damage was read" if trouble else ""

@@ -1,1 +1,1 @@
-"""Replaying a log through the pipeline and comparing the results."""
+"""Replays a log through the pipeline and compares the results."""

@@ -1,4 +1,4 @@
-"""Prisms computed anew against those in a log, field by field and bit by bit."""
+"""Compares recomputed prisms with those in a log, field by field and bit by bit."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..pipeline.encode import wire_bytes
 
 Key = tuple[str, int, int]
-"""Camera, sequence, exposure."""
+"""Camera, sequence and exposure of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first field in which two messages differ."""
+    """The first differing field of two messages."""
 
     key: Key
     field: str
@@ -29,17 +29,17 @@ class Difference:
     def __str__(self) -> str:
         camera, sequence, t_ns = self.key
         where = f"camera {camera}, frame {sequence}, exposed at {t_ns} ns"
-        return f"{where}: {self.field} is {self.logged} in the log and {self.computed} now"
+        return f"{where}: {self.field} is {self.logged} in the log and {self.computed} in the replay"
 
 
 def key_of(message: pb.PrismsFrame | pb.FrameDecision) -> Key:
-    """What pairs a message with its like."""
+    """The key that identifies a message."""
     return message.camera, message.sequence, message.t_exposure_ns
 
 
 @dataclass(slots=True)
 class Comparison:
-    """Pairs messages as they come, in any order, and keeps what does not fit. tolerance: for numbers, 0 is bit-exact."""
+    """Pairs messages in any order and keeps the differences. tolerance: relative, for numbers; 0 is bit-exact."""
 
     tolerance: float = 0.0
     compared: int = 0
@@ -50,34 +50,34 @@ class Comparison:
     _computed: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
 
     def logged(self, message: pb.PrismsFrame) -> None:
-        """Takes a message of the log."""
+        """Adds a message of the log."""
         newest_ns = self._newest_ns.get(message.camera, message.t_exposure_ns)
         self._newest_ns[message.camera] = max(newest_ns, message.t_exposure_ns)
         self._take(message, self._logged, self._computed, logged=True)
 
     def computed(self, message: pb.PrismsFrame) -> None:
-        """Takes a message computed anew."""
+        """Adds a recomputed message."""
         self._take(message, self._computed, self._logged, logged=False)
 
     @property
     def only_logged(self) -> tuple[Key, ...]:
-        """In the log without a frame to compute them from."""
+        """Keys in the log without a frame to compute them from."""
         return tuple(self._logged)
 
     @property
     def only_computed(self) -> tuple[Key, ...]:
-        """Computed, but missing from the log."""
+        """Keys computed but missing from the log."""
         return tuple(self._computed)
 
     @property
     def gaps(self) -> tuple[Key, ...]:
-        """Those of `only_computed` after which the log goes on with their camera; or of which it holds nothing at all.
-        What is missing at the end is no gap: a log that was cut short by a power cut ends with a depth image, mostly."""
+        """Keys of `only_computed` after which the log contains later frames of the camera, or of which it contains none
+        at all. A missing end is not a gap: a log cut short by a power failure usually ends with a depth image."""
         return tuple(key for key in self._computed if key[2] <= self._newest_ns.get(key[0], key[2]))
 
     @property
     def passed(self) -> bool:
-        """Something was compared, and it was all equal."""
+        """Whether something was compared and everything was equal."""
         return self.compared > 0 and self.different == 0
 
     def _take(
@@ -99,8 +99,8 @@ class Comparison:
 def first_difference(
     logged: pb.PrismsFrame, computed: pb.PrismsFrame, tolerance: float = 0.0
 ) -> tuple[str, str, str] | None:
-    """(field, value in the log, value now) of the first difference, None when equal. Left aside: publication, and
-    cause_text, which is for people and may change between versions (cause is compared)."""
+    """(field, value in the log, computed value) of the first difference; None when equal. Not compared: publication,
+    and cause_text, which may change between versions (cause is compared)."""
     a, b = pb.PrismsFrame(), pb.PrismsFrame()
     a.CopyFrom(logged)
     b.CopyFrom(computed)
@@ -111,7 +111,7 @@ def first_difference(
         return None
     found = _walk(a, b, "", tolerance)
     if found is None and tolerance == 0.0:
-        return "unknown fields", "of a newer schema", "not known to this software"
+        return "unknown fields", "written by a newer schema", "not known to this version"
     return found
 
 

@@ -1,4 +1,5 @@
-"""`companion replay`: a recorded log through the pipeline, into a log with prisms; the same input, the same bytes."""
+"""`companion replay`: runs a log through the pipeline and writes a log with prisms. The same input gives the same
+bytes."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ from .summary import ReplayCounts
 
 
 def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: PipelineState | None = None) -> Pipeline:
-    """The pipeline of a configuration, with what it says of the cameras."""
+    """The pipeline of a configuration, with its camera settings applied."""
     infos = effective_cameras(config, cameras)
     return Pipeline(
         infos, lambda info: Extractor(config.extractor), config.sync, state,
@@ -40,14 +41,14 @@ def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: Pipeline
 
 
 def effective_cameras(config: Config, cameras: Iterable[CameraInfo]) -> tuple[CameraInfo, ...]:
-    """The cameras' descriptions with what the configuration says of them."""
+    """The cameras' descriptions with the configured values applied."""
     return tuple(config.camera(info.camera).applied_to(info) for info in cameras)
 
 
 def process(
     events: Iterable[Event], pipeline: Pipeline, counts: ReplayCounts
 ) -> Iterator[tuple[Event, tuple[Output, ...]]]:
-    """Each event with what it led to, counted."""
+    """Yields each event with its outputs and counts both."""
     for event in events:
         outputs = pipeline.handle(event)
         counts.event(event)
@@ -58,7 +59,7 @@ def process(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What a replay does. output None: nothing is written."""
+    """Options of a replay. output None: nothing is written."""
 
     output: Path | None = None
     config: Path | None = None
@@ -68,8 +69,8 @@ class Options:
 
 
 def replay(path: Path, options: Options, on_progress: Callable[[float], None] = lambda share: None) -> Replay:
-    """Runs a log through the pipeline. Raises DriverError, ConfigError, OSError when it cannot even begin; damage
-    later on ends it and is told in the result, what was readable being written and counted."""
+    """Runs a log through the pipeline. Raises DriverError, ConfigError or OSError when it cannot start. Damage found
+    later ends the replay and is part of the result; the events before it are written and counted."""
     if options.output is not None:
         refuse_output(options.output, path)
     with ExitStack() as stack:
@@ -111,7 +112,7 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
 
 
 class _Sink:
-    """Writes events and outputs, opening the log at the first event."""
+    """Writes events and outputs; opens the log at the first event."""
 
     def __init__(self, log: LogWriter | None, config: Config, depth: bool, cameras: tuple[CameraInfo, ...]) -> None:
         self._log, self._config, self._depth, self._cameras = log, config, depth, cameras
@@ -119,11 +120,11 @@ class _Sink:
         self._is_open = False
 
     def begin(self, state: PipelineState) -> None:
-        """Keeps the state that the log opens with."""
+        """Sets the state at the beginning of the log."""
         self._state = state
 
     def take(self, event: Event, outputs: tuple[Output, ...]) -> None:
-        """Writes an event and what it led to."""
+        """Writes an event and its outputs."""
         if self._log is None:
             return
         self._open(event.t_arrival_ns)
@@ -133,7 +134,7 @@ class _Sink:
             self._log.output(output, self._config.output.scene, self._config.output.transforms)
 
     def end(self) -> None:
-        """A log without events still says who made it."""
+        """Opens a log without events too, so that it states its provenance."""
         if self._log is not None:
             self._open(0)
 
@@ -144,7 +145,8 @@ class _Sink:
 
 
 def _config(options: Options, source: McapRecording) -> Config:
-    """The one given (raises ConfigError where its cameras are not those of the log), else the one in the log, else the default."""
+    """The given configuration (raises ConfigError where its cameras are not those of the log), otherwise that in the
+    log, otherwise the defaults."""
     if options.config is not None:
         config = load_config(options.config)
         _refuse_unknown_cameras(config, options.config, source)
@@ -155,7 +157,7 @@ def _config(options: Options, source: McapRecording) -> Config:
 
 
 def _configured_offsets_ms(source: McapRecording) -> dict[str, float]:
-    """`exposure_offset_ms` of each camera when its stamps were made: that of the log's own configuration."""
+    """`exposure_offset_ms` of each camera when its frames were recorded: that of the log's own configuration."""
     recorded = Config()
     if source.run is not None and source.run.config_json:
         recorded = config_from_text(source.run.config_json, f"the configuration in {source.path}")
@@ -163,36 +165,36 @@ def _configured_offsets_ms(source: McapRecording) -> dict[str, float]:
 
 
 def _refuse_unknown_cameras(config: Config, path: Path, source: McapRecording) -> None:
-    """A mount or a range under a misspelt name would silently go nowhere. A configuration of more cameras than the log
-    has is none, nor one that is silent about cameras."""
+    """Raises ConfigError for a section of an unknown camera while a camera of the log has no section: a misspelt name
+    would otherwise have no effect. More cameras than in the log, or no camera sections at all, are accepted."""
     there, said = [info.camera for info in source.cameras], [camera.name for camera in config.cameras]
     unknown, missing = [name for name in said if name not in there], [name for name in there if name not in said]
     if unknown and missing:
         raise ConfigError(
             str(path),
             [
-                f'[[camera]] "{name}": {source.path} has no such camera, and nothing is said of its {", ".join(missing)}; '
-                "correct the name, or leave the section out"
+                f'[[camera]] "{name}": {source.path} has no such camera, and its camera {", ".join(missing)} has no '
+                "section; correct the name, or remove the section"
                 for name in unknown
             ],
         )
 
 
 def _state(source: McapRecording) -> PipelineState | None:
-    """What the log opens with. Raises BadData when that cannot be used."""
+    """The state at the beginning of the log. Raises BadData when it cannot be used."""
     if source.snapshot is None:
         return None
     try:
         return state_from_message(source.snapshot)
     except ValueError as error:
         raise BadData(
-            f"{source.path}: {TOPICS['state'].name}: {error}; the frames depend on it. Use another copy of the file, or "
-            "import the recording anew"
+            f"{source.path}: {TOPICS['state'].name}: {error}; the frames depend on it. Use another copy of the file, "
+            "or import the recording again"
         ) from error
 
 
 def _events(source: McapRecording, comparison: Comparison | None) -> Iterator[Event]:
-    """The events; prisms of the log go to the comparison on the way."""
+    """The events; prisms of the log are passed to the comparison."""
     for item in source.events_with(*(("prisms",) if comparison is not None else ())):
         if not isinstance(item, LoggedMessage):
             yield item
@@ -207,7 +209,7 @@ def _without(events: Iterator[Event], skipped: frozenset[Key]) -> Iterator[Event
 
 
 def _skipped_live(path: Path) -> frozenset[Key]:
-    """The frames that the live run passed over because newer ones waited: they changed no state then."""
+    """Frames that the live run skipped because newer ones were waiting; they did not change its state."""
     skipped: set[Key] = set()
     try:
         with McapRecording(path) as source:
@@ -215,19 +217,25 @@ def _skipped_live(path: Path) -> frozenset[Key]:
                 if isinstance(item.message, pb.FrameDecision) and item.message.cause == pb.CAUSE_BUSY:
                     skipped.add(key_of(item.message))
     except BadData:
-        return frozenset(skipped)  # the replay itself comes to the same damage and tells of it
+        return frozenset(skipped)  # the replay reports the same damage
     return frozenset(skipped)
 
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion replay`."""
-    parser = subparsers.add_parser("replay", help="run a recorded flight through the pipeline")
-    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth and attitude (companion import)")
+    parser = subparsers.add_parser("replay", help="run a log through the pipeline")
+    parser.add_argument("input", type=Path, metavar="IN.mcap", help="a log with depth and attitude")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", help="write a log with prisms")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="use this configuration, not the log's")
+    parser.add_argument(
+        "-c", "--config", type=Path, metavar="FILE", help="use this configuration in place of that in the log"
+    )
     parser.add_argument("--check", action="store_true", help="compare with the prisms in the log")
     parser.add_argument(
-        "--tolerance", type=_tolerance, default=0.0, metavar="X", help="for --check on another kind of processor"
+        "--tolerance",
+        type=_tolerance,
+        default=0.0,
+        metavar="X",
+        help="allowed relative difference for --check on another processor type",
     )
     parser.add_argument("--no-depth", action="store_true", help="leave the depth images out of OUT.mcap")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -241,7 +249,7 @@ def _tolerance(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the command; 1 when the input was damaged, frames were dropped or the check failed."""
+    """0: success; 1: the input was damaged, frames were dropped or the check failed."""
     options = Options(
         output=args.output,
         config=args.config,

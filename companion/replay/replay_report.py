@@ -1,4 +1,4 @@
-"""What a replay found, for people and machines."""
+"""The report of a replay, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _LISTED = 5
 
 @dataclass(slots=True)
 class Replay:
-    """What a replay found. damage: what was wrong with the input, None when it was whole. obstacle_range_m: by camera, the
-    range up to which obstacles are found with the noise of its last frame."""
+    """The result of a replay. damage: of the input, None: none. obstacle_range_m: by camera, the detection range at the
+    noise of its last frame."""
 
     counts: ReplayCounts
     sample_anomalies: dict[str, int]
@@ -35,20 +35,20 @@ class Replay:
 
 
 def replay_problems(result: Replay) -> list[str]:
-    """What keeps the command from success, in words with a remedy."""
+    """The problems that make the command fail, each with its remedy."""
     problems = [result.damage] if result.damage else []
     if result.counts.first_dropped is not None and not _same_as_recorded(result.comparison):
         problems.append(_drop_problem(result.counts, result.counts.first_dropped))
     elif result.counts.frames == 0 and not result.damage:
-        problems.append("no depth image in the input: nothing was computed")
+        problems.append("no depth image in the input: nothing was computed; record or import a log with depth images")
     if result.comparison is not None and not result.comparison.passed:
         problems.append(_check_problem(result.comparison))
     return problems
 
 
 def _same_as_recorded(comparison: Comparison | None) -> bool:
-    """Whether the log holds the same, frame by frame, as far as it goes: what was dropped then is dropped again, and is no
-    news."""
+    """Whether the log has the same results without a gap: frames dropped in flight are dropped again, which is not a
+    problem."""
     return comparison is not None and comparison.passed and not comparison.gaps
 
 
@@ -59,14 +59,16 @@ def _drop_problem(counts: ReplayCounts, first: FrameDecision) -> str:
     blind = counts.dropped.total() - not_published
     remedies = []
     if blind > wrong_size:
-        remedies.append("Record the autopilot's attitude at 50 Hz throughout, or allow wider gaps in [sync]")
+        remedies.append("Record the autopilot's attitude at 50 Hz throughout, or raise max_gap_s in [sync]")
     if wrong_size:
-        remedies.append("Give the camera the description of its image size")
+        remedies.append("Set the image size in the camera's description")
     if not_published:
-        remedies.append(f"{not_published} came twice or out of order and are passed over: look at the camera's stamps")
+        remedies.append(
+            f"{not_published} are duplicates or out of order and were skipped: check the camera's timestamps"
+        )
     return (
         f"{counts.dropped.total()} of {counts.frames} frames were dropped and {blind} of them are published as blind "
-        f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
+        f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns."
         + ". ".join(remedies)
     )
 
@@ -74,8 +76,8 @@ def _drop_problem(counts: ReplayCounts, first: FrameDecision) -> str:
 def _check_problem(comparison: Comparison) -> str:
     if comparison.compared == 0:
         return (
-            "check: nothing to compare: no frame has both a depth image and prisms in the input; "
-            "check a log written by `companion replay -o` with its depth images"
+            "check: nothing to compare: no frame has both a depth image and prisms in the input; check a log written "
+            "by `companion replay -o` with its depth images"
         )
     return f"check: {comparison.different} of {comparison.compared} frames differ; first: {comparison.first}"
 
@@ -128,20 +130,21 @@ def _named(key: Key) -> dict[str, Any]:
 
 
 def print_report(result: Replay, output: Path | None) -> None:
-    """The summary for people."""
+    """Prints the summary."""
     t = result.counts
     print_line(f"{t.frames} frames of {', '.join(result.cameras)}; {t.samples} attitude and position samples")
     attitude = ", ".join(f"{n} {how}" for how, n in sorted(t.attitude.items())) or "none"
     print_line(f"attitude at exposure: {attitude}")
     if t.valid:
-        mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms a frame on average"
-        print_line(f"{t.valid} frames say something: {mean}; ground seen in {t.ground_seen}")
+        mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms per frame on average"
+        print_line(f"{t.valid} valid frames: {mean}; ground found in {t.ground_seen}")
     for camera, ke in sorted(t.ke_per_m.items()):
         print_line(
-            f"{camera}: obstacles are found up to {result.obstacle_range_m[camera]:.1f} m, with the last noise ke {ke:.4f}/m"
+            f"{camera}: obstacles are detected up to {result.obstacle_range_m[camera]:.1f} m at the estimated depth "
+            f"noise of {ke:.4f}/m"
         )
     for code, n in sorted(t.blind.items()):
-        print_line(f"{n} frames say nothing: {text_of(code, InvalidCause)}")
+        print_line(f"{n} invalid frames: {text_of(code, InvalidCause)}")
     for code, n in sorted(t.dropped.items()):
         print_line(f"{n} frames dropped: {text_of(code, DropCause)}")
     for offset in result.exposure_offsets:

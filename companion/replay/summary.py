@@ -1,4 +1,4 @@
-"""What came out of a pipeline, counted."""
+"""Counts the inputs and outputs of a pipeline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..pipeline.sync import DropCause
 
 @dataclass(slots=True)
 class ReplayCounts:
-    """What came out, counted. blind and dropped: by the code of the cause."""
+    """Numbers of inputs and outputs. blind and dropped: by the code of the cause."""
 
     frames: int = 0
     samples: int = 0
@@ -30,17 +30,17 @@ class ReplayCounts:
     frames_in: Counter[str] = field(default_factory=Counter)
     first_dropped: FrameDecision | None = None
     ke_per_m: dict[str, float] = field(default_factory=dict)
-    """Noise used in the last valid frame of each camera."""
+    """Depth noise of the last valid frame of each camera."""
 
     def event(self, event: Event) -> None:
-        """Counts what went in."""
+        """Counts an input."""
         if isinstance(event, DepthFrame):
             self.frames += 1
         else:
             self.samples += 1
 
     def output(self, output: Output) -> None:
-        """Counts what came out."""
+        """Counts an output."""
         if isinstance(output, FrameDecision):
             if output.used:
                 self.attitude[output.attitude.name.lower()] += 1
@@ -61,7 +61,7 @@ class ReplayCounts:
         self.ground_seen += output.model.ground.seen
 
     def as_json(self) -> dict[str, Any]:
-        """For `--json`."""
+        """The counts for `--json`."""
         return {
             "frames": self.frames,
             "samples": self.samples,

@@ -1,1 +1,1 @@
-"""Checks of the set-up while the service runs: mounts and exposure stamps of the cameras."""
+"""Self-checks of the cameras' mounts and exposure stamps while the service runs."""

@@ -1,10 +1,10 @@
-"""The lag between two series of rotations: those measured in the images and those of the attitude at shifted times.
+"""Estimates the lag between two series of rotations: those measured in images and those of the attitude at shifted
+times.
 
-Each pair of images gives one rotation vector; for each lag of a grid the attitude gives the rotation that it should have
-been. The lag is where the weighted squares of the differences are least, refined by a parabola. A constant small
-rotation between camera and vehicle (an error of the mount angles) is estimated beside it: it would otherwise pass a part
-of one axis to another, which looks like a lag where two axes swing out of phase.
-"""
+Each pair of images gives one rotation vector; for each lag of a grid the attitude gives the expected rotation. The
+estimate is the lag with the least weighted sum of squares, refined by a parabola. A constant small rotation between
+camera and vehicle (an error of the mount angles) is estimated together with it: it would otherwise couple the axes,
+which appears as a lag where two axes swing out of phase."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 LAGS_S: Floats = np.arange(-10.0, 16.0) * 0.01
-"""Lags that are tried, s; positive: the stamp is later than the exposure."""
+"""Grid of lags, s; positive: the stamp is later than the exposure."""
 MOUNT_PRIOR_RAD = math.radians(3.0)
-"""Standard deviation of the mount's error."""
+"""Prior standard deviation of the mount error."""
 MIN_NOISE_RAD = 2e-4
-"""No axis is measured better than this, a twentieth of a pixel: what the model leaves out."""
+"""Least standard deviation per axis, a twentieth of a pixel: covers errors that the model does not contain."""
 OUTLIER = 3.0
-"""Residuals beyond this many standard deviations lose most of their weight."""
+"""Residuals beyond this many standard deviations are downweighted."""
 ROUNDS = 4
-"""Of the weights: the noise of each axis is that of its residuals."""
+"""Iterations of the weights, which depend on the residuals."""
 BLOCK = 8
-"""Pairs whose errors may depend on each other; the uncertainty is found from the scatter between such blocks."""
+"""Number of successive pairs with correlated errors; the uncertainty is estimated from the scatter between such blocks.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class LagFit:
-    """lag_s: the estimate; sigma_s: its standard deviation; explained: share of the measured rotation (0..1) that the
-    attitude explains at this lag; inside: whether the least lies inside of the lags tried."""
+    """lag_s: the estimate; sigma_s: its standard deviation; explained: share (0..1) of the measured rotation that the
+    attitude explains at this lag; inside: whether the minimum is inside the grid."""
 
     lag_s: float
     sigma_s: float
@@ -71,7 +72,7 @@ def fit_lag(measured: Floats, sigma: Floats, predicted: Floats) -> LagFit:
 
 
 def _cost(measured: Floats, predicted: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Weighted squares at each lag (L,) with the best turn of the mount there, and these turns (L, 3)."""
+    """Weighted sum of squares at each lag (L,) with the best mount rotation there, and these rotations (L, 3)."""
     difference = measured[:, None, :] - predicted
     basis = _turned_by(predicted)
     normal = np.einsum("nlka,na,nlma->lkm", basis, weights, basis) + np.eye(3) / MOUNT_PRIOR_RAD**2
@@ -82,7 +83,7 @@ def _cost(measured: Floats, predicted: Floats, weights: Floats) -> tuple[Floats,
 
 
 def _turned_by(v: Floats) -> Floats:
-    """(..., 3, 3): what a small turn about each axis (next to last index) adds to vectors (..., 3)."""
+    """(..., 3, 3): derivative of vectors (..., 3) by a small rotation about each axis (next to last index)."""
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -91,7 +92,7 @@ def _turned_by(v: Floats) -> Floats:
 
 
 def _without_turn(slope: Floats, model: Floats, weights: Floats) -> Floats:
-    """The derivative by the lag (N, 3) without what a turn of the mount would explain as well."""
+    """The derivative by the lag (N, 3), without the part that a mount rotation would explain."""
     basis = _turned_by(model)
     normal = np.einsum("nka,na,nma->km", basis, weights, basis) + np.eye(3) / MOUNT_PRIOR_RAD**2
     turn = np.linalg.solve(normal, np.einsum("nka,na,na->k", basis, weights, slope))
@@ -99,7 +100,7 @@ def _without_turn(slope: Floats, model: Floats, weights: Floats) -> Floats:
 
 
 def _deviation(slope: Floats, residual: Floats, weights: Floats) -> float:
-    """Standard deviation of the lag, s: the larger of what the weights say and of the scatter between blocks."""
+    """Standard deviation of the lag, s: the larger of that from the weights and that from the scatter between blocks."""
     information = float(np.sum(weights * slope**2))
     if not information > 0.0:
         return math.inf

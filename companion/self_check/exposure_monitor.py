@@ -1,9 +1,8 @@
-"""The offset between a camera's exposure stamps and the attitude, measured while the vehicle turns.
+"""Measures the offset between a camera's exposure stamps and the attitude while the vehicle turns.
 
-The rotation between two depth images (core/self_check/depth_registration.py) is compared with the rotation of the attitude between
-their stamps, shifted by each of a range of lags (exposure_fit.py). Only diagnostics depend on the result: no frame's
-model does. The same events in the same order give the same estimates, in a live run and in a replay.
-"""
+The rotation between two depth images (core/self_check/depth_registration.py) is compared with the rotation of the
+attitude between their stamps, shifted by each lag of a grid (exposure_fit.py). The result is used for diagnostics only
+and affects no frame. Equal events in equal order give equal estimates, live and in replay."""
 
 from __future__ import annotations
 
@@ -25,41 +24,42 @@ from .exposure_offset import ExposureOffset, OffsetState
 
 NS = 1_000_000_000
 MAX_SIGMA_S = 0.0015
-"""Standard deviation above which nothing is reported."""
+"""Largest standard deviation of a reported offset."""
 MIN_EXPLAINED = 0.8
-"""Share of the images' rotation that the attitude must explain: less means another cause than a lag."""
+"""Least share of the images' rotation that the attitude explains: a smaller one has another cause than a lag."""
 MIN_PAIRS, MAX_PAIRS, EVERY_PAIRS = 48, 180, 12
 """Pairs for a report, pairs kept (about 25 s of motion), and pairs between two fits."""
 GUESS_PAIRS, GUESS_S = 24, 0.004
-"""Pairs for a first estimate, and how far the lag that the registration begins with may be from the estimate."""
+"""Pairs for a first estimate, and the largest distance of the registration's initial lag from the estimate."""
 PAIR_NS, PAIR_MAX_NS = 110_000_000, 300_000_000
-"""Between the two images of a pair: more rotation for the same noise, and less work a second; at most so much that both
-show much of the same."""
+"""Time between the images of a pair: longer gives more rotation for the same noise and fewer computations; the upper
+limit ensures overlap."""
 HISTORY_NS, GAP_NS = 3 * NS, 150_000_000
-"""Attitudes held, and the widest gap between two that is interpolated across."""
+"""Time for which attitudes are kept, and the widest gap that is interpolated."""
 MIN_SPREAD_RAD = 1e-3
-"""Pairs whose rotation changes less than this over all lags say nothing about the lag, and are not registered."""
+"""Pairs whose predicted rotation varies less than this over all lags do not determine the lag and are not registered.
+"""
 LAGS_NS = np.round(LAGS_S * NS).astype(np.int64)
 ZERO_LAG = int(np.argmin(np.abs(LAGS_NS)))
 
 
 class ExposureOffsetMonitor:
-    """Of all cameras. `event` with everything that the pipeline handles, in the same order."""
+    """Monitors all cameras. `event` takes everything that the pipeline handles, in the same order."""
 
     def __init__(self, mask: Callable[[CameraInfo], Mask | None] = lambda info: None) -> None:
-        """mask: pixels that show the vehicle itself; they would say that nothing turns."""
+        """mask: pixels that show the vehicle, which do not move with its rotation."""
         self._mask = mask
         self._cameras: dict[str, _Camera] = {}
         self._attitudes = AttitudeHistory()
 
     def announce(self, info: CameraInfo) -> None:
-        """A camera that was opened. One that is described otherwise than before begins anew."""
+        """Adds an opened camera. A camera with a changed description starts again."""
         known = self._cameras.get(info.camera)
         if known is None or known.info != info:
             self._cameras[info.camera] = _Camera(info, self._mask(info))
 
     def event(self, event: Event) -> None:
-        """An attitude or a frame; positions, and frames of unknown cameras, are not used."""
+        """Adds an attitude or a frame; positions and frames of unknown cameras are not used."""
         if isinstance(event, AttitudeSample):
             if not self._attitudes.add(event):
                 for name, camera in self._cameras.items():
@@ -86,7 +86,7 @@ class AttitudeHistory:
         return self._samples[-1][0] if self._samples else None
 
     def add(self, sample: AttitudeSample) -> bool:
-        """Takes a sample in, unless it is late. False: the sender restarted, everything before is forgotten."""
+        """Adds a sample unless it is late. False: the sender restarted and earlier samples are discarded."""
         newest = self.newest_ns
         restarted = newest is not None and sample.t_ns < newest - NS
         if restarted:
@@ -95,7 +95,7 @@ class AttitudeHistory:
             return True
         q = sample.q_ned_frd_wxyz
         if self._samples and sum(a * b for a, b in zip(q, self._samples[-1][1], strict=True)) < 0.0:
-            q = (-q[0], -q[1], -q[2], -q[3])  # the same rotation; neighbours are interpolated component by component
+            q = (-q[0], -q[1], -q[2], -q[3])  # same rotation with the sign that allows interpolation by component
         self._samples.append((sample.t_ns, q))
         while self._samples[0][0] < sample.t_ns - HISTORY_NS:
             self._samples.popleft()
@@ -103,8 +103,8 @@ class AttitudeHistory:
         return not restarted
 
     def at(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
-        """Quaternions (T, 4), not normalised, at increasing instants (T,); None where they are not all between samples
-        near each other."""
+        """Quaternions (T, 4), not normalised, at increasing times (T,); None where one is not between two close
+        samples."""
         if self._stale:
             self._t_ns = np.array([t for t, _ in self._samples], np.int64)
             self._q = np.array([q for _, q in self._samples])
@@ -129,7 +129,7 @@ class _Image:
 
 
 class _Camera:
-    """One camera: its images that wait for attitudes, and its pairs."""
+    """One camera: images that wait for attitudes, and pairs."""
 
     def __init__(self, info: CameraInfo, mask: Mask | None) -> None:
         self.info, self.mask = info, mask
@@ -145,7 +145,7 @@ class _Camera:
         self._predicted: deque[NDArray[np.float64]] = deque(maxlen=MAX_PAIRS)
 
     def frame(self, frame: DepthFrame, attitudes: AttitudeHistory) -> None:
-        """Keeps the image where it is its turn; registers one pair for which all attitudes are there."""
+        """Keeps the image if it is due; registers one pair whose attitudes are complete."""
         k = self.info.intrinsics
         newest = self._waiting[-1] if self._waiting else self._last
         if newest is not None and frame.t_exposure_ns < newest.t_ns - NS:  # the camera restarted
@@ -200,7 +200,7 @@ class _Camera:
     def _fit(self) -> None:
         fit = fit_lag(np.array(self._measured), np.array(self._sigma), np.array(self._predicted))
         away_s = abs(fit.lag_s - float(LAGS_S[np.argmin(np.abs(LAGS_S - self._guess_s))]))
-        # a registration that begins far from the truth ends a little towards its beginning: it begins anew from here
+        # a registration is biased towards its initial value: it starts again from here
         if fit.inside and abs(fit.lag_s - self._guess_s) > max(GUESS_S, 3.0 * fit.sigma_s) and away_s > 0.006:
             self._guess_s = fit.lag_s
             for kept in (self._measured, self._sigma, self._predicted):

@@ -1,6 +1,6 @@
-"""What is known of the offset between a camera's exposure stamps and the attitude, in words and with its remedy.
+"""The measured offset between a camera's exposure stamps and the attitude, its text and its remedy.
 
-exposure_monitor.py measures it."""
+Measured by exposure_monitor.py."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 WARN_S = 0.004
-"""A measured offset beyond this is reported: at 60 degrees a second it turns the model by a quarter of a degree."""
+"""A larger measured offset is reported: at 60 deg/s it rotates the model by a quarter of a degree."""
 
 
 class OffsetState(StrEnum):
-    """Whether the offset is measured; if not, why."""
+    """Whether the offset is measured, otherwise why not."""
 
     NO_ATTITUDE = "no_attitude"
     NOT_ENOUGH_MOTION = "not_enough_motion"
@@ -32,8 +32,8 @@ STATE_TEXTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExposureOffset:
-    """What is known of one camera. offset_s: stamp minus true exposure on the attitude's time, None unless measured;
-    sigma_s: its standard deviation; pairs: of images in the estimate."""
+    """The estimate of one camera. offset_s: stamp minus true exposure on the attitude's time, None unless measured;
+    sigma_s: its standard deviation; pairs: number of image pairs."""
 
     camera: str
     state: OffsetState
@@ -43,14 +43,14 @@ class ExposureOffset:
 
     @property
     def warns(self) -> bool:
-        """Whether the offset is measured and certainly too large."""
+        """Whether the offset is measured and significantly too large."""
         if self.offset_s is None or self.sigma_s is None:
             return False
         return abs(self.offset_s) > max(WARN_S, 3.0 * self.sigma_s)
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The state as text."""
         if self.offset_s is None or self.sigma_s is None:
             return STATE_TEXTS[self.state]
         late = "later" if self.offset_s >= 0.0 else "earlier"
@@ -61,12 +61,12 @@ class ExposureOffset:
 
 
 def config_line(measured_s: float, configured_ms: float) -> str:
-    """The line of the camera's section that removes a measured offset."""
+    """The configuration line that removes a measured offset."""
     return f"exposure_offset_ms = {round(configured_ms + 1000.0 * measured_s, 1):g}"
 
 
 def warning_text(offset: ExposureOffset, configured_ms: float | None) -> str:
-    """The diagnostic with its remedy; empty where there is none. configured_ms: the present value, None: not known."""
+    """The diagnostic with its remedy; empty: none. configured_ms: the present value, None: unknown."""
     if not offset.warns or offset.offset_s is None:
         return ""
     if configured_ms is None:

@@ -1,4 +1,4 @@
-"""What the frames say about the mounts and the ground of all cameras, for the health report."""
+"""The state of the cameras' mounts and grounds for the health report."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ..pipeline.mount_messages import mount_diagnostic, mount_health
 from ..pipeline.pipeline import PrismsResult
 
 AT_LIMIT = 0.98
-"""Share of the steepest slope that ground may have at which the fit of the ground is taken to be held by that limit."""
+"""Share of the largest allowed slope above which the fitted ground counts as limited by it."""
 MIN_MEASURED_SHARE = 0.5
-"""Share of the pixels that must be measured for a ground that is not found to be reported as lost."""
+"""Least share of measured pixels for which a missing ground is reported."""
 
 
 @dataclass(slots=True)
@@ -28,14 +28,15 @@ class _Newest:
 
 
 class MountWatch:
-    """Keeps the newest state of each camera's mount. max_slope: the steepest that ground may be, m/m ([extractor])."""
+    """Keeps the newest mount state of each camera. max_slope: the largest allowed slope of the ground, m/m
+    ([extractor])."""
 
     def __init__(self, max_slope: float) -> None:
         self._max_slope = max_slope
         self._newest: dict[str, _Newest] = {}
 
     def result(self, result: PrismsResult) -> None:
-        """Takes a frame's result; a dropped one says nothing."""
+        """Adds a frame's result; a dropped frame is ignored."""
         if result.mount is None or result.model is None:
             return
         ground, stats = result.model.ground, result.model.stats
@@ -44,14 +45,14 @@ class MountWatch:
         self._newest[result.camera] = _Newest(result.mount, slope, lost)
 
     def health(self, camera: str, info: CameraInfo | None) -> pb.MountHealth | None:
-        """Of one camera; None: nothing was measured, or its description is not known."""
+        """The mount health of a camera; None: nothing was measured, or its description is unknown."""
         newest = self._newest.get(camera)
         if newest is None or info is None or newest.state.t_ns is None:
             return None
         return mount_health(newest.state, info.mount)
 
     def diagnostics(self, infos: Iterable[tuple[str, CameraInfo | None]]) -> list[Diagnostic]:
-        """What is wrong with mounts and ground."""
+        """The diagnostics of mounts and grounds."""
         found: list[Diagnostic] = []
         for camera, info in infos:
             health = self.health(camera, info)

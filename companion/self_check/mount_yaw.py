@@ -1,9 +1,8 @@
-"""The yaw of a camera's mount, measured in straight flight.
+"""Measures the yaw of a camera's mount in straight flight.
 
-The direction in which the camera moves, seen between two depth images (core/self_check/depth_registration.py), is compared
-with the course of the autopilot's velocity. Their difference is the error of the mount's yaw, or of the autopilot's heading.
-Only diagnostics depend on the result. The same events in the same order give the same estimates.
-"""
+The camera's direction of motion between two depth images (core/self_check/depth_registration.py) is compared with the
+course of the autopilot's velocity. The difference is the error of the mount's yaw or of the autopilot's heading. The
+result is used for diagnostics only. Equal events in equal order give equal estimates."""
 
 from __future__ import annotations
 
@@ -29,31 +28,31 @@ NS = 1_000_000_000
 CODE = "mount_yaw_error"
 WARN_RAD = math.radians(3.0)
 MAX_SIGMA_RAD = math.radians(1.5)
-"""Standard deviation above which nothing is reported."""
+"""Largest standard deviation of a reported yaw."""
 SYSTEMATIC_RAD = math.radians(0.5)
-"""Least standard deviation: velocity, heading and registration have errors that no average removes."""
+"""Least standard deviation: systematic errors of velocity, heading and registration."""
 MIN_PAIRS, MAX_PAIRS = 20, 120
 CORRELATED_PAIRS = 4.0
-"""So many successive pairs share their errors: those of the velocity last about a second."""
+"""Number of successive pairs with correlated errors: those of the velocity last about a second."""
 PAIR_NS, PAIR_MAX_NS = 180_000_000, 400_000_000
-"""Between the images of a pair."""
+"""Time between the images of a pair."""
 MIN_SPEED_M_S = 1.0
 MAX_CLIMB = 0.2
-"""Vertical over horizontal speed."""
+"""Largest ratio of vertical to horizontal speed."""
 MAX_TURN_RAD = math.radians(3.0)
-"""Most that attitude and course may turn within a pair."""
+"""Largest rotation of attitude and course within a pair."""
 MIN_LENGTH, MAX_LENGTH = 0.7, 1.3
-"""Distance measured by the camera over that of the velocity: beyond it the registration, or the velocity, is wrong."""
+"""Limits of the ratio of the measured to the flown distance; beyond them the registration or the velocity is wrong."""
 ROUNDS = 5
-"""Of the registration, from the motion that the velocity predicts: one ends too near to where it began."""
+"""Iterations of the registration from the predicted motion: a single one is biased towards its initial value."""
 HISTORY_NS = NS
 MAX_WAITING = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountYaw:
-    """The yaw of one camera's mount. error_rad: true minus configured; sd_rad: its standard deviation; both None until it is
-    known. yaw_rad: as configured; pairs: of images in the estimate."""
+    """The yaw of one camera's mount. error_rad: true minus configured; sd_rad: its standard deviation; both None until
+    known. yaw_rad: configured; pairs: number of image pairs."""
 
     camera: str
     yaw_rad: float
@@ -75,7 +74,7 @@ class MountYaw:
 
     @property
     def warning(self) -> str:
-        """The diagnostic with its remedy; empty: there is none."""
+        """The diagnostic with its remedy; empty: none."""
         if not self.warns or self.error_rad is None or self.sd_rad is None:
             return ""
         return (
@@ -86,30 +85,30 @@ class MountYaw:
 
 
 def add_yaw(health: pb.MountHealth, yaw: MountYaw) -> None:
-    """Enters a measured yaw into the health of a mount; nothing where it is not known."""
+    """Enters a measured yaw into the mount's health, if it is known."""
     if yaw.error_rad is not None and yaw.sd_rad is not None:
         health.yaw_error_deg, health.yaw_sd_deg = math.degrees(yaw.error_rad), math.degrees(yaw.sd_rad)
         health.yaw_deg = math.degrees(yaw.corrected_rad)
 
 
 class MountYawMonitor:
-    """Of all cameras. `event` with everything that the pipeline handles, in the same order."""
+    """Monitors all cameras. `event` takes everything that the pipeline handles, in the same order."""
 
     def __init__(self, mask: Callable[[CameraInfo], Mask | None] = lambda info: None) -> None:
-        """mask: pixels that show the vehicle itself."""
+        """mask: pixels that show the vehicle."""
         self._mask = mask
         self._cameras: dict[str, _Camera] = {}
         self._attitudes = AttitudeHistory()
         self._velocities = _Velocities()
 
     def announce(self, info: CameraInfo) -> None:
-        """A camera that was opened. One that is described otherwise than before begins anew."""
+        """Adds an opened camera. A camera with a changed description starts again."""
         known = self._cameras.get(info.camera)
         if known is None or known.info != info:
             self._cameras[info.camera] = _Camera(info, self._mask(info))
 
     def event(self, event: Event) -> None:
-        """An attitude, a velocity or a frame."""
+        """Adds an attitude, a velocity or a frame."""
         if isinstance(event, AttitudeSample):
             if not self._attitudes.add(event):
                 self._velocities.clear()
@@ -149,7 +148,8 @@ class _Velocities:
         return self._samples[-1][0] if self._samples else None
 
     def between(self, begin_ns: int, end_ns: int) -> Floats | None:
-        """(n, 3) velocities from the last before begin_ns to the first after end_ns; None where they do not cover it."""
+        """(n, 3) velocities from the last before begin_ns to the first after end_ns; None where they do not cover the
+        interval."""
         t_ns = np.array([t for t, _ in self._samples], np.int64)
         first, last = int(np.searchsorted(t_ns, begin_ns, "right")) - 1, int(np.searchsorted(t_ns, end_ns))
         if first < 0 or last >= len(t_ns) or int(np.diff(t_ns[first : last + 1]).max(initial=0)) > HISTORY_NS // 2:
@@ -164,7 +164,7 @@ class _Image:
 
 
 class _Camera:
-    """One camera: its images that wait for attitudes and velocities, and the errors of its pairs."""
+    """One camera: images that wait for attitudes and velocities, and the errors of its pairs."""
 
     def __init__(self, info: CameraInfo, mask: Mask | None) -> None:
         self.info, self.mask = info, mask
@@ -175,7 +175,7 @@ class _Camera:
         self._errors_rad: deque[float] = deque(maxlen=MAX_PAIRS)
 
     def frame(self, frame: DepthFrame, attitudes: AttitudeHistory, velocities: _Velocities) -> None:
-        """Keeps the image where it is its turn; registers one pair for which attitudes and velocities are there."""
+        """Keeps the image if it is due; registers one pair whose attitudes and velocities are complete."""
         k = self.info.intrinsics
         newest = self._waiting[-1] if self._waiting else self._last
         if newest is not None and frame.t_exposure_ns < newest.t_ns - NS:  # the camera restarted
@@ -211,7 +211,7 @@ class _Camera:
         motion = motion_between(a.grid, b.grid, R_b_a, -R_b.T @ expected_m, ROUNDS)
         if motion is None:
             return
-        moved = R_b @ -motion.given_rotation_m  # of the camera, in ned as the configured mount has it
+        moved = R_b @ -motion.given_rotation_m  # motion of the camera in ned, assuming the configured mount
         share = math.hypot(moved[0], moved[1]) / math.hypot(expected_m[0], expected_m[1])
         if not MIN_LENGTH <= share <= MAX_LENGTH:
             return
@@ -220,7 +220,7 @@ class _Camera:
         self._estimate()
 
     def _estimate(self) -> None:
-        """Median and its standard deviation by the median deviation: pairs with something that moves in view are outliers."""
+        """Median, and its standard deviation from the median deviation: robust against pairs with moving objects."""
         n = len(self._errors_rad)
         if n < MIN_PAIRS:
             return
@@ -236,7 +236,7 @@ class _Camera:
 
 
 def _straight(velocity: Floats) -> bool:
-    """Whether velocities (n, 3) in ned are of straight and level flight, fast enough."""
+    """Whether velocities (n, 3) in ned are straight, level and fast enough."""
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     if float(speed.min()) < MIN_SPEED_M_S or bool(np.any(np.abs(velocity[:, 2]) > MAX_CLIMB * speed)):
         return False

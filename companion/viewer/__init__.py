@@ -1,1 +1,1 @@
-"""Pictures and pages drawn from a log or from the running service."""
+"""Draws pictures and pages of a log or of the running service."""

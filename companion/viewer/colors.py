@@ -1,7 +1,7 @@
-"""One colour scale for pictures and page: a depth becomes one byte, the byte a colour.
+"""The colour scale of pictures and pages: a depth becomes one byte, the byte a colour.
 
-0 is unknown (grey, never like far), 255 is "free to the maximum range" (pale), 1..254 go from near (red) to far (blue) on
-a logarithmic scale, so that a metre nearby is as easy to see as ten metres far away."""
+0 is unknown (grey), 255 is "free to the maximum range" (pale), 1..254 go from near (red) to far (blue) on a logarithmic
+scale, so that one metre nearby is as visible as ten metres far away."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FAR_RGB = (226, 238, 250)
 
 
 def range_index(range_m: NDArray[np.floating], info: CameraInfo) -> NDArray[np.uint8]:
-    """Byte of each distance in metres between the camera's nearest and farthest range, same shape; clipped."""
+    """Byte of each distance, m, between the camera's minimum and maximum range; same shape, clipped."""
     span = np.log(info.max_range_m / info.min_range_m)
     share = np.log(np.maximum(range_m, 1e-3) / info.min_range_m) / span
     steps = np.clip(np.rint(share * (LAST - FIRST)), 0, LAST - FIRST)
@@ -29,8 +29,8 @@ def range_index(range_m: NDArray[np.floating], info: CameraInfo) -> NDArray[np.u
 
 
 def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float | None = None) -> NDArray[np.uint8]:
-    """(H, W) uint8 of a depth image in millimetres, classified as in the core: nearer than the camera's minimum counts
-    as unknown, beyond what it can vouch for as far. ke_per_m: the frame's noise, None: the camera's prior."""
+    """(H, W) uint8 of a depth image in millimetres, classified as in the core: below the camera's minimum range
+    unknown, beyond its reliable range far. ke_per_m: the frame's noise; None: the camera's prior."""
     clear_m = clear_range_m(info, info.ke_per_m if ke_per_m is None else ke_per_m, Params())
     index = range_index(depth_mm.astype(np.float32) / 1000.0, info)
     unknown = (depth_mm == UNKNOWN_MM) | (depth_mm == SATURATED_MM) | (depth_mm < info.min_range_m * 1000.0)
@@ -41,14 +41,14 @@ def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float 
 
 
 def index_range_m(index: int, info: CameraInfo) -> float:
-    """The distance in metres that a byte 1..254 stands for."""
+    """The distance, m, of a byte 1..254."""
     share = (index - FIRST) / (LAST - FIRST)
     return float(info.min_range_m * (info.max_range_m / info.min_range_m) ** share)
 
 
 def palette() -> NDArray[np.uint8]:
     """(256, 3) uint8 RGB of every byte."""
-    ramp = np.linspace(240, 16, LAST - FIRST + 1).astype(np.uint8)  # the dark ends of the map are hard to tell apart
+    ramp = np.linspace(240, 16, LAST - FIRST + 1).astype(np.uint8)  # the dark ends of the map are hard to distinguish
     table = np.zeros((256, 3), np.uint8)
     table[FIRST : LAST + 1] = cv2.applyColorMap(ramp[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
     table[UNKNOWN_INDEX] = UNKNOWN_RGB
@@ -57,7 +57,7 @@ def palette() -> NDArray[np.uint8]:
 
 
 def depth_rgb(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float | None = None) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 picture of a depth image, the unknown hatched."""
+    """(H, W, 3) uint8 picture of a depth image, unknown pixels hatched."""
     index = depth_index(depth_mm, info, ke_per_m)
     rgb = palette()[index]
     rows, columns = np.indices(index.shape)

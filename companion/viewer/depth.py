@@ -1,4 +1,4 @@
-"""The depth panel: the image as the camera delivered it, strips and plane outlines projected into it."""
+"""The depth panel: the depth image with strips and plane outlines projected into it."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from .panel import (
 )
 
 LABELS = 8
-"""Planes that get their distance written on them, the largest in the image first."""
+"""Number of planes labelled with their distance, the largest in the image first."""
 
 
 def draw_depth(ax: Any, scale_ax: Any, frame: ViewFrame) -> None:
-    """Draws the panel and its scale."""
-    ax.set_title("What the camera saw, and what was found in it", fontsize=12, loc="left")
+    """Draws the panel and its colour scale."""
+    ax.set_title("Depth image with the detected planes", fontsize=12, loc="left")
     if frame.depth_mm is None:
         nothing_to_draw(ax, "no depth image in this log")
         scale_ax.set_axis_off()
@@ -58,7 +58,7 @@ def draw_depth(ax: Any, scale_ax: Any, frame: ViewFrame) -> None:
 
 
 def _stamp(ax: Any, text: str) -> None:
-    """Writes across an image that nothing was found in, so that nobody takes it for an empty scene."""
+    """Draws a text across the image when it contains no plane, to distinguish it from an image without results."""
     box = {"facecolor": "#c62828" if text.startswith("BLIND") else "#b26a00", "edgecolor": "none", "pad": 8}
     ax.text(
         0.5, 0.5, wrapped(text, 38), transform=ax.transAxes, ha="center", va="center",
@@ -67,7 +67,7 @@ def _stamp(ax: Any, text: str) -> None:
 
 
 def strip_segments_px(strips: StripTable, frame: ViewFrame) -> list[NDArray[np.float64]]:
-    """Top-to-bottom line of each strip in source pixels, (M, 2) each; those behind the camera are left out."""
+    """Line of each strip in source pixels, (M, 2) each; strips behind the camera are left out."""
     R = frame.R_level_cam_optical
     if R is None:
         return []
@@ -87,7 +87,7 @@ def _strips(ax: Any, frame: ViewFrame, strips: StripTable) -> None:
 
 
 def plane_outlines_px(frame: ViewFrame) -> list[NDArray[np.float64]]:
-    """Outline of every plane in source pixels, (M, 2) each, M = 0 behind the camera."""
+    """Outline of each plane in source pixels, (M, 2) each; M = 0 behind the camera."""
     R = frame.R_level_cam_optical
     if frame.model is None or R is None:
         return []
@@ -95,7 +95,7 @@ def plane_outlines_px(frame: ViewFrame) -> list[NDArray[np.float64]]:
 
 
 def _planes(ax: Any, frame: ViewFrame) -> None:
-    """Outlines, far ones first, each with a dark casing so that it stands out on its own colour."""
+    """Draws outlines, far ones first, each with a dark casing for contrast."""
     from matplotlib.patches import Polygon
 
     if frame.model is None:
@@ -114,7 +114,7 @@ def _planes(ax: Any, frame: ViewFrame) -> None:
 
 
 def _labels(ax: Any, frame: ViewFrame, outlines: list[NDArray[np.float64]]) -> None:
-    """Distances of the planes largest in the image, none over another."""
+    """Draws the distances of the largest planes without overlaps."""
     if frame.model is None:
         return
     k, distance = frame.info.intrinsics, nearest_m(frame.model.planes)
@@ -137,7 +137,7 @@ def _labels(ax: Any, frame: ViewFrame, outlines: list[NDArray[np.float64]]) -> N
 
 
 def _legend(ax: Any, drawn: list[str]) -> None:
-    """One row under the image: what each mark is."""
+    """Draws the legend below the image."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -145,7 +145,7 @@ def _legend(ax: Any, drawn: list[str]) -> None:
         "unknown": (Patch(facecolor=UNKNOWN_COLOR, hatch="////", edgecolor="#606060"), "no measurement: unknown"),
         "far": (Patch(facecolor=FAR_COLOR, edgecolor="#909090"), "free to the maximum range"),
         "strips": (Line2D([], [], color="#9e9e9e", linewidth=1), "strip"),
-        "planes": (Line2D([], [], color="#404040", linewidth=2.5), "plane, colour: its distance"),
+        "planes": (Line2D([], [], color="#404040", linewidth=2.5), "plane, coloured by distance"),
         "inferred": (Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 2))), "partly inferred"),
     }
     ax.legend(
@@ -162,7 +162,7 @@ def _legend(ax: Any, drawn: list[str]) -> None:
 
 
 def _scale(ax: Any, frame: ViewFrame) -> None:
-    """The colour scale in metres, near at the bottom."""
+    """Draws the colour scale in metres, near at the bottom."""
     ax.imshow(palette()[FIRST : LAST + 1][:, None], aspect="auto", origin="lower", extent=(0, 1, FIRST, LAST))
     nearest, farthest = index_range_m(FIRST, frame.info), index_range_m(LAST, frame.info)
     ticks = [m for m in (0.5, *RING_M) if 1.15 * nearest < m < farthest / 1.15]

@@ -1,7 +1,7 @@
-"""What the service says, for Foxglove's own viewer: a WebSocket with the topics and schemas of a log (extra `foxglove`).
+"""A WebSocket server for Foxglove's viewer, with the topics and schemas of a log (extra `foxglove`).
 
-Drawings vanish in the viewer a second after the last one; who is blind, and why, is a message of its own (`/said`),
-repeated each second, since no viewer shows by itself that nothing comes any more."""
+Drawings expire in the viewer after one second. Blind cameras and their causes are published on `/status` once per
+second, since a viewer does not show that messages have stopped."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ REPEAT_NS = NS
 
 
 class FoxgloveServer:
-    """`open`, then `tick` again and again. Raises DeviceNotFound from `open` where the extra is not installed or the port
-    cannot be had."""
+    """Call `open`, then `tick` repeatedly. `open` raises DeviceNotFound where the extra is not installed or the port
+    cannot be bound."""
 
     def __init__(self, subscriber: LiveSubscriber, host: str, port: int) -> None:
         self._subscriber, self._host, self.port = subscriber, host, port
@@ -44,7 +44,7 @@ class FoxgloveServer:
         self._sent: dict[str, tuple[str | None, int]] = {}
 
     def open(self) -> None:
-        """Starts to answer; the feed's messages are handed on from then."""
+        """Starts the server; messages of the subscriber are forwarded from then on."""
         try:
             self._sdk = importlib.import_module("foxglove")
         except ImportError as error:
@@ -58,7 +58,7 @@ class FoxgloveServer:
             )
         except RuntimeError as error:
             raise DeviceNotFound(
-                f"the Foxglove server: port {self.port} on {self._host} cannot be had ({error}); choose another"
+                f"the Foxglove server: port {self.port} on {self._host} cannot be bound ({error}); choose another port"
             ) from error
         self.port = self._server.port
         self._channel(TOPICS["health"].of(), pb.Health)
@@ -66,14 +66,15 @@ class FoxgloveServer:
         self._subscriber.on_message = self.on_message
 
     def close(self) -> None:
-        """May be called again."""
+        """Stops the server. May be called twice."""
         self._subscriber.on_message = None
         if self._server is not None:
             self._server.stop()
             self._server = None
 
     def on_message(self, message: Message, info: CameraInfo | None) -> None:
-        """Hands on what the feed heard, from its thread, as far as somebody listens. info: of the message's camera."""
+        """Forwards a received message, in the subscriber's thread, if a viewer has subscribed. info: of the message's
+        camera."""
         if isinstance(message, pb.Health):
             self._send(TOPICS["health"].of(), message, message.t_ns)
         elif isinstance(message, pb.PrismsFrame):
@@ -111,7 +112,7 @@ class FoxgloveServer:
             self._send(TOPICS["depth"].of(p.camera), depth_message(frame), p.t_exposure_ns)
 
     def tick(self) -> None:
-        """Says of each camera that it is blind, once a second, and that it sees, once."""
+        """Publishes the state of each camera: blind once per second, not blind once."""
         now_ns = time.monotonic_ns()
         with self._subscriber.changed:
             words = {name: self._words(name, now_ns) for name in self._subscriber.cameras}
@@ -121,7 +122,7 @@ class FoxgloveServer:
             if blind == before and (not blind or now_ns - at_ns < REPEAT_NS):
                 continue
             self._sent[name] = blind, now_ns
-            text = f"{name} is BLIND: {blind}; nothing may be taken as free" if blind else f"{name} sees"
+            text = f"{name} is BLIND: {blind}; do not treat any direction as free" if blind else f"{name} sees"
             level = Log.FATAL if blind else Log.INFO
             self._send(STATUS_TOPIC, Log(timestamp=stamp(now_ns), level=level, message=text, name="companion"), now_ns)
         depth = [TOPICS["depth"].of(name) for name in words]
@@ -141,7 +142,7 @@ class FoxgloveServer:
             channel.log(message.SerializeToString(), log_time=t_ns)
 
     def _channel(self, topic: str, kind: type[Message]) -> Any:
-        """Made at its first use, and kept: a viewer is told of each."""
+        """The channel of a topic, created at its first use."""
         if topic not in self._channels:
             schema = self._sdk.Schema(name=kind.DESCRIPTOR.full_name, encoding=ENCODING, data=schema_bytes(kind))
             self._channels[topic] = self._sdk.Channel(

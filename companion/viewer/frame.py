@@ -1,4 +1,4 @@
-"""What the viewer draws of one camera frame, whichever way it came: from a log or straight from the pipeline."""
+"""The content that the viewer draws of one frame, from a log or from the pipeline."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from core.types import CameraInfo, FrameModel, readonly
 
 
 class FrameStatus(StrEnum):
-    """How much may be read from a frame."""
+    """State of a frame for drawing."""
 
     VALID = "VALID"
     BLIND = "BLIND"
     NO_PRISMS = "NO PRISMS"
-    """The log holds the depth but nobody has extracted anything from it yet."""
+    """The log contains the depth image but no results."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ViewFrame:
-    """One frame of one camera. depth_mm: (H, W) uint16 as in DepthFrame, None when the log lacks it. R_ned_frd: attitude
-    used, (3, 3), None when there was none. model: in level_cam, None when the log has none. dropped: why the frame was
-    not used ("": it was). position_ned_m: of the vehicle, None without a pose."""
+    """One frame of one camera. depth_mm: (H, W) uint16 as in DepthFrame; None: not in the log. R_ned_frd: (3, 3)
+    attitude used; None: none. model: in level_cam; None: not in the log. dropped: cause if the frame was not used, "":
+    used. position_ned_m: of the vehicle; None: no position."""
 
     info: CameraInfo
     sequence: int
@@ -43,20 +43,18 @@ class ViewFrame:
         if self.depth_mm is not None:
             object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (k.height, k.width), "depth_mm"))
         if self.model is not None and self.R_ned_frd is None:
-            raise ValueError(
-                f"frame {self.sequence} of {self.info.camera}: a model without the attitude it was made with"
-            )
+            raise ValueError(f"frame {self.sequence} of {self.info.camera}: a model without its attitude")
 
     @property
     def status(self) -> FrameStatus:
-        """Blind wins: a dropped frame says nothing even where the log holds no prisms at all."""
+        """BLIND has precedence: a dropped frame is invalid even where the log contains no prisms."""
         if self.dropped or (self.model is not None and not self.model.valid):
             return FrameStatus.BLIND
         return FrameStatus.VALID if self.model is not None else FrameStatus.NO_PRISMS
 
     @property
     def cause(self) -> str:
-        """Why the frame is blind, in words; "" when it is not."""
+        """Why the frame is blind, as text; "" if it is not."""
         if self.dropped:
             return f"frame not used: {self.dropped}"
         if self.model is not None and not self.model.valid:
@@ -65,7 +63,7 @@ class ViewFrame:
 
     @property
     def R_level_cam_optical(self) -> Rotation | None:
-        """(3, 3), None without an attitude."""
+        """(3, 3); None without an attitude."""
         if self.R_ned_frd is None:
             return None
         return level_cam_optical(self.R_ned_frd @ rotation_frd_optical(self.info.mount))
@@ -79,7 +77,7 @@ class ViewFrame:
 
     @property
     def attitude_deg(self) -> tuple[float, float, float] | None:
-        """(roll, pitch, yaw) of the vehicle, degrees, MAVLink's signs."""
+        """(roll, pitch, yaw) of the vehicle, degrees, with MAVLink's signs."""
         if self.R_ned_frd is None:
             return None
         roll, pitch, yaw = euler_from_rotation(self.R_ned_frd)
@@ -87,12 +85,12 @@ class ViewFrame:
 
     @property
     def ke_per_m(self) -> float | None:
-        """The noise the frame was extracted with, None when it says nothing."""
+        """Depth noise used for the frame; None for an invalid frame."""
         return self.model.ke_per_m if self.model is not None and self.model.valid else None
 
 
 def describe(frame: ViewFrame, t_start_ns: int) -> tuple[str, str]:
-    """Two lines of text for a header: who and when, and what was found."""
+    """Two header lines: camera, time and attitude, and the result."""
     who = f"{frame.info.camera}   frame {frame.sequence}   t = {(frame.t_ns - t_start_ns) / 1e9:.2f} s"
     if frame.attitude_deg is None:
         who += "   attitude: none"
@@ -103,10 +101,10 @@ def describe(frame: ViewFrame, t_start_ns: int) -> tuple[str, str]:
 
 
 def describe_model(model: FrameModel | None) -> str:
-    """What was found, in one line."""
+    """The result in one line."""
     if model is None:
-        return "no prisms in this log: run companion replay first"
-    ground = f"ground {model.ground.height_m:.2f} m below" if model.ground.seen else "no ground seen"
+        return "no prisms in this log: run `companion replay` first"
+    ground = f"ground {model.ground.height_m:.2f} m below" if model.ground.seen else "no ground found"
     s = model.stats
     return (
         f"{len(model.planes)} planes in {s.clusters} clusters, {len(model.prisms)} prisms, {s.strips} strips   "
@@ -115,9 +113,10 @@ def describe_model(model: FrameModel | None) -> str:
 
 
 def select_frames(counts: list[int], blind: list[bool], *, spread: int = 5) -> list[int]:
-    """Indices of the frames worth a picture: `spread` evenly over the log, the one with most planes, the first blind.
+    """Indices of the frames to draw: `spread` frames evenly over the log, the one with most planes and the first blind
+    one.
 
-    counts: planes of each frame; blind: whether each frame is blind. Sorted, without doubles, empty for no frames."""
+    counts: number of planes per frame; blind: whether each frame is blind. Sorted and unique; empty without frames."""
     n = len(counts)
     if n == 0:
         return []

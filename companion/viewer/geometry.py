@@ -1,4 +1,4 @@
-"""Geometry of the pictures: plane corners, their projection into the source image, edges of the field of view."""
+"""Geometry of the pictures: corners of planes, their projection into the source image, edges of the field of view."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from core.types import FreeProfile, Ground, Intrinsics
 Floats = NDArray[np.float64]
 
 NEAR_M = 0.05
-"""What lies nearer than this in front of the image plane is cut off before a perspective division."""
+"""Depth below which polygons are clipped before the perspective division."""
 
 
 def plane_corners_m(planes: NDArray[np.float32]) -> Floats:
@@ -49,9 +49,9 @@ def project_px(points_optical: Floats, k: Intrinsics) -> Floats:
 
 
 def outline_px(corners_m: Floats, R_level_optical: Rotation, k: Intrinsics) -> Floats:
-    """(M, 2) outline in source pixels of a polygon (K, 3) in the frame that R_level_optical leads to (level_cam).
+    """(M, 2) outline in source pixels of a polygon (K, 3) in the target frame of R_level_optical (level_cam).
 
-    It may reach far outside the image; M = 0 when all of it lies behind the camera."""
+    It may extend beyond the image; M = 0 when it lies behind the camera."""
     clipped = clip_near(corners_m @ R_level_optical)
     return project_px(clipped, k) if len(clipped) else np.zeros((0, 2))
 
@@ -66,16 +66,16 @@ def nearest_m(planes: NDArray[np.float32]) -> Floats:
 
 
 def free_normals(planes: NDArray[np.float32]) -> Floats:
-    """(N, 2) unit vectors x, y to the free side: right of a -> b seen from above, (-dy, dx) with x forward, y right."""
+    """(N, 2) unit vectors x, y to the free side: right of a -> b in the top view, (-dy, dx) with x forward, y right."""
     d = (planes[:, 2:4] - planes[:, 0:2]).astype(np.float64)
     normal = np.stack([-d[:, 1], d[:, 0]], axis=1)
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
 
 
 def level_range_m(ground: Ground, azimuth_rad: Floats) -> Floats:
-    """(M,) horizontal range up to which the camera's own height is clear of its ground in directions (M,); inf: everywhere.
+    """(M,) horizontal range up to which the camera's height is above the ground in directions (M,); inf: everywhere.
 
-    The ground rises towards it by its slope; its tolerance and its noise belong to it."""
+    Includes the slope, the tolerance and the noise of the ground."""
     if not ground.seen:
         return np.full(len(azimuth_rad), np.inf)
     if not ground.height_m >= ground.tolerance_m:
@@ -88,7 +88,7 @@ def level_range_m(ground: Ground, azimuth_rad: Floats) -> Floats:
 
 
 def lowest_free_m(ground: Ground, x_m: Floats) -> Floats:
-    """(M,) z down to which places straight ahead of the camera, x_m (M,) away, may be free above its ground; inf: none."""
+    """(M,) largest z (down) of free space straight ahead at distances x_m (M,); inf: no limit."""
     if not ground.seen:
         return np.full(len(x_m), np.inf)
     margin_m = np.maximum(ground.tolerance_m, ground.noise_per_m * x_m)
@@ -96,7 +96,7 @@ def lowest_free_m(ground: Ground, x_m: Floats) -> Floats:
 
 
 def layer_at(free: FreeProfile, z_m: float) -> int | None:
-    """Index of the layer of height that holds z_m (down), None when none does."""
+    """Index of the height layer that contains z_m (down); None: none."""
     layer = int(np.searchsorted(free.layer_edges_m, z_m, side="right")) - 1
     return layer if 0 <= layer < len(free.layer_edges_m) - 1 else None
 
@@ -112,8 +112,8 @@ def border_rays(k: Intrinsics, R_level_optical: Rotation, samples: int = 33) -> 
 
 
 def field_of_view_rad(k: Intrinsics, R_level_optical: Rotation) -> tuple[float, float]:
-    """(left, right) azimuths between which the image border lies, rad clockwise from forward; the whole circle when
-    the camera looks so steeply that the border goes round."""
+    """(left, right) azimuths of the image border, rad clockwise from forward; the whole circle for a camera that looks
+    steeply up or down."""
     rays = border_rays(k, R_level_optical)
     azimuth = np.unwrap(np.arctan2(rays[:, 1], rays[:, 0]))
     if abs(azimuth[-1] - azimuth[0]) > math.pi:
@@ -122,7 +122,7 @@ def field_of_view_rad(k: Intrinsics, R_level_optical: Rotation) -> tuple[float, 
 
 
 def elevation_ahead_rad(k: Intrinsics, R_level_optical: Rotation) -> tuple[float, float]:
-    """(lowest, highest) angle above the horizontal that the image's middle column sees, rad, up positive."""
+    """(lowest, highest) elevation of the image's middle column, rad, up positive."""
     v = np.array([k.height - 0.5, -0.5])
     u = (k.width - 1) / 2
     rays = np.stack([np.full(2, (u - k.cx) / k.fx), (v - k.cy) / k.fy, np.ones(2)], axis=1) @ R_level_optical.T

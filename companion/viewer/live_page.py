@@ -1,4 +1,4 @@
-"""An answer for a page of `companion view --live`: what to draw, how old it is, who is blind and why, what is missing."""
+"""Responses to the page of `companion view --live`: frames to draw, their ages, blind cameras and missing streams."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .page import camera_data, frame_data, live_page, packed_png
 from .subscriber import HEALTH_OLD_NS, NS, LiveSubscriber, Shown
 
 HOLD_S = 0.2
-"""A page without news is answered after so long: it then knows that all is still well, or is not."""
+"""Longest wait for new frames; the response then contains the ages only."""
 MAX_READY = 8
 
 
 class LivePage:
-    """Answers pages. One for all of them: what one has had drawn is ready for the others."""
+    """Creates the responses for all pages. A drawn frame is kept for other pages."""
 
     def __init__(self, subscriber: LiveSubscriber, title: str) -> None:
         self.subscriber, self._title = subscriber, title
@@ -38,7 +38,7 @@ class LivePage:
         self._drawing = threading.Lock()
 
     def page(self) -> str:
-        """The page itself."""
+        """The HTML page."""
         return live_page(
             {
                 "title": self._title, "note": "", "palette": palette().tobytes().hex(), "cameras": [], "frames": [],
@@ -47,7 +47,7 @@ class LivePage:
         )  # fmt: skip
 
     def answer(self, name: str, after: int, world: int = 0) -> bytes:
-        """JSON. name, after, world: of the newest answer that the page has had; "" and 0: none."""
+        """A JSON response. name, after, world: of the newest response that the page has received; "" and 0: none."""
         began_ns = time.monotonic_ns()
         after, world = (after, world) if name == self._name else (0, 0)
         self.subscriber.wait(after, HOLD_S)
@@ -81,13 +81,13 @@ class LivePage:
 
 
 def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
-    """A frame as the page draws it. One whose numbers do not fit together is blind."""
+    """A frame as the page draws it. A frame with inconsistent numbers is blind."""
     m = shown.message
-    cause = "" if m.valid else m.cause_text or "no cause given"
+    cause = "" if m.valid else m.cause_text or "no cause reported"
     try:
         frame = view_frame(prisms_from_message(m), shown.info, None) if m.valid else None
     except ValueError as error:
-        frame, cause = None, f"its message does not fit together ({error})"
+        frame, cause = None, f"its message is inconsistent ({error})"
     if frame is None:
         frame = ViewFrame(info=shown.info, sequence=m.sequence, t_ns=m.t_exposure_ns, dropped=cause)
     data = frame_data(frame, 0, frame.t_ns, 0)
@@ -100,31 +100,32 @@ def frame_of(shown: Shown, begun_ns: int) -> dict[str, Any]:
 
 
 NO_CURRENT_MESSAGE = "no_current_message"
-"""Code of a camera whose newest message is missing, old or cannot be drawn, as seen by the viewer."""
+"""Code of a camera whose newest message is missing, too old or cannot be drawn."""
 
 
 def camera_status(
     subscriber: LiveSubscriber, name: str, shown: Shown | None, decode_error: str, now_ns: int
 ) -> dict[str, Any]:
-    """How a camera is: blind says why, code is its code for programs (both empty: it is not blind); age_s: of its newest word's exposure; shown_s: of what the page draws of it. flaw:
-    why that cannot be drawn; empty: it can."""
+    """State of a camera. blind: cause as text, code: its code, both empty if it is not blind; age_s: age of the newest
+    exposure; shown_s: age of the drawn exposure. decode_error: why the newest message cannot be drawn; empty: it can.
+    """
     camera = subscriber.cameras[name]
     m, code = camera.newest, ""
     age_s = (now_ns - camera.exposed_ns) / NS
     if m is None:
-        blind, age = silence_text(subscriber, now_ns) or "nothing has been heard of it yet", None
+        blind, age = silence_text(subscriber, now_ns) or "no message received yet", None
     elif now_ns - camera.received_ns > subscriber.stale_s * NS:
         quiet_s = (now_ns - camera.received_ns) / NS
-        blind, age = silence_text(subscriber, now_ns) or f"nothing has been heard of it for {quiet_s:.1f} s", age_s
+        blind, age = silence_text(subscriber, now_ns) or f"no message for {quiet_s:.1f} s", age_s
     elif not m.valid:
-        blind, age = m.cause_text or "no cause given", age_s
+        blind, age = m.cause_text or "no cause reported", age_s
         code = cause_code(m.cause)
     else:
-        blind, age = (f"its newest exposure is {age_s:.1f} s old" if age_s > subscriber.stale_s else ""), age_s
+        blind, age = (f"the newest frame is {age_s:.1f} s old" if age_s > subscriber.stale_s else ""), age_s
     if not blind and decode_error:
         blind = decode_error
     if not blind and camera.info is None:
-        blind = "its description has not come yet (health report), so nothing can be drawn"
+        blind = "its description has not arrived yet (health report): nothing can be drawn"
     shown_s = None if shown is None else (now_ns - shown.exposed_ns) / NS
     info = None if camera.info is None else camera_data(camera.info)
     if blind and not code:
@@ -133,27 +134,25 @@ def camera_status(
 
 
 def silence_text(subscriber: LiveSubscriber, now_ns: int) -> str:
-    """That the service as a whole says nothing, in words; empty: it does."""
+    """That the service sends nothing, as text; empty: it sends."""
     if not subscriber.running:
-        return "companion view listens no more: start it again"
+        return "companion view does not receive any more: restart it"
     if subscriber.health is None:
-        return (
-            f"nothing has been heard from the service on {subscriber.streams.health}: does it run? (companion status)"
-        )
+        return f"no message from the service on {subscriber.streams.health}: check that it runs (companion status)"
     newest_ns = max([subscriber.health_ns, *(c.received_ns for c in subscriber.cameras.values())])
     quiet_s = (now_ns - newest_ns) / NS
     if now_ns - newest_ns > subscriber.stale_s * NS and any(c.received_ns for c in subscriber.cameras.values()):
-        return f"nothing has been heard from the service for {quiet_s:.1f} s: does it still run? (companion status)"
+        return f"no message from the service for {quiet_s:.1f} s: check that it runs (companion status)"
     return ""
 
 
 def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:
-    """The health report in words, and what this page lacks."""
+    """The health report as text, and the streams that are missing."""
     h = subscriber.health
     missing = []
     if h is None or now_ns - subscriber.health_ns > HEALTH_OLD_NS:
         age = "" if h is None else f" for {(now_ns - subscriber.health_ns) / NS:.0f} s"
-        missing.append(f"no health report on {subscriber.streams.health}{age}: does the service run?")
+        missing.append(f"no health report on {subscriber.streams.health}{age}: check that the service runs")
     elif not subscriber.cameras:
         missing.append("the service has no camera: add a [[camera]] to its configuration")
     if not subscriber.streams.depth:

@@ -1,7 +1,7 @@
-"""`companion view --live`: a page that follows the service, for people's eyes.
+"""`companion view --live`: serves a page that follows the service.
 
-A process of its own, at the lowest priority, that listens as a planner does. It answers pages on this machine only unless
-it is asked for more; it can be looked at and not spoken to."""
+It runs in a process of its own at the lowest priority and subscribes like a planner. It serves this computer only,
+unless --listen names another address. The page is read-only."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 PAGES = 16
-"""Questions that may be under way at a time."""
+"""Largest number of parallel requests."""
 CLIENT_TIMEOUT_S = 20.0
-"""With a browser that keeps a connection and says nothing."""
+"""Time limit for a connection without requests."""
 POLL_S = 0.1
 NICE = 10
 TICK_S = 0.1
 
 
 class LiveServer:
-    """The pages. Raises DeviceNotFound from `open` where the port cannot be had."""
+    """The web server. `open` raises DeviceNotFound where the port cannot be bound."""
 
     def __init__(self, page: LivePage, host: str, port: int) -> None:
         self._page, self.host, self.port = page, host, port
@@ -48,19 +48,20 @@ class LiveServer:
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
-        """Starts to answer, in threads."""
+        """Starts the server threads."""
         try:
             self._server = _Server(self._page, self.host, self.port)
         except OSError as error:
             raise DeviceNotFound(
-                f"the page: port {self.port} on {self.host} cannot be had ({error.strerror}); choose another with --port"
+                f"the page: port {self.port} on {self.host} cannot be bound ({error.strerror}); choose another with "
+                "--port"
             ) from error
         self.port = self._server.server_address[1]
         self._thread = threading.Thread(target=self._server.serve_forever, args=(POLL_S,), name="pages", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """May be called again."""
+        """Stops the server. May be called twice."""
         if self._server is not None and self._thread is not None:
             self._server.shutdown()
             self._thread.join(5.0)
@@ -69,18 +70,18 @@ class LiveServer:
 
 
 def names_of(host: str) -> frozenset[str]:
-    """What a browser may call a server that listens on a host: on this machine its own names only, or any page of the
-    network could read it through a name that leads here; beyond it every name (empty)."""
+    """Allowed values of the Host header. On the loopback address these are its own names, so that a web page cannot
+    read the data through a host name that resolves to this computer; on other addresses any (empty)."""
     return frozenset({LOOPBACK, "localhost", "[::1]"}) if is_loopback(host) else frozenset()
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody else reaches it."""
+    """Whether only this computer can connect."""
     return host == "localhost" or host.startswith("127.")
 
 
 def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
-    """(status, type, body) of one question."""
+    """(status, type, body) of a request."""
     asked = urlsplit(path)
     if asked.path == "/":
         return 200, "text/html; charset=utf-8", page.page().encode()
@@ -94,7 +95,7 @@ def answer(page: LivePage, path: str) -> tuple[int, str, bytes]:
 
 
 class _Server(ThreadingTCPServer):
-    """Not http.server's own: that one asks the name service for our name before it listens."""
+    """A TCPServer in place of HTTPServer, which resolves the host name before it listens."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -106,12 +107,12 @@ class _Server(ThreadingTCPServer):
         super().__init__((host, port), _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that resets its connection is no fault; anything else shows its trace."""
+        """Ignores connections that the client has reset; prints the traceback of other exceptions."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
     def reply(self, host: str, path: str) -> tuple[int, str, bytes]:
-        """(status, type, body) of one question. host: what the browser calls us."""
+        """(status, type, body) of a request. host: its Host header."""
         if self._names and (host.rpartition(":")[0] or host) not in self._names:
             return 403, "text/plain", b"this server answers to its own name only\n"
         if not self._places.acquire(blocking=False):
@@ -123,7 +124,7 @@ class _Server(ThreadingTCPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Questions of one connection."""
+    """Serves the requests of one connection."""
 
     server: _Server
     timeout = CLIENT_TIMEOUT_S
@@ -147,18 +148,18 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True  # the page was closed
 
     def log_message(self, format: str, *args: object) -> None:
-        """Each question would be a line."""
+        """Writes nothing: each request would add a line."""
 
 
 def streams_of(publish: PublishConfig, keys: Path | None) -> Streams:
-    """Where a service with this configuration publishes."""
+    """The addresses of a service with this configuration."""
     names = ("prisms", "health", "depth", "world", "world_requests")
     run = str(run_folder())
     return Streams(**{name: getattr(publish, name).replace("{run}", run) for name in names}, keys=keys)
 
 
 def _foxglove(subscriber: LiveSubscriber, args: argparse.Namespace) -> FoxgloveServer:
-    from .foxglove_server import FoxgloveServer  # an extra: only where it is asked for
+    from .foxglove_server import FoxgloveServer  # an optional package: imported only where requested
 
     return FoxgloveServer(subscriber, args.listen, args.foxglove)
 
@@ -175,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    os.nice(NICE)  # nobody flies by this: the service goes first
+    os.nice(NICE)  # the service has precedence over viewers
     try:
         subscriber.open()
         server.open()
@@ -183,17 +184,17 @@ def run(args: argparse.Namespace) -> int:
             foxglove.open()
         if not is_loopback(args.listen):
             warn(
-                f"whoever reaches port {server.port} of this machine sees what the cameras see and where the vehicle is, and "
-                "nothing on the way is encrypted; `ssh -L` is the safe way to look from elsewhere"
+                f"everyone who can connect to port {server.port} of this computer can see the camera images and the "
+                "vehicle's position, unencrypted; for remote access use `ssh -L`"
             )
         shown = LOOPBACK if args.listen == "0.0.0.0" else args.listen
-        print_line(f"the page is at http://{shown}:{server.port}/ until Ctrl-C")
+        print_line(f"page: http://{shown}:{server.port}/ (stop with Ctrl-C)")
         if foxglove is not None:
-            print_line(f"Foxglove's viewer opens ws://{shown}:{foxglove.port}")
+            print_line(f"Foxglove: ws://{shown}:{foxglove.port}")
         sys.stdout.flush()
         while not stop.wait(TICK_S):
             if not subscriber.running:
-                fail("what listened to the service has ended; its last words stand above. Start it again")
+                fail("the subscriber has ended; its error is printed above. Restart the command")
                 return 1
             if foxglove is not None:
                 foxglove.tick()

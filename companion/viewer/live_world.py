@@ -1,4 +1,4 @@
-"""The merged world for the page that follows the service: a planner's copy of it, kept in a thread of its own."""
+"""The merged world for the live page, received in a thread of its own."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from osape_client.world.mirror import WorldMirror
 from osape_client.world.snapshot import WorldSnapshot
 
 MAX_PLANES = 3000
-"""Planes drawn, the nearest to the vehicle: a page redraws them all."""
+"""Largest number of drawn planes, nearest to the vehicle first."""
 PERIOD_S = 0.5
 
 VehiclePosition = Callable[[], tuple[float, float, float] | None]
 
 
 class LiveWorld:
-    """`told` may be asked from any thread. vehicle: where it is in ned, None: not known."""
+    """`update` may be called from any thread. vehicle: returns its position in ned; None: unknown."""
 
     def __init__(self, address: str, requests: str, keys: Path | None, vehicle: VehiclePosition) -> None:
         self._addresses, self._keys, self._vehicle = (address, requests), keys, vehicle
@@ -29,19 +29,20 @@ class LiveWorld:
         self._update: dict[str, Any] = {"number": 0, "heard": False, "cause": "", "total": 0, "planes": []}
 
     def open(self) -> None:
-        """Starts to listen, where there is an address; the world may come later."""
+        """Starts the thread if an address is given; the service may start later."""
         if all(self._addresses):
             self._thread.start()
 
     def close(self) -> None:
-        """May be called again."""
+        """Ends the thread. May be called twice."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(5.0)
 
     def update(self, after: int) -> dict[str, Any]:
-        """number: of this; heard: whether a service tells of a world at all; cause: why it may not be used now, empty: it
-        may; total: planes in it; planes: those drawn, flat whole centimetres of ned, None where the page has them."""
+        """number: of this state; heard: whether the service publishes a world; cause: why it must not be used, empty:
+        it may be used; total: number of planes; planes: those drawn, flat whole centimetres of ned, None where the page
+        has them already."""
         update = self._update
         return update | {"planes": None} if update["number"] == after else update
 
@@ -56,7 +57,7 @@ class LiveWorld:
                     self._publish(mirror, usable)
 
     def _publish(self, mirror: WorldMirror, usable: bool) -> None:
-        """A world that may not be used is not drawn either: nobody can tell from a snapshot how old it is."""
+        """An invalid world is not drawn: the age of a snapshot alone is not known."""
         snapshot = mirror.space.snapshot if usable else WorldSnapshot.empty()
         self._update = {
             "number": self._update["number"] + 1, "heard": True, "cause": "" if usable else mirror.cause,
@@ -67,8 +68,8 @@ class LiveWorld:
 def nearest_cm(
     snapshot: WorldSnapshot, vehicle_m: tuple[float, float, float] | None, most: int = MAX_PLANES
 ) -> list[int]:
-    """Planes a_x, a_y, b_x, b_y, top, bottom in whole centimetres of ned, flat: those whose middles are nearest to the
-    vehicle; without one the newest."""
+    """Planes a_x, a_y, b_x, b_y, top, bottom in whole centimetres of ned, flat: those nearest to the vehicle, or the
+    newest without a vehicle position."""
     planes = snapshot.planes.astype(np.float64)
     if len(planes) > most:
         if vehicle_m is None:

@@ -1,4 +1,4 @@
-"""The frames of a log for the viewer: depth, attitude, decision and prisms of each exposure put together."""
+"""Assembles the frames of a log: depth, attitude, decision and prisms of each exposure."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from ..pipeline.transform import transform_model
 from .frame import FrameStatus, ViewFrame
 
 WAITING: Final = 30
-"""Depth images that may wait for their prisms; a live log writes both within a fraction of a second."""
+"""Largest number of depth images that wait for their prisms; a live log writes both within a fraction of a second."""
 
 Key = tuple[str, int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedFrame:
-    """What a log holds of one exposure, put together but not yet unpacked. depth_mm, message: None where it has none.
-    state: what the extractor began the frame with, from which its strips can be found again."""
+    """The log's messages of one exposure, not yet decoded. depth_mm, message: None if missing. state: state of the
+    extractor before the frame, from which its strips can be recomputed."""
 
     info: CameraInfo
     sequence: int
@@ -41,18 +41,18 @@ class LoggedFrame:
 
     @property
     def status(self) -> FrameStatus:
-        """As ViewFrame.standing, without unpacking."""
+        """As ViewFrame.status, without decoding."""
         if self.message is None:
             return FrameStatus.NO_PRISMS
         return FrameStatus.VALID if self.message.valid else FrameStatus.BLIND
 
     @property
     def plane_count(self) -> int:
-        """As the log says, without unpacking."""
+        """Number of planes, without decoding."""
         return 0 if self.message is None else len(self.message.planes.margin_m)
 
     def frame(self) -> ViewFrame:
-        """Unpacked. Raises ValueError for prisms that do not fit."""
+        """The decoded frame. Raises ValueError for inconsistent prisms."""
         if self.message is None:
             return ViewFrame(info=self.info, sequence=self.sequence, t_ns=self.t_ns, depth_mm=self.depth_mm)
         return view_frame(prisms_from_message(self.message), self.info, self.depth_mm)
@@ -60,7 +60,7 @@ class LoggedFrame:
 
 @dataclass(slots=True)
 class _Pass:
-    """What one pass over a log remembers."""
+    """State of one pass over a log."""
 
     infos: dict[str, CameraInfo]
     states: dict[str, ExtractorState]
@@ -79,17 +79,17 @@ class _Pass:
                 yield self.prisms(item.message)
 
     def alone(self, key: Key) -> LoggedFrame:
-        """A depth image that nothing was extracted from."""
+        """The frame of a depth image without results."""
         camera, sequence, t_ns = key
         return LoggedFrame(self.infos[camera], sequence, t_ns, self.waiting.pop(key), None, ExtractorState())
 
     def decision(self, message: pb.FrameDecision) -> None:
-        """A frame passed over because its exposure or a newer one had been handled is none of the flight's frames."""
+        """Discards a frame that the pipeline skipped because its exposure or a newer one had been handled."""
         if message.cause in (pb.CAUSE_DUPLICATE_FRAME, pb.CAUSE_LATE_FRAME):
             self.waiting.pop((message.camera, message.sequence, message.t_exposure_ns), None)
 
     def prisms(self, message: pb.PrismsFrame) -> LoggedFrame:
-        """A frame with what was extracted from it."""
+        """A frame with its results."""
         camera, sequence, t_ns = key = message.camera, message.sequence, message.t_exposure_ns
         before = self.states.get(camera, ExtractorState())
         self.states[camera] = _after(message, before)
@@ -97,7 +97,7 @@ class _Pass:
 
 
 def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint16] | None) -> ViewFrame:
-    """The viewer's frame of what the pipeline said of one exposure."""
+    """The viewer's frame of a pipeline result."""
     model = result.model
     if model is not None and result.transform is not None:
         model = transform_model(model, result.transform.inverse())
@@ -110,13 +110,13 @@ def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint
         depth_mm=depth_mm if fits else None,
         R_ned_frd=None if result.attitude is None else rotation_from_quaternion(result.attitude.q_ned_frd_wxyz),
         model=model,
-        dropped="" if model is not None else result.cause_text or "no cause given",
+        dropped="" if model is not None else result.cause_text or "no cause reported",
         position_ned_m=None if result.pose is None else result.pose.position_ned_m,
     )
 
 
 def _after(message: pb.PrismsFrame, before: ExtractorState) -> ExtractorState:
-    """The state the next frame begins with: a frame that says nothing hands on what it got."""
+    """The state before the next frame; an invalid frame leaves it unchanged."""
     if not message.valid:
         return before
     height = message.ground.height_m if message.ground.seen else before.ground_height_m
@@ -126,8 +126,8 @@ def _after(message: pb.PrismsFrame, before: ExtractorState) -> ExtractorState:
 def read_frames(
     source: McapRecording, on_progress: Callable[[float], None] = lambda share: None
 ) -> Iterator[LoggedFrame]:
-    """The frames of a log in its order; each pass begins anew. Raises BadData at the end where the log is damaged or
-    holds what cannot be used, after all that was readable."""
+    """The frames of a log in order; each call starts a new pass. Raises BadData at the end for a damaged or unusable
+    log, after all readable frames."""
     state = state_from_message(source.snapshot) if source.snapshot is not None else None
     states = {} if state is None else {name: camera.extractor for name, camera in state.cameras}
     now = _Pass({info.camera: info for info in source.cameras}, states)

@@ -1,6 +1,6 @@
-"""One self-contained page: the prisms in 3-D, stepped through time, with the depth image beside them.
+"""A self-contained page: prisms in 3-D, stepped through time, with the depth image.
 
-Everything lies in the one file (three.js too); the page asks nothing of the network and its own policy forbids it."""
+Everything, including three.js, is in one file; the page's security policy forbids network access."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from .colors import depth_index, palette
 from .frame import FrameStatus, ViewFrame
 
 DEPTH_BUDGET_BYTES: Final = 3_000_000
-"""What the depth images of a page may take together; many frames make each of them smaller."""
+"""Size limit of all depth images in a page; many frames make each image smaller."""
 DEPTH_WIDTHS_PX: Final = (320, 240, 200, 160, 120)
 _BYTES_PER_PX: Final = 0.5
-"""A noisy depth image of one byte a pixel, packed as PNG and then as text."""
+"""Bytes per pixel of a noisy depth image as PNG in base64."""
 _PLACE: Final = re.compile(r"@@([\w.]+)@@")
 
 
 class PageBuilder:
-    """Collects frames and writes the page; holds small images only, never the full depth."""
+    """Collects frames and writes the page; keeps small images only."""
 
     def __init__(self, title: str, expected_frames: int) -> None:
         self._title = title
@@ -45,7 +45,7 @@ class PageBuilder:
         return len(self._frames)
 
     def add(self, frame: ViewFrame) -> None:
-        """Takes one more frame."""
+        """Adds a frame."""
         if self._t_start_ns is None:
             self._t_start_ns = frame.t_ns
         self._cameras.setdefault(frame.info.camera, frame.info)
@@ -53,7 +53,7 @@ class PageBuilder:
         self._frames.append(frame_data(frame, camera, self._t_start_ns, self._width_px))
 
     def page(self, note: str = "") -> str:
-        """The page's text. note: what its reader should know of it, e.g. that it holds a part of the frames.
+        """The page. note: shown to the reader, for example that it contains a part of the frames.
 
         Raises ValueError without frames."""
         if not self._frames:
@@ -69,12 +69,12 @@ class PageBuilder:
 
 
 def live_page(data: dict[str, Any]) -> str:
-    """The page that asks its own server, and nobody else, for what is new."""
+    """The live page, which requests new frames from its own server only."""
     return _fill(data, "; connect-src 'self'")
 
 
 def _fill(data: dict[str, Any], policy: str) -> str:
-    """The template with each @@name@@ replaced by what was made, or by the file of that name."""
+    """The template with each @@name@@ replaced by a computed part or by the file of that name."""
     packed = gzip.compress(json.dumps(data, separators=(",", ":"), allow_nan=False).encode(), mtime=0)
     made = {"data": base64.b64encode(packed).decode(), "policy": policy}
     files = resources.files(__package__) / "static"
@@ -83,14 +83,14 @@ def _fill(data: dict[str, Any], policy: str) -> str:
         name = match.group(1)
         text = made[name] if name in made else (files / name).read_text("utf-8")
         if "</script" in text:
-            raise ValueError(f"viewer/{name} would end the script it is embedded in")
+            raise ValueError(f"viewer/{name} contains the end of a script element")
         return text
 
     return _PLACE.sub(put, (files / "template.html").read_text("utf-8"))
 
 
 def depth_width_px(frames: int) -> int:
-    """Width of the page's depth images so that all of them together keep to the budget."""
+    """Width of the page's depth images that keeps them within the budget."""
     for width in DEPTH_WIDTHS_PX:
         if frames * width * width * 0.75 * _BYTES_PER_PX <= DEPTH_BUDGET_BYTES:
             return width
@@ -100,7 +100,7 @@ def depth_width_px(frames: int) -> int:
 def small_index(
     depth_mm: NDArray[np.uint16], info: CameraInfo, width_px: int, ke_per_m: float | None = None
 ) -> NDArray[np.uint8]:
-    """(h, w) bytes of a depth image on the common scale, made smaller by picking pixels (depth is never blended)."""
+    """(h, w) bytes of a depth image on the common scale, reduced by subsampling (depth is never averaged)."""
     height, width = depth_mm.shape
     w = min(width_px, width)
     h = max(1, round(height * w / width))
@@ -110,7 +110,7 @@ def small_index(
 
 
 def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int) -> dict[str, Any]:
-    """One frame for the page, in `level`: lengths of the model in cm, angles in mrad, both whole numbers."""
+    """One frame for the page in `level`: lengths in cm, angles in mrad, whole numbers."""
     yaw, t = frame.level_from_level_cam
     R = frame.R_level_cam_optical
     data: dict[str, Any] = {
@@ -136,17 +136,17 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
 
 
 def packed_png(index: NDArray[np.uint8], level: int) -> str:
-    """A small depth image (h, w) of one byte a pixel as PNG in base64. level: 1 quick .. 9 small."""
+    """A depth image (h, w) of one byte per pixel as PNG in base64. level: 1 fast .. 9 small."""
     packed = cv2.imencode(".png", index, [cv2.IMWRITE_PNG_COMPRESSION, level])
     return base64.b64encode(packed[1].tobytes()).decode()
 
 
 def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]:
-    """What was found, as rows of a table."""
+    """The result as rows of a table."""
     if model is None:
         return []
     s, g = model.stats, model.ground
-    ground = f"{g.height_m:.2f} m below the camera, {g.share:.0%} of what was measured" if g.seen else "none seen"
+    ground = f"{g.height_m:.2f} m below the camera, {g.share:.0%} of the measured pixels" if g.seen else "none seen"
     rows = [
         (
             "obstacles",
@@ -157,14 +157,14 @@ def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]
         ("noise", f"sigma = {model.ke_per_m:.4f} Z² (metres)"),
     ]
     if g.blind_beyond_m < max_range_m:
-        rows.append(("low things", f"cannot be told from the ground beyond {g.blind_beyond_m:.1f} m"))
+        rows.append(("low things", f"not detected beyond {g.blind_beyond_m:.1f} m"))
     if s.overflow:
         rows.append(("overflow", f"{s.overflow} strips or planes were merged into coarser ones"))
     return rows
 
 
 def _nothing() -> dict[str, Any]:
-    """The model's part of a frame that says nothing."""
+    """The model's part of an invalid frame."""
     return {
         "planes": [], "margin": [], "flags": [], "cluster": [], "support": [], "prisms": [], "free": None, "ground": None,
         "groundMargin": None,
@@ -195,7 +195,7 @@ def _prism(prism: Prism) -> list[Any]:
 
 
 def _free(free: FreeProfile) -> dict[str, list[int]]:
-    """Direction by direction, layer by layer."""
+    """By direction, then by layer."""
     return {
         "azimuth": np.rint(1000.0 * free.azimuth_edges_rad.astype(np.float64)).astype(int).tolist(),
         "layers": _cm(free.layer_edges_m),
@@ -206,13 +206,13 @@ def _free(free: FreeProfile) -> dict[str, list[int]]:
 
 
 def _cm(metres: NDArray[np.float32]) -> list[int]:
-    """Flat whole centimetres; what is not finite becomes 1 km, farther than any camera sees."""
+    """Flat whole centimetres; values that are not finite become 1 km, beyond any camera's range."""
     finite = np.nan_to_num(metres.astype(np.float64), nan=0.0, posinf=1000.0, neginf=-1000.0)
     return [int(v) for v in np.rint(100.0 * finite).ravel()]
 
 
 def camera_data(info: CameraInfo) -> dict[str, Any]:
-    """A camera as the page knows it."""
+    """The description of a camera for the page."""
     k = info.intrinsics
     return {
         "name": info.camera, "width": k.width, "height": k.height, "fx": k.fx, "fy": k.fy, "cx": k.cx, "cy": k.cy,

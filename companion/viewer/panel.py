@@ -1,4 +1,4 @@
-"""What the three panels of a picture share."""
+"""Functions shared by the three panels of a picture."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RING_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 
 
 def nothing_to_draw(ax: Any, text: str, *, blind: bool = False) -> None:
-    """Fills an empty panel with a word instead of a picture."""
+    """Fills an empty panel with a text."""
     ax.set_facecolor("#f6d5d5" if blind else "#d9d9d9")
     ax.set_xticks([])
     ax.set_yticks([])
@@ -44,10 +44,10 @@ def wrapped(text: str, columns: int = 46) -> str:
 
 
 def model_missing(frame: ViewFrame) -> str:
-    """Why there is no model to draw, in words; "" when there is one."""
+    """Why there is no model to draw, as text; "" if there is one."""
     if frame.status is FrameStatus.BLIND:
-        return f"BLIND: {frame.cause}\nnothing may be taken as free"
-    return "no prisms in this log:\nrun companion replay first" if frame.model is None else ""
+        return f"BLIND: {frame.cause}\ndo not treat any direction as free"
+    return "no prisms in this log:\nrun `companion replay` first" if frame.model is None else ""
 
 
 def plane_rgb(frame: ViewFrame, planes: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -56,22 +56,22 @@ def plane_rgb(frame: ViewFrame, planes: NDArray[np.float32]) -> NDArray[np.float
 
 
 def inferred(flags: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """(N,) bool: part of the plane was never measured."""
+    """(N,) bool: whether a part of the plane was not measured."""
     return np.asarray((flags & np.uint8(PlaneFlags.INFERRED)) != 0)
 
 
 def far_to_near(planes: NDArray[np.float32]) -> NDArray[np.intp]:
-    """(N,) indices in the order in which to draw: what is near covers what is far."""
+    """(N,) indices in drawing order: far planes first."""
     return np.argsort(-nearest_m(planes), kind="stable")
 
 
 def line_width(n: int, few: float) -> float:
-    """Width in points of the outlines of n planes: `few` for a handful, half as wide for a crowd."""
+    """Line width in points for n planes: `few` for up to a handful, half of it for many."""
     return few * min(1.0, max(0.5, 1.2 - 0.01 * n))
 
 
 def extent_m(frame: ViewFrame) -> float:
-    """How far forward the panels reach: what was found plus some air, never beyond the camera's range plus air."""
+    """Forward extent of the panels: the planes plus a margin, at most the camera's range plus a margin."""
     reach = [4.0]
     if frame.model is not None and frame.model.valid:
         planes = frame.model.planes

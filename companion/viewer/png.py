@@ -1,6 +1,6 @@
-"""One picture per frame: header, depth image with what was found drawn over it, top view, side view.
+"""One picture per frame: header, depth image with planes, top view, side view.
 
-matplotlib belongs to the extra `view` and is imported when the first picture is drawn."""
+matplotlib belongs to the extra `view` and is imported with the first picture."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .top import draw_top
 
 WIDTH_PX, HEIGHT_PX, DPI = 1600, 1000, 100
 BANNER_PX = 46
-"""Height of the coloured band along the top edge that tells the frame's standing."""
+"""Height of the coloured band at the top that shows the frame's status."""
 BANNER_COLOR = {FrameStatus.VALID: "#2e7d32", FrameStatus.BLIND: "#c62828", FrameStatus.NO_PRISMS: "#b26a00"}
 
 
 class ViewError(ValueError):
-    """The pictures cannot be made; the message names the cause and the remedy."""
+    """The pictures cannot be drawn; the message states the cause and the remedy."""
 
 
 def new_figure() -> Any:
-    """An empty matplotlib figure, WIDTH_PX x HEIGHT_PX, without a window. Raises ViewError without matplotlib."""
+    """An empty matplotlib figure of WIDTH_PX x HEIGHT_PX without a window. Raises ViewError without matplotlib."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as e:
         raise ViewError(
-            "pictures need matplotlib, which is not installed: pip install 'osape-companion[view]' "
-            "(the page alone does without it: --no-png)"
+            "pictures need matplotlib, which is not installed: pip install 'osape-companion[view]' (--no-png draws "
+            "the page only)"
         ) from e
     figure = Figure(figsize=(WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
@@ -38,7 +38,7 @@ def new_figure() -> Any:
 
 
 def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
-    """Writes the picture of one frame, WIDTH_PX x HEIGHT_PX. Raises ViewError, OSError."""
+    """Writes the picture of one frame. Raises ViewError, OSError."""
     figure = new_figure()
     _header(figure, frame, t_start_ns)
     image, scale = image_place(frame)
@@ -49,7 +49,7 @@ def save_frame(frame: ViewFrame, path: Path, *, t_start_ns: int = 0) -> None:
 
 
 def image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """(left, bottom, width, height) of the image and of the scale beside it, as shares of the figure."""
+    """(left, bottom, width, height) of the image and of its scale, as shares of the figure."""
     k, left, top = frame.info.intrinsics, 0.015, 0.865
     size_px = min(0.43 * WIDTH_PX / k.width, 0.45 * HEIGHT_PX / k.height)
     width, height = k.width * size_px / WIDTH_PX, k.height * size_px / HEIGHT_PX
@@ -57,7 +57,7 @@ def image_place(frame: ViewFrame) -> tuple[tuple[float, ...], tuple[float, ...]]
 
 
 def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
-    """The band and the two lines under it."""
+    """Draws the band and two header lines."""
     from matplotlib.patches import Rectangle
 
     status, band = frame.status, BANNER_PX / HEIGHT_PX
@@ -67,11 +67,11 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
     label = {
         FrameStatus.VALID: "VALID",
         FrameStatus.BLIND: f"BLIND: {frame.cause}",
-        FrameStatus.NO_PRISMS: "NO PRISMS IN THIS LOG: run companion replay first",
+        FrameStatus.NO_PRISMS: "NO PRISMS IN THIS LOG: run `companion replay` first",
     }[status]
     who, what = describe(frame, t_start_ns)
     if status is FrameStatus.BLIND:
-        what = "Nothing may be taken as free in this frame."
+        what = "Do not treat any direction of this frame as free."
         if frame.model is not None:
             what += f"   measured {frame.model.stats.measured_share:.0%} of the image"
     figure.text(0.015, 1 - band / 2, shorten(label, 120), color="white", fontsize=17, weight="bold", va="center")
@@ -80,5 +80,5 @@ def _header(figure: Any, frame: ViewFrame, t_start_ns: int) -> None:
 
 
 def shorten(text: str, limit: int) -> str:
-    """`text` in at most `limit` characters."""
+    """`text`, shortened to `limit` characters."""
     return text if len(text) <= limit else text[: limit - 1].rstrip() + "…"

@@ -1,4 +1,4 @@
-"""The side panel: forward distance against height above the camera, everything pushed onto one vertical sheet."""
+"""The side panel: forward distance and height above the camera; all planes in one vertical section."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .panel import (
 )
 
 CORRIDOR_M = 1.5
-"""Planes that come within this lateral distance stand straight ahead and are drawn full, the others faint."""
+"""Planes within this lateral distance are straight ahead and drawn solid, the others faint."""
 
 
 def draw_side(ax: Any, frame: ViewFrame) -> None:
     """Draws the panel."""
-    ax.set_title("From the side (what stands straight ahead is drawn full)", fontsize=12, loc="left")
+    ax.set_title("Side view (planes straight ahead are solid)", fontsize=12, loc="left")
     missing = model_missing(frame)
     if frame.model is None or missing:
         nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
@@ -51,7 +51,7 @@ def draw_side(ax: Any, frame: ViewFrame) -> None:
 
 
 def _heights(model: FrameModel) -> tuple[float, float]:
-    """(lowest, highest) height above the camera to show, metres."""
+    """(lowest, highest) height above the camera to draw, m."""
     low, high = [-1.0], [1.5]
     if len(model.planes):
         low.append(-float(np.percentile(model.planes[:, 5], 98)))
@@ -64,7 +64,7 @@ def _heights(model: FrameModel) -> tuple[float, float]:
 
 
 def _free_ahead(ax: Any, model: FrameModel) -> None:
-    """Fills what was seen free straight ahead, layer by layer, above the ground."""
+    """Fills the free space straight ahead, layer by layer, above the ground."""
     edges = model.free.azimuth_edges_rad
     ahead = int(np.searchsorted(edges, 0.0, side="right")) - 1
     if not 0 <= ahead < len(edges) - 1:
@@ -75,15 +75,15 @@ def _free_ahead(ax: Any, model: FrameModel) -> None:
         if far > near:
             x, top = np.linspace(near, far, 50), float(layers[k])
             bottom = np.minimum(float(layers[k + 1]), lowest_free_m(model.ground, x))
-            above = bottom > top  # of the ground
+            above = bottom > top  # bounded by the ground
             ax.fill_between(x, -top, -bottom, where=above, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5)
 
 
 def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:
-    """The ground's line with its slope, and from where on low things cannot be told from it."""
+    """Draws the ground with its slope, and the range beyond which low obstacles are not detected."""
     if not model.ground.seen:
         ax.text(
-            0.985, 0.06, "no ground seen", transform=ax.transAxes, ha="right", fontsize=9, color=GROUND_COLOR, zorder=9
+            0.985, 0.06, "no ground found", transform=ax.transAxes, ha="right", fontsize=9, color=GROUND_COLOR, zorder=9
         )
         return
     g = model.ground
@@ -96,7 +96,7 @@ def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:
 
 
 def _planes(ax: Any, frame: ViewFrame) -> None:
-    """Each plane as the rectangle it covers seen from the side; a wall across the view is a line."""
+    """Draws each plane as a rectangle in the side view; a plane across the view is a line."""
     from matplotlib.patches import Rectangle
 
     if frame.model is None:
@@ -119,7 +119,7 @@ def _planes(ax: Any, frame: ViewFrame) -> None:
 
 
 def _view_edges(ax: Any, frame: ViewFrame, forward: float) -> None:
-    """Lowest and highest line of sight of the image's middle column."""
+    """Draws the lowest and highest line of sight of the image's middle column."""
     R = frame.R_level_cam_optical
     if R is None:
         return
@@ -131,20 +131,20 @@ def _view_edges(ax: Any, frame: ViewFrame, forward: float) -> None:
 
 
 def _legend(ax: Any, model: FrameModel) -> None:
-    """One row under the panel."""
+    """Draws the legend below the panel."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     marks = [
         (Patch(facecolor="#bdbdbd", edgecolor="#404040", linewidth=2), f"plane within {CORRIDOR_M:g} m left or right"),
-        (Patch(facecolor="#eeeeee", edgecolor="#9e9e9e"), "plane farther aside"),
-        (Patch(facecolor=FREE_COLOR, edgecolor="#a5d6a7"), "seen free straight ahead"),
+        (Patch(facecolor="#eeeeee", edgecolor="#9e9e9e"), "plane farther to the side"),
+        (Patch(facecolor=FREE_COLOR, edgecolor="#a5d6a7"), "free straight ahead"),
         (Line2D([], [], color="#1565c0", linewidth=1, linestyle="-."), "field of view"),
     ]
     if model.ground.seen:
         marks.append((Line2D([], [], color=GROUND_COLOR, linewidth=2.2), "ground"))
         if model.ground.blind_beyond_m < ax.get_xlim()[1]:
-            marks.append((Line2D([], [], color=GROUND_COLOR, linestyle=":"), "beyond: low things unknown"))
+            marks.append((Line2D([], [], color=GROUND_COLOR, linestyle=":"), "beyond: low obstacles unknown"))
     ax.legend(
         *zip(*marks, strict=True),
         loc="upper left", bbox_to_anchor=(-0.06, -0.17), ncols=3, fontsize=8.5, frameon=False,

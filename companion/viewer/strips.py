@@ -1,4 +1,4 @@
-"""The strips of a logged frame. A log holds what strips became, not the strips: they are found again from the depth."""
+"""Recomputes the strips of a logged frame from its depth image, since a log does not contain them."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from core.types import ExtractorState, FrameModel
 from .frame import FrameStatus, ViewFrame
 
 AGREE_M = 0.01
-"""The planes found again may differ from the logged ones by rounding and by the kind of processor, no more."""
+"""Largest difference between recomputed and logged planes: rounding and processor type."""
 
 
 class StripFinder:
-    """Finds strips with the parameters of the log; keeps its buffers from frame to frame."""
+    """Computes strips with the parameters of the log; keeps its buffers between frames."""
 
     def __init__(self, params: Params) -> None:
         self._extractor = Extractor(replace(params, estimate_noise=False))
 
     def with_strips(self, frame: ViewFrame, state: ExtractorState) -> ViewFrame:
-        """The frame with the strips behind its planes; unchanged where they cannot be found again: without depth, blind,
-        or when another version or configuration made the logged planes, so that the strips would not be theirs."""
+        """The frame with the strips behind its planes. Unchanged where they cannot be recomputed: no depth image, a
+        blind frame, or planes of another version or configuration."""
         R = frame.R_level_cam_optical
         if frame.status is not FrameStatus.VALID or frame.depth_mm is None or frame.model is None or R is None:
             return frame
-        # the noise used is in the log, what it was measured from is not
+        # the log contains the noise estimate but not its input
         info = replace(frame.info, ke_per_m=frame.model.ke_per_m)
         found, _ = self._extractor.extract(frame.depth_mm, info, R, state, keep_strips=True)
         if found.strips is None or not _same(frame.model, found):

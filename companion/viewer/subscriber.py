@@ -1,8 +1,8 @@
-"""What `companion view --live` knows: the newest of each stream, how old it is, and what a page should draw of it.
+"""The subscriber of `companion view --live`: the newest message of each stream, its age, and the frames to draw.
 
-A page asks and is answered at once when there is something to draw, else after a moment with the ages alone. One answer
-is under way at a time, so a slow page gets fewer pictures, never old ones. The depth is listened to only while pages
-ask."""
+A page's request is answered at once when there is a new frame, otherwise after a short wait with the ages only. A page
+has one request at a time, so a slow page receives fewer frames but no old ones. Depth images are subscribed to only
+while pages request frames."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from .live_world import LiveWorld
 NS = 1_000_000_000
 POLL_S = 0.05
 PICTURE_NS = NS
-"""An older depth image is not shown beside anything."""
+"""Largest age of a displayed depth image."""
 PAIR_NS = round(TIMEOUT_S * NS)
-"""A frame is shown with its depth image unless the newest frame is so much newer."""
+"""A frame is shown with its depth image unless the newest frame is newer by this."""
 PLAIN_NS = NS // 5
-"""Frames without depth images are shown so often."""
+"""Interval of frames without depth images."""
 WATCHED_S = 2.0
-"""After a page's last question the depth is listened to for so long."""
+"""Time for which depth images stay subscribed after a page's last request."""
 HEALTH_OLD_NS = 3 * NS
-"""Health comes once a second: without it for so long the service is silent."""
+"""Health reports arrive once per second; after this time without one the service counts as silent."""
 RECENT = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Streams:
-    """Addresses; an empty one is not listened to. keys: folder of a client's keys, for another machine."""
+    """Addresses of the streams; empty: not subscribed. keys: directory of the client keys, for another computer."""
 
     prisms: str
     health: str
@@ -55,7 +55,7 @@ class Streams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """What a page draws of a camera. number: of this in the feed; exposed_ns: when, on our clock."""
+    """The frame of a camera that a page draws. number: consecutive; exposed_ns: exposure on the local clock."""
 
     number: int
     info: CameraInfo
@@ -66,7 +66,7 @@ class Shown:
 
 @dataclass(slots=True)
 class Camera:
-    """What was heard of one camera; instants on our clock."""
+    """The messages of one camera; times on the local clock."""
 
     info: CameraInfo | None = None
     newest: pb.PrismsFrame | None = None
@@ -81,7 +81,8 @@ class Camera:
 
 
 class LiveSubscriber:
-    """Listens in a thread of its own; may be asked from any. hear: called from it with each message and its camera."""
+    """Receives in a thread of its own; its methods may be called from any thread. on_message: called from it with each
+    message and its camera."""
 
     def __init__(self, streams: Streams, stale_s: float = TIMEOUT_S) -> None:
         self.streams, self.stale_s = streams, stale_s
@@ -102,7 +103,7 @@ class LiveSubscriber:
         self.world = LiveWorld(streams.world, streams.world_requests, streams.keys, self.vehicle)
 
     def open(self) -> None:
-        """Starts to listen; the service may come later. Raises DriverError for keys that cannot be used."""
+        """Starts to receive; the service may start later. Raises DriverError for unusable keys."""
         kinds: dict[str, type[Message]] = {"prisms": pb.PrismsFrame, "health": pb.Health, "depth": pb.DepthPreview}
         for name, kind in kinds.items():
             address = getattr(self.streams, name)
@@ -123,7 +124,7 @@ class LiveSubscriber:
         self.world.open()
 
     def close(self) -> None:
-        """May be called again."""
+        """Ends the thread. May be called twice."""
         self.world.close()
         self._stop.set()
         if self._thread.ident is not None:
@@ -132,17 +133,17 @@ class LiveSubscriber:
 
     @property
     def running(self) -> bool:
-        """Whether it listens."""
+        """Whether the thread runs."""
         return self._thread.is_alive()
 
     def wait(self, after: int, timeout_s: float) -> None:
-        """Until there is something to draw that has a higher number, or the time is over. Pages are open meanwhile."""
+        """Waits until there is a frame with a higher number than `after`, or until the time limit."""
         self.watch(WATCHED_S)
         with self.changed:
             self.changed.wait_for(lambda: self.number > after, timeout_s)
 
     def vehicle(self) -> tuple[float, float, float] | None:
-        """Where the vehicle is in ned, by the newest frame that knows; None: none does."""
+        """The vehicle's position in ned from the newest frame with a position; None: none."""
         posed = [c for c in self.cameras.copy().values() if c.newest is not None and c.newest.HasField("pose")]
         if not posed:
             return None
@@ -152,11 +153,11 @@ class LiveSubscriber:
         return p.x, p.y, p.z
 
     def watch(self, seconds: float) -> None:
-        """Depth images are wanted for so long."""
+        """Subscribes to depth images for the given time."""
         self._watched_ns = time.monotonic_ns() + round(seconds * NS)
 
     def depth_missing(self, now_ns: int) -> bool:
-        """Whether depth images were asked for and none comes."""
+        """Whether depth images are subscribed to and none arrives."""
         seen = any(c.preview is not None and now_ns - c.preview_exposed_ns < 3 * NS for c in self.cameras.values())
         return not seen and self._depth_since_ns > 0 and now_ns - self._depth_since_ns > 2 * NS
 
@@ -187,15 +188,18 @@ class LiveSubscriber:
             self._depth_since_ns = 0
 
     def _take(self, receiver: TimedSocket, kind: type[Message], now_ns: int) -> None:
-        """All that has come on a socket. What waited there while this process was held up is as old as it may be."""
+        """Takes all waiting messages of a socket. A message that waited while this process was blocked gets its largest
+        possible age."""
         while (taken := receiver.take()) is not None:
             (data, arrival_ns), message = taken, kind()
             try:
                 message.ParseFromString(data)
                 if getattr(message, "schema_version", 0) != 1:
-                    raise DecodeError(f"schema version {getattr(message, 'schema_version', 0)}; this page reads 1")
+                    raise DecodeError(
+                        f"schema version {getattr(message, 'schema_version', 0)}; this page reads version 1"
+                    )
             except DecodeError as error:
-                self.undecodable = f"{len(data)} bytes that are no {kind.DESCRIPTOR.name} ({error})"
+                self.undecodable = f"{len(data)} bytes that cannot be decoded as {kind.DESCRIPTOR.name} ({error})"
                 continue
             if isinstance(message, pb.Health):
                 self._health(message, now_ns)
@@ -218,7 +222,7 @@ class LiveSubscriber:
                 try:
                     camera.info = camera_from_message(camera_health.info)
                 except ValueError as error:
-                    self.undecodable = f"a description of camera {camera_health.camera} that cannot be ({error})"
+                    self.undecodable = f"an invalid description of camera {camera_health.camera} ({error})"
 
     def _prisms(self, message: pb.PrismsFrame, now_ns: int, arrival_ns: int) -> None:
         camera = self.cameras.setdefault(message.camera, Camera())
@@ -229,8 +233,8 @@ class LiveSubscriber:
             camera.recent.popitem(last=False)
 
     def _choose(self, camera: Camera, now_ns: int) -> None:
-        """What to show of it: the frame of the newest depth image where that is young, else the newest. One that turns
-        blind or sees again is shown at once."""
+        """Selects the frame to show: that of the newest depth image if it is recent, otherwise the newest. A change
+        between blind and valid is shown at once."""
         m, p = camera.newest, camera.preview
         if m is None or camera.info is None:
             return
@@ -247,7 +251,7 @@ class LiveSubscriber:
     def _show(
         self, camera: Camera, message: pb.PrismsFrame, preview: pb.DepthPreview | None, exposed_ns: int, now_ns: int
     ) -> None:
-        """What says the same as what is shown already is no news: a blind camera's word comes ten times a second."""
+        """Shows a frame unless it equals the shown one: a blind frame is repeated ten times per second."""
         picture = None if preview is None else (preview.sequence, preview.t_exposure_ns)
         key = (message.sequence, message.t_exposure_ns if message.valid else message.cause_text, picture, camera.info)
         if key == camera.key:

@@ -1,4 +1,4 @@
-"""The top panel: the scene from above in level_cam, forward up, right to the right, the camera at the origin."""
+"""The top panel: the scene from above in level_cam, forward up, the camera at the origin."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from .panel import (
 )
 
 CAMERA_LAYER_M = 0.0
-"""Height (z, down) at which the free profile is shown: the camera's own, where the vehicle would fly on."""
+"""Height (z, down) at which the free profile is drawn: that of the camera."""
 
 
 def draw_top(ax: Any, frame: ViewFrame) -> None:
     """Draws the panel."""
-    ax.set_title("From above (forward is up)", fontsize=12, loc="left")
+    ax.set_title("Top view (forward is up)", fontsize=12, loc="left")
     missing = model_missing(frame)
     if frame.model is None or missing:
         nothing_to_draw(ax, missing, blind=frame.status is FrameStatus.BLIND)
@@ -52,7 +52,7 @@ def draw_top(ax: Any, frame: ViewFrame) -> None:
 
 
 def _limits(ax: Any, frame: ViewFrame) -> tuple[float, float, float]:
-    """(half width, forward, behind) in metres so that what was found fits the panel's own proportions."""
+    """(half width, forward, behind) in metres that fit the planes into the panel's proportions."""
     box = ax.get_position()
     figure_w, figure_h = ax.figure.get_size_inches()
     proportion = (box.width * figure_w) / (box.height * figure_h)
@@ -65,7 +65,7 @@ def _limits(ax: Any, frame: ViewFrame) -> tuple[float, float, float]:
 
 
 def _free(ax: Any, model: FrameModel) -> str:
-    """Fills what was seen free at the camera's height; returns its layer in words, "" when there is none."""
+    """Fills the free space at the camera's height; returns its layer as text, "" if there is none."""
     from matplotlib.collections import PolyCollection
 
     layer = layer_at(model.free, CAMERA_LAYER_M)
@@ -89,7 +89,7 @@ def _free(ax: Any, model: FrameModel) -> str:
 
 
 def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
-    """Range rings with their metres, and the two edges of the field of view."""
+    """Draws range rings and the edges of the field of view."""
     from matplotlib.patches import Arc
 
     R = frame.R_level_cam_optical
@@ -121,7 +121,7 @@ def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
 
 
 def _planes(ax: Any, frame: ViewFrame, tick_m: float) -> None:
-    """Lines with their free side and margin; those at the camera's height thick."""
+    """Draws planes with free side and margin; those at the camera's height are thick."""
     from matplotlib.collections import LineCollection, PolyCollection
 
     model = frame.model
@@ -150,19 +150,19 @@ def _planes(ax: Any, frame: ViewFrame, tick_m: float) -> None:
 
 
 def _legend(ax: Any, model: FrameModel, layer: str) -> None:
-    """Two rows under the panel."""
+    """Draws the legend below the panel."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     marks = [
         (Line2D([], [], color="#404040", linewidth=3.2), "plane at camera height"),
-        (Line2D([], [], color="#404040", linewidth=1.3), "plane above or below it"),
+        (Line2D([], [], color="#404040", linewidth=1.3), "plane above or below camera height"),
         (Line2D([], [], color="black", marker="$\\vdash$", linestyle="none", markersize=8), "tick: its free side"),
         (Patch(facecolor="#ef6c00", alpha=0.4), "its margin"),
-        (Patch(facecolor=FREE_COLOR), f"seen free at camera height ({layer})" if layer else "no free profile"),
+        (Patch(facecolor=FREE_COLOR), f"free at camera height ({layer})" if layer else "no free profile"),
         (Patch(facecolor=tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR)), "unknown"),
         (Line2D([], [], color="#1565c0", linewidth=1.1, linestyle="-."), "field of view"),
-        (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacles are found up to here"),
+        (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacles are detected up to here"),
     ]
     if inferred(model.flags).any():
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))

@@ -1,4 +1,4 @@
-"""`companion view`: pictures of a log and one page with its prisms in 3-D."""
+"""`companion view`: pictures of a log and a page with its prisms in 3-D."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from .strips import StripFinder
 
 PAGE_NAME: Final = "flight.html"
 PAGE_FRAMES: Final = 600
-"""More frames than this are thinned out evenly, so that the page stays small enough to open and to send."""
+"""Largest number of frames in a page; more are thinned out evenly."""
 
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewOptions:
-    """What to draw. every: a picture of each N-th frame; frames: of these sequence numbers; neither: a handful."""
+    """Options. every: a picture of every N-th frame; frames: of these sequence numbers; neither: a selection."""
 
     every: int | None = None
     frames: tuple[int, ...] = ()
@@ -43,7 +43,7 @@ class ViewOptions:
 
 @dataclass(slots=True)
 class Views:
-    """What was drawn. damage: why the log could not be read to its end; "" when it could."""
+    """The written files. damage: why the log could not be read to its end; "" if it could."""
 
     pictures: list[Path] = field(default_factory=list)
     page: Path | None = None
@@ -57,7 +57,7 @@ class Views:
 
 @dataclass(frozen=True, slots=True)
 class _FrameSummary:
-    """What choosing needs to know of a frame."""
+    """Properties of a frame that the selection needs."""
 
     sequence: int
     t_ns: int
@@ -68,16 +68,16 @@ class _FrameSummary:
 def make_views(
     path: Path, out_dir: Path, options: ViewOptions | None = None, on_progress: Progress = lambda share: None
 ) -> Views:
-    """Draws a log into a folder, made if need be: frame_CAMERA_SEQUENCE.png and flight.html.
+    """Draws a log into a directory, created if missing: frame_CAMERA_SEQUENCE.png and flight.html.
 
-    A damaged log is drawn as far as it can be read. Raises DriverError, ViewError, ValueError (a frame asked for is not
-    there, or the log holds none), OSError."""
+    A damaged log is drawn as far as it can be read. Raises DriverError, ViewError, ValueError (a requested frame is not
+    in the log, or the log has none), OSError."""
     options = options or ViewOptions()
     with McapRecording(path) as source:
         summaries, damage = _summaries(source, lambda share: on_progress(0.4 * share))
         views = _counted(summaries, damage)
         if not summaries:
-            raise ValueError(f"{path}: there is no depth frame in it; nothing to draw. {damage}".strip())
+            raise ValueError(f"{path}: no depth frame in the log; nothing to draw. {damage}".strip())
         pictures = set(_chosen(summaries, options)) if options.png else set()
         stride = -(-len(summaries) // PAGE_FRAMES)
         builder = PageBuilder(path.name, -(-len(summaries) // stride)) if options.page else None
@@ -86,15 +86,15 @@ def make_views(
             source, summaries, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share)
         )
         if builder is not None and len(builder):
-            note = f"Shown is every {stride}. frame of {len(summaries)}. " if stride > 1 else ""
-            note += "The log is damaged: what came after is missing." if views.damage else ""
+            note = f"Every {stride}. of {len(summaries)} frames is shown." if stride > 1 else ""
+            note += "The log is damaged: later frames are missing." if views.damage else ""
             views.page = out_dir / PAGE_NAME
             views.page.write_text(builder.page(note), encoding="utf-8")
     return views
 
 
 def _summaries(source: McapRecording, on_progress: Progress) -> tuple[list[_FrameSummary], str]:
-    """One look over the log: (what there is, why it ended early)."""
+    """The first pass over the log: (summaries, why it ended early)."""
     summaries: list[_FrameSummary] = []
     try:
         for logged in read_frames(source, on_progress):
@@ -110,12 +110,14 @@ def _counted(summaries: list[_FrameSummary], damage: str) -> Views:
     views.valid, views.blind = count[FrameStatus.VALID], count[FrameStatus.BLIND]
     views.without_prisms = count[FrameStatus.NO_PRISMS]
     if summaries and views.without_prisms == len(summaries):
-        views.notes.append("no prisms in this log: run companion replay first; the pictures show the depth alone")
+        views.notes.append(
+            "no prisms in this log: run `companion replay` first; the pictures show the depth images only"
+        )
     return views
 
 
 def _chosen(summaries: list[_FrameSummary], options: ViewOptions) -> Sequence[int]:
-    """Places in the log of the frames that get a picture. Raises ValueError for one that is not there."""
+    """Indices of the frames to draw. Raises ValueError for a frame that is not in the log."""
     if options.frames:
         missing = sorted(set(options.frames) - {g.sequence for g in summaries})
         if missing:
@@ -137,7 +139,7 @@ def _draw(
     views: Views,
     on_progress: Progress,
 ) -> None:
-    """The second pass: pictures of the chosen frames, all (or each stride-th) frames into the page."""
+    """The second pass: draws the selected frames and adds all (or every stride-th) frames to the page."""
     strips = StripFinder(_params(source, views)) if pictures else None
     t_start_ns = min(g.t_ns for g in summaries)
     try:
@@ -161,44 +163,53 @@ def _draw(
 
 
 def _params(source: McapRecording, views: Views) -> Params:
-    """The extractor's parameters as the log holds them; the default ones where it does not."""
+    """The extractor's parameters of the log; the defaults where it has none."""
     if source.run is None or not source.run.config_json:
         return Params()
     try:
         return config_from_text(source.run.config_json, f"the configuration in {source.path}").extractor
     except ConfigError as error:
-        views.notes.append(f"no strips are drawn, the configuration in the log cannot be used: {error}")
+        views.notes.append(f"no strips are drawn: the configuration in the log cannot be used: {error}")
         return Params()
 
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion view`."""
-    parser = subparsers.add_parser("view", help="draw a log: pictures and a page with the prisms in 3-D")
+    parser = subparsers.add_parser("view", help="draw a log as pictures and a 3-D page")
     parser.add_argument(
-        "input", type=Path, nargs="?", metavar="FILE.mcap", help="a log, usually one that companion replay wrote"
+        "input", type=Path, nargs="?", metavar="FILE.mcap", help="a log, usually written by companion replay"
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for what is drawn")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="output directory")
     parser.add_argument("--live", action="store_true", help="serve a page that follows the running service instead")
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--every", type=_positive, metavar="N", help="a picture of each N-th frame")
+    which.add_argument("--every", type=_positive, metavar="N", help="draw every N-th frame")
     which.add_argument(
-        "--frame", type=int, action="append", default=[], metavar="N", help="a picture of frame number N (repeatable)"
+        "--frame", type=int, action="append", default=[], metavar="N", help="draw frame number N (repeatable)"
     )
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--no-png", action="store_true", help="the page alone")
-    what.add_argument("--no-page", action="store_true", help="the pictures alone")
+    what.add_argument("--no-png", action="store_true", help="write the page only")
+    what.add_argument("--no-page", action="store_true", help="write the pictures only")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     live = parser.add_argument_group("with --live")
-    live.add_argument("-c", "--config", type=Path, metavar="FILE", help="the service's, where it publishes elsewhere")
-    live.add_argument("--keys", type=Path, metavar="DIR", help="this client's keys, for streams of another machine")
-    live.add_argument("--port", type=int, default=8760, metavar="N", help="of the page (8760); 0: a free one")
     live.add_argument(
-        "--listen", default="127.0.0.1", metavar="HOST", help="127.0.0.1; 0.0.0.0 shows it to the network"
+        "-c", "--config", type=Path, metavar="FILE", help="configuration of the service, where it publishes elsewhere"
     )
     live.add_argument(
-        "--foxglove", type=int, nargs="?", const=8765, metavar="N", help="a WebSocket for Foxglove's viewer, too (8765)"
+        "--keys", type=Path, metavar="DIR", help="directory of the client keys, for streams of another computer"
     )
-    live.add_argument("--no-depth", action="store_true", help="no depth images, which the service makes for this page")
+    live.add_argument("--port", type=int, default=8760, metavar="N", help="port of the page (8760); 0: any free port")
+    live.add_argument(
+        "--listen", default="127.0.0.1", metavar="HOST", help="address to serve (127.0.0.1); 0.0.0.0: the network"
+    )
+    live.add_argument(
+        "--foxglove",
+        type=int,
+        nargs="?",
+        const=8765,
+        metavar="N",
+        help="also serve a WebSocket for Foxglove's viewer (port 8765)",
+    )
+    live.add_argument("--no-depth", action="store_true", help="do not request depth images")
 
 
 def _positive(text: str) -> int:
@@ -209,12 +220,12 @@ def _positive(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the command; 1 when the log could not be read to its end, 2 for wrong use."""
+    """0: success; 1: the log could not be read to its end; 2: wrong usage."""
     if args.live:
         if args.input is not None or args.output is not None:
-            fail("--live follows the running service: without FILE.mcap and -o")
+            fail("--live follows the running service: leave FILE.mcap and -o away")
             return 2
-        from .live_server import run as run_live  # a web server: only where it is asked for
+        from .live_server import run as run_live  # imports a web server: only where requested
 
         return run_live(args)
     if args.input is None or args.output is None:
@@ -235,7 +246,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(views: Views, path: Path) -> dict[str, Any]:
-    """What `--json` prints."""
+    """The object of `--json`."""
     return {
         "input": str(path),
         "frames": views.frames,
@@ -256,4 +267,4 @@ def _print_summary(views: Views) -> None:
     for picture in views.pictures:
         print_line(f"picture  {picture}")
     if views.page is not None:
-        print_line(f"page     {views.page}  (open it in a browser; it needs no network)")
+        print_line(f"page     {views.page}  (open it in a browser; it works offline)")

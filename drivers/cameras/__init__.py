@@ -1,1 +1,1 @@
-"""Drivers of depth cameras and the channel that carries their frames."""
+"""Drivers of depth cameras and the channel for their frames."""

@@ -1,12 +1,11 @@
-"""Depth frames from a camera's process to ours: pixels in shared memory, word of them on a socket.
+"""Carries depth frames from a camera process to the service: pixels in shared memory, notifications on a socket.
 
-The memory is anonymous (memfd): it has no name to collide with and goes when both processes are gone, however they
-end. A frame's pixels are written into the next of a few slots, then its word is sent; the socket's send and receive are
-the barrier between them. Each slot carries the number of its frame before and behind the pixels, so that a reader that
-was overtaken sees it and takes the next. Processors with weak ordering (ARM) may show these marks before the pixels: the
-word therefore carries a checksum of some rows, too, which the reader compares with those of its copy. A reader wants the
-newest frame only and never makes the writer wait.
-"""
+The memory is anonymous (memfd): it has no name and is released when both processes have ended. The writer puts a frame
+into the next of a few slots, then sends its notification; send and receive are the memory barrier. Each slot has the
+frame's number before and after the pixels, so that a reader detects a slot that was overwritten. On processors with
+weak ordering (ARM) these numbers may become visible before the pixels; the notification therefore contains a checksum
+of some rows, which the reader compares with its copy. The reader takes the newest frame only and never blocks the
+writer."""
 
 from __future__ import annotations
 
@@ -34,11 +33,11 @@ _MARK = struct.Struct("<Q")
 _PAGE = 4096
 _MAX_NOTIFICATION_BYTES = 60_000
 _CHECKSUM_ROW_STEP = 16
-"""Every so many rows, and the last, are in the checksum: a writer that overtakes goes through all rows in their order."""
+"""Row step of the checksum, which also includes the last row: a writer overwrites rows in order."""
 _FRAME = struct.Struct("<cQqqqI")
-"""The word of a frame: b"f" and what `_Told` holds. All other words are JSON objects."""
+"""Notification of a frame: b"f" and the fields of `_FrameNotice`. All other notifications are JSON objects."""
 _DESCRIPTORS = array.array("i", [0])
-"""As long as those that come along with a word."""
+"""Buffer for one descriptor that a notification carries."""
 
 
 class _FrameNotice(NamedTuple):
@@ -55,20 +54,20 @@ def checksum(depth_mm: NDArray[np.uint16]) -> int:
 
 
 def slot_bytes(width: int, height: int) -> int:
-    """Bytes of one slot: a mark, the pixels, a mark; whole pages."""
+    """Bytes of one slot: number, pixels, number; a multiple of the page size."""
     return -(-(2 * _MARK.size + 2 * width * height) // _PAGE) * _PAGE
 
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """What the camera's process said besides frames. kind: opened, state, failed or alive; told: its content."""
+    """A message of the camera process besides frames. kind: opened, state, failed or alive; payload: its content."""
 
     kind: str
     payload: dict[str, Any]
 
 
 class FrameWriter:
-    """The camera's side. fd: the socket given at its start."""
+    """The side of the camera process. fd: the socket passed to it."""
 
     def __init__(self, fd: int, camera: str) -> None:
         self._socket = socket.socket(fileno=fd)
@@ -79,16 +78,16 @@ class FrameWriter:
         self._written = 0
 
     def send(self, kind: str, **payload: Any) -> None:
-        """A word. Raises DeviceLost when nobody is left to hear it."""
+        """Sends a notification. Raises DeviceLost when the service has ended."""
         self._send({"kind": kind, **payload})
 
     def write(self, frame: DepthFrame) -> None:
-        """Puts a frame into the next slot and tells of it. Raises DeviceLost when nobody is left."""
+        """Writes a frame into the next slot and notifies the reader. Raises DeviceLost when the service has ended."""
         height, width = frame.depth_mm.shape
         if self._memory is None or self._size != (width, height):
             self._open_memory(width, height)
         if self._memory is None:
-            return  # the reader is so slow that it does not even hear of the memory
+            return  # the reader was too slow to receive the memory
         self._written += 1
         size = slot_bytes(width, height)
         at = (self._written % SLOTS) * size
@@ -119,22 +118,22 @@ class FrameWriter:
         self._deliver(lambda: self._socket.send(data))
 
     def _deliver(self, send: Any) -> bool:
-        """False: the reader is slow and will hear of a newer frame."""
+        """False: the socket is full; the reader will be notified of a newer frame."""
         try:
             send()
         except BlockingIOError:
             return False
         except OSError as error:
-            raise DeviceLost(f"camera {self._camera}: the service is gone ({error.strerror})") from error
+            raise DeviceLost(f"camera {self._camera}: the service has ended ({error.strerror})") from error
         return True
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the socket. May be called twice."""
         self._socket.close()
 
 
 class FrameReader:
-    """Our side. `child_fd` is for the camera's process. dropped: frames never delivered since a newer one was there."""
+    """The side of the service. `child_fd` is passed to the camera process. dropped: number of superseded frames."""
 
     def __init__(self, camera: str) -> None:
         self._camera = camera
@@ -149,16 +148,16 @@ class FrameReader:
 
     @property
     def child_fd(self) -> int:
-        """To be passed on; close_child() when that is done."""
+        """The descriptor for the camera process; call close_child() after passing it."""
         return self._child_socket.fileno()
 
     def close_child(self) -> None:
-        """Closes our copy of the child's end, so that its death is seen."""
+        """Closes the own copy of the child's end, so that the end of the child is detected."""
         self._child_socket.close()
 
     def read(self, timeout_s: float) -> tuple[DepthFrame | None, list[Notification]]:
-        """The newest frame not yet delivered, and all words, waiting at most timeout_s for either. Raises DeviceLost
-        when the process is gone and BadData when it sends what cannot be."""
+        """The newest undelivered frame and all notifications, after waiting at most timeout_s for either. Raises
+        DeviceLost when the process has ended, BadData when it sends invalid data."""
         until_s = time.monotonic() + timeout_s
         newest: _FrameNotice | None = None
         notifications: list[Notification] = []
@@ -171,29 +170,29 @@ class FrameReader:
                     elif payload is not None:
                         self.dropped += 1 if newest is not None else 0
                         newest = payload
-                    # asked, since after a pause an empty socket's exception takes three times as long
+                    # polled, since the exception of an empty socket takes three times as long
                     if not self._poll.poll(0):
                         break
             except DeviceLost:
                 if newest is None and not notifications:
                     raise
-                # its last words say why; the next call says that it is gone
+                # its last notifications contain the cause; the next call raises
         frame = self._frame(newest) if newest is not None else None
         return frame, notifications
 
     def _wait_readable(self, until_s: float) -> bool:
-        """Waits for a word; False when there is none by then."""
+        """Waits for a notification; False on timeout."""
         return bool(self._poll.poll(max(0.0, 1000.0 * (until_s - time.monotonic()))))
 
     def _receive(self) -> _FrameNotice | Notification | None:
-        """The next word, None when there is none; of the memory none is made."""
+        """The next notification; None: none is waiting. Shared memory is taken without a notification."""
         while True:
             try:
                 size, beside, _, _ = self._socket.recvmsg_into([self._buffer], socket.CMSG_SPACE(_DESCRIPTORS.itemsize))
             except BlockingIOError:
                 return None
             except OSError as error:
-                raise DeviceLost(f"camera {self._camera}: its process is gone ({error.strerror})") from error
+                raise DeviceLost(f"camera {self._camera}: its process has ended ({error.strerror})") from error
             if not size:
                 raise DeviceLost(f"camera {self._camera}: its process has ended")
             data = bytes(self._buffer[:size])
@@ -209,7 +208,7 @@ class FrameReader:
                 return notification
 
     def _parse(self, data: bytes, beside: list[tuple[int, int, bytes]]) -> Notification | None:
-        """A word in JSON; None when it came with the memory, which is taken."""
+        """A notification in JSON; None for one with shared memory, which is taken."""
         fds = array.array("i")
         for _, _, content in beside:
             fds.frombytes(content[: len(content) - len(content) % fds.itemsize])
@@ -234,9 +233,9 @@ class FrameReader:
         self._size = (width, height)
 
     def _frame(self, payload: _FrameNotice) -> DepthFrame | None:
-        """The frame of a word; None when the writer has overtaken us meanwhile."""
+        """The frame of a notification; None when the writer has overwritten its slot."""
         if self._memory is None:
-            raise BadData(f"camera {self._camera}: its process told of a frame before it gave the memory")
+            raise BadData(f"camera {self._camera}: its process announced a frame before the memory")
         width, height = self._size
         at = (payload.number % SLOTS) * slot_bytes(width, height)
         pixels = at + _MARK.size
@@ -256,6 +255,6 @@ class FrameReader:
         )
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes both sockets. May be called twice."""
         self._socket.close()
         self._child_socket.close()

@@ -1,9 +1,8 @@
-"""Luxonis OAK cameras through DepthAI v3: stereo depth made on the device.
+"""Luxonis OAK cameras through DepthAI v3, with stereo depth computed on the device.
 
-The library may hang or abort its process, so a source is to live in one of its own (companion.cameras.worker). It asks
-the library for the middle of the exposure on the host's monotonic clock, for the intrinsics that travel with each
-frame, and for no reconnection: who supervises this process starts it anew.
-"""
+The library may hang or abort its process, so a source runs in a process of its own (companion.cameras.worker). The
+source uses the middle of the exposure on the host's monotonic clock and the intrinsics of each frame. Automatic
+reconnection is disabled: the supervisor restarts the process."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
 
-# read by the library when it is imported: it is to report, not to take signals or send reports home
+# read by the library at its import: no signal handlers, no telemetry
 for _name, _value in (
     ("DEPTHAI_LEVEL", "error"),
     ("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0"),
@@ -30,15 +29,15 @@ for _name, _value in (
     os.environ.setdefault(_name, _value)
 
 DISPARITY_SIGMA_PX = 0.25
-"""Noise of the device's subpixel matching on textured surfaces; a prior, the extractor measures the true one."""
+"""Noise of the device's subpixel matching on textured surfaces: a prior, the extractor measures the actual noise."""
 _POLL_S = 0.002
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OakSettings:
-    """What is asked of the device. device: its id, USB port or address; empty: the only one there. confidence: 0..255,
-    lower keeps fewer and surer pixels. emitter: of the dot projector where there is one, 0..1. first_frame_s: patience
-    for the device to be found, to boot and to deliver."""
+    """Settings of the device. device: its id, USB port or address; empty: the only device. confidence: 0..255, lower
+    keeps fewer and more reliable pixels. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to
+    find, boot and deliver."""
 
     camera: str
     device: str = ""
@@ -54,7 +53,7 @@ class OakSettings:
 
 
 class OakLink(Protocol):
-    """A running pipeline: where its depth comes out, and how it ends."""
+    """A running pipeline: its depth queue and its end."""
 
     queue: Any
     baseline_m: float | None
@@ -64,7 +63,7 @@ class OakLink(Protocol):
 
 
 class OakSource:
-    """A DepthSource. `connect` makes the pipeline; tests give one that runs on the host."""
+    """A DepthSource. `connect` creates the pipeline; tests pass one that runs on the host."""
 
     def __init__(self, settings: OakSettings, connect: Callable[[OakSettings], OakLink] | None = None) -> None:
         self._settings = settings
@@ -81,15 +80,15 @@ class OakSource:
         return self._info
 
     def open(self) -> None:
-        """Boots the device and waits for its first frame, which tells the intrinsics. Raises DeviceNotFound, DeviceLost
-        and BadData; what was opened is closed again."""
+        """Boots the device and waits for its first frame, which contains the intrinsics. Raises DeviceNotFound,
+        DeviceLost and BadData; a partially opened device is closed."""
         self._link = self._connect(self._settings)
         try:
             message = self._next(self._settings.first_frame_s)
             if message is None:
                 raise DeviceLost(
-                    f"camera {self._settings.camera}: no depth frame within {self._settings.first_frame_s:g} s; is the "
-                    "cable USB 3, is the power enough (OAK needs up to 1.5 A)?"
+                    f"camera {self._settings.camera}: no depth frame within {self._settings.first_frame_s:g} s; check "
+                    "that the cable is USB 3 and the power supply sufficient (OAK needs up to 1.5 A)"
                 )
             self._info = self._describe(message)
             self._waiting = self._frame(message)
@@ -98,13 +97,13 @@ class OakSource:
             raise
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the device. May be called twice."""
         link, self._link = self._link, None
         if link is not None:
             link.close()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The newest frame not yet delivered, or None after timeout_s. Raises DeviceLost and BadData."""
+        """The newest undelivered frame, or None after timeout_s. Raises DeviceLost and BadData."""
         if self._waiting is not None:
             frame, self._waiting = self._waiting, None
             return frame
@@ -122,14 +121,14 @@ class OakSource:
         while True:
             try:
                 messages = link.queue.tryGetAll()
-            except (RuntimeError, dai.MessageQueue.QueueException) as error:  # the link is down, the queue is closed
+            except (RuntimeError, dai.MessageQueue.QueueException) as error:  # the link is down or the queue closed
                 raise DeviceLost(
-                    f"camera {self._settings.camera}: the device is gone ({_first_line(error)})"
+                    f"camera {self._settings.camera}: the device was lost ({_first_line(error)}); check cable and power"
                 ) from error
             if messages:
                 return messages[-1]
             if not link.running():
-                raise DeviceLost(f"camera {self._settings.camera}: the device stopped; was it unplugged?")
+                raise DeviceLost(f"camera {self._settings.camera}: the device stopped; check cable and power")
             if time.monotonic() >= until_s:
                 return None
             time.sleep(_POLL_S)
@@ -140,8 +139,8 @@ class OakSource:
         exposure_ns = _middle_ns(message)
         if not 0 < exposure_ns <= arrival_ns:
             raise BadData(
-                f"camera {self._settings.camera}: a frame stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from its "
-                "arrival; the device's clock is not synchronised with the host's"
+                f"camera {self._settings.camera}: a frame is stamped {(exposure_ns - arrival_ns) / 1e9:+.3f} s from "
+                "its arrival; the device's clock is not synchronised with the host's. Restart the device"
             )
         return DepthFrame(
             camera=self._settings.camera,
@@ -168,7 +167,7 @@ class OakSource:
             )
         except ValueError as error:
             raise BadData(
-                f"camera {self._settings.camera}: {error}; is the device calibrated? (its factory calibration is read)"
+                f"camera {self._settings.camera}: {error}; check that the device has its factory calibration"
             ) from error
         baseline_m = self._link.baseline_m if self._link is not None else None
         ke = DISPARITY_SIGMA_PX / (intrinsics.fx * baseline_m) if baseline_m else 0.005
@@ -190,7 +189,7 @@ def _middle_ns(message: Any) -> int:
 
 
 class DeviceLink:
-    """A pipeline on a device: two rectified cameras, stereo depth, a queue that keeps the newest two frames."""
+    """A pipeline on a device: two rectified cameras, stereo depth, and a queue of the newest two frames."""
 
     def __init__(self, settings: OakSettings, device: Any) -> None:
         import depthai as dai
@@ -213,7 +212,7 @@ class DeviceLink:
         stereo.setSubpixel(True)
         stereo.initialConfig.setConfidenceThreshold(settings.confidence)
         stereo.initialConfig.setDepthUnit(dai.StereoDepthConfig.AlgorithmControl.DepthUnit.MILLIMETER)
-        # smoothing across edges makes depths where nothing is
+        # smoothing across edges would create depths where no surface is
         stereo.initialConfig.setMedianFilter(dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF)
         self.queue = stereo.depth.createOutputQueue(maxSize=2, blocking=False)
         self._pipeline.start()
@@ -225,7 +224,7 @@ class DeviceLink:
         return bool(self._pipeline.isRunning()) and not self._device.isClosed()
 
     def close(self) -> None:
-        """stop() without wait() before the release deadlocks."""
+        """Calls stop() without wait(): wait() deadlocks before the release."""
         self._pipeline.stop()
         self._pipeline.wait()
         self._device.close()
@@ -245,12 +244,12 @@ def connect_device(settings: OakSettings) -> DeviceLink:
     except RuntimeError as error:
         raise DeviceNotFound(
             f"camera {settings.camera}: the device {found.getDeviceId()} does not start ({_first_line(error)}); "
-            "another program may hold it, or the udev rule is missing"
+            "another program may use it, or the udev rule is missing"
         ) from error
 
 
 def _find(dai: Any, settings: OakSettings) -> Any:
-    """The device asked for, polled for: the library itself would wait 11 s and then raise."""
+    """The requested device, by polling: the library itself would wait 11 s and then raise."""
     until_s = time.monotonic() + settings.find_s
     while True:
         there = dai.Device.getAllAvailableDevices()
@@ -266,7 +265,7 @@ def _find(dai: Any, settings: OakSettings) -> Any:
     wanted = f"OAK device {settings.device}" if settings.device else "OAK device"
     others = ", ".join(d.getDeviceId() for d in there) or "none"
     raise DeviceNotFound(
-        f"camera {settings.camera}: no {wanted} (there: {others}); check the cable, the power and the udev rule"
+        f"camera {settings.camera}: no {wanted} (available: {others}); check the cable, the power and the udev rule"
     )
 
 
@@ -274,7 +273,7 @@ def _baseline_m(device: Any) -> float | None:
     try:
         return float(device.readCalibration().getBaselineDistance()) / 100.0
     except RuntimeError:
-        return None  # a device without calibration: the frame's intrinsics will say so
+        return None  # without calibration: the frame's intrinsics will be invalid
 
 
 def _first_line(error: Exception) -> str:

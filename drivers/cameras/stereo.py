@@ -1,4 +1,4 @@
-"""Depth from two images by OpenCV: rectification, semi-global matching, left-right check, speckles out."""
+"""Depth from stereo images with OpenCV: rectification, semi-global matching, left-right check, speckle filter."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .zed_calibration import StereoCalibration
 
 Gray = NDArray[np.uint8]
 _SUBPIXEL = 16.0
-"""The matcher counts in sixteenths of a pixel."""
+"""Steps per pixel of the matcher's disparity."""
 _MAX_MM = 65_000.0
 
 
@@ -24,33 +24,36 @@ class MatchParams:
     """Cost and filters of the matching."""
 
     disparities: int = number(
-        96, 16, 512, "px", "searched, rounded up to a multiple of 16: the nearest depth is f B over it"
+        96, 16, 512, "px", "disparities searched, rounded up to a multiple of 16: the smallest depth is f B over it"
     )
     block_px: int = number(5, 1, 15, "px", "side of the matched block, odd")
     uniqueness: int = number(8, 0, 50, "%", "the best match must be better than the next by so much")
-    check_px: int = number(1, 0, 8, "px", "left to right and right to left agree within")
-    speckle_px: int = number(120, 0, 5000, "px", "smaller patches are no thing of their own")
-    speckle_range: int = number(2, 1, 32, "px", "steps of disparity inside one patch")
-    edge_px: int = number(4, 0, 64, "px", "border of the rectified image that is not trusted")
+    check_px: int = number(1, 0, 8, "px", "margin of the best match over the next, percent")
+    speckle_px: int = number(
+        120, 0, 5000, "px", "largest difference between left-to-right and right-to-left disparity, px"
+    )
+    speckle_range: int = number(2, 1, 32, "px", "smaller patches are removed, px")
+    edge_px: int = number(4, 0, 64, "px", "disparity step within one patch")
 
     def __post_init__(self) -> None:
         check("stereo", self)
 
 
 class StereoDepth:
-    """Makes depth of raw pairs of one calibration. Not for two threads at once."""
+    """border of the rectified image that is not used, px"""
 
     def __init__(self, calibration: StereoCalibration, params: MatchParams | None = None) -> None:
         c, self._params = calibration, params or MatchParams()
         size = (c.width, c.height)
-        # T as a column: newer OpenCV refuses it flat
+        # T as a column: newer OpenCV rejects a flat array
         R1, R2, P1, P2, _, _, _ = cv2.stereoRectify(
             c.left.matrix, c.left.distortion, c.right.matrix, c.right.distortion, size, c.R, c.T.reshape(3, 1), alpha=0
         )
         self._left = cv2.initUndistortRectifyMap(c.left.matrix, c.left.distortion, R1, P1, size, cv2.CV_16SC2)
         self._right = cv2.initUndistortRectifyMap(c.right.matrix, c.right.distortion, R2, P2, size, cv2.CV_16SC2)
         self.R_rectified_raw: NDArray[np.float64] = np.asarray(R1)
-        """The rectified left view is turned by this (about a degree) from the raw eye: the mount is that of the view."""
+        """Rotation of the rectified left view from the raw one, about a degree; the mount refers to the rectified view.
+        """
         self.baseline_m = float(-P2[0, 3] / P2[0, 0])
         self.intrinsics = Intrinsics(
             c.width, c.height, float(P1[0, 0]), float(P1[1, 1]), float(P1[0, 2]), float(P1[1, 2])
@@ -58,7 +61,7 @@ class StereoDepth:
         self._matcher = matcher(self._params)
 
     def rectified(self, left: Gray, right: Gray) -> tuple[Gray, Gray]:
-        """Both images with their rows along the epipolar lines."""
+        """Both images with rows along the epipolar lines."""
         return (
             np.asarray(cv2.remap(left, *self._left, cv2.INTER_LINEAR), np.uint8),
             np.asarray(cv2.remap(right, *self._right, cv2.INTER_LINEAR), np.uint8),
@@ -94,7 +97,7 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
 def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
     """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none."""
     found = np.asarray(sgbm.compute(left, right), np.float32) / np.float32(_SUBPIXEL)
-    # the same search from the right: mirrored, so that it looks the same way
+    # the same search from the right image: mirrored, to keep the direction of the search
     back = np.asarray(sgbm.compute(right[:, ::-1].copy(), left[:, ::-1].copy()), np.float32)[:, ::-1] / _SUBPIXEL
     columns = np.arange(left.shape[1], dtype=np.float32)[None, :]
     there = np.rint(columns - found).astype(np.int32)
@@ -113,7 +116,7 @@ def depth_mm(disparity: NDArray[np.float32], f_px: float, baseline_m: float) -> 
 
 
 def vertical_disparity_px(left: Gray, right: Gray) -> tuple[float, int]:
-    """(median of the row difference of matched corners, their number) of a rectified pair: 0 when the calibration fits."""
+    """(median row difference of matched corners, their number) of a rectified pair; 0 when the calibration fits."""
     finder = cv2.ORB.create(nfeatures=800)
     points_l, descriptors_l = finder.detectAndCompute(left, np.empty(0))
     points_r, descriptors_r = finder.detectAndCompute(right, np.empty(0))

@@ -1,8 +1,7 @@
-"""Depth cameras that speak plain V4L2 with Z16 pixels (RealSense and others), without their makers' libraries.
+"""Depth cameras with plain V4L2 and Z16 pixels (RealSense and others), without the manufacturers' libraries.
 
-The kernel stamps each buffer on the monotonic clock when it is filled; how long before that the middle of the exposure
-was (`exposure_latency_s`), what a unit of depth is and the intrinsics are not told by the device: they come from the
-configuration."""
+The kernel stamps each buffer on the monotonic clock when it is filled. The device does not report the delay since the
+middle of the exposure (`exposure_latency_s`), the depth unit and the intrinsics: they come from the configuration."""
 
 from __future__ import annotations
 
@@ -21,12 +20,12 @@ from core.types import SATURATED_MM, CameraInfo, DepthFrame, Intrinsics
 from ..base import BadData, DeviceLost, DeviceNotFound
 
 AHEAD_NS = 5_000_000
-"""Stamps that the kernel computes of the device's own clock may lie a little ahead of now; they are taken as now."""
+"""Largest accepted lead of a stamp over the present, for drivers that compute it from the device's clock."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class V4l2Settings:
-    """device: best under /dev/v4l/by-id, whose names survive unplugging. depth_unit_mm: millimetres a unit of Z16."""
+    """device: best under /dev/v4l/by-id, whose names survive reconnection. depth_unit_mm: millimetres per unit of Z16."""
 
     camera: str
     device: str
@@ -42,7 +41,7 @@ class V4l2Settings:
 
 @dataclass(frozen=True, slots=True)
 class RawBuffer:
-    """One filled buffer; stamp_ns: the kernel's, on CLOCK_MONOTONIC. faulty: the driver says that data are missing."""
+    """One filled buffer. stamp_ns: the kernel's, on CLOCK_MONOTONIC; faulty: the driver reports missing data."""
 
     data: bytes
     bytes_per_line: int
@@ -56,14 +55,14 @@ class Capture(Protocol):
 
     def fileno(self) -> int: ...
     def read(self) -> RawBuffer:
-        """The next buffer; only after fileno() was readable. Raises OSError."""
+        """The next buffer; call it after fileno() became readable. Raises OSError."""
         ...
 
     def close(self) -> None: ...
 
 
 class V4l2Source:
-    """A DepthSource. `connect` opens the stream; tests give one of their own."""
+    """A DepthSource. `connect` opens the stream; tests pass their own."""
 
     def __init__(self, settings: V4l2Settings, connect: Callable[[V4l2Settings], Capture] | None = None) -> None:
         self._settings = settings
@@ -73,24 +72,24 @@ class V4l2Source:
 
     @property
     def info(self) -> CameraInfo:
-        """All of it from the settings."""
+        """The description, from the settings."""
         s = self._settings
         return CameraInfo(
             s.camera, s.intrinsics, min_range_m=s.min_range_m, max_range_m=s.max_range_m, ke_per_m=s.ke_per_m
         )
 
     def open(self) -> None:
-        """Raises DeviceNotFound and BadData."""
+        """Opens the stream. Raises DeviceNotFound and BadData."""
         self._capture = self._connect(self._settings)
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the stream. May be called twice."""
         capture, self._capture = self._capture, None
         if capture is not None:
             capture.close()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The newest frame not yet delivered, or None after timeout_s. Raises DeviceLost and BadData."""
+        """The newest undelivered frame, or None after timeout_s. Raises DeviceLost and BadData."""
         if self._capture is None:
             raise DeviceNotFound(f"camera {self._settings.camera}: not open; call open() first")
         until_s = time.monotonic() + timeout_s
@@ -107,7 +106,8 @@ class V4l2Source:
             except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or error
                 raise DeviceLost(
-                    f"camera {self._settings.camera}: {self._settings.device} is gone ({reason}); was it unplugged?"
+                    f"camera {self._settings.camera}: {self._settings.device} was lost ({reason}); check cable and "
+                    "power"
                 ) from error
             if buffer.faulty:
                 self.faulty += 1
@@ -120,8 +120,8 @@ class V4l2Source:
         s = self._settings
         if not arrival_ns - 2_000_000_000 < buffer.stamp_ns <= arrival_ns + AHEAD_NS:
             raise BadData(
-                f"camera {s.camera}: a buffer stamped {(buffer.stamp_ns - arrival_ns) / 1e9:+.3f} s from now; its driver "
-                "does not stamp on the monotonic clock, so its frames cannot be matched with attitudes"
+                f"camera {s.camera}: a buffer is stamped {(buffer.stamp_ns - arrival_ns) / 1e9:+.3f} s from the "
+                "present; its driver does not use the monotonic clock, so its frames cannot be matched with attitudes"
             )
         exposure_ns = min(buffer.stamp_ns, arrival_ns) - round(s.exposure_latency_s * 1e9)
         return DepthFrame(
@@ -134,13 +134,13 @@ class V4l2Source:
 
 
 def depth_from_buffer(buffer: RawBuffer, settings: V4l2Settings) -> NDArray[np.uint16]:
-    """(H, W) uint16 millimetres of a Z16 buffer; what is beyond 65.5 m is no measurement. Raises BadData."""
+    """(H, W) uint16 millimetres of a Z16 buffer; beyond 65.5 m is no measurement. Raises BadData."""
     width, height = settings.intrinsics.width, settings.intrinsics.height
     line = buffer.bytes_per_line or 2 * width
     if line < 2 * width or len(buffer.data) < line * (height - 1) + 2 * width:
         raise BadData(
-            f"camera {settings.camera}: a buffer of {len(buffer.data)} bytes, {line} a line, holds no {width}x{height} "
-            "pixels; set width_px and height_px to what the camera delivers"
+            f"camera {settings.camera}: a buffer of {len(buffer.data)} bytes, {line} per line, is too small for "
+            f"{width}x{height} pixels; set width_px and height_px to the camera's format"
         )
     padded = np.frombuffer(buffer.data, np.uint8, line * (height - 1) + 2 * width)
     if line == 2 * width:
@@ -176,32 +176,34 @@ class LinuxpyCapture:
         except (OSError, v4l2.V4L2Error) as error:
             self._device.close()
             raise DeviceNotFound(
-                f"camera {settings.camera}: {settings.device} cannot be opened ({getattr(error, 'strerror', None) or error}); "
-                "is it plugged in (ls /dev/v4l/by-id), does another program hold it, is the user in the group video?"
+                f"camera {settings.camera}: {settings.device} cannot be opened "
+                f"({getattr(error, 'strerror', None) or error}); check that it is connected (ls /dev/v4l/by-id), that "
+                "no other program uses it and that the user is in the group video"
             ) from error
         except BadData:
             self._device.close()
             raise
 
     def _set_format(self, settings: V4l2Settings) -> None:
-        """The driver may take something else without a word: what it took is read back."""
+        """Sets the format and reads it back, since the driver may choose another one."""
         width, height = settings.intrinsics.width, settings.intrinsics.height
         self._stream.set_format(width, height, settings.pixel_format)
         got = self._stream.get_format()
         name = "".join(chr((int(got.pixel_format) >> shift) & 0x7F) for shift in (0, 8, 16, 24))
         if (got.width, got.height, name) != (width, height, settings.pixel_format):
             raise BadData(
-                f"camera {settings.camera}: asked for {width}x{height} {settings.pixel_format.strip()}, the device gives "
-                f"{got.width}x{got.height} {name.strip()}; `v4l2-ctl -d {settings.device} --list-formats-ext` tells what it can"
+                f"camera {settings.camera}: requested {width}x{height} {settings.pixel_format.strip()}, the device "
+                f"gives {got.width}x{got.height} {name.strip()}; `v4l2-ctl -d {settings.device} --list-formats-ext` "
+                "lists the supported formats"
             )
         self._stream.set_fps(settings.fps)
 
     def fileno(self) -> int:
-        """For select."""
+        """The file descriptor for select."""
         return int(self._device.fileno())
 
     def read(self) -> RawBuffer:
-        """The next filled buffer; its pixels are copied, the buffer goes back to the driver."""
+        """The next filled buffer; its pixels are copied and the buffer is returned to the driver."""
         frame = self._stream.buffer.raw_read()
         stamp = frame.buff.timestamp
         return RawBuffer(
@@ -210,7 +212,7 @@ class LinuxpyCapture:
         )  # fmt: skip
 
     def close(self) -> None:
-        """May be called again; an unplugged device cannot be told to stop."""
+        """Stops the stream. May be called twice; an unplugged device cannot be stopped."""
         with contextlib.suppress(OSError):
             self._stream.close()
         self._device.close()

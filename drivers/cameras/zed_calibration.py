@@ -1,7 +1,7 @@
-"""The factory calibration of a ZED: SN<serial>.conf, as its maker's site delivers it for each camera.
+"""Reads the factory calibration of a ZED: SN<serial>.conf, which the manufacturer provides for each camera.
 
-Generations of it differ: older ones have no k3, TY and TZ, name the resolutions 2K, FHD, HD, VGA, and end lines in
-blanks. Lengths are millimetres, angles the components of a rotation vector in radians (CV is the one about y)."""
+Older files have no k3, TY and TZ, name the resolutions 2K, FHD, HD, VGA, and have trailing blanks. Lengths are
+millimetres; angles are the components of a rotation vector in radians (CV is the one about y)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..base import BadData, DeviceNotFound
 
 RESOLUTIONS = {"2K": (2208, 1242), "FHD": (1920, 1080), "HD": (1280, 720), "VGA": (672, 376)}
-"""Name in the file -> size of one eye's image."""
+"""Name in the file -> image size of one eye."""
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,8 @@ class EyeCalibration:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StereoCalibration:
-    """Of one resolution. p_right = R p_left + T, optical axes, T in metres: OpenCV's convention, T[0] < 0."""
+    """The calibration for one resolution. p_right = R p_left + T, optical axes, T in metres: OpenCV's convention, T[0]
+    < 0."""
 
     width: int
     height: int
@@ -42,28 +43,28 @@ class StereoCalibration:
 
     @property
     def baseline_m(self) -> float:
-        """Distance of both centres."""
+        """Distance between the optical centres."""
         return float(np.linalg.norm(self.T))
 
 
 def load_zed_calibration(path: Path, width: int, height: int) -> StereoCalibration:
-    """The calibration for images of width x height an eye. Raises DeviceNotFound and BadData."""
+    """The calibration for images of width x height per eye. Raises DeviceNotFound and BadData."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
+        reason = getattr(error, "strerror", None) or "it is not a text file"
         raise DeviceNotFound(
-            f"{path}: {reason}; the maker's site gives each camera's SN<serial>.conf for download"
+            f"{path}: {reason}; download the camera's SN<serial>.conf from the manufacturer's site"
         ) from error
     return parse_zed_calibration(text, str(path), width, height)
 
 
 def parse_zed_calibration(text: str, source: str, width: int, height: int) -> StereoCalibration:
-    """As load_zed_calibration, of the file's text."""
+    """As load_zed_calibration, from the text of the file."""
     name = next((n for n, size in RESOLUTIONS.items() if size == (width, height)), None)
     if name is None:
         sizes = ", ".join(f"{w}x{h}" for w, h in RESOLUTIONS.values())
-        raise BadData(f"{source}: no calibration for {width}x{height}; a ZED delivers {sizes} an eye")
+        raise BadData(f"{source}: no calibration for {width}x{height}; a ZED delivers {sizes} per eye")
     parser = configparser.ConfigParser(strict=False)
     try:
         parser.read_string(text)
@@ -73,7 +74,7 @@ def parse_zed_calibration(text: str, source: str, width: int, height: int) -> St
         vector = np.array([float(stereo[f"{key}_{name}"]) for key in ("RX", "CV", "RZ")])
         offset_mm = np.array([-baseline_mm, float(stereo.get("TY", "0")), float(stereo.get("TZ", "0"))])
     except (configparser.Error, KeyError, ValueError) as error:
-        raise BadData(f"{source}: not a ZED calibration ({error}); download it anew") from error
+        raise BadData(f"{source}: not a ZED calibration ({error}); download it again") from error
     if not 20.0 <= baseline_mm <= 500.0:
         raise BadData(f"{source}: a baseline of {baseline_mm:g} mm; expected about 63 or 120")
     return StereoCalibration(
@@ -96,7 +97,7 @@ def _eye(parser: configparser.ConfigParser, section: str) -> EyeCalibration:
     fx, fy, cx, cy = (float(s[key]) for key in ("fx", "fy", "cx", "cy"))
     distortion = [float(s[key]) for key in ("k1", "k2", "p1", "p2")] + [float(s.get("k3", "0"))]
     if not all(map(math.isfinite, [fx, fy, cx, cy, *distortion])) or fx <= 0.0 or fy <= 0.0:
-        raise ValueError(f"[{section}] holds values that are no camera's")
+        raise ValueError(f"[{section}] contains invalid camera parameters")
     return EyeCalibration(
         matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), distortion=np.array(distortion)
     )

@@ -1,6 +1,6 @@
-"""A ZED as a plain USB video device: side-by-side images through OpenCV, matched here on the processor.
+"""A ZED as a plain USB video device: side-by-side images through OpenCV, stereo matching on the processor.
 
-No vendor's library is needed, only the camera's own calibration file. What it delivers is not rectified."""
+It needs the camera's calibration file, but no manufacturer's library. The delivered images are not rectified."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from .stereo import MatchParams, StereoDepth, vertical_disparity_px
 from .zed_calibration import StereoCalibration, load_zed_calibration
 
 DISPARITY_SIGMA_PX = 0.3
-"""Prior of the matching's noise; the extractor measures the true one."""
+"""Prior of the matching noise; the extractor measures the actual noise."""
 MAX_VERTICAL_PX = 1.5
 MIN_CORNERS = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZedSettings:
-    """device: best under /dev/v4l/by-id. width, height: of one eye. calibration: SN<serial>.conf. exposure_latency_s:
-    from the middle of the exposure to the kernel's stamp."""
+    """device: best under /dev/v4l/by-id. width, height: per eye. calibration: SN<serial>.conf. exposure_latency_s: from
+    the middle of the exposure to the kernel's stamp."""
 
     camera: str
     device: str
@@ -45,7 +45,7 @@ class ZedSettings:
 
 
 class Video(Protocol):
-    """What is used of cv2.VideoCapture."""
+    """The used interface of cv2.VideoCapture."""
 
     def isOpened(self) -> bool: ...
     def read(self) -> tuple[bool, Any]: ...
@@ -55,13 +55,13 @@ class Video(Protocol):
 
 
 def open_video(settings: ZedSettings) -> Video:
-    """The device, or a video file in its place."""
+    """Opens the device, or a video file in its place."""
     is_device = settings.device.startswith("/dev/")
     return cv2.VideoCapture(settings.device, cv2.CAP_V4L2 if is_device else cv2.CAP_FFMPEG)
 
 
 class ZedSource:
-    """A DepthSource. `connect` opens the video; tests give a file or a device of their own."""
+    """A DepthSource. `connect` opens the video; tests pass a file or a device of their own."""
 
     def __init__(
         self,
@@ -94,8 +94,8 @@ class ZedSource:
         )
 
     def open(self) -> None:
-        """Opens the device, reads a first image and checks with it that the calibration is this camera's. Raises
-        DeviceNotFound, DeviceLost and BadData; what was opened is closed again."""
+        """Opens the device, reads a first image and checks the calibration with it. Raises DeviceNotFound, DeviceLost
+        and BadData; a partially opened device is closed."""
         s = self._settings
         calibration = self._given or load_zed_calibration(s.calibration, s.width, s.height)
         self._stereo = StereoDepth(calibration, s.match)
@@ -103,8 +103,8 @@ class ZedSource:
         try:
             if not self._video.isOpened():
                 raise DeviceNotFound(
-                    f"camera {s.camera}: {s.device} cannot be opened; is it plugged in (ls /dev/v4l/by-id), does another "
-                    "program hold it, is the user in the group video?"
+                    f"camera {s.camera}: {s.device} cannot be opened; check that it is connected (ls /dev/v4l/by-id), "
+                    "that no other program uses it and that the user is in the group video"
                 )
             if s.device.startswith("/dev/"):
                 for prop, value in (
@@ -119,13 +119,13 @@ class ZedSource:
             raise
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the device. May be called twice."""
         video, self._video = self._video, None
         if video is not None:
             video.release()
 
     def read(self, timeout_s: float) -> DepthFrame | None:
-        """The next frame: the device itself paces this, the driver keeps one image. Raises DeviceLost and BadData."""
+        """The next frame. The device sets the rate, the driver buffers one image. Raises DeviceLost and BadData."""
         if self._first is not None:
             image, stamp_ns = self._first, self._first_ns
             self._first = None
@@ -151,31 +151,31 @@ class ZedSource:
         good, image = video.read()
         now_ns = time.monotonic_ns()
         if not good or image is None:
-            raise DeviceLost(f"camera {s.camera}: {s.device} delivers no image any more; was it unplugged?")
+            raise DeviceLost(f"camera {s.camera}: {s.device} delivers no images any more; check cable and power")
         if image.shape[:2] != (s.height, 2 * s.width):
             raise BadData(
-                f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} (both eyes "
-                "side by side); set width_px and height_px to what the camera delivers"
+                f"camera {s.camera}: images of {image.shape[1]}x{image.shape[0]}, expected {2 * s.width}x{s.height} "
+                "(both eyes side by side); set width_px and height_px to the camera's format"
             )
         stamp_ns = round(video.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         # the kernel's monotonic stamp; a file has its own time, and some drivers have none
         return image, stamp_ns if now_ns - 2_000_000_000 < stamp_ns <= now_ns else now_ns
 
     def _check(self, image: NDArray[np.uint8]) -> None:
-        """Corners of both eyes must lie on the same rows once rectified. Raises BadData."""
+        """Checks that corners of both eyes are on the same rows after rectification. Raises BadData."""
         assert self._stereo is not None
         self.vertical_px, corners = vertical_disparity_px(*self._stereo.rectified(*halves(image)))
         if corners < MIN_CORNERS:
             self.warning = f"too few corners in view ({corners}) to check the calibration"
         elif abs(self.vertical_px) > MAX_VERTICAL_PX:
             raise BadData(
-                f"camera {self._settings.camera}: both eyes are {self.vertical_px:+.1f} px apart in height after "
-                f"rectification; {self._settings.calibration} is another camera's, or this one was bent"
+                f"camera {self._settings.camera}: the eyes differ by {self.vertical_px:+.1f} px in height after "
+                f"rectification; {self._settings.calibration} belongs to another camera, or this camera was bent"
             )
 
 
 def halves(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Left and right eye in gray, of a side-by-side image."""
+    """Left and right eye in gray from a side-by-side image."""
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
     middle = gray.shape[1] // 2
     return np.ascontiguousarray(gray[:, :middle]), np.ascontiguousarray(gray[:, middle:])

@@ -1,1 +1,1 @@
-"""Reading MCAP files and the codecs of their messages."""
+"""Reads MCAP files and encodes and decodes their messages."""

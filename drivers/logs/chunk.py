@@ -1,7 +1,7 @@
-"""The records of an MCAP chunk, unpacked within limits: what a file claims of itself is never believed.
+"""Decompresses the chunks of an MCAP file within limits: sizes stated in the file are not trusted.
 
-A few kilobytes of zstd can unpack to gigabytes. Here a chunk that claims more than `MOST_CHUNK_BYTES` is refused before
-it is unpacked, and unpacking ends as soon as there is more than the chunk claims."""
+A few kilobytes of zstd can decompress to gigabytes. A chunk that states more than `MAX_CHUNK_BYTES` is refused, and
+decompression stops when the stated size is exceeded."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from mcap.exceptions import McapError
 from mcap.records import Chunk
 
 MAX_CHUNK_BYTES: Final = 1 << 26
-"""Unpacked. Writers make chunks of about 1 MiB; a larger one holds a single large message."""
+"""Decompressed size limit. Writers use chunks of about 1 MiB; a larger one contains a single large message."""
 MAX_WINDOW_BYTES: Final = 1 << 27
-"""Of a zstd frame: what the decompressor may allocate for it."""
+"""Limit of the memory that the decompressor may allocate for a zstd frame."""
 _FIXED: Final = struct.Struct("<QQQI")
-"""First and last time, unpacked size, checksum."""
+"""First and last time, decompressed size, checksum."""
 PARSE_ERRORS: Final = (struct.error, McapError, UnicodeDecodeError, RuntimeError, zstandard.ZstdError)
 
 
 def unpacked(payload: bytes, whole: bool) -> bytes:
-    """The records of a chunk. payload: the content of the chunk's record. whole: False for the last chunk of a cut file,
-    which gives what can be unpacked. Raises one of PARSE_ERRORS."""
+    """The records of a chunk. payload: content of the chunk's record. whole: False for the last chunk of a truncated
+    file, which is decompressed as far as possible. Raises one of PARSE_ERRORS."""
     _, _, size, crc = _FIXED.unpack_from(payload)
     if size > MAX_CHUNK_BYTES:
-        raise McapError(f"it claims to unpack to {size} bytes, more than the limit of {MAX_CHUNK_BYTES}")
+        raise McapError(f"it states a decompressed size of {size} bytes, more than the limit of {MAX_CHUNK_BYTES}")
     chunk = Chunk.read(ReadDataStream(io.BytesIO(payload)))
     data = _content(chunk, size, whole)
     if len(data) > size:
-        raise McapError(f"it unpacks to more than the {size} bytes that it claims")
+        raise McapError(f"it decompresses to more than the stated {size} bytes")
     if whole and (len(data) != size or (crc and zlib.crc32(data) != crc)):
         raise McapError("its checksum is wrong")
     return data
 
 
 def _content(chunk: Chunk, size: int, whole: bool) -> bytes:
-    """At most size + 1 bytes: one more than claimed shows that there is more."""
+    """At most size + 1 bytes: one byte more than stated shows the excess."""
     match chunk.compression:
         case "":
             return chunk.data[: size + 1]

@@ -1,7 +1,6 @@
-"""What comes from the hardware, to and from its messages: the part of the schema that both floors need.
+"""Encodes and decodes the messages of the hardware.
 
-Every `..._from_message` raises ValueError naming what does not fit; the caller adds the file and the topic.
-"""
+Every `..._from_message` raises ValueError with the invalid value; the caller adds file and topic."""
 
 from __future__ import annotations
 
@@ -15,25 +14,25 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 NS = 1_000_000_000
 _LAST_NS = 1 << 62
-"""Later stamps (after 146 years) are damage."""
+"""Later timestamps (after 146 years) are damaged."""
 
 
 def stamp(t_ns: int) -> Timestamp:
-    """An instant of the monotonic clock in the form viewers expect."""
+    """A time of the monotonic clock as a Timestamp message."""
     seconds, nanos = divmod(t_ns, NS)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
 def stamp_ns(timestamp: Timestamp) -> int:
-    """The instant of a viewer's stamp."""
+    """The time of a Timestamp message, ns."""
     return int(timestamp.seconds) * NS + int(timestamp.nanos)
 
 
 def checked_stamps(t_ns: int, t_arrival_ns: int) -> tuple[int, int]:
-    """Both as they are. Raises ValueError for those that no clock shows: a measurement may lie before the clock's zero
-    (a wrong estimate of the autopilot's clock), an arrival may not."""
+    """Returns both. Raises ValueError for impossible times: a measurement may lie before the clock's zero (a wrong
+    clock estimate), an arrival may not."""
     if not -_LAST_NS < t_ns < _LAST_NS:
-        raise ValueError(f"stamp {t_ns} ns is out of range")
+        raise ValueError(f"timestamp {t_ns} ns is out of range")
     if not 0 <= t_arrival_ns < _LAST_NS:
         raise ValueError(f"arrival {t_arrival_ns} ns is out of range")
     return t_ns, t_arrival_ns
@@ -45,17 +44,17 @@ def optical_frame(camera: str) -> str:
 
 
 def set_vector(message: pb.Vector3, v: tuple[float, float, float]) -> None:
-    """x, y, z into a message. In place: one that is handed over is written and read again to become a part of another."""
+    """Sets x, y, z of a message in place; a submessage passed to a constructor is encoded and decoded again."""
     message.x, message.y, message.z = v
 
 
 def set_quaternion(message: pb.Quaternion, q_wxyz: tuple[float, float, float, float]) -> None:
-    """w, x, y, z into a message."""
+    """Sets w, x, y, z of a message in place."""
     message.w, message.x, message.y, message.z = q_wxyz
 
 
 def attitude_message(sample: AttitudeSample) -> pb.AttitudeSample:
-    """An attitude sample as a message."""
+    """Encodes an attitude sample."""
     message = pb.AttitudeSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns)
     set_quaternion(message.q_ned_frd, sample.q_ned_frd_wxyz)
     if sample.rates_frd_rad_s is not None:
@@ -64,7 +63,7 @@ def attitude_message(sample: AttitudeSample) -> pb.AttitudeSample:
 
 
 def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
-    """An attitude sample of a message."""
+    """Decodes an attitude sample."""
     q, rates = message.q_ned_frd, message.rates_frd_rad_s
     return AttitudeSample(
         *checked_stamps(message.t_ns, message.t_arrival_ns),
@@ -74,7 +73,7 @@ def attitude_from_message(message: pb.AttitudeSample) -> AttitudeSample:
 
 
 def pose_message(sample: PoseSample) -> pb.PoseSample:
-    """A position sample as a message."""
+    """Encodes a position sample."""
     message = pb.PoseSample(t_ns=sample.t_ns, t_arrival_ns=sample.t_arrival_ns, reset_counter=sample.reset_counter)
     set_vector(message.position_ned_m, sample.position_ned_m)
     if sample.velocity_ned_m_s is not None:
@@ -83,7 +82,7 @@ def pose_message(sample: PoseSample) -> pb.PoseSample:
 
 
 def pose_from_message(message: pb.PoseSample) -> PoseSample:
-    """A position sample of a message."""
+    """Decodes a position sample."""
     p, v = message.position_ned_m, message.velocity_ned_m_s
     return PoseSample(
         *checked_stamps(message.t_ns, message.t_arrival_ns),
@@ -94,7 +93,7 @@ def pose_from_message(message: pb.PoseSample) -> PoseSample:
 
 
 def camera_message(info: CameraInfo) -> pb.CameraInfo:
-    """A camera's description as a message."""
+    """Encodes a camera's description."""
     k, mount = info.intrinsics, info.mount
     return pb.CameraInfo(
         camera=info.camera,
@@ -115,7 +114,7 @@ def camera_message(info: CameraInfo) -> pb.CameraInfo:
 
 
 def camera_from_message(message: pb.CameraInfo) -> CameraInfo:
-    """A camera's description of a message."""
+    """Decodes a camera's description."""
     arm = message.lever_arm_frd_m
     return CameraInfo(
         message.camera,
@@ -128,7 +127,7 @@ def camera_from_message(message: pb.CameraInfo) -> CameraInfo:
 
 
 def calibration_message(info: CameraInfo, t_ns: int) -> CameraCalibration:
-    """The intrinsics in the form that viewers read; depth images are rectified, hence no distortion."""
+    """The intrinsics for viewers; depth images are rectified, so there is no distortion."""
     k = info.intrinsics
     return CameraCalibration(
         timestamp=stamp(t_ns),
@@ -142,7 +141,7 @@ def calibration_message(info: CameraInfo, t_ns: int) -> CameraCalibration:
 
 
 def depth_message(frame: DepthFrame) -> RawImage:
-    """A depth image as foxglove.RawImage 16UC1, millimetres. Its sequence and arrival travel in the log's record."""
+    """A depth image as foxglove.RawImage 16UC1, millimetres. Sequence and arrival are in the log's record."""
     height, width = frame.depth_mm.shape
     return RawImage(
         timestamp=stamp(frame.t_exposure_ns),
@@ -156,7 +155,7 @@ def depth_message(frame: DepthFrame) -> RawImage:
 
 
 def depth_parts(frame: DepthFrame) -> tuple[bytes, memoryview, bytes]:
-    """The bytes of depth_message(frame) in three parts that follow each other; the pixels, the second, are not copied."""
+    """The encoding of depth_message(frame) in three consecutive parts; the second, the pixels, is not copied."""
     height, width = frame.depth_mm.shape
     pixels = np.ascontiguousarray(frame.depth_mm, "<u2").reshape(-1).view(np.uint8).data
     head = RawImage(
@@ -167,11 +166,11 @@ def depth_parts(frame: DepthFrame) -> tuple[bytes, memoryview, bytes]:
 
 
 _DATA_TAG = bytes([RawImage.DESCRIPTOR.fields_by_name["data"].number << 3 | 2])
-"""In front of RawImage.data: fields are written in the order of their numbers, frame_id's is behind it."""
+"""Key before RawImage.data: fields are in the order of their numbers, frame_id follows."""
 
 
 def _varint(value: int) -> bytes:
-    """A length as protobuf writes it: seven bits a byte, the lowest first."""
+    """A length as protobuf varint: seven bits per byte, lowest first."""
     out = bytearray()
     while value > 127:
         out.append(value & 127 | 128)
@@ -181,7 +180,7 @@ def _varint(value: int) -> bytes:
 
 
 def depth_from_message(message: RawImage, info: CameraInfo, sequence: int, t_arrival_ns: int) -> DepthFrame:
-    """A depth image of a message; rows may be padded."""
+    """Decodes a depth image; rows may be padded."""
     if message.encoding not in ("16UC1", "mono16"):
         raise ValueError(f"image encoding {message.encoding!r}, expected 16UC1 (uint16 millimetres)")
     width, height, step = message.width, message.height, message.step

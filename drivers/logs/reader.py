@@ -1,4 +1,4 @@
-"""A recorded log as a source of events, in the order in which they arrived on board (that of the file)."""
+"""Reads a log as a source of events, in the order of arrival on board (the order of the file)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LISTED: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class LoggedMessage:
-    """One of our messages. key: in TOPICS; camera: empty where the topic has none; t_log_ns: its arrival."""
+    """A message of this software. key: in TOPICS; camera: empty where the topic has none; t_log_ns: its arrival."""
 
     key: str
     camera: str
@@ -45,21 +45,24 @@ class LoggedMessage:
 
 
 def open_scan(path: Path) -> McapScan:
-    """A pass over an MCAP file. Raises DeviceNotFound and BadData."""
+    """Opens an MCAP file for a pass. Raises DeviceNotFound and BadData."""
     try:
         return McapScan(path)
     except NotMcap as error:
         raise BadData(f"{path}: not an MCAP file ({error}); give a log with the extension .mcap") from error
     except FileNotFoundError as error:
-        raise DeviceNotFound(f"{path}: there is no such file; check the path") from error
+        raise DeviceNotFound(f"{path}: the file does not exist; check the path") from error
     except OSError as error:
-        raise DeviceNotFound(f"{path}: cannot be opened ({error.strerror}); check the path and its rights") from error
+        raise DeviceNotFound(
+            f"{path}: cannot be opened ({error.strerror}); check the path and its permissions"
+        ) from error
 
 
 class McapRecording:
-    """One of our logs. Opens at once and raises DriverError: not there, not MCAP, somebody else's, without depth.
+    """A log of this software. The constructor raises DriverError: file missing, not MCAP, of another software, without
+    depth.
 
-    An attribute `run` holds what the log says about its making, `snapshot` the state it opens with (None: nothing)."""
+    `run`: provenance of the log; `snapshot`: the state at its beginning; None: not in the log."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
@@ -73,12 +76,12 @@ class McapRecording:
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
-        """Those of which the log holds a description, in the order of their appearance."""
+        """The cameras described in the log, in order of appearance."""
         return tuple(self._infos.values())
 
     @property
     def share_read(self) -> float:
-        """How far the pass in progress has come, 0..1."""
+        """Progress of the present pass, 0..1."""
         return self._share_read
 
     def __enter__(self) -> McapRecording:
@@ -90,21 +93,21 @@ class McapRecording:
         self.close()
 
     def close(self) -> None:
-        """May be called again; ends a pass in progress."""
+        """Closes the file and ends the present pass. May be called twice."""
         if self._scan is not None:
             self._scan.close()
             self._scan = None
 
     def events(self) -> Iterator[Event]:
-        """Depth, attitude and pose in file order. Samples that do not fit are left out; an image that does not comes as
-        one of a single unknown pixel, so that its exposure is blind and not forgotten; where the file is damaged the
-        pass ends. Each is told at the end by BadData, after everything readable was delivered."""
+        """Depth, attitude and pose in file order. Invalid samples are left out; an invalid image is delivered as one
+        unknown pixel, so that its exposure is blind; at fatal damage the pass ends. BadData is raised at the end with
+        all problems, after everything readable was delivered."""
         for item in self.events_with():
             if not isinstance(item, LoggedMessage):
                 yield item
 
     def events_with(self, *keys: str) -> Iterator[Event | LoggedMessage]:
-        """events(), with messages of these kinds in their places among them."""
+        """events(), with messages of these kinds in file order."""
         rejected: list[str] = []
         for item in self._messages((*EVENT_KEYS, *keys), rejected):
             if item.key not in EVENT_KEYS:
@@ -121,12 +124,12 @@ class McapRecording:
             yield event
         if rejected:
             raise BadData(
-                f"{self.path}: {len(rejected)} messages could not be used and were left out (an image among them is blind), the first: {rejected[0]}; "
-                "correct what wrote them, or go on without them"
+                f"{self.path}: {len(rejected)} messages are invalid and were left out (an image among them is blind), "
+                f"the first: {rejected[0]}; correct the recording software, or continue without them"
             )
 
     def messages(self, *keys: str) -> Iterator[LoggedMessage]:
-        """Our messages of these kinds (keys of TOPICS; none given: all), decoded. Raises BadData as events() does."""
+        """The messages of these kinds (keys of TOPICS; none given: all), decoded. Raises BadData as events() does."""
         rejected: list[str] = []
         yield from self._messages(keys or tuple(TOPICS), rejected)
         if rejected:
@@ -165,10 +168,10 @@ class McapRecording:
             return attitude_from_message(message)
         if isinstance(message, pb.PoseSample):
             return pose_from_message(message)
-        raise ValueError(f"{item.key} is no event")
+        raise ValueError(f"{item.key} is not an event")
 
     def _unreadable(self, item: LoggedMessage) -> DepthFrame | None:
-        """A frame of one unknown pixel in place of an image that cannot be used; None where its stamps cannot either."""
+        """A frame of one unknown pixel in place of an invalid image; None where its timestamps are invalid too."""
         if not isinstance(item.message, RawImage):
             return None
         try:
@@ -184,7 +187,7 @@ class McapRecording:
         )
 
     def _read_head(self) -> None:
-        """Cameras, run and state. One pass, cut short where the closing part of the file says what there is."""
+        """Reads cameras, provenance and state in one pass, which ends early where the file's summary lists the cameras."""
         scan = open_scan(self.path)
         try:
             self._read_descriptions(scan)
@@ -198,14 +201,14 @@ class McapRecording:
         missing = [camera for camera in depth if camera not in self._infos]
         if self._head_damage is not None and (missing or not self._infos):
             raise BadData(
-                f"{self.path}: damaged at byte {self._head_damage.offset}: {self._head_damage.cause}; what describes "
-                "the cameras is lost, nothing can be replayed. Use another copy of the file"
+                f"{self.path}: damaged at byte {self._head_damage.offset}: {self._head_damage.cause}; the description "
+                "of the cameras is lost and nothing can be replayed. Use another copy of the file"
             )
         if missing:
             names = ", ".join(TOPICS["camera_info"].of(camera) for camera in missing)
             raise BadData(
-                f"{self.path}: depth images without the description of their camera ({names} is missing or unusable); "
-                "import the recording anew with its intrinsics"
+                f"{self.path}: depth images without the description of their camera ({names} is missing or invalid); "
+                "import the recording again with its intrinsics"
             )
 
     def _read_descriptions(self, scan: McapScan) -> None:
@@ -239,26 +242,26 @@ class McapRecording:
             elif key == "state" and self.snapshot is None and not begun:
                 self.snapshot = pb.StateSnapshot.FromString(data)
         except (DecodeError, ValueError) as error:
-            raise BadData(f"{self.path}: {topic}: {error}; import the recording anew with correct values") from error
+            raise BadData(f"{self.path}: {topic}: {error}; import the recording again with correct values") from error
 
 
 def our_channel(channel: Channel, schema: Schema | None) -> tuple[str, str] | None:
-    """(key of TOPICS, camera) when the channel is one of ours."""
+    """(key of TOPICS, camera) of a channel of this software; None: another channel."""
     if schema is None or channel.message_encoding != ENCODING:
         return None
     return find_topic(channel.topic, schema.name)
 
 
 def damage_text(path: Path, damage: Damage) -> str:
-    """What is wrong with a file, and what to do."""
+    """The text of a damage with its remedy."""
     return (
-        f"{path}: damaged at byte {damage.offset}: {damage.cause}; everything before it was read. "
-        f"`companion recover {path}` writes all that is readable into a whole file"
+        f"{path}: damaged at byte {damage.offset}: {damage.cause}; everything before it was read. `companion recover "
+        f"{path}` recovers the readable part"
     )
 
 
 def _described(scan: McapScan) -> set[str] | None:
-    """The cameras that the closing part of the file says have depth; None when it says nothing."""
+    """The cameras with depth images by the file's summary; None without a summary."""
     if scan.summary is None:
         return None
     kinds = (our_channel(c, scan.summary.schemas.get(c.schema_id)) for c in scan.summary.channels.values())
@@ -271,9 +274,11 @@ def _refusal(path: Path, scan: McapScan, others: list[Channel]) -> str:
     has = ", ".join(f"{topic} ({schema})" for topic, schema in sorted(schemas.items())[:_LISTED]) or "no topics"
     more = f" and {len(schemas) - _LISTED} more" if len(schemas) > _LISTED else ""
     if ros_depth:
-        remedy = f"it holds ROS 2 images ({', '.join(ros_depth)}): `companion import {path} -o OUT.mcap` converts them"
+        remedy = (
+            f"it contains ROS 2 images ({', '.join(ros_depth)}): `companion import {path} -o OUT.mcap` converts them"
+        )
     else:
-        remedy = "give a log written by companion, or convert one with `companion import`"
+        remedy = "use a log written by companion, or convert the recording with `companion import`"
     depth, info, attitude = (TOPICS[key] for key in ("depth", "camera_info", "attitude"))
     return (
         f"{path}: not a recording of this software. It lacks depth ({depth.schema} on {depth.of('<name>')}), camera "

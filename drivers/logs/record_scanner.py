@@ -1,8 +1,8 @@
-"""Records of an MCAP file in file order, from files that may be unfinished, cut or corrupt.
+"""Reads the records of an MCAP file in file order, also from unfinished, truncated or corrupt files.
 
-The stock readers trust the index at the end and their lengths; after a power cut there is no index, and a short read
-goes unnoticed. Here every record is taken only when all of it is there, the last chunk of a cut file as far as it can
-be unpacked, and a chunk with a wrong checksum is left out; each such place is told as a `Damage`.
+The standard readers trust the index at the end and the stated lengths; after a power failure there is no index, and a
+short read is not detected. This reader takes a record only if it is complete, decompresses the last chunk of a
+truncated file as far as possible, and skips a chunk with a wrong checksum; each such place is reported as a `Damage`.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 _FRAME: Final = struct.Struct("<BQ")
 _FOOTER_BYTES: Final = _FRAME.size + 20
 _MAX_RECORD_BYTES: Final = 1 << 28
-"""In the file; a longer record is left out."""
+"""Size limit of a record in the file; a longer one is skipped."""
 _FIRST_RECORDS: Final = 100_000
-"""Records in chunks that are read of any file, and one more for each byte of it. Real messages need several bytes each,
-however well they compress."""
+"""Number of records in chunks that are read of any file, plus one per byte of the file. Real messages need several
+bytes each."""
 _FIRST_PRIVATE: Final = 0x80
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A place that could not be read. fatal: nothing after it can be found either."""
+    """An unreadable place. fatal: nothing after it can be read."""
 
     offset: int
     cause: str
@@ -52,7 +52,7 @@ class Logged:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What the end of a finished file says about all of it."""
+    """The summary at the end of a finished file."""
 
     schemas: dict[int, Schema]
     channels: dict[int, Channel]
@@ -63,11 +63,11 @@ Item = Logged | Attachment | Metadata | Damage
 
 
 class NotMcap(ValueError):
-    """The file does not begin as an MCAP file does."""
+    """The file does not begin with the MCAP magic."""
 
 
 class McapScan:
-    """One pass over a file. Raises OSError, and NotMcap when it is something else."""
+    """One pass over a file. Raises OSError, and NotMcap for another kind of file."""
 
     def __init__(self, path: Path) -> None:
         self._stream: BinaryIO = path.open("rb")
@@ -87,16 +87,16 @@ class McapScan:
         self._lost_channels: set[int] = set()
 
     def close(self) -> None:
-        """May be called again."""
+        """Closes the file. May be called twice."""
         self._stream.close()
 
     @property
     def share_read(self) -> float:
-        """How far the pass has come, 0..1."""
+        """Progress of the pass, 0..1."""
         return 1.0 if self._stream.closed else self._stream.tell() / max(1, self._size)
 
     def items(self) -> Iterator[Item]:
-        """All messages, attachments, metadata and damage from the beginning, in file order."""
+        """All messages, attachments, metadata and damages, in file order."""
         at = len(MAGIC)
         ended = False
         while at < self._size:
@@ -119,19 +119,19 @@ class McapScan:
             ended = ended or opcode == Opcode.FOOTER
             if length > _MAX_RECORD_BYTES:
                 yield Damage(
-                    at, f"record left out: {length} bytes, more than the limit of {_MAX_RECORD_BYTES}", fatal=False
+                    at, f"record skipped: {length} bytes, more than the limit of {_MAX_RECORD_BYTES}", fatal=False
                 )
             else:
                 yield from self._record(at, opcode, length)
             if self._records_left < 0:
                 most = _FIRST_RECORDS + self._size
-                yield Damage(at, f"it holds more records than the limit of {most} for a file of this size", fatal=True)
+                yield Damage(at, f"the file has more records than the limit of {most} for its size", fatal=True)
                 return
             at += _FRAME.size + length
-        yield Damage(at, "the file ends there without its closing part", fatal=True)
+        yield Damage(at, "the file ends there without its summary", fatal=True)
 
     def _only_zeros(self, at: int) -> bool:
-        """Whether nothing else follows: a last block that was not full, or room that a power cut left unwritten."""
+        """Whether the rest is zeros: a partial block, or space that a power failure left unwritten."""
         self._stream.seek(at)
         while part := self._stream.read(1 << 20):
             if part.count(0) != len(part):
@@ -150,7 +150,7 @@ class McapScan:
                 yield item
 
     def _parsed(self, at: int, opcode: int, payload: bytes) -> Item | None:
-        """A record as an item; schemas and channels are kept. A repeated channel keeps its first meaning."""
+        """A record as an item; schemas and channels are stored. A repeated channel keeps its first definition."""
         stream = ReadDataStream(io.BytesIO(payload))
         match opcode:
             case Opcode.HEADER:
@@ -182,12 +182,13 @@ class McapScan:
         return Damage(at, f"messages of channel {message.channel_id}, whose description is lost", fatal=False)
 
     def _chunk(self, at: int, payload: bytes, whole: bool) -> Iterator[Item]:
-        """What a chunk holds. A cut one: as far as it can be unpacked; the caller tells of the cut."""
+        """The content of a chunk; of a truncated one as far as it can be decompressed, the caller reports the
+        truncation."""
         try:
             data = unpacked(payload, whole)
         except PARSE_ERRORS as error:
             if whole:
-                yield Damage(at, f"chunk left out: {error or type(error).__name__}", fatal=False)
+                yield Damage(at, f"chunk skipped: {error or type(error).__name__}", fatal=False)
             return
         inside = 0
         while inside + _FRAME.size <= len(data):
@@ -210,7 +211,7 @@ class McapScan:
             yield Damage(at, "chunk ends within a record", fatal=False)
 
     def _read_summary(self) -> Summary | None:
-        """The closing part, None when the file has none that can be read."""
+        """The summary; None when the file has no readable one."""
         tail = _FOOTER_BYTES + len(MAGIC)
         if self._size < len(MAGIC) + tail:
             return None
@@ -242,7 +243,7 @@ def _known(opcode: int) -> bool:
 
 
 def _summary(data: bytes) -> Summary:
-    """Schemas, channels and counts of the closing part."""
+    """Schemas, channels and counts of the summary."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     counts: dict[int, int] = {}

@@ -1,4 +1,4 @@
-"""The one table of what a log holds: it drives writing, reading and the tables in docs/reference/messages.md."""
+"""The table of topics: it defines writing, reading and the tables in docs/reference/messages.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CAMERA_PLACE = "{camera}"
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One kind of message. `name` may hold the place `{camera}`."""
+    """One kind of message. `name` may contain the placeholder `{camera}`."""
 
     name: str
     message: type[Message]
@@ -30,15 +30,15 @@ class Topic:
 
     @property
     def schema(self) -> str:
-        """The full name of the message's type."""
+        """The full name of the message type."""
         return str(self.message.DESCRIPTOR.full_name)
 
     def of(self, camera: str = "") -> str:
-        """The topic's name, for one camera where it is one a camera."""
+        """The topic's name, with the camera where it has one."""
         return self.name.replace(_CAMERA_PLACE, camera)
 
     def camera_of(self, name: str) -> str | None:
-        """The camera (empty where the topic has none) when `name` is this topic, else None."""
+        """The camera (empty where the topic has none) if `name` is this topic, otherwise None."""
         pattern = re.escape(self.name).replace(re.escape(_CAMERA_PLACE), "([^/]+)")
         match = re.fullmatch(pattern, name)
         if match is None:
@@ -62,11 +62,11 @@ TOPICS: Final[dict[str, Topic]] = {
     "scene": Topic("/camera/{camera}/scene", SceneUpdate, "each frame", "the prisms, drawn, for viewers"),
     "transform": Topic("/tf", FrameTransform, "each frame", "up -> ned -> level -> frd -> camera, for viewers"),
 }
-"""Key -> topic. The order is that of the table in the docs."""
+"""Key -> topic, in the order of the table in the docs."""
 
 
 def find_topic(name: str, schema: str) -> tuple[str, str] | None:
-    """(key, camera) of a channel that is one of ours, else None."""
+    """(key, camera) of a channel of this software, otherwise None."""
     for key, topic in TOPICS.items():
         if schema == topic.schema:
             camera = topic.camera_of(name)
@@ -76,5 +76,5 @@ def find_topic(name: str, schema: str) -> tuple[str, str] | None:
 
 
 def camera_name_fits(camera: str) -> bool:
-    """Whether a camera's name can stand in a topic: letters, digits, dot, dash and underscore."""
+    """Whether a camera's name can be part of a topic: letters, digits, dot, dash and underscore."""
     return re.fullmatch(r"[A-Za-z0-9._-]+", camera) is not None

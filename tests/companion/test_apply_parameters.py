@@ -196,7 +196,7 @@ def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
 def test_options_that_do_not_go_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--yes"]) == 1
     assert main(["doctor", "-c", str(tmp_path / "x.toml"), "--apply", "--json"]) == 1
-    assert "give --yes" in capsys.readouterr().err
+    assert "add --yes" in capsys.readouterr().err
 
 
 def test_px4_gets_whole_numbers_as_bytes(tmp_path: Path) -> None:

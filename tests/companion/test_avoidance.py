@@ -281,7 +281,7 @@ def test_one_text_for_a_change_and_never_a_stream() -> None:
     said = []
     for tenth in range(600):  # blind every other tenth of a second for half a minute, then for good
         blind = (tenth < 300 and tenth % 2 == 0) or tenth >= 300
-        message = texts.due({"front": "silent: its process says nothing" if blind else ""}, NS + tenth * NS // 10)
+        message = texts.due({"front": "silent: no notification of its process" if blind else ""}, NS + tenth * NS // 10)
         if message is not None:
             said.append((tenth, message.severity, message.text))
     assert 1 <= len(said) <= 16

@@ -44,16 +44,16 @@ def test_the_verdict_is_about_slow_frames_of_the_slower_view() -> None:
     assert quick.worst().name == "street"
     assert quick.used_share() == pytest.approx(0.09)
     assert verdict(quick) == (
-        "10 Hz needs a frame every 100 ms; this machine takes 9.0 ms in 99 of 100 frames of the harder view (street), "
+        "10 Hz needs a frame every 100 ms; this computer takes 9.0 ms in 99 of 100 frames of the harder view (street), "
         "9 % of one core's time."
     )
     slow = bench_of([2.0, 2.0, 2.0], [100.0, 130.0, 130.0])
-    assert verdict(slow).startswith("TOO SLOW: 12 Hz needs a frame every 83 ms; this machine takes 130.0 ms")
+    assert verdict(slow).startswith("TOO SLOW: 12 Hz needs a frame every 83 ms; this computer takes 130.0 ms")
 
 
 def test_other_work_on_the_machine_is_told() -> None:
     assert busy_text(bench_of([2.0], [4.0])) == ""
-    assert "took 2.0 times what the processor spent" in busy_text(bench_of([2.0], [4.0], share=0.5))
+    assert "took 2.0 times their processor time" in busy_text(bench_of([2.0], [4.0], share=0.5))
 
 
 @pytest.fixture

@@ -219,7 +219,7 @@ def test_a_description_survives_the_way_between_processes() -> None:
 
 
 def test_a_recording_is_no_live_camera() -> None:
-    with pytest.raises(ValueError, match="is no live camera"):
+    with pytest.raises(ValueError, match="is not a live camera"):
         make_source(CameraConfig(name="a", kind="mcap"))
 
 

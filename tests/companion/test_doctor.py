@@ -188,7 +188,7 @@ def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
         publisher.close()
     said = capsys.readouterr().out
     assert "ok  service: running: OK" in said
-    assert "all is as it should be" in said
+    assert "no fault found" in said
 
 
 def test_whether_a_tcp_port_is_held_is_told_at_once() -> None:
@@ -203,9 +203,9 @@ def test_what_was_found_in_words(live: Live, capsys: pytest.CaptureFixture[str])
     live.config.write_text('[record]\nrecord = "off"\n')
     assert main(["doctor", "-c", str(live.config), "--patience", "1"]) == 1
     said = capsys.readouterr().out
-    assert "ok  service: does not run; its parts are tried here" in said
+    assert "ok  service: not running; its parts are checked by this command" in said
     assert " !  cameras: none is configured" in said
-    assert "all is as it should be" not in said
+    assert "no fault found" not in said
 
 
 def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

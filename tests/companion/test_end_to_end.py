@@ -130,7 +130,7 @@ def test_info(prisms: Path) -> None:
     assert (done.status, done.err) == (0, "")
     told = done.json()
     assert {t["topic"]: t["messages"] for t in told["topics"]}["/camera/front/prisms"] == FRAMES
-    assert "10 frames say something" in companion("info", prisms).out
+    assert "10 valid frames" in companion("info", prisms).out
 
 
 def test_view(prisms: Path, tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_a_cut_log_is_told_by_all_and_recovered(prisms: Path, tmp_path: Path) ->
     again = companion("replay", whole, "--check", "--json")
     assert again.status == 0
     assert 0 < again.json()["check"]["compared"] < FRAMES
-    assert companion("recover", whole).out.startswith(f"{whole} is whole")
+    assert companion("recover", whole).out.startswith(f"{whole} is complete")
 
 
 @pytest.mark.parametrize(
@@ -185,10 +185,10 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "cause", "remedy"),
     [
-        (("replay", "absent.mcap"), "absent.mcap: there is no such file", "check the path"),
+        (("replay", "absent.mcap"), "absent.mcap: the file does not exist", "check the path"),
         (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log with the extension .mcap"),
-        (("import", "absent", "-o", "x.mcap"), "absent: there is nothing", "expected a folder with intrinsics.json"),
-        (("import", ".", "-o", "x.mcap"), "intrinsics.json: cannot be read", "it holds width, height, fx, fy"),
+        (("import", "absent", "-o", "x.mcap"), "absent: there is nothing", "expected a directory with intrinsics.json"),
+        (("import", ".", "-o", "x.mcap"), "intrinsics.json: cannot be read", "it must contain width, height, fx, fy"),
         (("replay", "text.mcap", "-o", "text.mcap"), "same file", "give -o another name"),
         (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
     ],

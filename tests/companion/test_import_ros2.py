@@ -206,7 +206,7 @@ def test_a_cut_recording_keeps_what_was_readable(
     status = main(["import", str(source), "-o", str(tmp_path / "out.mcap")])
     said = capsys.readouterr().err
     assert status == 1
-    assert "the file ends there without its closing part" in said
+    assert "the file ends there without its summary" in said
     assert "frames kept" in said
     assert len(frames_of(tmp_path / "out.mcap")) >= 1
 
@@ -215,7 +215,7 @@ def test_our_own_log_and_a_strange_file_are_refused(tmp_path: Path, capsys: pyte
     _, ours = imported(RosFlight(frames=2), tmp_path)
     capsys.readouterr()
     assert main(["import", str(ours), "-o", str(tmp_path / "x.mcap")]) == 1
-    assert "a log of this project already: replay it directly" in capsys.readouterr().err
+    assert "a log of this software: replay it directly" in capsys.readouterr().err
     strange = tmp_path / "strange.mcap"
     strange.write_bytes(b"not at all")
     assert main(["import", str(strange), "-o", str(tmp_path / "x.mcap")]) == 1
@@ -245,7 +245,7 @@ def test_a_recording_cut_before_its_first_image_tells_of_the_cut(
     assert main(["import", str(source), "-o", str(tmp_path / "out.mcap")]) == 1
     said = capsys.readouterr().err
     assert "no depth image in it" in said
-    assert "the file ends there without its closing part" in said
+    assert "the file ends there without its summary" in said
 
 
 def test_images_without_a_stamp_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -254,7 +254,7 @@ def test_images_without_a_stamp_are_left_out(tmp_path: Path, capsys: pytest.Capt
     flight.image = lambda t_ns, number: stamped(0 if number == 2 else t_ns, number)
     status, out = imported(flight, tmp_path)
     assert status == 1
-    assert "image 2: its stamp, 0 ns, is nowhere near its recording" in capsys.readouterr().err
+    assert "image 2: its stamp, 0 ns, is far from its log time" in capsys.readouterr().err
     assert [f.sequence for f in frames_of(out)] == [0, 1, 3, 4]
 
 

@@ -57,7 +57,7 @@ def test_the_epoch_is_found_where_both_saw_the_same_motion(tmp_path: Path, capsy
     status, events = imported(folder)
     said = capsys.readouterr().out
     assert status == 0
-    assert "t_ns 0 found at unix 1700000000.000 s" in said or "t_ns 0 found at unix 1700000000.001 s" in said
+    assert "t_ns 0 is at unix 1700000000.000 s" in said or "t_ns 0 is at unix 1700000000.001 s" in said
     assert len(attitudes(events)) > 300
 
 
@@ -95,7 +95,7 @@ def test_a_motion_that_repeats_is_not_matched(tmp_path: Path, capsys: pytest.Cap
     assert imported(folder)[0] == 0
     (folder / "a.tlog").write_bytes(once + again)
     assert imported(folder)[0] == 1
-    assert "do not match in one place only" in capsys.readouterr().err
+    assert "match at several times or nowhere" in capsys.readouterr().err
 
 
 def test_a_wrong_epoch_is_told_with_both_spans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -138,7 +138,7 @@ def test_a_real_log_beside_real_frames(shared_data: Path, tmp_path: Path, capsys
         found.append({a.t_ns: a.q_ned_frd_wxyz for a in attitudes(list(events_of(tmp_path / "o.mcap")))})
     rows, told, derived = found
     assert told == derived
-    assert "t_ns 0 found at unix 1700000000.000 s" in capsys.readouterr().out
+    assert "t_ns 0 is at unix 1700000000.000 s" in capsys.readouterr().out
     shared = set(rows) & set(told)
     assert len(shared) == 100
     for t in shared:

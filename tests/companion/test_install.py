@@ -72,7 +72,7 @@ def test_out_again_but_for_what_is_the_users(image: Path, capsys: pytest.Capture
     assert flight.exists()
     assert paths.config.exists()
     assert main(["uninstall", "--root", str(image), "--purge"]) == 0
-    assert any("the logs, 0.2 MB" in line for line in said(capsys, "done"))
+    assert any("logs, 0.2 MB" in line for line in said(capsys, "done"))
     assert [p for p in (paths.state, paths.settings) if p.exists()] == []
     assert not paths.has_user()
     assert main(["uninstall", "--root", str(image), "--purge"]) == 0
@@ -109,14 +109,14 @@ def test_refused_without_root(image: Path, monkeypatch: pytest.MonkeyPatch, caps
     monkeypatch.setattr("os.geteuid", lambda: 1000)
     for command in (["install", "-c", OAK], ["uninstall"]):
         assert main(command) == 1
-        assert "needs root: sudo" in capsys.readouterr().err
+        assert "needs root: run it with sudo" in capsys.readouterr().err
 
 
 def test_refused_without_a_configuration_or_with_mistakes_in_it(
     image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["install", "--root", str(image)]) == 1
-    assert "give a configuration with -c" in capsys.readouterr().err
+    assert "give a configuration, such as -c" in capsys.readouterr().err
     wrong = tmp_path / "wrong.toml"
     wrong.write_text("[service]\nstale = 1.0\n")
     assert main(["install", "--root", str(image), "-c", str(wrong)]) == 1
@@ -127,7 +127,7 @@ def test_refused_without_a_configuration_or_with_mistakes_in_it(
 def test_refused_for_an_image_that_is_none(tmp_path: Path, image: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for command in (["install", "-c", OAK], ["uninstall"]):
         assert main([*command, "--root", str(tmp_path / "typo")]) == 1
-        assert "holds no etc" in capsys.readouterr().err
+        assert "has no etc" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("place", ["/home/pi/osape", "/root/.venv/bin/companion", "/run/user/1000/x"])
@@ -140,7 +140,7 @@ def test_refused_below_a_folder_that_is_closed(tmp_path: Path) -> None:
     closed = tmp_path / "closed"
     (closed / "venv").mkdir(parents=True)
     closed.chmod(0o700)
-    with pytest.raises(InstallError, match="closed to other users"):
+    with pytest.raises(InstallError, match="cannot be read by the service's user"):
         install.check_reachable([closed / "venv"])
     with pytest.raises(InstallError, match="is not there"):
         install.check_reachable([Path("/opt/osape-companion-is-not-there")])

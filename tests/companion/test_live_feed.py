@@ -166,7 +166,7 @@ def test_without_a_service_it_is_said_what_is_missing(tmp_path: Path) -> None:
     assert not answer["cameras"]
     assert not answer["frames"]
     assert answer["service"]["missing"] == [
-        f"no health report on {streams.health}: does the service run?",
+        f"no health report on {streams.health}: check that the service runs",
         "no depth images: [publish] depth is empty",
     ]
 
@@ -231,7 +231,7 @@ def test_a_blind_camera_is_told_at_once_and_its_word_only_once(told: Told, page:
 def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, page: LivePage) -> None:
     shown(told, page)
     assert until(lambda: news(page)["cameras"][0]["blind"], 5.0)
-    words = "nothing has been heard from the service for "
+    words = "no message from the service for "
     assert until(lambda: news(page)["cameras"][0]["blind"].startswith(words), 5.0)
     assert news(page)["cameras"][0]["code"] == "no_current_message"
 
@@ -244,14 +244,14 @@ def test_of_two_cameras_each_is_told_for_itself(told: Told, page: LivePage) -> N
             report.cameras.add(camera=camera, condition="running", required=True, info=info)
         told.publish_health(report)
         told.frame()
-        told.blind("silent: its process says nothing", "rear")
+        told.blind("silent: no notification of its process", "rear")
         now = news(page)
         return len(now["frames"]) == 2 and sum(not camera["blind"] for camera in now["cameras"]) == 1
 
     assert until(both)
     answer = news(page)
     words = {camera["name"]: camera["blind"] for camera in answer["cameras"]}
-    assert words == {"front": "", "rear": "silent: its process says nothing"}
+    assert words == {"front": "", "rear": "silent: no notification of its process"}
     names = list(words)
     status = {names[frame["c"]]: frame["standing"] for frame in answer["frames"]}
     assert status == {"front": "VALID", "rear": "BLIND"}
@@ -267,7 +267,7 @@ def test_a_feed_that_has_ended_is_no_clear_view(told: Told, page: LivePage) -> N
     page.subscriber.on_message = broken
     told.frame()
     assert until(lambda: not page.subscriber.running)
-    assert until(lambda: news(page)["cameras"][0]["blind"] == "companion view listens no more: start it again")
+    assert until(lambda: news(page)["cameras"][0]["blind"] == "companion view does not receive any more: restart it")
 
 
 def test_an_old_exposure_is_blind_however_fresh_the_message(told: Told, page: LivePage) -> None:
@@ -289,7 +289,7 @@ def test_numbers_that_do_not_fit_are_blind(told: Told, page: LivePage) -> None:
     def told_blind() -> bool:
         told.publish(broken)
         answer = news(page)
-        return bool(answer["frames"]) and "does not fit together" in answer["frames"][0]["cause"]
+        return bool(answer["frames"]) and "is inconsistent" in answer["frames"][0]["cause"]
 
     assert until(told_blind)
     answer = news(page)
@@ -357,7 +357,7 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
 
 @pytest.mark.parametrize(
     ("words", "told"),
-    [(["--live", "flight.mcap"], "without FILE.mcap"), (["--live", "-o", "x"], "without FILE.mcap"), ([], "or --live")],
+    [(["--live", "flight.mcap"], "leave FILE.mcap"), (["--live", "-o", "x"], "leave FILE.mcap"), ([], "or --live")],
 )
 def test_wrong_use_is_told(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", *words]) == 2

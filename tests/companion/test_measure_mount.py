@@ -71,7 +71,7 @@ def test_no_ground_is_refused() -> None:
 
 
 def test_no_frame_is_refused() -> None:
-    assert "no frame came" in finding_of(measured(by_hand(120.0), TRUE, count=0)).text
+    assert "no frame arrived" in finding_of(measured(by_hand(120.0), TRUE, count=0)).text
 
 
 def test_frames_without_an_attitude_are_refused() -> None:

@@ -177,7 +177,7 @@ def test_a_state_returns_unchanged():
 def test_messages_that_do_not_fit_are_refused():
     message = m.prisms_message(results()[0])
     message.schema_version = 2
-    with pytest.raises(ValueError, match="schema version 2; this software reads 1"):
+    with pytest.raises(ValueError, match="schema version 2; this version reads 1"):
         m.prisms_from_message(message)
     message = m.prisms_message(results()[0])
     message.planes.corners_m.append(1.0)

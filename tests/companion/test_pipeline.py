@@ -98,7 +98,7 @@ def test_a_camera_that_restarts_begins_anew():
 
 
 def test_an_unknown_camera_is_refused():
-    with pytest.raises(ValueError, match=r"unknown camera 'rear'; known: front"):
+    with pytest.raises(ValueError, match=r"camera 'rear', which was not announced; announced: front"):
         outputs([frame(0, START_NS, camera="rear")])
 
 

@@ -132,11 +132,11 @@ def test_a_path_left_by_a_killed_service_is_taken_over(tmp_path: Path, context: 
 
 
 def test_a_folder_that_is_missing_and_a_port_that_is_taken(tmp_path: Path, context: Context) -> None:
-    with pytest.raises(DeviceNotFound, match="does not exist; make it"):
+    with pytest.raises(DeviceNotFound, match="does not exist; create it"):
         Publisher(Stream("prisms", f"ipc://{tmp_path}/none/prisms"), context)
     first = Publisher(Stream("prisms", "tcp://127.0.0.1:*"), context)
     address = first._socket.getsockopt_string(zmq.LAST_ENDPOINT)
-    with pytest.raises(DeviceNotFound, match="is the port free"):
+    with pytest.raises(DeviceNotFound, match="the port is free"):
         Publisher(Stream("prisms", address), context)
     first.close()
 

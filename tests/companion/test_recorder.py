@@ -463,7 +463,7 @@ def test_a_folder_that_is_taken_away_in_flight_is_made_anew(tmp_path: Path, how:
     else:
         Path(first).unlink()
     assert until(lambda: recorder.wants_begin)
-    assert "was deleted or moved away" in recorder.status.fault
+    assert "was deleted or moved" in recorder.status.fault
     run_through(recorder, pipeline, events)
     assert until(lambda: recorder.status.recording and not recorder.status.fault)
     recorder.close()

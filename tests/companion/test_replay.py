@@ -393,7 +393,7 @@ def test_an_output_that_is_no_log_is_left_as_it_is(tmp_path, recorded, capsys):
     config = tmp_path / "mine.toml"
     config.write_text("[sync]\n")
     assert main(["replay", str(recorded), "-o", str(config)]) == 1
-    assert "exists and is no log" in capsys.readouterr().err
+    assert "exists and is not a log" in capsys.readouterr().err
     assert config.read_text() == "[sync]\n"
     assert list(tmp_path.iterdir()) == [config]
 
@@ -446,7 +446,7 @@ def test_a_stamp_beyond_every_clock_costs_its_own_message_only(odd, tmp_path, ca
             else:
                 log.event(event)
     assert main(["replay", str(path), "-o", str(out)]) == 1
-    assert "1 messages could not be used and were left out" in capsys.readouterr().err
+    assert "1 messages are invalid and were left out" in capsys.readouterr().err
     assert len(prisms_of(out)) == (6 if odd == "arrival of an attitude" else 5)
 
 
@@ -490,5 +490,5 @@ def test_a_frame_that_comes_twice_is_not_called_blind(tmp_path, capsys):
     assert main(["replay", str(path)]) == 1
     said = capsys.readouterr().err
     assert "1 of 4 frames were dropped and 0 of them are published as blind" in said
-    assert "look at the camera's stamps" in said
+    assert "check the camera's timestamps" in said
     assert "attitude" not in said

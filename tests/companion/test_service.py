@@ -168,7 +168,7 @@ def test_a_camera_process_that_hangs_is_said_and_replaced(flying: Flying) -> Non
     pid = flying.live.camera_pids()["front"]
     begun_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGSTOP)
-    flying.said_blind("silent: its process says nothing", 3.0, begun_ns)
+    flying.said_blind("silent: no notification of its process", 3.0, begun_ns)
     assert until(lambda: flying.live.camera_pids().get("front", pid) != pid, 6.0)
     flying.well(15.0)
     assert longest_silence_s(flying.prisms, begun_ns) < 0.5

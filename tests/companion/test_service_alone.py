@@ -59,7 +59,7 @@ def service(folder: Path, sections: str, renders: Path) -> Iterator[Live]:
 
 
 def ready(live: Live) -> bool:
-    return "ready: the loops run" in live.said()
+    return "INFO ready" in live.said()
 
 
 def test_with_neither_camera_nor_autopilot_it_stays_up_and_says_so(tmp_path: Path, renders: Path) -> None:
@@ -81,7 +81,7 @@ def test_with_neither_camera_nor_autopilot_it_stays_up_and_says_so(tmp_path: Pat
         status = live.command("status", "-c", str(live.config))
         assert status.returncode == 1
         assert status.stdout.startswith("BLIND")
-        assert "autopilot: none heard" in status.stdout
+        assert "autopilot: no heartbeat" in status.stdout
         live.cable.touch()
         with flown(live):
             prisms.wait(lambda m: m.valid, 20.0)

@@ -72,7 +72,7 @@ def test_a_report_in_words() -> None:
         "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
         "camera front: running, 30.0 Hz, newest valid exposure 42 ms ago, 3 superseded",
         "camera right: lost, not required, 0.0 Hz, no valid exposure yet",
-        "started 4 times (the last: the cable is out)",
+        "started 4 times, last cause: the cable is out",
         "autopilot: PX4, system 1, armed, attitude 99 Hz",
         "clock synchronised within 0.31 ms",
         "log: /var/log/x.mcap.active, 12.3 MB",

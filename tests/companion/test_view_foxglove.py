@@ -159,14 +159,14 @@ def test_a_viewer_gets_what_a_log_would_hold_and_is_told_of_blindness(told: Told
     def silent() -> bool:
         server.tick()
         viewer.listen()
-        return "nothing has been heard from the service" in viewer.newest("/said", Log).message
+        return "no message from the service" in viewer.newest("/said", Log).message
 
     assert until(silent)
     viewer.close()
 
 
 def test_a_port_that_is_taken_is_named(told: Told, server: FoxgloveServer) -> None:
-    with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 cannot be had"):
+    with pytest.raises(DeviceNotFound, match=f"port {server.port} on 127.0.0.1 cannot be bound"):
         FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", server.port).open()
 
 

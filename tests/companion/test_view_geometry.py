@@ -142,7 +142,7 @@ def test_standing_of_frames() -> None:
     assert frame(model=None, dropped="no attitude").cause == "frame not used: no attitude"
     assert blind().status is FrameStatus.BLIND
     assert blind().cause == "too few pixels hold a measurement"
-    with pytest.raises(ValueError, match="without the attitude"):
+    with pytest.raises(ValueError, match="without its attitude"):
         frame(R_ned_frd=None)
     with pytest.raises(ValueError, match="depth_mm: shape"):
         frame(depth_mm=np.zeros((10, 10), np.uint16))

@@ -134,7 +134,7 @@ def test_frames_can_be_asked_for(log: Path, tmp_path: Path) -> None:
 def test_log_without_prisms_says_what_to_do_and_shows_the_depth(depth_only: Path, tmp_path: Path) -> None:
     views = make_views(depth_only, tmp_path, ViewOptions(frames=(0,)))
     assert views.without_prisms == views.frames == 57
-    assert "run companion replay first" in views.notes[0]
+    assert "run `companion replay` first" in views.notes[0]
     data = page_data(tmp_path)
     assert data["frames"][0]["standing"] == "NO_PRISMS"
     assert data["frames"][0]["depth"]
@@ -159,7 +159,7 @@ def test_wrong_use_and_missing_files(log: Path, tmp_path: Path, capsys: pytest.C
     assert main(["view", str(log)]) == 2
     assert main(["view", str(log), "-o", str(tmp_path), "--every", "0"]) == 2
     assert main(["view", str(tmp_path / "none.mcap"), "-o", str(tmp_path / "x")]) == 1
-    assert "no such file" in capsys.readouterr().err
+    assert "does not exist" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
     with pytest.raises(DeviceNotFound):
         make_views(tmp_path / "none.mcap", tmp_path)

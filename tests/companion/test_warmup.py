@@ -67,7 +67,7 @@ def test_what_no_deletion_helps_is_told(
     monkeypatch.setattr(warmup, "CHILD", "raise MemoryError('no memory for kernels')")
     assert main(["warmup"]) == 1
     said = capsys.readouterr().err
-    assert "also after 2 cached files were deleted" in said
+    assert "even after 2 cached files were deleted" in said
     assert "no memory for kernels" in said
 
 

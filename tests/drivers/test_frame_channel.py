@@ -154,7 +154,7 @@ def test_what_nobody_understands_is_refused() -> None:
     with pytest.raises(BadData, match="cannot be decoded"):
         reader.read(1.0)
     writer._socket.send(_FRAME.pack(b"f", 1, 2, 3, 4, 5))
-    with pytest.raises(BadData, match="before it gave the memory"):
+    with pytest.raises(BadData, match="before the memory"):
         reader.read(1.0)
 
 
@@ -209,5 +209,5 @@ def test_frames_of_another_process_and_its_death() -> None:
 def test_the_writer_notices_that_the_service_is_gone() -> None:
     reader, writer = pair()
     reader.close()
-    with pytest.raises(DeviceLost, match="the service is gone"):
+    with pytest.raises(DeviceLost, match="the service has ended"):
         writer.write(frame(1))

@@ -131,7 +131,7 @@ def test_a_log_that_ends_with_zeros_is_cut_there(tmp_path):
     killed.write_bytes(content + bytes(3000))
     found, problem = read(killed)
     assert f"damaged at byte {len(content)}" in problem
-    assert "ends there without its closing part" in problem
+    assert "ends there without its summary" in problem
     assert 100 < len(found) < len(events)
     assert all(same(a, b) for a, b in zip(found, events, strict=False))
     killed.write_bytes(killed.read_bytes() + b"\0" * 9 + b"!")
@@ -173,7 +173,7 @@ def test_a_chunk_that_claims_to_unpack_to_a_terabyte_is_left_out(whole, tmp_path
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(DeviceNotFound, match="there is no such file"):
+    with pytest.raises(DeviceNotFound, match="the file does not exist"):
         McapRecording(tmp_path / "none.mcap")
 
 
@@ -263,7 +263,7 @@ def test_samples_that_do_not_fit_are_left_out_and_told(tmp_path):
     # an image that cannot be used is not forgotten: its exposure comes as one unknown pixel, which is blind
     assert [e.depth_mm.shape for e in events[1:]] == [(1, 1), (1, 1), (INFO.intrinsics.height, INFO.intrinsics.width)]
     assert not events[1].depth_mm.any()
-    assert "3 messages could not be used and were left out (an image among them is blind), the first:" in problem
+    assert "3 messages are invalid and were left out (an image among them is blind), the first:" in problem
     assert "/vehicle/attitude: attitude at" in problem
     assert "nan" in problem
 

@@ -43,7 +43,7 @@ def test_ready_without_camera_and_autopilot_and_saying_so(found: dict[str, Any])
     assert found["ready"]
     assert found["NRestarts"] == "0"
     assert found["status"] == 1  # it is blind
-    for words in ("BLIND", "camera front is blind", "no line to the autopilot"):
+    for words in ("BLIND", "camera front is blind", "the link to the autopilot is not open"):
         assert words in found["status_said"]
     assert "camera front is blind" in found["StatusText"]
 
@@ -83,8 +83,8 @@ def test_depth_of_a_video_device_of_the_kernel(found: dict[str, Any]) -> None:
 
 
 def test_a_video_device_that_is_unplugged_is_lost_and_not_found_again(found: dict[str, Any]) -> None:
-    assert "/dev/video0 is gone" in found["camera_unplugged"]
-    assert "is it plugged in" in found["camera_gone"]
+    assert "/dev/video0 was lost" in found["camera_unplugged"]
+    assert "check that it is connected" in found["camera_gone"]
 
 
 def test_taken_away_but_for_the_logs_until_asked_for(found: dict[str, Any]) -> None:
