@@ -12,7 +12,7 @@ from companion.viewer.colors import depth_rgb
 from core.extractor import Extractor
 from core.stages.classify import noise_tiles
 from core.stages.density import MAX_PEAKS, find_peaks
-from core.stages.strips import BOTTOM, HORIZONTAL, IRREGULAR, KIND, MERGED, ROUGH, SMOOTH, TOP, D, U
+from core.stages.strips import HORIZONTAL, IRREGULAR, MERGED, ROUGH, SMOOTH
 from core.types import FAR_MM, UNKNOWN_MM
 from drivers.simulation.source import Rendered
 
@@ -49,8 +49,9 @@ def levelled(calls: Calls) -> NDArray[np.uint16]:
 
 def is_ground(calls: Calls) -> NDArray[np.bool_]:
     """(cols, rows), where a measurement is ground or below it."""
-    codes, gate, shift, tan_mid = calls.of("extract_strips").before[:4]
-    ground: NDArray[np.bool_] = (codes > 1) & (tan_mid[None, :] - shift[:, None] > gate[codes])
+    codes, threshold, view = calls.of("extract_strips").before[:3]
+    above = view.tan_mid[None, :] - threshold.shift[:, None] > threshold.limit[codes]
+    ground: NDArray[np.bool_] = (codes > 1) & above
     return ground
 
 
@@ -60,7 +61,7 @@ def draw_level(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor)
     a, b = figure.subplots(1, 2, width_ratios=(frame.info.intrinsics.width, view.cols))
     a.imshow(depth_rgb(frame.depth_mm, frame.info))
     bare(a, "as the camera delivers it")
-    b.imshow(depth_rgb(view_mm(levelled(calls), view.f_px, view.quantum), frame.info))
+    b.imshow(depth_rgb(view_mm(levelled(calls), view.f_px, view.lsb_per_px), frame.info))
     b.axhline(view.cv, color="black", lw=0.7, ls=":")
     bare(b, "levelled: columns are vertical, the horizon (dotted) is a row")
 
@@ -112,7 +113,7 @@ def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor
     """The ground in the levelled view, and from the side with its tolerance."""
     view, found = calls.of("view_geometry").result, calls.of("find_ground")
     ground = found.result
-    rgb = depth_rgb(view_mm(levelled(calls), view.f_px, view.quantum), frame.info)
+    rgb = depth_rgb(view_mm(levelled(calls), view.f_px, view.lsb_per_px), frame.info)
     rgb[is_ground(calls).T] = (196, 164, 110)
     rgb[(levelled(calls) == 0).T] = (150, 150, 150)
     a, b = figure.subplots(1, 2)
@@ -137,26 +138,26 @@ def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor
 
 def column_with_most(calls: Calls, kind: int) -> int:
     """The column with most different strips, some of them of this kind."""
-    _, ints, floats, n = strips_of(calls)
-    score = [
-        len(set(np.round(floats[:n, D][ints[:n, U] == u], 0))) * int((ints[:n][ints[:n, U] == u, KIND] == kind).any())
-        for u in range(int(ints[:n, U].max()) + 1)
-    ]
+    _, strips = strips_of(calls)
+    score = []
+    for u in range(int(strips["column"].max()) + 1):
+        own = strips[strips["column"] == u]
+        score.append(len(set(np.round(own["disparity_px"], 0))) * int((own["kind"] == kind).any()))
     return int(np.argmax(score))
 
 
-def strips_of(calls: Calls) -> tuple[NDArray[np.uint16], NDArray[np.int32], NDArray[np.float32], int]:
-    """(codes, ints, floats, number) as the strips were found."""
+def strips_of(calls: Calls) -> tuple[NDArray[np.uint16], NDArray[Any]]:
+    """(quantised disparity, STRIP) as the strips were found."""
     call = calls.of("extract_strips")
-    return call.before[0], call.after[13], call.after[14], int(call.result[0])
+    return call.before[0], call.after[5][: int(call.result[0])]
 
 
 def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """One column: its pixels with its strips, and its density with threshold and peaks."""
     view, call, p = calls.of("view_geometry").result, calls.of("extract_strips"), extractor.params
-    codes, ints, floats, n = strips_of(calls)
+    codes, strips = strips_of(calls)
     u = column_with_most(calls, SMOOTH)
-    bin_of_code, bin_px, _, threshold, weights = call.before[5:10]
+    bin_of_code, bin_px, _, threshold, weights, _ = call.before[3]
     ground = is_ground(calls)[u]
     open_ = (codes[u] > 1) & ~ground
     counts = np.convolve(np.bincount(bin_of_code[codes[u][open_]], minlength=len(bin_px)), weights, "same").astype(
@@ -165,11 +166,11 @@ def draw_density(figure: Any, frame: Rendered, calls: Calls, extractor: Extracto
     low, high, top = (np.zeros(MAX_PEAKS, np.int32) for _ in range(3))
     peaks = find_peaks(counts, threshold, 0, len(counts) - 1, p.peak_valley, p.peak_alpha, 0, low, high, top)
     a, b = figure.subplots(1, 2, sharex=True)
-    rows, d = np.arange(codes.shape[1]), codes[u] / view.quantum
+    rows, d = np.arange(codes.shape[1]), codes[u] / view.lsb_per_px
     for on, color, label in ((ground, "#c4a46e", "ground"), (open_, "#4a6f96", "pixel")):
         a.plot(d[on & (codes[u] > 1)], rows[on & (codes[u] > 1)], ".", ms=2, color=color, label=label)
-    for i in np.flatnonzero(ints[:n, U] == u):
-        a.plot([floats[i, D]] * 2, [ints[i, TOP], ints[i, BOTTOM]], lw=2, color=_hex(KIND_RGB[ints[i, KIND]]))
+    for s in strips[strips["column"] == u]:
+        a.plot([s.disparity_px] * 2, [s.top_row, s.bottom_row], lw=2, color=_hex(KIND_RGB[int(s.kind)]))
     a.invert_yaxis()
     a.set_ylabel("row", fontsize=8)
     a.set_title(f"column {u}: its pixels and its strips", fontsize=9, loc="left")
@@ -192,28 +193,28 @@ def _hex(rgb: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*rgb)
 
 
-def painted(calls: Calls, ints: NDArray[np.int32], colors: NDArray[np.uint8], ground: bool = True) -> NDArray[np.uint8]:
-    """(rows, cols, 3): the levelled view, pale, with strips ints (N, 9) painted in colors (N, 3)."""
+def painted(calls: Calls, strips: NDArray[Any], colors: NDArray[np.uint8], ground: bool = True) -> NDArray[np.uint8]:
+    """(rows, cols, 3): the levelled view, pale, with strips (N,) painted in colors (N, 3)."""
     codes = levelled(calls)
     rgb = np.full((*codes.T.shape, 3), PALE, np.uint8)
     rgb[(codes == 0).T] = (190, 190, 190)
     if ground:
         rgb[is_ground(calls).T] = (222, 208, 180)
-    for row, color in zip(ints, colors, strict=True):
-        rgb[row[TOP] : row[BOTTOM] + 1, row[U]] = color
+    for s, color in zip(strips, colors, strict=True):
+        rgb[s.top_row : s.bottom_row + 1, s.column] = color
     return rgb
 
 
 def draw_strips(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """All strips by distance, and by the way they were found."""
     view = calls.of("view_geometry").result
-    _, ints, floats, n = strips_of(calls)
-    by_range = depth_rgb((1000.0 * view.f_px / floats[:n, D]).astype(np.uint16)[:, None], frame.info)[:, 0]
-    by_kind = np.array([KIND_RGB[int(k)] for k in ints[:n, KIND]], np.uint8)
+    _, strips = strips_of(calls)
+    by_range = depth_rgb((1000.0 * view.f_px / strips["disparity_px"]).astype(np.uint16)[:, None], frame.info)[:, 0]
+    by_kind = np.array([KIND_RGB[int(k)] for k in strips["kind"]], np.uint8)
     a, b = figure.subplots(1, 2)
-    a.imshow(painted(calls, ints[:n], by_range))
-    bare(a, f"{n} strips, coloured by distance")
-    b.imshow(painted(calls, ints[:n], by_kind))
+    a.imshow(painted(calls, strips, by_range))
+    bare(a, f"{len(strips)} strips, coloured by distance")
+    b.imshow(painted(calls, strips, by_kind))
     bare(b, "by kind")
     for k, name in KIND_NAME.items():
         b.plot([], [], "s", ms=5, color=_hex(KIND_RGB[k]), label=name)
@@ -223,18 +224,18 @@ def draw_strips(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor
 def draw_irregular(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """A column through foliage from the side: pixels, strips and their near edges."""
     view = calls.of("view_geometry").result
-    codes, ints, floats, n = strips_of(calls)
+    codes, strips = strips_of(calls)
     u = column_with_most(calls, IRREGULAR)
     on = (codes[u] > 1) & ~is_ground(calls)[u]
     rows = np.arange(codes.shape[1])
     ax = figure.subplots()
-    x = view.f_px * view.quantum / np.maximum(codes[u], 1)
+    x = view.f_px * view.lsb_per_px / np.maximum(codes[u], 1)
     ax.plot(x[on], (view.cv - rows[on]) / view.f_px * x[on], ".", ms=3, color="#8aa4bd", label="pixel")
-    for i in np.flatnonzero(ints[:n, U] == u):
-        at, near = view.f_px / floats[i, D], view.f_px / floats[i, 1]
-        z = (view.cv - np.array([ints[i, TOP], ints[i, BOTTOM]])) / view.f_px * at
-        ax.plot([at, at], z, lw=2.5, color=_hex(KIND_RGB[ints[i, KIND]]))
-        ax.plot([near, near], z, lw=1, ls=":", color=_hex(KIND_RGB[ints[i, KIND]]))
+    for s in strips[strips["column"] == u]:
+        at, near = view.f_px / s.disparity_px, view.f_px / s.near_px
+        z = (view.cv - np.array([s.top_row, s.bottom_row])) / view.f_px * at
+        ax.plot([at, at], z, lw=2.5, color=_hex(KIND_RGB[int(s.kind)]))
+        ax.plot([near, near], z, lw=1, ls=":", color=_hex(KIND_RGB[int(s.kind)]))
     for k, name in KIND_NAME.items():
         ax.plot([], [], lw=2.5, color=_hex(KIND_RGB[k]), label=f"strip, {name}")
     ax.plot([], [], lw=1, ls=":", color="black", label="near edge of a strip")
@@ -248,14 +249,14 @@ def draw_irregular(figure: Any, frame: Rendered, calls: Calls, extractor: Extrac
 def draw_support(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """Which strips too few pixels stand for."""
     call = calls.of("drop_unsupported")
-    before, kept = call.before[0][: call.before[2]], call.after[0][: int(call.result)]
-    here = {tuple(r[:3]) for r in kept}
-    gone = np.array([tuple(r[:3]) not in here for r in before])
+    before, kept = call.before[0][: call.before[1]], call.after[0][: int(call.result)]
+    here = {(int(s.column), int(s.top_row), int(s.bottom_row)) for s in kept}
+    gone = np.array([(int(s.column), int(s.top_row), int(s.bottom_row)) not in here for s in before])
     colors = np.where(gone[:, None], (215, 30, 30), (120, 150, 185)).astype(np.uint8)
     order = np.argsort(gone, kind="stable")
     rgb = painted(calls, before[order], colors[order])
-    for row in before[gone]:
-        rgb[max(0, row[TOP] - 1) : row[BOTTOM] + 2, max(0, row[U] - 1) : row[U] + 2] = (215, 30, 30)
+    for s in before[gone]:
+        rgb[max(0, s.top_row - 1) : s.bottom_row + 2, max(0, s.column - 1) : s.column + 2] = (215, 30, 30)
     ax = figure.subplots()
     ax.imshow(rgb)
     bare(ax, f"{len(kept)} strips stay; {int(gone.sum())} (red, drawn larger than they are) do not")

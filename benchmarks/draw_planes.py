@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.draw_pixels import PALE, bare, painted, view_mm
-from benchmarks.trace import Calls
+from benchmarks.trace import Call, Calls
 from companion.viewer.colors import depth_rgb
 from core.stages.line_fit import fit_line
-from core.stages.openings import F_DOWN, layer_of
-from core.stages.planes import FRONT, P_INFERRED, P_SUPPORT, T0, T1, Z0, Z1, A, B
-from core.stages.strips import CLUSTER, FILL, NEAR, SUPPORT, TRACK, D, U
+from core.stages.openings import layer_of
 from core.types import FrameModel, FreeEnd
 from drivers.simulation.source import Rendered
 
@@ -36,23 +34,23 @@ def _above(ax: Any, title: str) -> None:
     ax.set_title(title, fontsize=9, loc="left")
 
 
-def _ends(p: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _ends(p: Any) -> tuple[tuple[float, float], tuple[float, float]]:
     """((y, x), (y, x)) of a plane's ends."""
-    x0, x1 = 1.0 / max(p[A] + p[B] * p[T0], 1e-3), 1.0 / max(p[A] + p[B] * p[T1], 1e-3)
-    return (p[T0] * x0, x0), (p[T1] * x1, x1)
+    x0, x1 = 1.0 / max(p.a + p.b * p.t0, 1e-3), 1.0 / max(p.a + p.b * p.t1, 1e-3)
+    return (p.t0 * x0, x0), (p.t1 * x1, x1)
 
 
 def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Strips from above by cluster, largest first."""
     after = calls.of("join_near").after
-    ints, place, n = after[0], after[1], after[2]
-    number = ints[:n, CLUSTER]
+    strips = after[0][: after[1]]
+    number = strips["cluster"]
     order = {int(c): k for k, c in enumerate(np.argsort(-np.bincount(number)))}
     colors = COLORS[[order[int(c)] % len(COLORS) for c in number]]
     a, b = figure.subplots(1, 2)
-    a.imshow(painted(calls, ints[:n], colors))
+    a.imshow(painted(calls, strips, colors))
     bare(a, f"{len(order)} clusters")
-    b.scatter(place[:n, 1], place[:n, 0], s=1.5, c=colors / 255.0)
+    b.scatter(strips["y_m"], strips["x_m"], s=1.5, c=colors / 255.0)
     _above(b, "from above")
     b.set_xlim(-9, 9)
     b.set_ylim(0, 21)
@@ -61,10 +59,10 @@ def draw_clusters(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """What was filled: low gaps, then slits."""
     before, after = calls.of("fill_columns").before, calls.of("fill_columns").after
-    n = int(before[4][before[3]])
+    n = int(before[3][before[2].cols])
     blue = np.tile(np.array((120, 150, 185), np.uint8), (n, 1))
     seen = painted(calls, before[0][:n], blue, ground=False)
-    alive = after[0][:n][after[0][:n, SUPPORT] > 0]
+    alive = after[0][:n][after[0]["support"][:n] > 0]
     filled = painted(calls, alive, blue[: len(alive)], ground=False)
     fresh = np.any(filled != seen, axis=2) & np.all(filled == blue[0], axis=2)
     filled[fresh] = (230, 126, 34)
@@ -72,25 +70,30 @@ def draw_gaps(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
     a.imshow(seen)
     bare(a, "strips as found: a window to pass, two slits, holes")
     b.imshow(filled)
-    bare(b, f"orange: filled ({int(alive[:, FILL].sum())} rows in all)")
+    bare(b, f"orange: filled ({int(alive['filled_rows'].sum())} rows in all)")
+
+
+def _grown(call: Call) -> NDArray[Any]:
+    """The strips of a call of `grow` that are in a track."""
+    strips = call.after[0][: int(call.before[2][call.before[1].cols])]
+    return strips[strips["support"] > 0]
 
 
 def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Strips as points (t, s), a vertical plane being a straight line."""
-    call, view, moments = calls.of("grow"), calls.of("view_geometry").result, calls.of("planes_from_tracks").before[1]
-    ints, floats, n, count = *call.after[:2], int(call.before[4][call.before[3]]), call.result
-    on = np.flatnonzero((ints[:n, SUPPORT] > 0) & (ints[:n, TRACK] >= 0))
-    size = np.bincount(ints[on, TRACK], minlength=count)
+    call, view, tracks = calls.of("grow"), calls.of("view_geometry").result, calls.of("planes_from_tracks").before[1]
+    on, count = _grown(call), call.result
+    size = np.bincount(on["track"], minlength=count)
     rank = {int(k): i for i, k in enumerate(np.argsort(-size, kind="stable"))}
-    t, s = (ints[on, U] - view.cu) / view.f_px, floats[on, D] / view.f_px
-    color = COLORS[[rank[int(k)] % len(COLORS) for k in ints[on, TRACK]]] / 255.0
-    small = np.array([size[k] < 4 for k in ints[on, TRACK]])
+    t, s = (on["column"] - view.cu) / view.f_px, on["disparity_px"] / view.f_px
+    color = COLORS[[rank[int(k)] % len(COLORS) for k in on["track"]]] / 255.0
+    small = np.array([size[k] < 4 for k in on["track"]])
     color[small] = 0.75
     ax = figure.subplots()
     ax.scatter(t, s, s=2.5, c=color)
     for k in np.flatnonzero(size >= 12):
-        a, b, _, _ = fit_line(moments[k], 1.0 / 1.2**2)
-        ends = np.array([t[ints[on, TRACK] == k].min(), t[ints[on, TRACK] == k].max()])
+        a, b, _, _ = fit_line(tracks[k], 1.0 / 1.2**2)
+        ends = np.array([t[on["track"] == k].min(), t[on["track"] == k].max()])
         ax.plot(ends, a + b * ends, color="black", lw=0.7)
     ax.set_xlabel("t = y/x, tangent of azimuth", fontsize=8)
     ax.set_ylabel("s = 1/x, 1/m", fontsize=8)
@@ -99,16 +102,16 @@ def draw_tracks(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -
     )
 
 
-def _rectangles(ax: Any, calls: Calls, frame: Rendered, planes: NDArray[np.float64], title: str) -> None:
+def _rectangles(ax: Any, calls: Calls, frame: Rendered, planes: NDArray[Any], title: str) -> None:
     """Planes drawn as the levelled view sees them."""
     from matplotlib.patches import Polygon
 
     view, codes = calls.of("view_geometry").result, calls.of("extract_strips").before[0]
-    rgb = depth_rgb(view_mm(codes, view.f_px, view.quantum), frame.info)
+    rgb = depth_rgb(view_mm(codes, view.f_px, view.lsb_per_px), frame.info)
     ax.imshow((0.35 * rgb + 0.65 * PALE).astype(np.uint8))
     for k, p in enumerate(planes):
-        s0, s1 = p[A] + p[B] * p[T0], p[A] + p[B] * p[T1]
-        corner = [(p[T0], p[Z0] * s0), (p[T1], p[Z0] * s1), (p[T1], p[Z1] * s1), (p[T0], p[Z1] * s0)]
+        s0, s1 = p.a + p.b * p.t0, p.a + p.b * p.t1
+        corner = [(p.t0, p.top_m * s0), (p.t1, p.top_m * s1), (p.t1, p.bottom_m * s1), (p.t0, p.bottom_m * s0)]
         xy = [(view.cu + view.f_px * t, view.cv + view.f_px * m) for t, m in corner]
         ax.add_patch(Polygon(xy, closed=True, fill=False, ec=_hex(k), lw=0.8))
     ax.set_xlim(0, view.cols)
@@ -120,21 +123,21 @@ def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) ->
     """Planes before and after the merge."""
     call = calls.of("join_planes")
     count = call.before[0]
-    after = call.after[1][:count][call.after[2][:count, P_SUPPORT] >= 0]
+    after = call.after[2][:count][call.after[2]["support"][:count] >= 0]
     a, b = figure.subplots(1, 2)
-    _rectangles(a, calls, frame, call.before[1][:count], f"{count} pieces")
+    _rectangles(a, calls, frame, call.before[2][:count], f"{count} pieces")
     _rectangles(b, calls, frame, after, f"merged: {len(after)} planes")
 
 
 def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """The mask of openings at the distance of the nearest large thing."""
-    view, (masks, where) = calls.of("view_geometry").result, calls.of("opening_masks").result
+    view, openings = calls.of("view_geometry").result, calls.of("find_openings").result
     codes = calls.of("extract_strips").before[0]
-    rgb = depth_rgb(view_mm(codes, view.f_px, view.quantum), frame.info).astype(np.float64)
+    rgb = depth_rgb(view_mm(codes, view.f_px, view.lsb_per_px), frame.info).astype(np.float64)
     axes = figure.subplots(1, 2)
     for ax, x in zip(axes, (6.5, 11.0), strict=True):
-        cell = round(view.f_px / where[F_DOWN])
-        mask = np.kron(masks[layer_of(x, where)].T, np.ones((cell, cell)))
+        cell = round(view.f_px / openings.down)
+        mask = np.kron(openings.masks[layer_of(x, openings.steps_m)].T, np.ones((cell, cell)))
         mask = mask[: view.rows, : view.cols] > 0
         shown = 0.4 * rgb + 0.6 * PALE
         shown[mask] = 0.5 * shown[mask] + 0.5 * np.array((60, 180, 75))
@@ -145,17 +148,15 @@ def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel)
 def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """A tree from above: strips, near edges, planes before and after the shift."""
     call, shift, view = calls.of("grow"), calls.of("shift_to_near_side"), calls.of("view_geometry").result
-    ints, floats, n = *call.after[:2], int(call.before[4][call.before[3]])
-    f, cu = view.f_px, view.cu
-    on = np.flatnonzero(ints[:n, SUPPORT] > 0)
-    t = (ints[on, U] - cu) / f
-    x, near = f / floats[on, D], f / floats[on, NEAR]
+    f, on = view.f_px, _grown(call)
+    t = (on["column"] - view.cu) / f
+    x, near = f / on["disparity_px"], f / on["near_px"]
     ax = figure.subplots()
     ax.plot(t * x, x, ".", ms=2.5, color="#8aa4bd", label="strip")
     ax.plot(t * near, near, ".", ms=1.5, color="#d0506a", label="its near edge")
     for p, q in zip(shift.before[1][: shift.before[0]], shift.after[1], strict=False):
         (y0, x0), (y1, x1) = _ends(p)
-        moved = p[FRONT] > 0.0
+        moved = p.front_m > 0.0
         ax.plot([y0, y1], [x0, x1], color="#707070", lw=0.8, ls="--" if moved else "-")
         if moved:
             (y0, x0), (y1, x1) = _ends(q)
@@ -171,19 +172,18 @@ def draw_near(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
 
 def draw_pockets(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
     """Planes from above before neighbours meet, and after pockets closed and the covered went."""
-    before, drop = calls.of("meet_neighbours"), calls.of("drop_covered")
+    before, drop = calls.of("extend_to_corners"), calls.of("drop_covered")
     a, b = figure.subplots(1, 2, sharex=True, sharey=True)
     for p in before.before[1][: before.before[0]]:
         (y0, x0), (y1, x1) = _ends(p)
         a.plot([y0, y1], [x0, x1], color="#1f4e79", lw=1.4)
     _above(a, f"{before.before[0]} planes after the merge")
-    count, planes, ints = drop.after[0], drop.after[1], drop.after[2]
-    for k in range(count):
-        (y0, x0), (y1, x1) = _ends(planes[k])
-        if ints[k, P_SUPPORT] < 0:
+    for p in drop.after[1][: drop.after[0]]:
+        (y0, x0), (y1, x1) = _ends(p)
+        if p.support < 0:
             b.plot([y0, y1], [x0, x1], color="#b0b0b0", lw=0.8)
         else:
-            b.plot([y0, y1], [x0, x1], color="#e67e22" if ints[k, P_INFERRED] else "#1f4e79", lw=1.4)
+            b.plot([y0, y1], [x0, x1], color="#e67e22" if p.inferred else "#1f4e79", lw=1.4)
     _above(b, "orange: closed pockets; grey: covered, dropped")
 
 

@@ -44,5 +44,6 @@ class Call:
 
 def _copy(value: Any) -> Any:
     if isinstance(value, tuple):
-        return tuple(_copy(v) for v in value)
+        copies = [_copy(v) for v in value]
+        return type(value)(*copies) if hasattr(value, "_fields") else tuple(copies)
     return value.copy() if isinstance(value, np.ndarray) else value

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Scratch:
-    """Arrays by name that grow to the largest ever asked for; what is in one when it is handed out means nothing."""
+class Buffers:
+    """Arrays by name that grow to the largest ever asked for; their content is undefined when they are handed out."""
 
     def __init__(self) -> None:
         self._held: dict[str, NDArray[Any]] = {}

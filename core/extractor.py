@@ -4,34 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .buffers import Scratch
+from .buffers import Buffers
 from .frames import Rotation
 from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, estimate_ke, measured_mm
 from .stages.columns import extract_strips
 from .stages.free_space import SeenFree, free_profile, seen_free
-from .stages.ground import doubt_settings, find_ground, ground_gate, with_ranges
+from .stages.ground import find_ground, ground_noise_test, ground_threshold, with_ranges
 from .stages.level import level_safe, pool_columns
-from .stages.model import ToldPlanes, blind_model, pixel_stats, strip_table, told_planes
+from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import flying_off_ramps, noisy_share
-from .stages.openings import opening_masks
-from .stages.plane_stages import plane_tables, shape_planes
+from .stages.openings import find_openings
+from .stages.plane_shaping import plane_buffers, shape_planes
 from .stages.prisms import layered_prisms
 from .stages.settings import Settings, settings_of
-from .stages.strip_stages import settle_strips, strip_tables
+from .stages.strip_search import settle_strips, strip_buffers
+from .stages.strips import STRIP
 from .stages.temporal_noise import observe
-from .stages.truncation import MEANS_LEFT
-from .stages.view_geometry import (
-    ViewGeometry,
-    is_rotation,
-    pooled_geometry,
-    tilt_rad,
-    view_geometry,
-)
+from .stages.view_geometry import ViewGeometry, is_rotation, pooled_geometry, source_of, tilt_rad, view_geometry
 from .types import CameraInfo, ExtractorState, FrameModel, Ground, InvalidCause
 
 _MORE_COLS, _MORE_STRIPS = 32, 512
@@ -46,10 +41,10 @@ class Extractor:
     def __init__(self, params: Params | None = None) -> None:
         self.params = params or Params()
         self._settings: Settings | None = None
-        self._strip_tables = strip_tables(0, self.params.max_column_strips)
+        self._make_strip_tables(0)
         self._room_for_strips = 0
-        self._plane_tables = plane_tables(self._room_for_strips, self.params.merge_partners)
-        self._buffer = Scratch()
+        self._plane_buffers = plane_buffers(self._room_for_strips, self.params.merge_partners)
+        self._buffer = Buffers()
 
     def extract(
         self,
@@ -94,18 +89,20 @@ class Extractor:
         ground = self._ground(marks, info, R, ke, state)
         settings = self._settings = settings_of(view, ke, self.params, self._settings)
         seen = seen_free(*exact, (k.width, k.height), ground, clear_m, ke, self.params)  # while the codes are at hand
-        n, found, ground_px, overflow = self._strips(codes, view, info, R, ground, clear_m, ke, settings)
+        source = source_of(info, R, clear_m)
+        n, found, ground_px, overflow = self._strips(codes, view, source, ground, ke, settings)
         if self._is_shreds(found, view):
             stats = pixel_stats(counts, depth_mm.size, dropped_strips=found)
             return blind_model(info, InvalidCause.NO_MEASUREMENT, self.params, stats), state
-        count, planes, plane_ints, moments = self._planes(codes, n, view, info, settings)
+        count = self._planes(codes, n, view, source, info, settings)
+        planes = self._plane_buffers.planes
 
-        told = told_planes(count, planes, plane_ints, moments, ground, view, self.params)
+        told = published_planes(count, planes, ground, view, self.params)
         if told is None:
             stats = pixel_stats(counts, depth_mm.size)
             return blind_model(info, InvalidCause.NON_FINITE, self.params, stats), state
         return self._model(
-            told, seen, ground, ke, n, planes, plane_ints, keep_strips, counts, depth_mm.size, ground_px=ground_px, strips=n,
+            told, seen, ground, ke, n, planes, keep_strips, counts, depth_mm.size, ground_px=ground_px, strips=n,
             dropped_strips=found - n, overflow=overflow,
         ), replace(
             after, ground_height_m=ground.height_m if ground.seen else state.ground_height_m, ke_per_m=ke
@@ -165,7 +162,7 @@ class Extractor:
         if step > 1:
             apart = math.sqrt(2.0) * self.params.column_agree_sigmas * max(ke * view.f_px, self.params.min_sigma_px)
             pooled = self._buffer("pooled", (-(-view.cols // step), view.rows), np.uint16)
-            pool_columns(codes, step, int(apart * view.quantum), pooled)
+            pool_columns(codes, step, int(apart * view.lsb_per_px), pooled)
             view = pooled_geometry(view, step)
             codes = pooled
         return codes, view, exact
@@ -179,40 +176,43 @@ class Extractor:
 
     # ---- strips and clusters ------------------------------------------------------------------------------------
 
+    def _make_strip_tables(self, cols: int) -> None:
+        room = cols * self.params.max_column_strips
+        self._strip_table = np.zeros(room, STRIP)
+        self._first_of_column = np.zeros(cols + 1, np.int32)
+        self._strip_buffers = strip_buffers(room)
+
     def _strips(
         self,
         codes: NDArray[np.uint16],
         view: ViewGeometry,
-        info: CameraInfo,
-        R: Rotation,
+        source: NDArray[Any],
         ground: Ground,
-        clear_m: float,
         ke: float,
         settings: Settings,
     ) -> tuple[int, int, int, int]:
         """Sections 4.1-4.4 and 5.1: strips that stay, in clusters, gaps filled; strips found, ground pixels taken out, and strips
-        merged for room. Writes the tables of strips and their places."""
-        p, k, bins = self.params, info.intrinsics, settings.bins
-        gate = self._buffer("gate", (65536,), np.float32)
-        shift = ground_gate(ground, view, ke, p, gate)
-        if len(self._strip_tables[3]) <= view.cols:
-            cols = -(-view.cols // _MORE_COLS) * _MORE_COLS
-            self._strip_tables = strip_tables(cols, p.max_column_strips)
-        ints, floats, place, columns, *scratch = self._strip_tables
-        fs, si = settings.strip_floats, settings.strip_ints
+        merged for room. Writes the table of strips."""
+        threshold = ground_threshold(ground, view, ke, self.params, self._buffer("threshold", (65536,), np.float32))
+        if len(self._first_of_column) <= view.cols:
+            self._make_strip_tables(-(-view.cols // _MORE_COLS) * _MORE_COLS)
+        strips = self._strip_table
         found, ground_px, overflow = map(
-            int,
-            extract_strips(
-                codes, gate, shift, view.tan_mid, view.H, bins.bin_of_code, bins.disparity_px, bins.width_px, bins.threshold,
-                bins.weights, bins.first_code, fs, si, ints, floats,
-            ),
-        )  # fmt: skip
-        doubt = doubt_settings(ground, view, ke, p)
+            int, extract_strips(codes, threshold, view, settings.bins, settings.strips, strips)
+        )
+        noise_test = ground_noise_test(ground, view, ke, self.params)
         n, found = settle_strips(
-            found, p.max_strips_per_column * view.cols, codes, view.tan_mid, shift, doubt, ground.seen, view.cols, view.cu,
-            view.lateral, view.tan_edge, view.H, k.width, k.height, R, clear_m, MEANS_LEFT, fs, si, ints, floats, place, columns,
-            *scratch,
-        )  # fmt: skip
+            found,
+            codes,
+            view,
+            source,
+            threshold,
+            noise_test,
+            settings.strips,
+            strips,
+            self._first_of_column,
+            self._strip_buffers,
+        )
         return n, found, ground_px, overflow
 
     # ---- planes -------------------------------------------------------------------------------------------------
@@ -222,31 +222,35 @@ class Extractor:
         codes: NDArray[np.uint16],
         n: int,
         view: ViewGeometry,
+        source: NDArray[Any],
         info: CameraInfo,
         settings: Settings,
-    ) -> tuple[int, NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-        """Sections 5.2 and 5.3: planes (columns of planes.py), their number and moments."""
-        p = self.params
-        ints, floats, place, columns = self._strip_tables[:4]
+    ) -> int:
+        """Sections 5.2 and 5.3: the number of planes, in the buffers."""
+        p, strips = self.params, self._strip_table
         if n > self._room_for_strips:
             self._room_for_strips = -(-n // _MORE_STRIPS) * _MORE_STRIPS
-            self._plane_tables = plane_tables(self._room_for_strips, p.merge_partners)
-        tables = self._plane_tables
-        planes, plane_ints, moments = tables[:3]
-        masks, frame = opening_masks(codes, ints, floats, n, view, info.max_range_m, p, self._buffer)
-        cell, k = p.evidence_cell_px, info.intrinsics
-        seen = self._buffer("seen", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
-        count = shape_planes(
-            ints, floats, place, n, columns, view.cols, view.f_px, view.cu, view.cv,
-            view.lateral, view.tan_edge, view.H, k.width, k.height, settings.planes, settings.merge, masks, frame, seen, *tables,
-        )  # fmt: skip
-        return count, planes, plane_ints, moments
+            self._plane_buffers = plane_buffers(self._room_for_strips, p.merge_partners)
+        openings = find_openings(codes, strips, n, view, info.max_range_m, p, self._buffer)
+        cell = p.evidence_cell_px
+        cells = self._buffer("evidence", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
+        return shape_planes(
+            strips,
+            n,
+            self._first_of_column,
+            view,
+            source,
+            settings.planes,
+            settings.merge,
+            openings,
+            cells,
+            self._plane_buffers,
+        )
 
     # ---- what comes out -----------------------------------------------------------------------------------------
 
     def _model(
-        self, told: ToldPlanes, seen: SeenFree, ground: Ground, ke: float, n: int, planes: NDArray[np.float64],
-        plane_ints: NDArray[np.int32], keep_strips: bool, pixels: tuple[int, int, int], px: int, **counted: int,
+        self, told: PublishedPlanes, seen: SeenFree, ground: Ground, ke: float, n: int, planes: NDArray[Any], keep_strips: bool, pixels: tuple[int, int, int], px: int, **counted: int,
     ) -> FrameModel:  # fmt: skip
         """Section 3: planes as rectangles, layered prisms, and the free-range profile in front of them."""
         rows, margin, flags, support_px, cluster = told
@@ -256,11 +260,11 @@ class Extractor:
         )
         return FrameModel.written(
             valid=True, cause=InvalidCause.NONE, planes=rows, support_px=support_px, margin_m=margin, flags=flags,
-            cluster=cluster, prisms=prisms, free=free_profile(seen, len(rows), planes, plane_ints, margin), ground=ground,
+            cluster=cluster, prisms=prisms, free=free_profile(seen, len(rows), planes, margin), ground=ground,
             stats=pixel_stats(
                 pixels, px, **counted, clusters=len(set(cluster.tolist())), planes=len(rows), prisms=len(prisms)
             ),
-            ke_per_m=ke, strips=strip_table(self._strip_tables[0], self._strip_tables[2], n) if keep_strips else None,
+            ke_per_m=ke, strips=strip_table(self._strip_table, n) if keep_strips else None,
         )  # fmt: skip
 
 

@@ -13,7 +13,11 @@ then `x if c else b`.
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 # both say it, since a function that does not would take it over from whoever calls it first
 kernel = njit(cache=True, nogil=True, _nrt=True)
@@ -26,6 +30,21 @@ kernel_ieee = njit(cache=True, nogil=True, _nrt=True, error_model="numpy")
 inner_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 inline_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
 """The same where a division by zero gives infinity, and no look at the divisor hinders many divisions at a time."""
+
+
+def record(*fields: tuple[str, Any]) -> np.dtype[Any]:
+    """A structured dtype, aligned as in C, whose elements give their fields as attributes, in kernels and in Python.
+
+    fields: (name, scalar type). An element of an array of this dtype refers to the array's memory."""
+    return np.dtype((np.record, np.dtype(list(fields), align=True)))
+
+
+def record_of(dtype: np.dtype[Any], parameters: Any, **derived: Any) -> NDArray[Any]:
+    """(1,) of a dtype of `record`: each field is what `derived` says, else the parameter of the same name."""
+    out = np.zeros(1, dtype)
+    for name in dtype.names or ():
+        out[name] = derived[name] if name in derived else getattr(parameters, name)
+    return out
 
 
 @inner

@@ -15,7 +15,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, Final
 
-HOSTS: Final = ("core.extractor", "core.stages.strip_stages", "core.stages.plane_stages")
+HOSTS: Final = ("core.extractor", "core.stages.strip_search", "core.stages.plane_shaping")
 """Modules whose calls are traced: those that combine the stages."""
 
 STAGE_OF_MODULE: Final[dict[str, str]] = {
@@ -27,7 +27,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "density": "density, windows, strips, rest",
     "settings": "density, windows, strips, rest",
     "columns": "density, windows, strips, rest",
-    "strip_stages": "density, windows, strips, rest",
+    "strip_search": "density, windows, strips, rest",
     "truncation": "density, windows, strips, rest",
     "support": "support",
     "clusters": "clusters",
@@ -38,7 +38,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "outlier_split": "planes, near side",
     "evidence": "merge",
     "merge": "merge",
-    "plane_stages": "planes, near side",
+    "plane_shaping": "planes, near side",
     "refine": "neighbours, pockets",
     "model": "tables, flags",
     "prisms": "layers, prisms",

@@ -7,16 +7,28 @@ instead of its last one; clusters that meet later join.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..jit import inner
-from .strips import BOTTOM, CLUSTER, TOP, D, U
+from ..jit import inner, record
 
-# columns of the place table
-X, Y, Z_TOP, Z_BOTTOM = range(4)
-# columns of the table of groups: its cell, the next group of the bucket, its first and last strip
-G_IX, G_IY, G_NEXT, G_FIRST, G_LAST = range(5)
+GROUP = record(
+    ("ix", np.int32),
+    ("iy", np.int32),
+    ("next", np.int32),
+    ("first", np.int32),
+    ("last", np.int32),
+    ("x0", np.float32),
+    ("x1", np.float32),
+    ("y0", np.float32),
+    ("y1", np.float32),
+    ("top", np.float32),
+    ("bottom", np.float32),
+)
+"""Strips of one cell that are one cluster by their heights. ix, iy: the cell; next: the next group of the bucket, later the
+number of the cluster; first, last: strips of the chain; x0 to bottom: the box around them, m."""
 
 CELL_PER_WS = 0.7
 """Side of a cell over Ws: below 1/sqrt(2), so that two strips of one cell are always closer than Ws. No tuning: it
@@ -27,16 +39,39 @@ BUCKETS = 4096
 """Chains into which cells are spread, a power of two: it changes the work, never the clusters."""
 
 
+class ClusterBuffers(NamedTuple):
+    """Scratch of `join_near` for N strips: following, group_of, parent (N,) int32; groups (N,) GROUP; buckets (BUCKETS,)
+    int32."""
+
+    following: NDArray[np.int32]
+    group_of: NDArray[np.int32]
+    parent: NDArray[np.int32]
+    groups: NDArray[Any]
+    buckets: NDArray[np.int32]
+
+
+def cluster_buffers(strips: int) -> ClusterBuffers:
+    """Scratch for so many strips."""
+    return ClusterBuffers(
+        np.zeros(strips, np.int32),
+        np.zeros(strips, np.int32),
+        np.zeros(strips, np.int32),
+        np.zeros(strips, GROUP),
+        np.zeros(BUCKETS, np.int32),
+    )
+
+
 @inner
-def place_strips(ints, floats, n, f, cu, lateral, tan_edge, place):
-    """place: (N, 4) float32 x, y, top, bottom of each strip in level_cam, metres (Eq. 15)."""
+def place_strips(strips, n, view):
+    """Writes the place of each strip in level_cam (Eq. 15)."""
+    f, cu = view.f_px, view.cu
     for i in range(n):
-        x = f / floats[i, D]
-        middle = (ints[i, TOP] + ints[i, BOTTOM]) // 2
-        place[i, X] = x
-        place[i, Y] = x * (ints[i, U] - cu) / f * lateral[middle]
-        place[i, Z_TOP] = x * tan_edge[ints[i, TOP]]
-        place[i, Z_BOTTOM] = x * tan_edge[ints[i, BOTTOM] + 1]
+        s = strips[i]
+        x = f / s.disparity_px
+        s.x_m = x
+        s.y_m = x * (s.column - cu) / f * view.lateral[(s.top_row + s.bottom_row) // 2]
+        s.top_m = x * view.tan_edge[s.top_row]
+        s.bottom_m = x * view.tan_edge[s.bottom_row + 1]
 
 
 @inner
@@ -51,21 +86,20 @@ def root_of(parent, i):
 
 
 @inner
-def join_near(ints, place, n, ws, hs, following, group_of, parent, groups, boxes, buckets):
-    """Writes CLUSTER (numbered from 0 in order of first appearance); returns the number of clusters.
+def join_near(strips, n, ws, hs, buffers):
+    """Writes `cluster` (numbered from 0 in order of first appearance); returns the number of clusters.
 
-    place: see place_strips. ws, hs: horizontal and vertical gap, m, from which on the vehicle passes.
+    strips: (N,) STRIP with places. ws, hs: horizontal and vertical gap, m, from which on the vehicle passes. buffers:
+    ClusterBuffers.
 
     The components of the graph of all pairs of strips closer than Ws across and Hs in height, without looking at all
     pairs: strips of one cell are closer than Ws anyhow, so that heights alone make groups of them; groups of cells in
-    reach of each other are joined where a pair of their strips is close enough.
-    Scratch: following, group_of, parent (N,) int32, groups (N, 5) int32, boxes (N, 6) float32,
-    buckets (BUCKETS,) int32."""
-    count = _group_cells(place, n, CELL_PER_WS * ws, hs, following, group_of, parent, groups, boxes, buckets)
+    reach of each other are joined where a pair of their strips is close enough."""
+    count = _group_cells(strips, n, CELL_PER_WS * ws, hs, buffers)
     for g in range(count):
-        if groups[g, G_FIRST] >= 0:
-            _join_neighbours(place, g, ws, hs, following, parent, groups, boxes, buckets)
-    return _number_clusters(ints, n, count, group_of, parent, groups)
+        if buffers.groups[g].first >= 0:
+            _join_neighbours(strips, g, ws, hs, buffers)
+    return _number_clusters(strips, n, count, buffers)
 
 
 @inner
@@ -75,66 +109,67 @@ def _bucket(ix, iy):
 
 
 @inner
-def _group_cells(place, n, cell_m, hs, following, group_of, parent, groups, boxes, buckets):
+def _group_cells(strips, n, cell_m, hs, buffers):
     """Groups the strips of each cell by their heights: no step of Hs or more inside a group; returns how many it made.
 
-    A group that a later strip joins to another one of its cell has no strips left (G_FIRST = -1) and a parent."""
+    A group that a later strip joins to another one of its cell has no strips left (first = -1) and a parent."""
+    following, groups, buckets = buffers.following, buffers.groups, buffers.buckets
     buckets[:] = -1
     count = 0
     for i in range(n):
-        ix, iy = int(math.floor(place[i, X] / cell_m)), int(math.floor(place[i, Y] / cell_m))
+        s = strips[i]
+        ix, iy = int(math.floor(s.x_m / cell_m)), int(math.floor(s.y_m / cell_m))
         bucket = _bucket(ix, iy)
         following[i] = -1
         mine, before, g = -1, -1, buckets[bucket]
         for _ in range(count):
             if g < 0:
                 break
-            after = groups[g, G_NEXT]
-            near = max(place[i, Z_TOP] - boxes[g, 5], boxes[g, 4] - place[i, Z_BOTTOM]) < hs
-            if not near or groups[g, G_IX] != ix or groups[g, G_IY] != iy:
+            group = groups[g]
+            after = group.next
+            near = max(s.top_m - group.bottom, group.top - s.bottom_m) < hs
+            if not near or group.ix != ix or group.iy != iy:
                 before = g
             elif mine < 0:
                 mine = before = g
-                following[groups[g, G_LAST]] = i
-                groups[g, G_LAST] = i
-                _widen(
-                    boxes[g], place[i, X], place[i, X], place[i, Y], place[i, Y], place[i, Z_TOP], place[i, Z_BOTTOM]
-                )
+                following[group.last] = i
+                group.last = i
+                _widen(group, s.x_m, s.x_m, s.y_m, s.y_m, s.top_m, s.bottom_m)
             else:  # the strip lies between two groups of its cell
-                groups[before, G_NEXT] = after
-                _absorb(mine, g, following, parent, groups, boxes)
+                groups[before].next = after
+                _absorb(mine, g, buffers)
             g = after
         if mine < 0:
             mine = count
             count += 1
-            parent[mine] = mine
-            groups[mine, G_IX], groups[mine, G_IY], groups[mine, G_NEXT] = ix, iy, buckets[bucket]
-            groups[mine, G_FIRST], groups[mine, G_LAST] = i, i
+            buffers.parent[mine] = mine
+            new = groups[mine]
+            new.ix, new.iy, new.next = ix, iy, buckets[bucket]
+            new.first, new.last = i, i
             buckets[bucket] = mine
-            boxes[mine, 0], boxes[mine, 1] = place[i, X], place[i, X]
-            boxes[mine, 2], boxes[mine, 3] = place[i, Y], place[i, Y]
-            boxes[mine, 4], boxes[mine, 5] = place[i, Z_TOP], place[i, Z_BOTTOM]
-        group_of[i] = mine
+            new.x0, new.x1, new.y0, new.y1 = s.x_m, s.x_m, s.y_m, s.y_m
+            new.top, new.bottom = s.top_m, s.bottom_m
+        buffers.group_of[i] = mine
     return count
 
 
 @inner
-def _widen(box, x0, x1, y0, y1, z0, z1):
-    """Takes a box into another."""
-    box[0], box[1] = min(box[0], x0), max(box[1], x1)
-    box[2], box[3] = min(box[2], y0), max(box[3], y1)
-    box[4], box[5] = min(box[4], z0), max(box[5], z1)
+def _widen(group, x0, x1, y0, y1, top, bottom):
+    """Takes a box into that of a group."""
+    group.x0, group.x1 = min(group.x0, x0), max(group.x1, x1)
+    group.y0, group.y1 = min(group.y0, y0), max(group.y1, y1)
+    group.top, group.bottom = min(group.top, top), max(group.bottom, bottom)
 
 
 @inner
-def _absorb(g, h, following, parent, groups, boxes):
+def _absorb(g, h, buffers):
     """Takes the strips of group h into group g of the same cell."""
-    _unite(parent, g, h)
-    following[groups[g, G_LAST]] = groups[h, G_FIRST]
-    groups[g, G_LAST] = groups[h, G_LAST]
-    groups[h, G_FIRST] = -1
-    b = boxes[h]
-    _widen(boxes[g], b[0], b[1], b[2], b[3], b[4], b[5])
+    a, b = buffers.groups[g], buffers.groups[h]
+    _unite(buffers.parent, g, h)
+    buffers.following[a.last] = b.first
+    a.last = b.last
+    b.first = -1
+    _widen(a, b.x0, b.x1, b.y0, b.y1, b.top, b.bottom)
 
 
 @inner
@@ -144,49 +179,44 @@ def _unite(parent, g, h):
 
 
 @inner
-def _join_neighbours(place, g, ws, hs, following, parent, groups, boxes, buckets):
+def _join_neighbours(strips, g, ws, hs, buffers):
     """Joins group g with those of the half of the cells around it that come after it, where strips are close enough."""
+    groups, parent = buffers.groups, buffers.parent
     for dx in range(CELL_REACH + 1):
         for dy in range(-CELL_REACH if dx > 0 else 1, CELL_REACH + 1):
-            ix, iy = groups[g, G_IX] + dx, groups[g, G_IY] + dy
-            h = buckets[_bucket(ix, iy)]
+            ix, iy = groups[g].ix + dx, groups[g].iy + dy
+            h = buffers.buckets[_bucket(ix, iy)]
             for _ in range(groups.shape[0]):
                 if h < 0:
                     break
-                apart = groups[h, G_IX] == ix and groups[h, G_IY] == iy and root_of(parent, g) != root_of(parent, h)
-                if apart and _touch(place, g, h, ws, hs, following, groups, boxes):
+                apart = groups[h].ix == ix and groups[h].iy == iy and root_of(parent, g) != root_of(parent, h)
+                if apart and _touch(strips, groups[g], groups[h], ws, hs, buffers.following):
                     _unite(parent, g, h)
-                h = groups[h, G_NEXT]
+                h = groups[h].next
 
 
 @inner
-def _apart(a, b):
-    """Squared distance across of two boxes (x, x, y, y, top, bottom)."""
-    dx = max(a[0] - b[1], b[0] - a[1], np.float32(0.0))
-    dy = max(a[2] - b[3], b[2] - a[3], np.float32(0.0))
-    return dx * dx + dy * dy
-
-
-@inner
-def _touch(place, g, h, ws, hs, following, groups, boxes):
+def _touch(strips, g, h, ws, hs, following):
     """Whether a strip of group g and one of group h are closer than Ws across and Hs in height."""
-    b = boxes[h]
-    if max(boxes[g, 4] - b[5], b[4] - boxes[g, 5]) >= hs or _apart(boxes[g], b) >= ws * ws:
+    zero = np.float32(0.0)
+    dx, dy = max(g.x0 - h.x1, h.x0 - g.x1, zero), max(g.y0 - h.y1, h.y0 - g.y1, zero)
+    if max(g.top - h.bottom, h.top - g.bottom) >= hs or dx * dx + dy * dy >= ws * ws:
         return False
-    i = groups[g, G_FIRST]
+    i = g.first
     for _i in range(following.shape[0]):
         if i < 0:
             break
-        x, y, top, bottom = place[i, X], place[i, Y], place[i, Z_TOP], place[i, Z_BOTTOM]
-        dx = max(x - b[1], b[0] - x, np.float32(0.0))
-        dy = max(y - b[3], b[2] - y, np.float32(0.0))
-        if max(top - b[5], b[4] - bottom) < hs and dx * dx + dy * dy < ws * ws:
-            j = groups[h, G_FIRST]
+        s = strips[i]
+        x, y, top, bottom = s.x_m, s.y_m, s.top_m, s.bottom_m
+        dx, dy = max(x - h.x1, h.x0 - x, zero), max(y - h.y1, h.y0 - y, zero)
+        if max(top - h.bottom, h.top - bottom) < hs and dx * dx + dy * dy < ws * ws:
+            j = h.first
             for _j in range(following.shape[0]):
                 if j < 0:
                     break
-                dx, dy = x - place[j, X], y - place[j, Y]
-                if dx * dx + dy * dy < ws * ws and max(top - place[j, Z_BOTTOM], place[j, Z_TOP] - bottom) < hs:
+                other = strips[j]
+                dx, dy = x - other.x_m, y - other.y_m
+                if dx * dx + dy * dy < ws * ws and max(top - other.bottom_m, other.top_m - bottom) < hs:
                     return True
                 j = following[j]
         i = following[i]
@@ -194,15 +224,16 @@ def _touch(place, g, h, ws, hs, following, groups, boxes):
 
 
 @inner
-def _number_clusters(ints, n, count, group_of, parent, groups):
+def _number_clusters(strips, n, count, buffers):
     """Numbers the clusters 0, 1, ... in order of their first strip; returns how many there are."""
+    groups = buffers.groups
     for g in range(count):
-        groups[g, G_NEXT] = -1  # from here on the number of the cluster
+        groups[g].next = -1  # from here on the number of the cluster
     clusters = 0
     for i in range(n):
-        root = root_of(parent, group_of[i])
-        if groups[root, G_NEXT] < 0:
-            groups[root, G_NEXT] = clusters
+        root = groups[root_of(buffers.parent, buffers.group_of[i])]
+        if root.next < 0:
+            root.next = clusters
             clusters += 1
-        ints[i, CLUSTER] = groups[root, G_NEXT]
+        strips[i].cluster = root.next
     return clusters

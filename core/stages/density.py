@@ -8,7 +8,7 @@ over a few bins, in 1/64 of a pixel, to be compared with the pixels an obstacle 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ _MAX_BINS = 4096
 """Room for the bins: finer ones than fit are widened. Three quarters are for those uniform in disparity."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class BinTable:
+class BinTable(NamedTuple):
     """bin_of_code: (65536,) uint16, the bin of a code of the levelled view, counted from 1 (0: no measurement).
     disparity_px: (B + 2,) float32 at bin centres, rising with the bin. threshold: (B + 2,) int32, least soft count of
     a peak in 1/64 px. weights: (2 kernel_half_bins + 1,) int32. width_px: (B + 2,) float32 width of a bin.
@@ -42,16 +41,16 @@ class BinTable:
     first_code: NDArray[np.int32]
 
 
-def bin_table(f_px: float, quantum: float, sigma_d_px: float, params: Params) -> BinTable:
+def bin_table(f_px: float, lsb_per_px: float, sigma_d_px: float, params: Params) -> BinTable:
     """The bins for one focal length and noise level.
 
     Uniform with sigma_d / bin_per_sigma up to where that is bin_depth_m deep, then uniform in depth."""
     uniform = sigma_d_px / params.bin_per_sigma
-    top = 65535.0 / quantum
+    top = 65535.0 / lsb_per_px
     depth = params.bin_depth_m
     knee = math.sqrt(uniform * f_px / depth) if depth > 0.0 else top
     uniform = max(uniform, min(knee, top) / (0.75 * _MAX_BINS))
-    code_px = np.arange(65536) / quantum
+    code_px = np.arange(65536) / lsb_per_px
     with np.errstate(divide="ignore"):
         beyond = knee / uniform + (f_px / depth if depth > 0.0 else 0.0) * (
             1.0 / knee - 1.0 / np.maximum(code_px, knee)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from ..params import Params
 from ..types import FreeEnd, FreeProfile, Ground
 from .free_cells import count_codes, look_at, looked_at
 from .level import Q_FAR, seen_rows
-from .planes import P_SUPPORT, T0, T1, Z0, Z1, distance_at
+from .planes import distance_at
 from .view_geometry import ViewGeometry
 
 _MAX_RINGS = 250
@@ -68,7 +69,7 @@ def code_behind(gain, spread, cap, x):
     """The least code that does not see through distance x: it measures no more than x when it is brought nearer by its
     noise, min(spread X, cap) X. 2..65536.
 
-    gain: f_px * quantum. Distance less noise rises with distance (cap <= 0.5), so there is one such code. Unknown sees
+    gain: f_px * lsb_per_px. Distance less noise rises with distance (cap <= 0.5), so there is one such code. Unknown sees
     through nothing; what is far sees through all within the range, which `walk_rings` keeps to."""
     first, last = Q_FAR + 1, 65536
     for _ in range(17):
@@ -233,7 +234,7 @@ def hidden_from(x, top, bottom, above, below):
 
 
 @inner
-def stop_at_planes(count, planes, plane_ints, margin, pixel_t, row_t, edges_t, layers, free_to, end):
+def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_to, end):
     """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
     layer less its margin, and to where a layer comes behind a plane that stands above or below it.
 
@@ -241,16 +242,16 @@ def stop_at_planes(count, planes, plane_ints, margin, pixel_t, row_t, edges_t, l
     missing: each plane stops a pixel more to the left, to the right, above and below."""
     for k in range(count):
         p = planes[k]
-        if plane_ints[k, P_SUPPORT] < 0:
+        if p.support < 0:
             continue
         for d in range(edges_t.shape[0] - 1):
-            if edges_t[d] > p[T1] + pixel_t or edges_t[d + 1] < p[T0] - pixel_t:
+            if edges_t[d] > p.t1 + pixel_t or edges_t[d + 1] < p.t0 - pixel_t:
                 continue
-            lo = min(max(edges_t[d], p[T0]), p[T1])
-            hi = max(min(edges_t[d + 1], p[T1]), p[T0])
+            lo = min(max(edges_t[d], p.t0), p.t1)
+            hi = max(min(edges_t[d + 1], p.t1), p.t0)
             x_lo, x_hi = distance_at(p, lo), distance_at(p, hi)
             x, row_m = min(x_lo, x_hi), row_t * max(x_lo, x_hi)
-            top, bottom = p[Z0] - row_m, p[Z1] + row_m
+            top, bottom = p.top_m - row_m, p.bottom_m + row_m
             for layer in range(layers.shape[0] - 1):
                 if top < layers[layer + 1] and bottom > layers[layer]:
                     reach, why = max(0.0, x - margin[k]), _OBSTACLE
@@ -281,8 +282,8 @@ def _layer_edges(inner: int, inner_m: float, outer: int, reach_m: float) -> NDAr
     return edges
 
 
-def nothing_known(params: Params) -> FreeProfile:
-    """The profile of a frame that says nothing: one direction all around, no free range."""
+def empty_profile(params: Params) -> FreeProfile:
+    """The profile of an invalid frame: one direction all around, no free range."""
     layers = layer_edges(params)
     zero = np.zeros((1, len(layers) - 1), np.float32)
     return FreeProfile(
@@ -326,7 +327,7 @@ def seen_free(
     (classify.clear_range_m)."""
     p, layers, settings = params, layer_edges(params), walk_settings(g, ground, clear_m, ke, params)
     edges, edges_t, free_from, free_to, end = see_free(
-        codes, g.cu, g.f_px / float(g.lateral[0]), g.H, source, g.f_px * g.quantum, math.radians(p.profile_step_deg), p.profile_ring_m,
+        codes, g.cu, g.f_px / float(g.lateral[0]), g.H, source, g.f_px * g.lsb_per_px, math.radians(p.profile_step_deg), p.profile_ring_m,
         clear_m, p.profile_sigmas * ke, p.profile_noise_cap, layers, settings,
     )  # fmt: skip
     return SeenFree(
@@ -357,21 +358,10 @@ def see_free(codes, cu, f_u, H, source, gain, step_rad, ring, clear_m, spread, c
     return edges, edges_t, free_from, free_to, end
 
 
-def free_profile(
-    seen: SeenFree, count: int, planes: NDArray[np.float64], plane_ints: NDArray[np.int32], margin: NDArray[np.float32]
-) -> FreeProfile:
-    """The free-range profile of a frame; see FreeProfile. planes: columns of planes.py, margin: (N,) m. Uses up `seen`."""
+def free_profile(seen: SeenFree, count: int, planes: NDArray[Any], margin: NDArray[np.float32]) -> FreeProfile:
+    """The free-range profile of a frame; see FreeProfile. planes: the first `count` of PLANE, margin: (N,) m. Uses up `seen`."""
     stop_at_planes(
-        count,
-        planes,
-        plane_ints,
-        margin,
-        seen.pixel_t,
-        seen.row_t,
-        seen.edges_t,
-        seen.layers_m,
-        seen.free_to_m,
-        seen.end,
+        count, planes, margin, seen.pixel_t, seen.row_t, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end
     )
     as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
     return FreeProfile.written(

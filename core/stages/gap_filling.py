@@ -2,179 +2,195 @@
 
 A gap lower than Hs is filled. A gap of Hs or more is kept only where it is open over a width of Ws or more, or opens to a
 side; a slit between solid sides is filled. Filling joins neighbours only, never the space under a whole bridge,
-and what was filled without having been seen is counted, so that its plane says INFERRED.
+and rows that were filled without a measurement are counted, so that their plane is marked INFERRED.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
-from ..jit import copy_row, inner
-from .clusters import Z_BOTTOM, Z_TOP, X
-from .strips import BOTTOM, CLUSTER, FILL, NEAR, SIGMA, SUPPORT, TOP, D
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, record
 
 MAX_RUNS = 32
 """Room for the runs of gaps that are open at one time: what does not fit stays open, which is never wrong."""
-# columns of the table of open runs of gaps
-R_FIRST, R_LAST, R_CLUSTER = range(3)
+
+RUN = record(
+    ("first", np.int32),
+    ("last", np.int32),
+    ("cluster", np.int32),
+    ("top_m", np.float32),
+    ("bottom_m", np.float32),
+    ("x_m", np.float32),
+)
+"""A row of neighbouring columns first..last whose gaps share at least Hs of height: what they share, and the farthest
+distance of their strips."""
+
+
+class GapBuffers(NamedTuple):
+    """Scratch of `fill_columns` for N strips: open_of (clusters,) and lower (N,) int32, runs (MAX_RUNS,) RUN."""
+
+    open_of: NDArray[np.int32]
+    lower: NDArray[np.int32]
+    runs: NDArray[Any]
+
+
+def gap_buffers(strips: int) -> GapBuffers:
+    """Scratch for so many strips."""
+    return GapBuffers(np.zeros(strips, np.int32), np.zeros(strips, np.int32), np.zeros(MAX_RUNS, RUN))
 
 
 @inner
-def fill_gap(ints, floats, i, j, f, step_m, sigmas):
+def fill_gap(strips, i, j, settings):
     """Closes the gap between strip i and strip j below it: one strip where they lie on one surface, else the farther grows."""
-    rows = ints[j, TOP] - ints[i, BOTTOM] - 1
-    d = min(floats[i, D], floats[j, D])
-    noise = sigmas * math.hypot(floats[i, SIGMA], floats[j, SIGMA])
-    if abs(floats[i, D] - floats[j, D]) <= max(step_m * d * d / f, noise):
-        a, b = 1.0 / floats[i, SIGMA] ** 2, 1.0 / floats[j, SIGMA] ** 2
-        floats[i, D] = (a * floats[i, D] + b * floats[j, D]) / (a + b)
-        floats[i, NEAR] = max(floats[i, NEAR], floats[j, NEAR])
-        floats[i, SIGMA] = 1.0 / math.sqrt(a + b)
-        ints[i, BOTTOM] = ints[j, BOTTOM]
-        ints[i, SUPPORT] += ints[j, SUPPORT]
-        ints[i, FILL] += rows + ints[j, FILL]
-        ints[j, SUPPORT] = 0  # joined: dropped by the caller
+    a, b = strips[i], strips[j]
+    rows = b.top_row - a.bottom_row - 1
+    d = min(a.disparity_px, b.disparity_px)
+    noise = settings.line_sigmas * math.hypot(a.sigma_px, b.sigma_px)
+    if abs(a.disparity_px - b.disparity_px) <= max(settings.band_step_m * d * d / settings.f_px, noise):
+        p, q = 1.0 / a.sigma_px**2, 1.0 / b.sigma_px**2
+        a.disparity_px = (p * a.disparity_px + q * b.disparity_px) / (p + q)
+        a.near_px = max(a.near_px, b.near_px)
+        a.sigma_px = 1.0 / math.sqrt(p + q)
+        a.bottom_row = b.bottom_row
+        a.support += b.support
+        a.filled_rows += rows + b.filled_rows
+        b.support = 0  # joined: left out by every later stage
         return True
-    if floats[i, D] <= floats[j, D]:
-        ints[i, BOTTOM] = ints[j, TOP] - 1
-        ints[i, FILL] += rows
+    if a.disparity_px <= b.disparity_px:
+        a.bottom_row = b.top_row - 1
+        a.filled_rows += rows
     else:
-        ints[j, TOP] = ints[i, BOTTOM] + 1
-        ints[j, FILL] += rows
+        b.top_row = a.bottom_row + 1
+        b.filled_rows += rows
     return False
 
 
 @inner
-def gap_height(place, i, j):
-    """Clear height between strip i and strip j below it, m."""
-    return place[j, Z_TOP] - place[i, Z_BOTTOM]
-
-
-@inner
-def fill_columns(
-    ints, floats, place, cols, first_of_column, f, column_m_per_x, hs, ws, step_m, sigmas, link, open_of, lower,
-    runs, spans,
-):  # fmt: skip
+def fill_columns(strips, clusters, view, first_of_column, settings, buffers):
     """Fills gaps lower than Hs, and slits: gaps open over less than Ws and closed on both sides; returns how many slits.
 
-    Strips in order of columns and, within one, from top to bottom; what is filled changes in `ints` and `floats`, and
-    in `place` where two strips become one (the lower one's SUPPORT is 0 then).
-    A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below it. A run is
-    a row of neighbouring columns whose gaps share at least Hs of height. Scratch: open_of (clusters,), lower (N,),
-    runs (MAX_RUNS, 3) int32, spans (MAX_RUNS, 3) float32 (top, bottom, x)."""
-    open_of[:] = -1
+    strips: (N,) STRIP of so many clusters, in order of columns and, within one, from top to bottom; where two become one
+    the support of the lower one is 0. first_of_column: (cols + 1,) int32. settings: a record of STRIP_SETTINGS; buffers:
+    GapBuffers. A gap lies between the strip of a cluster that reaches lowest so far in a column and the next one below
+    it."""
+    open_of, lower = buffers.open_of, buffers.lower
+    open_of[:clusters] = -1
+    hs, cols = settings.passable_height_m, view.cols
+    column_m_per_x = np.float64(view.lateral[0]) / settings.f_px
     open_runs, filled = 0, 0
     for u in range(cols):
         first, last = first_of_column[u], first_of_column[u + 1]
         for j in range(first, last):
             lower[j] = -1
-            if ints[j, SUPPORT] == 0:
+            s = strips[j]
+            if s.support == 0:
                 continue
-            i = open_of[ints[j, CLUSTER]]
-            if i >= first and ints[j, TOP] <= ints[i, BOTTOM]:
-                if ints[j, BOTTOM] >= ints[i, BOTTOM]:
-                    open_of[ints[j, CLUSTER]] = j
+            i = open_of[s.cluster]
+            if i >= first and s.top_row <= strips[i].bottom_row:
+                if s.bottom_row >= strips[i].bottom_row:
+                    open_of[s.cluster] = j
                 continue
-            if i >= first and gap_height(place, i, j) < hs:
-                bottom = place[j, Z_BOTTOM]
-                if fill_gap(ints, floats, i, j, f, step_m, sigmas):
-                    place[i, Z_BOTTOM] = bottom
+            if i >= first and s.top_m - strips[i].bottom_m < hs:
+                bottom = s.bottom_m
+                if fill_gap(strips, i, j, settings):
+                    strips[i].bottom_m = bottom
                     continue
             elif i >= first:
                 lower[i] = j
-                open_runs = _join_run(ints, place, i, j, u, hs, runs, spans, open_runs)
-            open_of[ints[j, CLUSTER]] = j
+                open_runs = _join_run(strips, i, j, u, hs, buffers.runs, open_runs)
+            open_of[s.cluster] = j
         if open_runs > 0:
             open_runs, closed = _close_runs(
-                ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, u, lower, runs,
-                spans, open_runs,
-            )  # fmt: skip
+                strips, cols, first_of_column, column_m_per_x, settings, u, buffers, open_runs
+            )
             filled += closed
-    _, closed = _close_runs(
-        ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, cols + link, lower, runs,
-        spans, open_runs,
-    )  # fmt: skip
+    beyond = cols + settings.link_gap_px
+    _, closed = _close_runs(strips, cols, first_of_column, column_m_per_x, settings, beyond, buffers, open_runs)
     return filled + closed
 
 
 @inner
-def _close_runs(
-    ints, floats, place, cols, first_of_column, f, column_m_per_x, ws, step_m, sigmas, link, u, lower, runs, spans, open_runs
-):  # fmt: skip
+def _close_runs(strips, cols, first_of_column, column_m_per_x, settings, u, buffers, open_runs):
     """Takes out the runs that column u no longer goes on with, slits being filled; returns (runs left, gaps filled)."""
+    runs, ws = buffers.runs, settings.passable_width_m
     kept, filled = 0, 0
     for r in range(open_runs):
-        if u - runs[r, R_LAST] <= link:
+        run = runs[r]
+        if u - run.last <= settings.link_gap_px:
             if kept != r:
-                copy_row(runs, kept, r)
-                copy_row(spans, kept, r)
+                runs[kept] = run
             kept += 1
             continue
-        width = (runs[r, R_LAST] - runs[r, R_FIRST] + 1) * column_m_per_x * spans[r, 2]
-        if width < ws and _bounded(ints, place, first_of_column, cols, link, ws, runs[r], spans[r]):
-            filled += _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, runs[r], spans[r], lower)
+        width = (run.last - run.first + 1) * column_m_per_x * run.x_m
+        if width < ws and _bounded(strips, first_of_column, cols, run, settings):
+            filled += _fill_run(strips, first_of_column, run, buffers.lower, settings)
     return kept, filled
 
 
 @inner
-def closed_at(ints, place, first, last, cluster, z, x, ws):
-    """Whether a strip of the cluster among first..last-1 stands at height z, less than Ws from distance x."""
+def closed_at(strips, first, last, run, ws):
+    """Whether a strip among first..last-1 of the run's cluster stands in the middle of its height, less than Ws from its
+    distance."""
+    z = 0.5 * (run.top_m + run.bottom_m)
     for j in range(first, last):
-        if (
-            ints[j, CLUSTER] == cluster
-            and ints[j, SUPPORT] > 0
-            and place[j, Z_TOP] <= z <= place[j, Z_BOTTOM]
-            and abs(place[j, X] - x) < ws
-        ):
+        s = strips[j]
+        if s.cluster == run.cluster and s.support > 0 and s.top_m <= z <= s.bottom_m and abs(s.x_m - run.x_m) < ws:
             return True
     return False
 
 
 @inner
-def _join_run(ints, place, i, j, u, hs, runs, spans, open_runs):
+def _join_run(strips, i, j, u, hs, runs, open_runs):
     """Adds the gap i-j of column u to the run whose opening it shares, or opens a run; returns the number of runs."""
-    top, bottom = place[i, Z_BOTTOM], place[j, Z_TOP]
+    above, below = strips[i], strips[j]
+    top, bottom = above.bottom_m, below.top_m
     for r in range(open_runs):
-        if runs[r, R_CLUSTER] == ints[i, CLUSTER] and runs[r, R_LAST] < u:
-            lo, hi = max(spans[r, 0], top), min(spans[r, 1], bottom)
+        run = runs[r]
+        if run.cluster == above.cluster and run.last < u:
+            lo, hi = max(run.top_m, top), min(run.bottom_m, bottom)
             if hi - lo >= hs:
-                spans[r, 0], spans[r, 1], spans[r, 2] = lo, hi, max(spans[r, 2], max(place[i, X], place[j, X]))
-                runs[r, R_LAST] = u
+                run.top_m, run.bottom_m, run.x_m = lo, hi, max(run.x_m, max(above.x_m, below.x_m))
+                run.last = u
                 return open_runs
     if open_runs < MAX_RUNS:
-        runs[open_runs, R_FIRST], runs[open_runs, R_LAST], runs[open_runs, R_CLUSTER] = u, u, ints[i, CLUSTER]
-        spans[open_runs, 0], spans[open_runs, 1] = top, bottom
-        spans[open_runs, 2] = max(place[i, X], place[j, X])
+        new = runs[open_runs]
+        new.first, new.last, new.cluster = u, u, above.cluster
+        new.top_m, new.bottom_m = top, bottom
+        new.x_m = max(above.x_m, below.x_m)
         return open_runs + 1
     return open_runs
 
 
 @inner
-def _bounded(ints, place, first_of_column, cols, link, ws, run, span):
-    """Whether both sides of a run are closed within `link` columns at the middle of its height."""
-    z = 0.5 * (span[0] + span[1])
+def _bounded(strips, first_of_column, cols, run, settings):
+    """Whether both sides of a run are closed within `link_gap_px` columns at the middle of its height."""
     left = False
     right = False
-    for k in range(1, link + 1):
-        a, b = run[R_FIRST] - k, run[R_LAST] + k
+    ws = settings.passable_width_m
+    for k in range(1, settings.link_gap_px + 1):
+        a, b = run.first - k, run.last + k
         if a >= 0 and not left:
-            left = closed_at(ints, place, first_of_column[a], first_of_column[a + 1], run[R_CLUSTER], z, span[2], ws)
+            left = closed_at(strips, first_of_column[a], first_of_column[a + 1], run, ws)
         if b < cols and not right:
-            right = closed_at(ints, place, first_of_column[b], first_of_column[b + 1], run[R_CLUSTER], z, span[2], ws)
+            right = closed_at(strips, first_of_column[b], first_of_column[b + 1], run, ws)
     return left and right
 
 
 @inner
-def _fill_run(ints, floats, place, first_of_column, f, step_m, sigmas, run, span, lower):
+def _fill_run(strips, first_of_column, run, lower, settings):
     """Fills the gaps of one run; returns how many."""
     filled = 0
-    for u in range(run[R_FIRST], run[R_LAST] + 1):
+    for u in range(run.first, run.last + 1):
         for i in range(first_of_column[u], first_of_column[u + 1]):
             j = lower[i]
-            if j < 0 or ints[i, SUPPORT] == 0 or ints[j, SUPPORT] == 0 or ints[i, CLUSTER] != run[R_CLUSTER]:
+            if j < 0 or strips[i].support == 0 or strips[j].support == 0 or strips[i].cluster != run.cluster:
                 continue
-            if place[i, Z_BOTTOM] <= span[0] and place[j, Z_TOP] >= span[1]:
-                fill_gap(ints, floats, i, j, f, step_m, sigmas)
+            if strips[i].bottom_m <= run.top_m and strips[j].top_m >= run.bottom_m:
+                fill_gap(strips, i, j, settings)
                 lower[i] = -1
                 filled += 1
     return filled

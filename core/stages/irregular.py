@@ -8,30 +8,14 @@ import numpy as np
 
 from ..jit import inner, inner_inline
 from .row_mask import CODE, ROW
-from .strips import (
-    HORIZONTAL,
-    I_GAP,
-    I_HORIZONTAL,
-    IRREGULAR,
-    S_CENTRE,
-    S_CORRELATION,
-    S_DEPTH,
-    S_F,
-    S_HD,
-    S_HORIZON,
-    S_JUMP,
-    S_QUANTUM,
-    S_REST_SIGMAS,
-    S_SIGMA_D,
-    emit,
-)
+from .strips import HORIZONTAL, IRREGULAR, Pixels, emit
 
 
 @inner
-def is_horizontal(px, first, last, fs):
+def is_horizontal(px, first, last, settings):
     """Eq. 12-14: do disparity and row of the pixels first..last - 1 correlate, and does their line meet the horizon?
 
-    In the levelled view the vanishing row is the horizon whatever the pitch."""
+    In the levelled view the vanishing row is the horizon whatever the pitch. settings: a record of STRIP_SETTINGS."""
     n = last - first
     sd, sv, sdd, svv, sdv = np.int64(0), np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for i in range(np.uint64(first), np.uint64(last)):
@@ -42,20 +26,22 @@ def is_horizontal(px, first, last, fs):
         return False
     r = cov / (math.sqrt(var_d) * math.sqrt(var_v))
     centre = (1.0 * sv * sdd - 1.0 * sd * sdv) / var_d
-    return 1.0 - abs(r) < fs[S_CORRELATION] and abs(centre - fs[S_HORIZON]) < fs[S_CENTRE]
+    correlated = 1.0 - abs(r) < settings.horizontal_correlation
+    return correlated and abs(centre - settings.horizon_row) < settings.horizontal_centre_px
 
 
 @inner_inline
-def irregular_rest(px, n, u, H, area, fs, si, best, ints, floats, tally):
+def irregular_rest(px, n, column, settings, buffer, out):
     """Section 4.3: the first n pixels of px, which no window took, in segments.
 
     A segment grows row by row and ends at a gap, at a depth jump, when it is Hd tall at its nearest pixel, or deeper
-    than irregular_depth_m."""
+    than irregular_depth_m. px: see row_mask.py; settings: a record of STRIP_SETTINGS; buffer: (V,) int32 scratch; out:
+    StripOutput."""
     if n == 0:
         return
-    gap, hd = si[I_GAP], fs[S_HD]
-    q, f, depth = fs[S_QUANTUM], fs[S_F], fs[S_DEPTH]
-    noise = fs[S_REST_SIGMAS] * fs[S_SIGMA_D]
+    gap, hd = settings.irregular_gap_px, settings.segment_height_m
+    q, f, depth = settings.lsb_per_px, settings.f_px, settings.irregular_depth_m
+    noise = settings.irregular_sigmas * settings.sigma_d_px
     first, total = 0, np.int64(px[CODE, 0])
     before = px[CODE, 0] / q
     least, most = before, before
@@ -64,25 +50,23 @@ def irregular_rest(px, n, u, H, area, fs, si, best, ints, floats, tally):
         lo, hi = min(least, d), max(most, d)
         close = px[ROW, i] - px[ROW, i - 1] > gap
         tall = px[ROW, i] - px[ROW, first] + 1
-        close |= (abs(d - before) > max(noise, fs[S_JUMP] * d)) | (tall > hd * hi)
+        close |= (abs(d - before) > max(noise, settings.irregular_jump * d)) | (tall > hd * hi)
         # f / lo - f / hi > depth + noise * f / lo^2, without its divisions
         close |= f * (hi - lo) * lo > (depth * lo * lo + noise * f) * hi
         if close:
-            close_irregular(px, first, i, total, u, H, area, fs, si, best, ints, floats, tally)
+            close_irregular(px, first, i, total, column, settings, buffer, out)
             first, total = i, np.int64(0)
             lo, hi = d, d
         total += px[CODE, i]
         before, least, most = d, lo, hi
-    close_irregular(px, first, n, total, u, H, area, fs, si, best, ints, floats, tally)
+    close_irregular(px, first, n, total, column, settings, buffer, out)
 
 
 @inner_inline
-def close_irregular(px, first, last, total, u, H, area, fs, si, best, ints, floats, tally):
+def close_irregular(px, first, last, total, column, settings, buffer, out):
     """Ends one irregular segment: a strip at its near side."""
     count = last - first
-    horizontal = count >= si[I_HORIZONTAL] and is_horizontal(px, first, last, fs)
+    horizontal = count >= settings.horizontal_min_px and is_horizontal(px, first, last, settings)
     kind = HORIZONTAL if horizontal else IRREGULAR
-    emit(
-        px[CODE], first, last, count, total, px[ROW, first], px[ROW, last - 1], 0, True, kind, u, H, area, fs, si,
-        best[0], ints, floats, tally,
-    )  # fmt: skip
+    pixels = Pixels(px[CODE], first, last, count, total, px[ROW, first], px[ROW, last - 1], 0)
+    emit(pixels, True, kind, column, settings, buffer, out)

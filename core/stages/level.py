@@ -98,7 +98,7 @@ def source_of_rows(H, u, first, src_cols, src_rows, forward, at):
 def level_nearest(marks, H, gain, out, picked):
     """Each cell of the levelled view takes its nearest source pixel. Depth is never interpolated.
 
-    marks: (H, W) uint16 of `classify`. gain: f_px * quantum. out: (cols, rows) uint16 codes, one line per column. picked:
+    marks: (H, W) uint16 of `classify`. gain: f_px * lsb_per_px. out: (cols, rows) uint16 codes, one line per column. picked:
     (H * W,) uint8 out, which source pixels were taken. A cell outside the source is unknown. In tiles, whose part of the
     source stays in the nearest cache; arithmetic apart from fetching, so that it is done for many cells at once."""
     picked[:] = 0
@@ -248,14 +248,14 @@ def pool_left_over(marks, picked, R, k, window, flat, cols, rows, want, found, m
 
 
 @kernel
-def level_into(marks, R, k, f_px, cu, cv, quantum, H, out, picked):
+def level_into(marks, R, k, f_px, cu, cv, lsb_per_px, H, out, picked):
     """`level_nearest` and `level_pool` together, or `level_as_it_is`. k: (4,) fx, fy, cx, cy."""
     cols, rows = out.shape
     if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(H):
-        level_as_it_is(marks, f_px * quantum, out.view(np.uint64))
+        level_as_it_is(marks, f_px * lsb_per_px, out.view(np.uint64))
         return
-    level_nearest(marks, H, f_px * quantum, out, picked)
-    level_pool(marks, picked, R, k, (f_px, cu, cv, f_px * quantum), out)
+    level_nearest(marks, H, f_px * lsb_per_px, out, picked)
+    level_pool(marks, picked, R, k, (f_px, cu, cv, f_px * lsb_per_px), out)
 
 
 @inner
@@ -276,7 +276,7 @@ def level_safe(
     k = info.intrinsics
     camera = np.array([k.fx, k.fy, k.cx, k.cy])
     R = np.ascontiguousarray(R_level_optical)
-    level_into(marks, R, camera, g.f_px, g.cu, g.cv, g.quantum, g.H, out, picked)
+    level_into(marks, R, camera, g.f_px, g.cu, g.cv, g.lsb_per_px, g.H, out, picked)
 
 
 @kernel

@@ -4,7 +4,10 @@ The line is a*x + b*y = 1 in level_cam, that is s = a + b*t with t = y/x (tangen
 forward distance). Stereo noise is constant in s, so least squares in (t, s) is the maximum-likelihood fit; in metres it
 is the total-least-squares fit of the same points with weights 1/x^4, normalised by the plane's distance instead of its
 normal, which takes away TLS's pull towards the camera. Only a plane through the camera itself cannot be written so,
-and no camera sees that. Moments: W, t, s, tt, ts, ss, each a sum over weights 1/sigma_s^2.
+and no camera sees that.
+
+Moments are the float64 fields sum_w, sum_t, sum_s, sum_tt, sum_ts and sum_ss of a record (TRACK, PLANE), each a sum over
+weights 1/sigma_s^2.
 """
 
 from __future__ import annotations
@@ -13,29 +16,52 @@ import math
 
 from ..jit import inline_ieee, inner
 
-W, T, S, TT, TS, SS = range(6)
+
+@inner
+def clear_moments(m):
+    """Sets the moments of a record to 0."""
+    m.sum_w, m.sum_t, m.sum_s = 0.0, 0.0, 0.0
+    m.sum_tt, m.sum_ts, m.sum_ss = 0.0, 0.0, 0.0
 
 
 @inner
-def add_point(moments, t, s, weight):
-    """Adds one strip at (t, s) with weight 1/sigma_s^2 to moments (6,) float64."""
-    moments[W] += weight
-    moments[T] += weight * t
-    moments[S] += weight * s
-    moments[TT] += weight * t * t
-    moments[TS] += weight * t * s
-    moments[SS] += weight * s * s
+def add_point(m, t, s, weight):
+    """Adds one strip at (t, s) with weight 1/sigma_s^2 to the moments of a record."""
+    m.sum_w += weight
+    m.sum_t += weight * t
+    m.sum_s += weight * s
+    m.sum_tt += weight * t * t
+    m.sum_ts += weight * t * s
+    m.sum_ss += weight * s * s
 
 
 @inner
-def fit_line(moments, slope_prior):
+def add_moments(m, other):
+    """Adds the moments of another record."""
+    m.sum_w += other.sum_w
+    m.sum_t += other.sum_t
+    m.sum_s += other.sum_s
+    m.sum_tt += other.sum_tt
+    m.sum_ts += other.sum_ts
+    m.sum_ss += other.sum_ss
+
+
+@inner
+def copy_moments(m, other):
+    """Sets the moments of a record to those of another."""
+    m.sum_w, m.sum_t, m.sum_s = other.sum_w, other.sum_t, other.sum_s
+    m.sum_tt, m.sum_ts, m.sum_ss = other.sum_tt, other.sum_ts, other.sum_ss
+
+
+@inner
+def fit_line(m, slope_prior):
     """(a, b, t_mean, t_scatter) of s = a + b*t; slope_prior: weight (1/variance) of a slope of 0.
 
-    The prior only speaks where the points are too few or too close to carry a slope."""
-    w = moments[W]
-    t_mean, s_mean = moments[T] / w, moments[S] / w
-    scatter = max(0.0, moments[TT] - w * t_mean * t_mean)
-    b = (moments[TS] - w * t_mean * s_mean) / (scatter + slope_prior)
+    The prior only counts where the points are too few or too close to carry a slope. t_scatter is without it."""
+    w = m.sum_w
+    t_mean, s_mean = m.sum_t / w, m.sum_s / w
+    scatter = max(0.0, m.sum_tt - w * t_mean * t_mean)
+    b = (m.sum_ts - w * t_mean * s_mean) / (scatter + slope_prior)
     return s_mean - b * t_mean, b, t_mean, scatter
 
 
@@ -47,5 +73,5 @@ def misfit(w, t, s, tt, ts, ss, a, b):
 
 @inner
 def incidence_cosine(a, b, length, t):
-    """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1; length: hypot(a, b), one for all rays."""
+    """Cosine between the ray (1, t) and the normal (a, b) of the line a*x + b*y = 1; length: hypot(a, b)."""
     return abs(a + b * t) / (length * math.sqrt(1.0 + t * t))

@@ -7,20 +7,43 @@ x + Ws. Merging and filling may cover what lies close to evidence, but no open c
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..buffers import Scratch
-from ..jit import inner, inner_inline, kernel
+from ..buffers import Buffers
+from ..jit import inner, inner_inline, kernel, record, record_of
 from ..params import Params
 from .level import Q_UNKNOWN
-from .strips import BOTTOM, SUPPORT, TOP, D, U
 from .view_geometry import ViewGeometry
 
-F_ACROSS, F_DOWN, F_CU, F_CV, F_STEPS = range(5)
-"""What `is_open` needs to know of the masks: cells per tangent across and down, the cell of the axis, and from F_STEPS
-on the distances at which the next layer begins."""
+OPENING_SETTINGS = record(
+    ("opening_cell_px", np.int64),
+    ("opening_first_m", np.float64),
+    ("opening_ratio", np.float64),
+    ("opening_behind_m", np.float64),
+    ("opening_unknown_share", np.float64),
+    ("passable_width_m", np.float64),
+    ("passable_height_m", np.float64),
+    ("max_range_m", np.float64),
+)
+"""The parameters of the same names, and the camera's maximum range."""
+
+
+class OpeningMasks(NamedTuple):
+    """Where the vehicle could fly through, for each of L distances.
+
+    masks: (L, C, R) uint8, 1: open; steps_m: (L - 1,) float64, distances at which the next layer begins; across, down: cells
+    per unit of tangent; cu, cv: cell of the optical axis of the view."""
+
+    masks: NDArray[np.uint8]
+    steps_m: NDArray[np.float64]
+    across: float
+    down: float
+    cu: float
+    cv: float
+
 
 ROUNDING = 1e-9
 """Cells: a box that fills a whole number of them but for the last digit of a float is not made one wider."""
@@ -34,7 +57,7 @@ def second_nearest(a, b, c, d):
 
 
 @inner
-def nearest_codes(codes, cell, ints, floats, n, quantum, boxes, nearest):
+def nearest_codes(codes, cell, strips, n, lsb_per_px, boxes, nearest):
     """The nearest thing in each cell as a code; 0 where half of it or more is unknown.
 
     codes: (cols, rows) uint16. nearest: (C, R) uint16 out: the second nearest of the cell's four corners, which a
@@ -55,10 +78,11 @@ def nearest_codes(codes, cell, ints, floats, n, quantum, boxes, nearest):
             v = whole * cell
             line[whole] = second_nearest(left[v], right[v], left[rows - 1], right[rows - 1])
     for k in range(n):
-        if ints[k, SUPPORT] > 0:
-            code = np.uint16(min(np.float32(65535.0), floats[k, D] * quantum))
-            across = np.uint32(ints[k, U]) // side
-            first, last = np.uint32(ints[k, TOP]) // side, np.uint32(ints[k, BOTTOM]) // side
+        s = strips[k]
+        if s.support > 0:
+            code = np.uint16(min(np.float32(65535.0), s.disparity_px * lsb_per_px))
+            across = np.uint32(s.column) // side
+            first, last = np.uint32(s.top_row) // side, np.uint32(s.bottom_row) // side
             for j in range(np.uint64(first), np.uint64(last) + np.uint64(1)):
                 nearest[across, j] = max(nearest[across, j], code)
 
@@ -163,13 +187,14 @@ def open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, m
 
 
 @inner
-def is_open(masks, t, m, x, frame):
-    """Whether the ray of tangents (t, m) is open at distance x. frame: (F_STEPS + L - 1,) float64, see opening_masks."""
-    i = int(math.floor(t * frame[F_ACROSS] + frame[F_CU]))
-    j = int(math.floor(m * frame[F_DOWN] + frame[F_CV]))
+def is_open(openings, t, m, x):
+    """Whether the ray of tangents (t, m) is open at distance x. openings: OpeningMasks."""
+    masks = openings.masks
+    i = int(math.floor(t * openings.across + openings.cu))
+    j = int(math.floor(m * openings.down + openings.cv))
     if i < 0 or j < 0 or i >= masks.shape[1] or j >= masks.shape[2]:
         return False
-    return masks[layer_of(x, frame), i, j] == 1
+    return masks[layer_of(x, openings.steps_m), i, j] == 1
 
 
 @inner
@@ -179,62 +204,62 @@ def cell_of(tan, per_tan, centre, cells):
 
 
 @inner
-def layer_of(x, frame):
+def layer_of(x, steps_m):
     """Index of the layer of masks for distance x."""
     layer = 0
-    for k in range(F_STEPS, frame.shape[0]):
-        if x < frame[k]:
+    for k in range(steps_m.shape[0]):
+        if x < steps_m[k]:
             break
         layer += 1
     return layer
 
 
 @kernel
-def open_masks(
-    codes, ints, floats, n, cell, first_m, ratio, ws, hs, behind_m, max_range_m, f, cu, cv, step, quantum, unknown_share, spare,
-    masks, frame,
-):  # fmt: skip
-    """`nearest_codes`, and of these open_mask at the distances first_m * ratio^k. f: focal length, px; cu, cv: principal point;
-    step: columns per f times tangent; cell: px.
+def open_masks(codes, strips, n, view, settings, spare, masks, steps_m):
+    """`nearest_codes`, and of these `open_mask` at the distances opening_first_m * opening_ratio^k.
 
-    spare: see open_mask. Out: masks (L, C, R) uint8; frame (F_STEPS + L - 1,) float64 for `is_open`."""
+    codes: (cols, rows) uint16; strips: the first n of STRIP; settings: (1,) OPENING_SETTINGS; spare: see `open_mask`. Out:
+    masks and steps_m of OpeningMasks."""
+    p = settings[0]
+    cell, f, step = p.opening_cell_px, view.f_px, np.float64(view.lateral[0])
+    first_m, ratio, ws, hs = p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m
     across, down = masks.shape[1], masks.shape[2]
     nearest, total = np.empty((across, down), np.uint16), np.empty((across + 1, down + 1), np.int32)
     boxes, column = np.empty(codes.shape[1], np.uint16), np.empty(down, np.uint16)
-    nearest_codes(codes, cell, ints, floats, n, quantum, boxes, nearest)
+    nearest_codes(codes, cell, strips, n, view.lsb_per_px, boxes, nearest)
     count_unknown(nearest, total)
     for k in range(masks.shape[0]):
         x = first_m * ratio**k
-        beyond = min(x + ws, max(max_range_m, x + behind_m))
+        beyond = min(x + ws, max(p.max_range_m, x + p.opening_behind_m))
         wide = max(1, math.ceil(ws * f / (x * step * cell) - ROUNDING))
         high = max(1, math.ceil(hs * f / (x * cell) - ROUNDING))
-        limit = max(int(f * quantum / beyond), 2)
-        open_mask(nearest, limit, wide, high, unknown_share, total, spare, column, masks[k])
-    frame[F_ACROSS], frame[F_DOWN], frame[F_CU], frame[F_CV] = (
-        f / step / cell,
-        f / cell,
-        (cu + 0.5) / cell,
-        (cv + 0.5) / cell,
-    )
+        limit = max(int(f * view.lsb_per_px / beyond), 2)
+        open_mask(nearest, limit, wide, high, p.opening_unknown_share, total, spare, column, masks[k])
     for k in range(1, masks.shape[0]):
-        frame[F_STEPS + k - 1] = first_m * ratio ** (k - 0.5)
+        steps_m[k - 1] = first_m * ratio ** (k - 0.5)
 
 
-def opening_masks(
-    codes: NDArray[np.uint16], ints: NDArray[np.int32], floats: NDArray[np.float32], n: int, g: ViewGeometry,
-    max_range_m: float, params: Params, scratch: Scratch,
-) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:  # fmt: skip
-    """(masks, frame): masks (L, C, R) uint8 in `scratch`, one per distance step, up to the maximum range; frame for is_open.
+def find_openings(
+    codes: NDArray[np.uint16],
+    strips: NDArray[Any],
+    n: int,
+    view: ViewGeometry,
+    max_range_m: float,
+    params: Params,
+    buffers: Buffers,
+) -> OpeningMasks:
+    """What the vehicle could fly through, one mask per distance step, up to the maximum range; the masks lie in `buffers`.
 
-    A cell passes at x when nothing in it is nearer than x + Ws; so a niche shallower than the vehicle is wide is no
-    opening."""
+    codes: (cols, rows) uint16 of the view; strips: the first n of STRIP. A cell passes at x when nothing in it is nearer than
+    x + Ws; so a niche shallower than the vehicle is wide is no opening."""
     p, cell = params, params.opening_cell_px
-    shape = -(-g.cols // cell), -(-g.rows // cell)
+    shape = -(-view.cols // cell), -(-view.rows // cell)
     layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
-    masks, frame = scratch("opening_masks", (layers, *shape), np.uint8), np.empty(F_STEPS + layers - 1)
-    open_masks(
-        codes, ints, floats, n, cell, p.opening_first_m, p.opening_ratio, p.passable_width_m, p.passable_height_m,
-        p.opening_behind_m, max_range_m, g.f_px, g.cu, g.cv, float(g.lateral[0]), g.quantum, p.opening_unknown_share,
-        scratch("opening_spare", (2, shape[0] * shape[1]), np.uint8), masks, frame,
-    )  # fmt: skip
-    return masks, frame
+    masks, steps_m = buffers("opening_masks", (layers, *shape), np.uint8), np.empty(layers - 1)
+    spare = buffers("opening_spare", (2, shape[0] * shape[1]), np.uint8)
+    settings = record_of(OPENING_SETTINGS, p, max_range_m=max_range_m)
+    open_masks(codes, strips, n, view, settings, spare, masks, steps_m)
+    f_px, column_px = view.f_px, float(view.lateral[0])
+    return OpeningMasks(
+        masks, steps_m, f_px / column_px / cell, f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell
+    )

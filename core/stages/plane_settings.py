@@ -1,39 +1,69 @@
-"""The parameters from tracks to planes as plain numbers for the kernels, by K_ indices."""
+"""The parameters from tracks to planes as a record for the kernels."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import record, record_of
 from ..params import Params
 
-# tracks; ends and near sides of planes; the merge; what stands out; neighbours, pockets, what is hidden
-(
-    K_HEIGHT_STEP, K_LINE_M, K_LINE_SIGMAS, K_SLOPE, K_ROUGH_SLOPE, K_LINK, K_ROUGHNESS, K_JUMP, K_JUMP_SIGMAS, K_EDGE,
-    K_END_T, K_FOOTPRINT_T, K_CUT_T, K_SAFE, K_ALONG, K_NEAR_SIGMAS, K_LEAST_M,
-    K_CELL, K_ROUNDS, K_CANDIDATES, K_PARTNERS,
-    K_OUT_SHARE, K_OUT_M, K_OUT_SPREADS,
-    K_REACH, K_REACH_T, K_SLACK, K_POINTS, K_WS, K_GAP_T, K_GAP_HEIGHT, K_BEHIND, K_HIDDEN, K_HIDDEN_T,
-) = range(34)  # fmt: skip
+PLANE_SETTINGS = record(
+    ("half_column_t", np.float64),
+    ("footprint_t", np.float64),
+    ("cut_footprint_t", np.float64),
+    ("height_step_m", np.float64),
+    ("line_tolerance_m", np.float64),
+    ("line_sigmas", np.float64),
+    ("link_slope_px", np.float64),
+    ("rough_slope_px", np.float64),
+    ("roughness_m", np.float64),
+    ("track_jump", np.float64),
+    ("track_jump_sigmas", np.float64),
+    ("opening_edge_px", np.float64),
+    ("safe_distance_m", np.float64),
+    ("safe_along_m", np.float64),
+    ("rough_near_sigmas", np.float64),
+    ("min_plane_distance_m", np.float64),
+    ("stand_out_share", np.float64),
+    ("stand_out_m", np.float64),
+    ("stand_out_spreads", np.float64),
+    ("reach_m", np.float64),
+    ("reach_t", np.float64),
+    ("meet_slack_m", np.float64),
+    ("passable_width_m", np.float64),
+    ("concavity_gap_t", np.float64),
+    ("ground_tolerance_m", np.float64),
+    ("pocket_behind_m", np.float64),
+    ("hidden_depth_m", np.float64),
+    ("hidden_t", np.float64),
+    ("link_gap_px", np.int64),
+    ("evidence_cell_px", np.int64),
+    ("merge_rounds", np.int64),
+    ("merge_candidates", np.int64),
+    ("merge_partners", np.int64),
+    ("pocket_points", np.int64),
+)
+"""Settings of the plane stages. Tangents: half_column_t: how far a plane goes beyond the middle of its last column;
+footprint_t, cut_footprint_t: how far rows go beyond their edges, and where the border of the image cuts them; reach_t,
+concavity_gap_t, hidden_t: meet_columns, pocket_min_columns and covered_px. reach_m: meet_share; hidden_depth_m:
+covered_depth_m, at most Ws. All others are the parameters of the same names."""
 
 
-def plane_settings(f_px: float, column_px: float, p: Params) -> NDArray[np.float64]:
-    """(34,) float64 for a view of this focal length, whose columns are column_px of its pixels wide."""
-    out, column_t = np.zeros(34), column_px / f_px
-    for index, value in (
-        (K_HEIGHT_STEP, p.height_step_m), (K_LINE_M, p.line_tolerance_m), (K_LINE_SIGMAS, p.line_sigmas),
-        (K_SLOPE, p.link_slope_px), (K_ROUGH_SLOPE, p.rough_slope_px), (K_LINK, p.link_gap_px), (K_ROUGHNESS, p.roughness_m),
-        (K_JUMP, p.track_jump), (K_JUMP_SIGMAS, p.track_jump_sigmas), (K_EDGE, p.opening_edge_px),
-        (K_END_T, (0.5 + p.footprint_px) * column_t), (K_FOOTPRINT_T, p.footprint_px / f_px),
-        (K_CUT_T, p.cut_footprint_px / f_px), (K_SAFE, p.safe_distance_m), (K_ALONG, p.safe_along_m),
-        (K_NEAR_SIGMAS, p.rough_near_sigmas), (K_LEAST_M, p.min_plane_distance_m),
-        (K_CELL, p.evidence_cell_px), (K_ROUNDS, p.merge_rounds), (K_CANDIDATES, p.merge_candidates),
-        (K_PARTNERS, p.merge_partners),
-        (K_OUT_SHARE, p.stand_out_share), (K_OUT_M, p.stand_out_m), (K_OUT_SPREADS, p.stand_out_spreads),
-        (K_REACH, p.meet_share * p.passable_width_m), (K_REACH_T, p.meet_columns * column_t), (K_SLACK, p.meet_slack_m),
-        (K_POINTS, p.pocket_points), (K_WS, p.passable_width_m), (K_GAP_T, p.pocket_min_columns * column_t),
-        (K_GAP_HEIGHT, p.ground_tolerance_m), (K_BEHIND, p.pocket_behind_m),
-        (K_HIDDEN, min(p.covered_depth_m, p.passable_width_m)), (K_HIDDEN_T, p.covered_px * column_t),
-    ):  # fmt: skip
-        out[index] = value
-    return out
+def plane_settings(f_px: float, column_px: float, p: Params) -> NDArray[Any]:
+    """(1,) PLANE_SETTINGS for a view of this focal length, whose columns are column_px of its pixels wide."""
+    column_t = column_px / f_px
+    return record_of(
+        PLANE_SETTINGS,
+        p,
+        half_column_t=(0.5 + p.footprint_px) * column_t,
+        footprint_t=p.footprint_px / f_px,
+        cut_footprint_t=p.cut_footprint_px / f_px,
+        reach_m=p.meet_share * p.passable_width_m,
+        reach_t=p.meet_columns * column_t,
+        concavity_gap_t=p.pocket_min_columns * column_t,
+        hidden_depth_m=min(p.covered_depth_m, p.passable_width_m),
+        hidden_t=p.covered_px * column_t,
+    )

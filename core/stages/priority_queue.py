@@ -1,85 +1,116 @@
-"""Which pair comes next: the cheapest; of equal costs that of the lower i, then of the lower j.
+"""A priority queue: the entry of least cost comes next; of equal costs that of the lower `first`, then of the lower `second`.
 
-Entries stay where they are: cost (M,) float64 in [0, 1) and pair (M, 3) int32, (i, j, what is known about the cost). What is
-put in is never cheaper than what was taken out last. So entries wait in STEPS lists by their cost, in no order; only
-those of the list that is being emptied are in a heap, which is small for that, and all the same never slow.
-waits: (STEPS,) int32, the first entry of each list or -1; after: (M,) int32, the next one of its list. heap: (M,) int32
-entries; at: (2,) int64, the list that is being emptied and how many are in the heap.
+Costs lie in [0, 1), and what is put in never costs less than what was taken out last. So entries wait in STEPS lists by
+their cost, in no order; only those of the list that is being emptied are in a heap, which is therefore small.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, NamedTuple
 
-from ..jit import inner, inner_inline
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, inner_inline, record
 
 STEPS = 1024
 """Not tuning: lists of costs, so many that few entries share one."""
-STEP, SIZE = range(2)
+
+ENTRY = record(
+    ("cost", np.float64), ("first", np.int32), ("second", np.int32), ("version", np.int32), ("after", np.int32)
+)
+"""cost in [0, 1); first, second: the two planes of a pair; version: what is known about the cost, see merge.py; after: the
+next entry of its list, -1: none."""
+
+QUEUE_STATE = record(("list", np.int64), ("waiting", np.int64))
+"""The list that is being emptied, and how many entries are in the heap."""
+
+
+class Queue(NamedTuple):
+    """entries (M,) ENTRY, which stay where they are; lists (STEPS,) int32: the first entry of each list or -1; heap (M,)
+    int32 entries; state (1,) QUEUE_STATE."""
+
+    entries: NDArray[Any]
+    lists: NDArray[np.int32]
+    heap: NDArray[np.int32]
+    state: NDArray[Any]
+
+
+def queue_buffers(entries: int) -> Queue:
+    """A queue with room for so many entries; `clear_queue` makes it usable."""
+    return Queue(
+        np.zeros(entries, ENTRY),
+        np.zeros(STEPS, np.int32),
+        np.zeros(entries, np.int32),
+        np.zeros(1, QUEUE_STATE),
+    )
 
 
 @inner
-def begin(waits, at):
-    """An empty queue."""
-    waits[:] = -1
-    at[STEP], at[SIZE] = -1, 0
+def clear_queue(queue):
+    """Empties the queue."""
+    queue.lists[:] = -1
+    state = queue.state[0]
+    state.list, state.waiting = -1, 0
 
 
 @inner_inline
-def put(cost, pair, waits, after, heap, at, entry):
-    """Puts an entry in. Its cost is below 1 and not below that of the last one taken."""
-    step = np.int64(cost[entry] * STEPS)
-    if step > at[STEP]:
-        after[entry], waits[step] = waits[step], entry
+def push(queue, k):
+    """Puts entry k in. Its cost is below 1 and not below that of the last one taken."""
+    entries, heap, state = queue.entries, queue.heap, queue.state[0]
+    step = np.int64(entries[k].cost * STEPS)
+    if step > state.list:
+        entries[k].after, queue.lists[step] = queue.lists[step], k
         return
-    k = at[SIZE]
-    at[SIZE] += 1
+    at = state.waiting
+    state.waiting += 1
     for _ in range(64):
-        up = (k - 1) >> 1
-        if k == 0 or not _before(cost, pair, entry, heap[up]):
+        up = (at - 1) >> 1
+        if at == 0 or not _before(entries[k], entries[heap[up]]):
             break
-        heap[k] = heap[up]
-        k = up
-    heap[k] = entry
+        heap[at] = heap[up]
+        at = up
+    heap[at] = k
 
 
 @inner_inline
-def take(cost, pair, waits, after, heap, at):
-    """Takes the cheapest entry out; -1 where there is none."""
-    if at[SIZE] == 0:
-        for _ in range(STEPS - 1 - at[STEP]):
-            at[STEP] += 1
-            entry = waits[at[STEP]]
-            if entry >= 0:
+def pop(queue):
+    """Takes the entry of least cost out; -1 where there is none."""
+    entries, heap, lists, state = queue.entries, queue.heap, queue.lists, queue.state[0]
+    if state.waiting == 0:
+        for _ in range(STEPS - 1 - state.list):
+            state.list += 1
+            k = lists[state.list]
+            if k >= 0:
                 break
-        if at[STEP] < 0 or waits[at[STEP]] < 0:
+        if state.list < 0 or lists[state.list] < 0:
             return -1
-        waits[at[STEP]] = -1
-        for _ in range(after.shape[0]):
-            following = after[entry]
-            put(cost, pair, waits, after, heap, at, entry)
-            entry = following
-            if entry < 0:
+        lists[state.list] = -1
+        for _ in range(entries.shape[0]):
+            following = entries[k].after
+            push(queue, k)
+            k = following
+            if k < 0:
                 break
-    taken, at[SIZE] = heap[0], at[SIZE] - 1
-    size, last = at[SIZE], heap[at[SIZE]]
-    k = 0
+    taken, state.waiting = heap[0], state.waiting - 1
+    count, last = state.waiting, heap[state.waiting]
+    at = 0
     for _ in range(64):
-        child = 2 * k + 1
-        if child >= size:
+        child = 2 * at + 1
+        if child >= count:
             break
-        if child + 1 < size and _before(cost, pair, heap[child + 1], heap[child]):
+        if child + 1 < count and _before(entries[heap[child + 1]], entries[heap[child]]):
             child += 1
-        if not _before(cost, pair, heap[child], last):
+        if not _before(entries[heap[child]], entries[last]):
             break
-        heap[k] = heap[child]
-        k = child
-    heap[k] = last
+        heap[at] = heap[child]
+        at = child
+    heap[at] = last
     return np.int64(taken)
 
 
 @inner
-def _before(cost, pair, a, b):
-    if cost[a] != cost[b]:
-        return cost[a] < cost[b]
-    return pair[a, 0] < pair[b, 0] or (pair[a, 0] == pair[b, 0] and pair[a, 1] < pair[b, 1])
+def _before(a, b):
+    if a.cost != b.cost:
+        return a.cost < b.cost
+    return a.first < b.first or (a.first == b.first and a.second < b.second)

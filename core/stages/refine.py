@@ -1,4 +1,5 @@
-"""Sections 5.2 (concave conversion) and 5.3: neighbours meet, pockets too small to enter close, the hidden goes.
+"""Sections 5.2 (concave conversion) and 5.3: neighbours meet, concavities too small to enter are closed, hidden planes are
+removed.
 
 Where the paper's text and its listing differ, the text is right: what lies on the far side of the chord between its
 neighbours goes when that chord is shorter than Ws; what stands out towards the camera always stays.
@@ -9,28 +10,9 @@ from __future__ import annotations
 import math
 
 from ..jit import inner
-from .evidence import G_ACROSS, G_CU, G_CV, G_DOWN
+from .line_fit import add_moments, copy_moments
 from .openings import is_open
-from .planes import (
-    FRONT,
-    MOST_M,
-    P_CLUSTER,
-    P_COLUMNS,
-    P_CUT,
-    P_FILL,
-    P_INFERRED,
-    P_KIND,
-    P_LAST_U,
-    P_ROWS,
-    P_SUPPORT,
-    T0,
-    T1,
-    Z0,
-    Z1,
-    A,
-    B,
-    distance_at,
-)
+from .planes import MOST_M, distance_at
 
 _NO_METRES = 0.1 * MOST_M
 """Farther than this is no distance: MOST_M with room for rounding."""
@@ -43,57 +25,60 @@ _NO_TURN = 1e-6
 @inner
 def facing_gap_m(p, q):
     """Distance between the right end of p and the left end of q, seen from above."""
-    xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
-    return math.hypot(xp - xq, xp * p[T1] - xq * q[T0])
+    xp, xq = distance_at(p, p.t1), distance_at(q, q.t0)
+    return math.hypot(xp - xq, xp * p.t1 - xq * q.t0)
 
 
 @inner
-def meet_neighbours(count, planes, plane_ints, reach_m, reach_t, slack_m, safe_m, points, masks, frame):
+def extend_to_corners(count, planes, settings, openings):
     """Extends facing ends of neighbours to the intersection of their lines, where that lies within reach of both ends.
 
-    Only over columns nobody stands in front of, at most reach_m along either plane and where the ends are less than
-    reach_t apart. An end is cut back only where the other plane stops the same rays, within slack_m of height, and stands no
-    farther than safe_m behind what goes; it is drawn out over no opening (looked at in points x points)."""
+    Only over columns without a nearer plane, at most reach_m along either plane and where the ends are less than reach_t
+    apart. An end is cut back only where the other plane stops the same rays, within meet_slack_m of height, and stands no
+    farther than safe_distance_m behind what goes; it is drawn out over no opening (tested at pocket_points x pocket_points).
+    settings: a record of PLANE_SETTINGS; openings: OpeningMasks."""
+    reach_m, slack_m, safe_m = settings.reach_m, settings.meet_slack_m, settings.safe_distance_m
+    points = settings.pocket_points
     for i in range(count):
         for j in range(count):
             p, q = planes[i], planes[j]
-            if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] + q[T1] <= p[T0] + p[T1]:
+            if i == j or p.cluster != q.cluster or q.t0 + q.t1 <= p.t0 + p.t1:
                 continue
-            if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) <= 0.0 or abs(q[T0] - p[T1]) > reach_t:
+            if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) <= 0.0 or abs(q.t0 - p.t1) > settings.reach_t:
                 continue
-            if facing_gap_m(p, q) > reach_m or abs(p[B] - q[B]) < _NO_TURN:
+            if facing_gap_m(p, q) > reach_m or abs(p.b - q.b) < _NO_TURN:
                 continue
-            t = (q[A] - p[A]) / (p[B] - q[B])
-            if not (p[T0] < t < q[T1]):
+            t = (q.a - p.a) / (p.b - q.b)
+            if not (p.t0 < t < q.t1):
                 continue
             x = distance_at(p, t)
-            far = max(_step_m(p, p[T1], t), _step_m(q, q[T0], t))
+            far = max(_step_m(p, p.t1, t), _step_m(q, q.t0, t))
             # an end may only be cut back where the other plane takes over all of its height
-            cuts_p = t < p[T1] and not _spans(q, p, t, p[T1], slack_m)
-            cuts_q = t > q[T0] and not _spans(p, q, t, q[T0], slack_m)
-            cuts_p = cuts_p or (t < p[T1] and distance_at(q, p[T1]) - distance_at(p, p[T1]) > safe_m)
-            cuts_q = cuts_q or (t > q[T0] and distance_at(p, q[T0]) - distance_at(q, q[T0]) > safe_m)
+            cuts_p = t < p.t1 and not _spans(q, p, t, p.t1, slack_m)
+            cuts_q = t > q.t0 and not _spans(p, q, t, q.t0, slack_m)
+            cuts_p = cuts_p or (t < p.t1 and distance_at(q, p.t1) - distance_at(p, p.t1) > safe_m)
+            cuts_q = cuts_q or (t > q.t0 and distance_at(p, q.t0) - distance_at(q, q.t0) > safe_m)
             if far > reach_m or x >= _NO_METRES or cuts_p or cuts_q:
                 continue
-            over_p = t > p[T1] and _covers_opening(p, p[T1], t, points, masks, frame)
-            over_q = t < q[T0] and _covers_opening(q, t, q[T0], points, masks, frame)
+            over_p = t > p.t1 and _covers_opening(p, p.t1, t, points, openings)
+            over_q = t < q.t0 and _covers_opening(q, t, q.t0, points, openings)
             if not over_p and not over_q:
-                if t < p[T1]:
-                    _take_over(q, p, t, p[T1])
-                if t > q[T0]:
-                    _take_over(p, q, t, q[T0])
-                p[T1] = t
-                q[T0] = t
+                if t < p.t1:
+                    _take_over(q, p, t, p.t1)
+                if t > q.t0:
+                    _take_over(p, q, t, q.t0)
+                p.t1 = t
+                q.t0 = t
 
 
 @inner
-def _covers_opening(p, t0, t1, points, masks, frame):
-    """Whether plane p from tangent t0 to t1 would cover part of an opening: looked at in points x points."""
+def _covers_opening(p, t0, t1, points, openings):
+    """Whether plane p from tangent t0 to t1 would cover part of an opening: tested at points x points."""
     for a in range(points):
         t = t0 + (t1 - t0) * (a + 0.5) / points
         x = distance_at(p, t)
         for b in range(points):
-            if is_open(masks, t, (p[Z0] + (p[Z1] - p[Z0]) * (b + 0.5) / points) / x, x, frame):
+            if is_open(openings, t, (p.top_m + (p.bottom_m - p.top_m) * (b + 0.5) / points) / x, x):
                 return True
     return False
 
@@ -105,7 +90,7 @@ def _spans(p, q, t, t_end, slack_m):
     Where p is nearer than q it must reach as high and as low in the view, not in metres."""
     for at in (t, t_end):
         xp, xq = distance_at(p, at), distance_at(q, at)
-        if p[Z0] * xq > (q[Z0] + slack_m) * xp or p[Z1] * xq < (q[Z1] - slack_m) * xp:
+        if p.top_m * xq > (q.top_m + slack_m) * xp or p.bottom_m * xq < (q.bottom_m - slack_m) * xp:
             return False
     return True
 
@@ -115,7 +100,7 @@ def _take_over(p, q, t, t_end):
     """Makes plane p as high and as low as what `_spans` left to the slack: near and thin things are no thicker."""
     for at in (t, t_end):
         ratio = distance_at(p, at) / distance_at(q, at)
-        p[Z0], p[Z1] = min(p[Z0], q[Z0] * ratio), max(p[Z1], q[Z1] * ratio)
+        p.top_m, p.bottom_m = min(p.top_m, q.top_m * ratio), max(p.bottom_m, q.bottom_m * ratio)
 
 
 @inner
@@ -126,159 +111,167 @@ def _step_m(p, t_from, t_to):
 
 
 @inner
-def stands_between(count, planes, plane_ints, i, j, t, z, x, behind_m):
+def stands_between(count, planes, i, j, t, z, x, behind_m):
     """Whether a plane other than i and j already closes the ray (t, z/x) in front of x or at most behind_m behind it."""
     for k in range(count):
         p = planes[k]
-        if k in (i, j) or plane_ints[k, P_SUPPORT] < 0 or not p[T0] <= t <= p[T1]:
+        if k in (i, j) or p.support < 0 or not p.t0 <= t <= p.t1:
             continue
         own = distance_at(p, t)
-        if own < x + behind_m and p[Z0] <= z / x * own <= p[Z1]:
+        if own < x + behind_m and p.top_m <= z / x * own <= p.bottom_m:
             return True
     return False
 
 
 @inner
-def _touches_opening(p, q, points, masks, frame):
-    """Whether the chord between facing ends of p and q would cover part of an opening: looked at in points x points."""
-    xp, xq = distance_at(p, p[T1]), distance_at(q, q[T0])
-    top, bottom = max(p[Z0], q[Z0]), min(p[Z1], q[Z1])
+def _touches_opening(p, q, points, openings):
+    """Whether the chord between facing ends of p and q would cover part of an opening: tested at points x points."""
+    xp, xq = distance_at(p, p.t1), distance_at(q, q.t0)
+    top, bottom = max(p.top_m, q.top_m), min(p.bottom_m, q.bottom_m)
     steps = points + 1
     for a in range(1, steps):
-        t = p[T1] + (q[T0] - p[T1]) * a / steps
+        t = p.t1 + (q.t0 - p.t1) * a / steps
         x = steps / ((steps - a) / xp + a / xq)
         for b in range(1, steps):
-            if is_open(masks, t, (top + (bottom - top) * b / steps) / x, x, frame):
+            if is_open(openings, t, (top + (bottom - top) * b / steps) / x, x):
                 return True
     return False
 
 
 @inner
-def close_pockets(
-    count, limit, planes, plane_ints, moments, ws, least_t, least_height_m, behind_m, points, masks, frame
-):  # fmt: skip
-    """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count.
+def close_concavities(count, room, planes, settings, openings):
+    """Spans gaps narrower than Ws between neighbours of one cluster with planes marked inferred; returns the new count, at
+    most `room`.
 
-    The chord goes from end to end over the height both share. What lies behind it in the pocket is left to
-    `trim_covered`. Gaps narrower than least_t need none: no ray passes there. An opening (openings.py) stays open. See
-    `stands_between` for behind_m, `_touches_opening` for points."""
+    The chord goes from end to end over the height both share. What lies behind it is left to `trim_covered`. Gaps narrower
+    than concavity_gap_t need none: no ray passes there. An opening (openings.py) stays open. See `stands_between` for
+    pocket_behind_m, `_touches_opening` for pocket_points."""
     first = count
     for i in range(first):
         p = planes[i]
-        best, nearest = -1, ws
+        best, nearest = -1, settings.passable_width_m
         for j in range(first):
             q = planes[j]
-            if i == j or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER] or q[T0] - p[T1] < least_t:
+            if i == j or p.cluster != q.cluster or q.t0 - p.t1 < settings.concavity_gap_t:
                 continue
-            if min(p[Z1], q[Z1]) - max(p[Z0], q[Z0]) < least_height_m:
+            if min(p.bottom_m, q.bottom_m) - max(p.top_m, q.top_m) < settings.ground_tolerance_m:
                 continue
             gap = facing_gap_m(p, q)
             if gap < nearest:
                 best, nearest = j, gap
-        if best < 0 or count >= limit:
+        if best < 0 or count >= room:
             continue
         q = planes[best]
-        s0, s1 = 1.0 / distance_at(p, p[T1]), 1.0 / distance_at(q, q[T0])
-        t = 0.5 * (p[T1] + q[T0])
-        z = 0.5 * (max(p[Z0], q[Z0]) + min(p[Z1], q[Z1]))
+        s0, s1 = 1.0 / distance_at(p, p.t1), 1.0 / distance_at(q, q.t0)
+        t = 0.5 * (p.t1 + q.t0)
+        z = 0.5 * (max(p.top_m, q.top_m) + min(p.bottom_m, q.bottom_m))
         x = 2.0 / (s0 + s1)
-        if _touches_opening(p, q, points, masks, frame) or stands_between(
-            first, planes, plane_ints, i, best, t, z, x, behind_m
+        if _touches_opening(p, q, settings.pocket_points, openings) or stands_between(
+            first, planes, i, best, t, z, x, settings.pocket_behind_m
         ):
             continue
-        new = planes[count]
-        new[B] = (s1 - s0) / (q[T0] - p[T1])
-        new[A] = s0 - new[B] * p[T1]
-        new[T0], new[T1] = p[T1], q[T0]
-        new[Z0], new[Z1], new[FRONT] = max(p[Z0], q[Z0]), min(p[Z1], q[Z1]), max(p[FRONT], q[FRONT])
-        plane_ints[count, P_CLUSTER], plane_ints[count, P_SUPPORT] = plane_ints[i, P_CLUSTER], 0
-        plane_ints[count, P_FILL], plane_ints[count, P_CUT], plane_ints[count, P_KIND] = 1, 0, 0
-        plane_ints[count, P_INFERRED] = 1
-        plane_ints[count, P_ROWS], plane_ints[count, P_COLUMNS], plane_ints[count, P_LAST_U] = 1, 0, -1
-        for m in range(moments.shape[1]):
-            moments[count, m] = moments[i, m] + moments[best, m]
+        _span(planes[count], p, q, s0, s1)
         count += 1
     return count
 
 
 @inner
-def draw_planes(count, planes, plane_ints, frame, nearest):
-    """nearest (C, R) float32 out: 1/x of the nearest plane that fills each cell of the view, 0 where none does."""
+def _span(new, p, q, s0, s1):
+    """Makes `new` the plane from the right end of p, at 1/x = s0, to the left end of q, at s1."""
+    new.b = (s1 - s0) / (q.t0 - p.t1)
+    new.a = s0 - new.b * p.t1
+    new.t0, new.t1 = p.t1, q.t0
+    new.top_m, new.bottom_m = max(p.top_m, q.top_m), min(p.bottom_m, q.bottom_m)
+    new.front_m = max(p.front_m, q.front_m)
+    new.cluster, new.support = p.cluster, 0
+    new.filled_rows, new.cut, new.kind, new.inferred = 1, 0, 0, 1
+    new.rows, new.columns, new.last_column = 1, 0, -1
+    copy_moments(new, p)
+    add_moments(new, q)
+
+
+@inner
+def draw_planes(count, planes, evidence):
+    """Overwrites the cells of Evidence: 1/x of the nearest plane that fills each cell of the view, 0 where none does."""
+    nearest = evidence.nearest
     nearest[:] = 0.0
     for k in range(count):
         p = planes[k]
-        if plane_ints[k, P_SUPPORT] < 0:
+        if p.support < 0:
             continue
-        i0 = max(0, int(math.ceil(p[T0] * frame[G_ACROSS] + frame[G_CU])))
-        i1 = min(nearest.shape[0], int(math.floor(p[T1] * frame[G_ACROSS] + frame[G_CU])))
+        i0 = max(0, int(math.ceil(p.t0 * evidence.across + evidence.cu)))
+        i1 = min(nearest.shape[0], int(math.floor(p.t1 * evidence.across + evidence.cu)))
         for i in range(i0, i1):
-            s = p[A] + p[B] * (i + 0.5 - frame[G_CU]) / frame[G_ACROSS]
-            j0 = max(0, int(math.ceil(p[Z0] * s * frame[G_DOWN] + frame[G_CV])))
-            j1 = min(nearest.shape[1], int(math.floor(p[Z1] * s * frame[G_DOWN] + frame[G_CV])))
+            s = p.a + p.b * (i + 0.5 - evidence.cu) / evidence.across
+            j0 = max(0, int(math.ceil(p.top_m * s * evidence.down + evidence.cv)))
+            j1 = min(nearest.shape[1], int(math.floor(p.bottom_m * s * evidence.down + evidence.cv)))
             for j in range(j0, j1):
                 nearest[i, j] = max(nearest[i, j], s)
 
 
 @inner
-def trim_covered(count, planes, plane_ints, depth_m, frame, nearest):
+def trim_covered(count, planes, depth_m, evidence):
     """Cuts each plane back to what no nearer plane within depth_m hides; support of those wholly hidden gets negative.
 
-    frame: of evidence.py. nearest: (C, R) float32, scratch. Every ray keeps the nearest plane that it meets, and nothing
+    evidence: Evidence, whose cells are overwritten. Every ray keeps the nearest plane that it meets, and nothing
     can be between that and what is cut, so the order does not matter."""
-    draw_planes(count, planes, plane_ints, frame, nearest)
+    draw_planes(count, planes, evidence)
+    nearest = evidence.nearest
     cols, rows = nearest.shape
     for k in range(count):
         p = planes[k]
-        if plane_ints[k, P_SUPPORT] < 0:
+        if p.support < 0:
             continue
-        i0 = int(math.floor(p[T0] * frame[G_ACROSS] + frame[G_CU]))
-        i1 = int(math.floor(p[T1] * frame[G_ACROSS] + frame[G_CU])) + 1
+        i0 = int(math.floor(p.t0 * evidence.across + evidence.cu))
+        i1 = int(math.floor(p.t1 * evidence.across + evidence.cu)) + 1
         left, right, top, bottom = i1, i0, MOST_M, -MOST_M
         for i in range(i0, i1):
             # inside the plane's own ends: beyond them a plane seen edge-on passes through infinity
-            t = (min(max(i + 0.5, 0.5), cols - 0.5) - frame[G_CU]) / frame[G_ACROSS]
-            s = p[A] + p[B] * min(max(t, p[T0]), p[T1])
-            j0 = int(math.floor(p[Z0] * s * frame[G_DOWN] + frame[G_CV]))
-            j1 = int(math.floor(p[Z1] * s * frame[G_DOWN] + frame[G_CV])) + 1
+            t = (min(max(i + 0.5, 0.5), cols - 0.5) - evidence.cu) / evidence.across
+            s = p.a + p.b * min(max(t, p.t0), p.t1)
+            j0 = int(math.floor(p.top_m * s * evidence.down + evidence.cv))
+            j1 = int(math.floor(p.bottom_m * s * evidence.down + evidence.cv)) + 1
             limit = s * _NEARER
             for j in range(j0, j1):
                 inside = 0 <= i < cols and 0 <= j < rows
                 if inside and nearest[i, j] > limit and 1.0 / s - 1.0 / nearest[i, j] < depth_m:
                     continue
                 left, right = min(left, i), max(right, i + 1)
-                top = min(top, (j - frame[G_CV]) / (frame[G_DOWN] * s))
-                bottom = max(bottom, (j + 1 - frame[G_CV]) / (frame[G_DOWN] * s))
+                top = min(top, (j - evidence.cv) / (evidence.down * s))
+                bottom = max(bottom, (j + 1 - evidence.cv) / (evidence.down * s))
         if left >= right:
-            plane_ints[k, P_SUPPORT] = -1
+            p.support = -1
             continue
-        p[T0] = max(p[T0], (left - frame[G_CU]) / frame[G_ACROSS])
-        p[T1] = min(p[T1], (right - frame[G_CU]) / frame[G_ACROSS])
-        p[Z0], p[Z1] = max(p[Z0], top), min(p[Z1], bottom)
+        p.t0 = max(p.t0, (left - evidence.cu) / evidence.across)
+        p.t1 = min(p.t1, (right - evidence.cu) / evidence.across)
+        p.top_m, p.bottom_m = max(p.top_m, top), min(p.bottom_m, bottom)
 
 
 @inner
 def covered_by(p, q, depth_m, slack_t):
     """Whether plane q hides plane p wholly, standing less than depth_m in front of it: nothing can be in between."""
-    if p[T0] < q[T0] - slack_t or p[T1] > q[T1] + slack_t:
+    if p.t0 < q.t0 - slack_t or p.t1 > q.t1 + slack_t:
         return False
-    for t in (p[T0], p[T1]):
-        inside = min(max(t, q[T0]), q[T1])
+    for t in (p.t0, p.t1):
+        inside = min(max(t, q.t0), q.t1)
         xp, xq = distance_at(p, inside), distance_at(q, inside)
         if xq > xp or xp - xq > depth_m or xp > _NO_METRES:
             return False
-        if p[Z0] / xp < q[Z0] / xq - slack_t or p[Z1] / xp > q[Z1] / xq + slack_t:
+        if p.top_m / xp < q.top_m / xq - slack_t or p.bottom_m / xp > q.bottom_m / xq + slack_t:
             return False
     return True
 
 
 @inner
-def drop_covered(count, planes, plane_ints, depth_m, slack_t):
+def drop_covered(count, planes, depth_m, slack_t):
     """Marks planes hidden wholly by one nearer plane of their cluster within depth_m; their support becomes negative."""
     for i in range(count):
+        p = planes[i]
         for j in range(count):
-            if i == j or plane_ints[j, P_SUPPORT] < 0 or plane_ints[i, P_CLUSTER] != plane_ints[j, P_CLUSTER]:
+            q = planes[j]
+            if i == j or q.support < 0 or p.cluster != q.cluster:
                 continue
-            if covered_by(planes[i], planes[j], depth_m, slack_t):
-                plane_ints[j, P_SUPPORT] += max(0, plane_ints[i, P_SUPPORT])
-                plane_ints[i, P_SUPPORT] = -1
+            if covered_by(p, q, depth_m, slack_t):
+                q.support += max(0, p.support)
+                p.support = -1
                 break

@@ -1,38 +1,93 @@
-"""Section 5.2, the split: strips of neighbouring columns grow into straight pieces, one strip a column.
+"""Section 5.2, the split: strips of neighbouring columns grow into straight pieces (tracks), one strip a column.
 
-Greedy growth: a strip joins the piece whose line predicts it within the line tolerance and the noise of both, as long as
-the heights go on; else it begins a piece. The misfit is judged along the viewing ray, so that walls seen edge-on
-are judged as strictly as those seen face-on. A piece that has a rough strip is expected to lie flatter across the view: near
+Greedy growth: a strip joins the track whose line predicts it within the line tolerance and the noise of both, as long as
+the heights go on; else it begins a track. The misfit is judged along the viewing ray, so that walls seen edge-on
+are judged as strictly as those seen face-on. A track that has a rough strip is expected to lie flatter across the view: near
 sides of leaves scatter, and side by side they would pass for walls along the rays.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
-from ..jit import inner, inner_inline
-from .clusters import Z_BOTTOM, Z_TOP
-from .line_fit import SS, TS, TT, S, T, W
-from .openings import F_ACROSS, F_CU, F_CV, F_DOWN, cell_of, layer_of
-from .strips import BOTTOM, CLUSTER, CUT, KIND, SIGMA, SMOOTH, SUPPORT, TOP, TRACK, D, U
+import numpy as np
+from numpy.typing import NDArray
 
-# columns of the table of tracks: first and last t; highest top of all and lowest real one; highest real bottom, lowest
-# of all; the line s = a + b*t so far, its mean t, scatter of t with the prior, variance of its mean, and that prior
-T_T0, T_T1, T_TOP_MIN, T_TOP_MAX, T_BOTTOM_MIN, T_BOTTOM_MAX, T_A, T_B, T_MEAN, T_SCATTER, T_VARIANCE, T_PRIOR = range(
-    12
+from ..jit import inner, inner_inline, record
+from .line_fit import add_point, clear_moments, fit_line
+from .openings import cell_of, layer_of
+from .strips import CUT_BOTTOM, CUT_TOP, SMOOTH
+
+TRACK = record(
+    ("first_t", np.float64),
+    ("last_t", np.float64),
+    ("top_min_m", np.float64),
+    ("top_max_m", np.float64),
+    ("bottom_min_m", np.float64),
+    ("bottom_max_m", np.float64),
+    ("a", np.float64),
+    ("b", np.float64),
+    ("mean_t", np.float64),
+    ("scatter", np.float64),
+    ("variance", np.float64),
+    ("prior", np.float64),
+    ("sum_w", np.float64),
+    ("sum_t", np.float64),
+    ("sum_s", np.float64),
+    ("sum_tt", np.float64),
+    ("sum_ts", np.float64),
+    ("sum_ss", np.float64),
 )
-# rows of the front, a column for each track that may go on: the track and its last strip; that one's top and bottom row
-# and cluster
-F_TRACK, F_STRIP, F_TOP, F_BOTTOM, F_CLUSTER = range(5)
+"""A straight piece. first_t, last_t: tangents of azimuth; top_min_m: highest top of all strips, top_max_m: lowest one that
+no border cuts; bottom_min_m: highest such bottom, bottom_max_m: lowest of all (z down). a, b: the line s = a + b*t so
+far; mean_t: its mean t; scatter: of t, with the prior; variance: of the line at its mean; prior: weight of a slope of 0.
+sum_w to sum_ss: moments, see line_fit.py."""
 
 BEYOND = 2**30
-"""Below the last row of any image: so no strip touches it."""
+"""Below the last row of any image: no strip touches it."""
+
+
+class Front(NamedTuple):
+    """Scratch of `grow`: the tracks that may go on, (N,) each, and which of them a strip touches.
+
+    track: the track and strip: its last strip, int32; top_row, bottom_row, cluster: of that strip, int32; touches: uint8;
+    near: int32."""
+
+    track: NDArray[np.int32]
+    strip: NDArray[np.int32]
+    top_row: NDArray[np.int32]
+    bottom_row: NDArray[np.int32]
+    cluster: NDArray[np.int32]
+    touches: NDArray[np.uint8]
+    near: NDArray[np.int32]
+
+
+def front_buffers(strips: int) -> Front:
+    """Scratch for so many strips."""
+    track, strip, top, bottom, cluster, near = np.zeros((6, strips + 1), np.int32)
+    return Front(track, strip, top, bottom, cluster, np.zeros(strips + 1, np.uint8), near)
+
+
+class StripEnds(NamedTuple):
+    """Ends of a strip and where they lie among the masks of openings: top and bottom, m; s = 1/x; its cut; layer of its
+    distance; cells across, of its top and of its bottom; length of opening_edge_px at its distance, m."""
+
+    top_m: Any
+    bottom_m: Any
+    s: Any
+    cut: Any
+    layer: Any
+    across: Any
+    upper: Any
+    lower: Any
+    edge_m: Any
 
 
 @inner
-def tangent(ints, i, cu, f, lateral):
-    """t = y/x of strip i."""
-    return (ints[i, U] - cu) / f * lateral[(ints[i, TOP] + ints[i, BOTTOM]) // 2]
+def tangent(strip, view):
+    """t = y/x of a strip."""
+    return (strip.column - view.cu) / view.f_px * view.lateral[(strip.top_row + strip.bottom_row) // 2]
 
 
 @inner
@@ -44,65 +99,74 @@ def strip_variance(disparity, sigma, f, rough_m):
 
 
 @inner
-def is_jump(d, last_d, sigma, last_sigma, jump, jump_sigmas):
-    """Whether two disparities are too far apart for one surface: by more than a share of the first plus noise."""
-    step, share = abs(d - last_d), jump * d
+def is_jump(strip, last, settings):
+    """Whether the disparities of two strips are too far apart for one surface: by more than a share of the first plus
+    noise. settings: a record of PLANE_SETTINGS."""
+    step = abs(strip.disparity_px - last.disparity_px)
+    share = settings.track_jump * strip.disparity_px
     if step <= share:  # most are: saves the root
         return False
-    return step > share + jump_sigmas * math.hypot(sigma, last_sigma)
+    return step > share + settings.track_jump_sigmas * math.hypot(strip.sigma_px, last.sigma_px)
 
 
 @inner
-def heights_go_on(cut, top, bottom, top_min, top_max, bottom_min, bottom_max, hs):
+def heights_go_on(cut, top, bottom, track, hs):
     """Whether a strip from top to bottom (m) continues a track's heights: tops within hs of each other, and bottoms.
 
     An end cut by the image border is a bound, not a corner: the thing goes on at least so far, so that a cut end only
     contradicts a real end that lies more than hs short of it."""
-    lowest_top = top_max if cut & 1 else max(top_max, top)
-    highest_bottom = bottom_min if cut & 2 else min(bottom_min, bottom)
-    return lowest_top - min(top_min, top) <= hs and max(bottom_max, bottom) - highest_bottom <= hs
+    lowest_top = track.top_max_m if cut & CUT_TOP else max(track.top_max_m, top)
+    highest_bottom = track.bottom_min_m if cut & CUT_BOTTOM else min(track.bottom_min_m, bottom)
+    tops_agree = lowest_top - min(track.top_min_m, top) <= hs
+    return tops_agree and max(track.bottom_max_m, bottom) - highest_bottom <= hs
 
 
 @inner
-def misfit_share(t, s, variance, a, b, mean, scatter, mean_variance, line_m, sigmas):
-    """Misfit of the point (t, s) to a line, seen along the ray, over what the tolerance and the noise of both allow."""
-    spread = mean_variance + (t - mean) ** 2 / scatter
-    return abs(s - a - b * t) / (line_m * s * s + sigmas * math.sqrt(variance + spread))
+def misfit_share(t, s, variance, track, settings):
+    """Misfit of the point (t, s) to a track's line, seen along the ray, over what the tolerance and the noise of both allow."""
+    spread = track.variance + (t - track.mean_t) ** 2 / track.scatter
+    allowed = settings.line_tolerance_m * s * s + settings.line_sigmas * math.sqrt(variance + spread)
+    return abs(s - track.a - track.b * t) / allowed
 
 
 @inner
-def grow(
-    ints, floats, place, cols, first_of_column, f, cu, lateral, hs, line_m, sigmas, slope, rough_slope, link, rough_m, jump,
-    jump_sigmas, edge_px, masks, frame, moments, table, front, touches, near,
-):  # fmt: skip
-    """Writes TRACK of every strip and the table of tracks; returns their number.
+def grow(strips, view, first_of_column, settings, openings, tracks, front):
+    """Writes `track` of every strip and the table of tracks; returns their number.
 
-    Strips in order of their columns; place: see place_strips; masks, frame: see opening_masks. Out: moments (N, 6) float64, see
-    lines.py, and table (N, 12) float64 by the T_ indices, a row a track.
+    strips: STRIP in order of their columns, with places; first_of_column: (cols + 1,) int32. settings: a record of
+    PLANE_SETTINGS. openings: OpeningMasks. tracks: (N,) TRACK out. front: Front.
 
     A strip goes on with the track of least misfit (of equals, the oldest) of its cluster that touches its rows and has
-    no strip in its column yet. hs: step of heights that ends a piece. line_m, sigmas: tolerance of its line, in metres
-    and in noise. slope, rough_slope: px of disparity from one column to the next, the prior of the line, and that of one with a
-    rough strip. link: columns that it may miss. rough_m: roughness added to the noise. jump, jump_sigmas: step of disparity that ends it, as a share and in
-    noise. edge_px: what heights may step beside an opening. Scratch: front (5, N) int32, see F_; touches (N,) uint8; near (N,) int32. All in one loop on purpose: to hand
-    arrays to a function costs more than what it does; those called here are made part of it."""
-    tracks, size = 0, 0
-    front_track, front_strip, front_top = front[F_TRACK], front[F_STRIP], front[F_TOP]
-    front_bottom, front_cluster = front[F_BOTTOM], front[F_CLUSTER]
-    prior, rough_prior = 1.0 / (slope * slope), 1.0 / (rough_slope * rough_slope)
-    for u in range(cols):
-        size = _go_on(u, link, ints, front, size)
+    no strip in its column yet. The loop is one function on purpose: a call that takes arrays costs more than what it
+    does; the functions called here are inlined."""
+    count, size = 0, 0
+    front_track, front_strip, front_top = front.track, front.strip, front.top_row
+    front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
+    masks, f, rough_m = openings.masks, view.f_px, settings.roughness_m
+    prior = 1.0 / (settings.link_slope_px * settings.link_slope_px)
+    rough_prior = 1.0 / (settings.rough_slope_px * settings.rough_slope_px)
+    for u in range(view.cols):
+        size = _go_on(u, settings.link_gap_px, strips, front, size)
         for i in range(first_of_column[u], first_of_column[u + 1]):
-            if ints[i, SUPPORT] == 0:
+            strip = strips[i]
+            if strip.support == 0:
                 continue
-            top, bottom, cluster, cut = ints[i, TOP], ints[i, BOTTOM], ints[i, CLUSTER], ints[i, CUT]
-            d, sigma, z0, z1 = floats[i, D], floats[i, SIGMA], place[i, Z_TOP], place[i, Z_BOTTOM]
-            t, s, variance = (u - cu) / f * lateral[(top + bottom) // 2], d / f, strip_variance(d, sigma, f, rough_m)
-            layer, edge_m = layer_of(1.0 / s, frame), edge_px / d
-            across = cell_of(t, frame[F_ACROSS], frame[F_CU], masks.shape[1])
-            upper = cell_of(z0 * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
-            lower = cell_of(z1 * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
-            # two steps without a branch that nobody could predict
+            top, bottom, cluster = strip.top_row, strip.bottom_row, strip.cluster
+            d = strip.disparity_px
+            t, s = (u - view.cu) / f * view.lateral[(top + bottom) // 2], d / f
+            variance = strip_variance(d, strip.sigma_px, f, rough_m)
+            ends = StripEnds(
+                strip.top_m,
+                strip.bottom_m,
+                s,
+                strip.cut,
+                layer_of(1.0 / s, openings.steps_m),
+                cell_of(t, openings.across, openings.cu, masks.shape[1]),
+                cell_of(strip.top_m * s, openings.down, openings.cv, masks.shape[2]),
+                cell_of(strip.bottom_m * s, openings.down, openings.cv, masks.shape[2]),
+                settings.opening_edge_px / d,
+            )
+            # two steps without a branch, which the processor could not predict
             for m in range(size):
                 touches[m] = (top <= front_bottom[m]) & (front_top[m] <= bottom) & (front_cluster[m] == cluster)
             found = 0
@@ -112,99 +176,94 @@ def grow(
             best, cost = -1, 1.0
             for q in range(found):
                 m = near[q]
-                k, last = front_track[m], front_strip[m]
+                track, last = tracks[front_track[m]], strips[front_strip[m]]
                 # a depth jump is another surface, however little a short track knows of its slope
-                if is_jump(d, floats[last, D], sigma, floats[last, SIGMA], jump, jump_sigmas) or not heights_go_on(
-                    cut, z0, z1, table[k, T_TOP_MIN], table[k, T_TOP_MAX], table[k, T_BOTTOM_MIN], table[k, T_BOTTOM_MAX], hs
-                ):  # fmt: skip
+                if is_jump(strip, last, settings) or not heights_go_on(
+                    strip.cut, ends.top_m, ends.bottom_m, track, settings.height_step_m
+                ):
                     continue
-                c = misfit_share(
-                    t, s, variance, table[k, T_A], table[k, T_B], table[k, T_MEAN], table[k, T_SCATTER],
-                    table[k, T_VARIANCE], line_m, sigmas,
-                )  # fmt: skip
-                if c >= cost:
-                    continue
-                if _over_opening(z0, z1, s, cut, layer, across, upper, lower, edge_m, table, k, masks, frame):
+                c = misfit_share(t, s, variance, track, settings)
+                if c >= cost or _over_opening(ends, track, openings):
                     continue
                 best, cost = m, c
             if best < 0:
                 best = size
                 size += 1
-                k = front_track[best] = tracks
-                tracks += 1
-                moments[k] = 0.0
-                table[k, T_T0], table[k, T_PRIOR] = t, prior
-                table[k, T_TOP_MIN], table[k, T_TOP_MAX] = 1e9, -1e9
-                table[k, T_BOTTOM_MIN], table[k, T_BOTTOM_MAX] = 1e9, -1e9
+                front_track[best] = count
+                begin_track(tracks[count], t, prior)
+                count += 1
             k = front_track[best]
             front_strip[best], front_top[best] = i, BEYOND
-            ints[i, TRACK] = k
-            table[k, T_T1] = t
-            if ints[i, KIND] != SMOOTH:
-                table[k, T_PRIOR] = rough_prior
-            _reach(table, k, z0, z1, cut)
-            _add_to_line(moments, table, k, t, s, 1.0 / variance, table[k, T_PRIOR])
-    return tracks
+            strip.track = k
+            track = tracks[k]
+            track.last_t = t
+            if strip.kind != SMOOTH:
+                track.prior = rough_prior
+            _reach(track, ends.top_m, ends.bottom_m, strip.cut)
+            _add_to_line(track, t, s, 1.0 / variance)
+    return count
 
 
 @inner_inline
-def _over_opening(z0, z1, s, cut, layer, across, upper, lower, edge_m, table, k, masks, frame):
-    """Whether one rectangle for strip and track k would cover an opening where their ends step: up to the track's farthest
-    end in the strip's column (across), up to the strip's (rows upper, lower) in the middle of the track."""
-    middle = cell_of(table[k, T_MEAN], frame[F_ACROSS], frame[F_CU], masks.shape[1])
-    if not cut & 1:
-        if z0 - table[k, T_TOP_MIN] > edge_m:
-            down = cell_of(table[k, T_TOP_MIN] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
-            if masks[layer, across, down] == 1:
+def begin_track(track, t, prior):
+    """Makes a record of TRACK an empty one at tangent t."""
+    clear_moments(track)
+    track.first_t, track.prior = t, prior
+    track.top_min_m, track.top_max_m = 1e9, -1e9
+    track.bottom_min_m, track.bottom_max_m = 1e9, -1e9
+
+
+@inner_inline
+def _over_opening(ends, track, openings):
+    """Whether one rectangle for strip and track would cover an opening where their ends step: up to the track's farthest
+    end in the strip's column, up to the strip's end in the middle of the track."""
+    masks = openings.masks
+    middle = cell_of(track.mean_t, openings.across, openings.cu, masks.shape[1])
+    if not ends.cut & CUT_TOP:
+        if ends.top_m - track.top_min_m > ends.edge_m:
+            down = cell_of(track.top_min_m * ends.s, openings.down, openings.cv, masks.shape[2])
+            if masks[ends.layer, ends.across, down] == 1:
                 return True
-        if table[k, T_TOP_MAX] - z0 > edge_m and masks[layer, middle, upper] == 1:
+        if track.top_max_m - ends.top_m > ends.edge_m and masks[ends.layer, middle, ends.upper] == 1:
             return True
-    if not cut & 2:
-        if table[k, T_BOTTOM_MAX] - z1 > edge_m:
-            down = cell_of(table[k, T_BOTTOM_MAX] * s, frame[F_DOWN], frame[F_CV], masks.shape[2])
-            if masks[layer, across, down] == 1:
+    if not ends.cut & CUT_BOTTOM:
+        if track.bottom_max_m - ends.bottom_m > ends.edge_m:
+            down = cell_of(track.bottom_max_m * ends.s, openings.down, openings.cv, masks.shape[2])
+            if masks[ends.layer, ends.across, down] == 1:
                 return True
-        if z1 - table[k, T_BOTTOM_MIN] > edge_m and masks[layer, middle, lower] == 1:
+        if ends.bottom_m - track.bottom_min_m > ends.edge_m and masks[ends.layer, middle, ends.lower] == 1:
             return True
     return False
 
 
 @inner_inline
-def _reach(table, k, z0, z1, cut):
-    """Makes the heights of track k reach those of its new strip; an end cut by the image's border is a bound only."""
-    table[k, T_TOP_MIN], table[k, T_BOTTOM_MAX] = min(table[k, T_TOP_MIN], z0), max(table[k, T_BOTTOM_MAX], z1)
-    if not cut & 1:
-        table[k, T_TOP_MAX] = max(table[k, T_TOP_MAX], z0)
-    if not cut & 2:
-        table[k, T_BOTTOM_MIN] = min(table[k, T_BOTTOM_MIN], z1)
+def _reach(track, top_m, bottom_m, cut):
+    """Makes the heights of a track reach those of its new strip; an end cut by the image's border is a bound only."""
+    track.top_min_m, track.bottom_max_m = min(track.top_min_m, top_m), max(track.bottom_max_m, bottom_m)
+    if not cut & CUT_TOP:
+        track.top_max_m = max(track.top_max_m, top_m)
+    if not cut & CUT_BOTTOM:
+        track.bottom_min_m = min(track.bottom_min_m, bottom_m)
 
 
 @inner
-def _go_on(u, link, ints, front, size):
+def _go_on(u, link, strips, front, size):
     """Keeps what may go on in column u of the front, with the rows of the last strips; returns its size."""
     kept = 0
     for m in range(size):
-        last = front[F_STRIP, m]
-        if u - ints[last, U] <= link:
-            front[F_TRACK, kept], front[F_STRIP, kept] = front[F_TRACK, m], last
-            front[F_TOP, kept], front[F_BOTTOM, kept] = ints[last, TOP], ints[last, BOTTOM]
-            front[F_CLUSTER, kept] = ints[last, CLUSTER]
+        k = front.strip[m]
+        last = strips[k]
+        if u - last.column <= link:
+            front.track[kept], front.strip[kept] = front.track[m], k
+            front.top_row[kept], front.bottom_row[kept] = last.top_row, last.bottom_row
+            front.cluster[kept] = last.cluster
             kept += 1
     return kept
 
 
 @inner
-def _add_to_line(moments, table, k, t, s, weight, prior):
-    """Adds the point (t, s) to the moments of track k and fits its line anew, as lines.py does."""
-    moments[k, W] += weight
-    moments[k, T] += weight * t
-    moments[k, S] += weight * s
-    moments[k, TT] += weight * t * t
-    moments[k, TS] += weight * t * s
-    moments[k, SS] += weight * s * s
-    w = moments[k, W]
-    t_mean, s_mean = moments[k, T] / w, moments[k, S] / w
-    scatter = max(0.0, moments[k, TT] - w * t_mean * t_mean) + prior
-    b = (moments[k, TS] - w * t_mean * s_mean) / scatter
-    table[k, T_A], table[k, T_B], table[k, T_MEAN] = s_mean - b * t_mean, b, t_mean
-    table[k, T_SCATTER], table[k, T_VARIANCE] = scatter, 1.0 / w
+def _add_to_line(track, t, s, weight):
+    """Adds the point (t, s) to the moments of a track and fits its line anew."""
+    add_point(track, t, s, weight)
+    track.a, track.b, track.mean_t, scatter = fit_line(track, track.prior)
+    track.scatter, track.variance = scatter + track.prior, 1.0 / track.sum_w

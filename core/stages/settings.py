@@ -1,81 +1,118 @@
-"""The parameters as plain arrays for the kernels.
+"""What the kernels from density to the model read of parameters, noise and view, as records with named fields.
 
-They depend on the parameters, the noise and the view's scale, which seldom change from frame to frame."""
+They depend on the parameters, the noise and the view's scale, which seldom change from frame to frame.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import record, record_of
 from ..params import Params
-from . import strips as s
 from .density import BinTable, bin_table
 from .merge_cost import merge_rules
 from .plane_settings import plane_settings
+from .strips import PX
 from .view_geometry import ViewGeometry
+
+STRIP_SETTINGS = record(
+    ("sigma_d_px", np.float64),
+    ("f_px", np.float64),
+    ("horizon_row", np.float64),
+    ("lsb_per_px", np.float64),
+    ("depth_noise_coeff", np.float64),
+    ("noise_alike_px", np.float64),
+    ("support_per_px", np.float64),
+    ("most_per_column", np.float64),
+    ("passable_height_m", np.float64),
+    ("passable_width_m", np.float64),
+    ("safe_distance_m", np.float64),
+    ("segment_height_m", np.float64),
+    ("peak_alpha", np.float64),
+    ("peak_valley", np.float64),
+    ("window_majority", np.float64),
+    ("window_take_sigmas", np.float64),
+    ("rough_factor", np.float64),
+    ("near_quantile", np.float64),
+    ("near_sigmas", np.float64),
+    ("near_edge_share", np.float64),
+    ("band_step_m", np.float64),
+    ("band_sigmas", np.float64),
+    ("irregular_depth_m", np.float64),
+    ("irregular_jump", np.float64),
+    ("irregular_sigmas", np.float64),
+    ("horizontal_correlation", np.float64),
+    ("horizontal_centre_px", np.float64),
+    ("support_sigmas", np.float64),
+    ("support_relative", np.float64),
+    ("support_tail_sigmas", np.float64),
+    ("smooth_relative", np.float64),
+    ("smooth_sigmas", np.float64),
+    ("line_sigmas", np.float64),
+    ("window_min_px", np.int64),
+    ("window_members", np.int64),
+    ("near_rank", np.int64),
+    ("band_rows", np.int64),
+    ("irregular_gap_px", np.int64),
+    ("horizontal_min_px", np.int64),
+    ("min_support_px", np.int64),
+    ("support_columns", np.int64),
+    ("support_rows", np.int64),
+    ("support_large", np.int64),
+    ("cut_rows", np.int64),
+    ("max_column_strips", np.int64),
+    ("link_gap_px", np.int64),
+)
+"""Settings of the strip stages. sigma_d_px: noise of disparity; f_px: focal length of the view; horizon_row: its
+principal row; lsb_per_px: quantised disparity per pixel of disparity; depth_noise_coeff: ke, 1/m; support_per_px: least
+support over disparity; most_per_column: `max_strips_per_column`. All others are the parameters of the same names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Settings:
     """What the kernels of one view need to know.
 
-    holds_for: by what it was made. strip_floats, strip_ints: by the S_ and I_ indices of strips.py. bins: of disparity. planes, merge:
-    by the K_ indices of plane_settings.py and the R_ indices of pairs.py."""
+    valid_for: what it was made of. strips: (1,) STRIP_SETTINGS. bins: of disparity. planes: (1,) PLANE_SETTINGS. merge: (1,)
+    MERGE_RULES."""
 
-    holds_for: tuple[float, ...]
-    strip_floats: NDArray[np.float64]
-    strip_ints: NDArray[np.int64]
+    valid_for: tuple[float, ...]
+    strips: NDArray[Any]
     bins: BinTable
-    planes: NDArray[np.float64]
-    merge: NDArray[np.float64]
+    planes: NDArray[Any]
+    merge: NDArray[Any]
 
 
 def settings_of(view: ViewGeometry, ke_per_m: float, p: Params, last: Settings | None) -> Settings:
-    """The settings of a view; `last` where they are the same, with only the horizon set anew."""
+    """The settings of a view; `last` where they are the same, with only the horizon changed."""
     column_px = float(view.lateral[0])
-    key = (view.f_px, view.quantum, column_px, ke_per_m)
-    if last is not None and last.holds_for == key:
-        last.strip_floats[s.S_HORIZON] = view.cv
+    key = (view.f_px, view.lsb_per_px, column_px, ke_per_m)
+    if last is not None and last.valid_for == key:
+        last.strips["horizon_row"] = view.cv
         return last
     sigma_d_px = max(ke_per_m * view.f_px, p.min_sigma_px)
     return Settings(
-        holds_for=key, strip_floats=float_settings(view, ke_per_m, sigma_d_px, p), strip_ints=int_settings(p),
-        bins=bin_table(view.f_px, view.quantum, sigma_d_px, p), planes=plane_settings(view.f_px, column_px, p),
+        valid_for=key,
+        strips=strip_settings(view, ke_per_m, sigma_d_px, p),
+        bins=bin_table(view.f_px, view.lsb_per_px, sigma_d_px, p),
+        planes=plane_settings(view.f_px, column_px, p),
         merge=merge_rules(view, ke_per_m, p),
-    )  # fmt: skip
+    )
 
 
-def float_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[np.float64]:
-    """(32,) float64."""
-    out = np.zeros(32)
-    for index, value in (
-        (s.S_SIGMA_D, sigma_d_px), (s.S_F, view.f_px), (s.S_HS, p.passable_height_m), (s.S_HD, p.segment_height_m),
-        (s.S_ALPHA, p.peak_alpha), (s.S_VALLEY, p.peak_valley), (s.S_MAJORITY, p.window_majority),
-        (s.S_ROUGH, p.rough_factor), (s.S_QUANTILE, p.near_quantile),
-        (s.S_BAND_STEP, p.band_step_m), (s.S_BAND_SIGMAS, p.band_sigmas), (s.S_DEPTH, p.irregular_depth_m),
-        (s.S_SAFE, p.safe_distance_m), (s.S_KE, ke_per_m), (s.S_CORRELATION, p.horizontal_correlation),
-        (s.S_CENTRE, p.horizontal_centre_px), (s.S_HORIZON, view.cv), (s.S_QUANTUM, view.quantum), (s.S_JUMP, p.irregular_jump),
-        (s.S_TAKE, p.window_take_sigmas), (s.S_NEAR_SIGMAS, p.near_sigmas), (s.S_NEAR_SHARE, p.near_edge_share),
-        (s.S_REST_SIGMAS, p.irregular_sigmas), (s.S_SUPPORT_PER_PX, s.PX * p.min_support_m),
-        (s.S_SUPPORT_SIGMAS, p.support_sigmas), (s.S_SUPPORT_RELATIVE, p.support_relative), (s.S_TAIL, p.support_tail_sigmas),
-        (s.S_SMOOTH_RELATIVE, p.smooth_relative), (s.S_SMOOTH_SIGMAS, p.smooth_sigmas), (s.S_WS, p.passable_width_m),
-        (s.S_LINE_SIGMAS, p.line_sigmas), (s.S_ALIKE_PX, p.noise_alike_px),
-    ):  # fmt: skip
-        out[index] = value
-    return out
-
-
-def int_settings(p: Params) -> NDArray[np.int64]:
-    """(13,) int64."""
-    out = np.zeros(13, np.int64)
-    for index, value in (
-        (s.I_WINDOW_MIN, p.window_min_px), (s.I_RANK, p.near_rank), (s.I_BAND_ROWS, p.band_rows),
-        (s.I_GAP, p.irregular_gap_px), (s.I_SUPPORT, p.min_support_px),
-        (s.I_SUPPORT_COLUMNS, p.support_columns), (s.I_SUPPORT_ROWS, p.support_rows), (s.I_LARGE, p.support_large),
-        (s.I_MEMBERS, p.window_members), (s.I_CUT, p.cut_rows), (s.I_HORIZONTAL, p.horizontal_min_px),
-        (s.I_ROOM, p.max_column_strips), (s.I_LINK, p.link_gap_px),
-    ):  # fmt: skip
-        out[index] = value
-    return out
+def strip_settings(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Params) -> NDArray[Any]:
+    """(1,) STRIP_SETTINGS. sigma_d_px: noise of disparity."""
+    return record_of(
+        STRIP_SETTINGS,
+        p,
+        sigma_d_px=sigma_d_px,
+        f_px=view.f_px,
+        horizon_row=view.cv,
+        lsb_per_px=view.lsb_per_px,
+        depth_noise_coeff=ke_per_m,
+        support_per_px=PX * p.min_support_m,
+        most_per_column=p.max_strips_per_column,
+    )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inner
-from .strips import BOTTOM, KIND, NEAR, SMOOTH, TOP, D
+from .strips import SMOOTH
 
 _LEAST, _MOST, _STEPS = -1.0, 3.5, 90
 """Not tuning: range and steps of the table, means of whole distributions in sigma above where they are cut off."""
@@ -30,22 +30,24 @@ MEANS_LEFT = _means_left()
 
 
 @inner
-def shift_back(ints, floats, n, tan_edge, f, axis_x, axis_z, clear_m, ke, left):
-    """Moves smooth strips, D and NEAR alike, to where they stood before the clip, never beyond it.
+def shift_back(strips, n, view, source, ke_per_m):
+    """Moves smooth strips, disparity and near edge alike, to where they stood before the clip, never beyond it.
 
-    axis_x, axis_z: the optical axis in level_cam, since the clip is one of depth along it; clear_m: that depth. left:
-    MEANS_LEFT. A strip is as its middle row."""
+    source: a record of SOURCE: the clip is one of depth along the optical axis. A strip is as its middle row."""
+    f, tan_edge = view.f_px, view.tan_edge
     for i in range(n):
-        if ints[i, KIND] != SMOOTH:
+        if strips[i].kind != SMOOTH:
             continue
-        per_forward = axis_x + axis_z * 0.5 * (tan_edge[ints[i, TOP]] + tan_edge[ints[i, BOTTOM] + 1])
-        sigma, cut = ke * f * per_forward, f * per_forward / clear_m
-        if not sigma > 0.0 or floats[i, D] >= cut + _MOST * sigma:
+        per_forward = source.axis_x + source.axis_z * 0.5 * (
+            tan_edge[strips[i].top_row] + tan_edge[strips[i].bottom_row + 1]
+        )
+        sigma, cut = ke_per_m * f * per_forward, f * per_forward / source.clear_m
+        if not sigma > 0.0 or strips[i].disparity_px >= cut + _MOST * sigma:
             continue
-        mean = whole_mean((floats[i, D] - cut) / sigma, left)
-        by = max(0.0, floats[i, D] - max(cut, cut + mean * sigma))
-        floats[i, D] -= by
-        floats[i, NEAR] -= by
+        mean = whole_mean((strips[i].disparity_px - cut) / sigma, MEANS_LEFT)
+        by = max(0.0, strips[i].disparity_px - max(cut, cut + mean * sigma))
+        strips[i].disparity_px -= by
+        strips[i].near_px -= by
 
 
 @inner

@@ -6,44 +6,63 @@ The pixels are brought there by level.py.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Rotation
-from ..jit import inner, kernel
+from ..jit import inner, kernel, record
 from ..params import Params
 from ..types import CameraInfo
 
-_MAX_QUANTUM, _MAX_CODE = 64.0, 60000.0
-"""Resolution of the codes: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
+_MOST_LSB_PER_PX, _MAX_CODE = 64.0, 60000.0
+"""Resolution of quantised disparity: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
 _MIN_CELLS = 2
 """Along each axis: the distance between two rows is asked for."""
 _BORDER_POINTS = 32
 """Parts of each side of the image whose ends are looked at for the extent of the view."""
 
 
-def code_quantum(info: CameraInfo, f_px: float) -> float:
-    """Codes per pixel of disparity in a view of focal length f_px."""
-    return min(_MAX_QUANTUM, _MAX_CODE * 0.5 * info.min_range_m / f_px)
+def disparity_lsb_per_px(info: CameraInfo, f_px: float) -> float:
+    """Quantised disparity per pixel of disparity in a view of focal length f_px."""
+    return min(_MOST_LSB_PER_PX, _MAX_CODE * 0.5 * info.min_range_m / f_px)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ViewGeometry:
+SOURCE = record(
+    ("width_px", np.int64),
+    ("height_px", np.int64),
+    ("axis_x", np.float64),
+    ("axis_z", np.float64),
+    ("clear_m", np.float64),
+    ("max_range_m", np.float64),
+)
+"""The source image of a view: its size; x and z of the optical axis in level_cam; the greatest depth that counts as
+measured (`clear_range_m`), and the camera's maximum."""
+
+
+def source_of(info: CameraInfo, R_level_optical: Rotation, clear_m: float) -> NDArray[Any]:
+    """(1,) SOURCE of a frame."""
+    k, out = info.intrinsics, np.zeros(1, SOURCE)
+    out[0] = k.width, k.height, R_level_optical[0, 2], R_level_optical[2, 2], clear_m, info.max_range_m
+    return out
+
+
+class ViewGeometry(NamedTuple):
     """The levelled view: a virtual camera looking along level_cam x.
 
     cols, rows: its size; f_px: focal length; cu, cv: principal point. A cell (u, v) at forward distance X lies at
     y = X * (u - cu)/f_px * lateral[v] and z = X * tan_edge between its edges tan_edge[v], tan_edge[v + 1] (down).
-    tan_mid: (rows,) float32, the tangents in the middle of rows. quantum: codes per pixel of disparity, code = f_px/X * quantum. H: (3, 3) float64, H (u, v, 1) is the cell's ray in
-    the source's pixels (homogeneous, third component: Z_optical / X)."""
+    tan_mid: (rows,) float32, the tangents in the middle of rows. lsb_per_px: quantised disparity q per pixel of
+    disparity, q = f_px/X * lsb_per_px. H: (3, 3) float64, H (u, v, 1) is the cell's ray in the source's pixels (homogeneous, third
+    component: Z_optical / X)."""
 
     cols: int
     rows: int
     f_px: float
     cu: float
     cv: float
-    quantum: float
+    lsb_per_px: float
     tan_edge: NDArray[np.float32]
     tan_mid: NDArray[np.float32]
     lateral: NDArray[np.float32]
@@ -110,7 +129,7 @@ def view_geometry(info: CameraInfo, R_level_optical: Rotation, params: Params) -
         np.ascontiguousarray(R_level_optical), camera, k.width, k.height, limit, params.max_view_ratio
     )
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, quantum=code_quantum(info, f_px), tan_edge=edges, tan_mid=middles,
+        cols=cols, rows=rows, f_px=f_px, cu=cu, cv=cv, lsb_per_px=disparity_lsb_per_px(info, f_px), tan_edge=edges, tan_mid=middles,
         lateral=lateral, H=H,
     )  # fmt: skip
 
@@ -186,7 +205,7 @@ def outside_source(H, u, v, cols, rows):
 def pooled_geometry(g: ViewGeometry, step: int) -> ViewGeometry:
     """The geometry of `pool_columns`: a group's strip stands in its middle."""
     to_full = np.array([[step, 0.0, 0.5 * (step - 1)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    return replace(
-        g, cols=-(-g.cols // step), cu=(g.cu - 0.5 * (step - 1)) / step,
+    return g._replace(
+        cols=-(-g.cols // step), cu=(g.cu - 0.5 * (step - 1)) / step,
         lateral=(g.lateral * np.float32(step)), H=g.H @ to_full,
     )  # fmt: skip

@@ -170,8 +170,8 @@ def test_lemma_1_levels_the_distances_of_a_wall(pitch: float) -> None:
     depth = flat_wall(INFO, 6.0, pitch)
     g = view_geometry_paper(INFO, level(pitch), PaperParams())
     out = np.empty((g.cols, g.rows), np.uint16)
-    level_paper(depth, g.H, g.lateral, g.f_px * g.quantum, out)
-    np.testing.assert_allclose(g.f_px * g.quantum / out, 6.0, atol=0.03)
+    level_paper(depth, g.H, g.lateral, g.f_px * g.lsb_per_px, out)
+    np.testing.assert_allclose(g.f_px * g.lsb_per_px / out, 6.0, atol=0.03)
     for v in (0, 14, 29):
         up = -pitch + math.atan((v - 14.5) / 30.0)  # angle below the horizon of the row's middle
         assert 0.5 * (g.tan_edge[v] + g.tan_edge[v + 1]) == pytest.approx(math.tan(up), abs=6e-3)

@@ -36,7 +36,9 @@ def test_a_replay_prints_it_with_the_noise_of_the_last_frame(capsys: pytest.Capt
     result = Replay(ReplayCounts(valid=1, ke_per_m={"front": 0.0015}), {}, ("front",))
     result.obstacle_range_m = {"front": obstacle_range_m(INFO, 0.0015)}
     print_report(result, None)
-    assert "front: obstacles are detected up to 18.3 m at the estimated depth noise of 0.0015/m" in capsys.readouterr().out
+    assert (
+        "front: obstacles are detected up to 18.3 m at the estimated depth noise of 0.0015/m" in capsys.readouterr().out
+    )
 
 
 def test_status_prints_it() -> None:

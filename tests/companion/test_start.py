@@ -89,7 +89,9 @@ def test_samples_that_give_way_are_told(tmp_path: Path) -> None:
         assert not any("samples" in t for t in service.diagnostic_texts)
         service.event_queue.put(flood)
         service.tick()
-        assert f"{service.event_queue.lost} attitude and position samples were lost" in " ".join(service.diagnostic_texts)
+        assert f"{service.event_queue.lost} attitude and position samples were lost" in " ".join(
+            service.diagnostic_texts
+        )
         assert service.event_queue.lost >= 200
     finally:
         service.close()

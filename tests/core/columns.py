@@ -10,8 +10,9 @@ from core.params import Params
 from core.stages import strips as s
 from core.stages.irregular import irregular_rest
 from core.stages.row_mask import CLOSED, NO_PEAK, free_rows, gather_rows
-from core.stages.settings import float_settings, int_settings
+from core.stages.settings import strip_settings
 from core.stages.view_geometry import ViewGeometry
+from core.stages.windows import Peak, WindowBuffers, slide_windows
 
 F, QUANTUM = 100.0, 64.0
 ROWS = 100
@@ -22,7 +23,7 @@ def view(rows: int = ROWS, cols: int = 1, f: float = F) -> ViewGeometry:
     cu, cv = (cols - 1) / 2, (rows - 1) / 2
     edges = ((np.arange(rows + 1) - 0.5 - cv) / f).astype(np.float32)
     return ViewGeometry(
-        cols=cols, rows=rows, f_px=f, cu=cu, cv=cv, quantum=QUANTUM, tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
+        cols=cols, rows=rows, f_px=f, cu=cu, cv=cv, lsb_per_px=QUANTUM, tan_edge=edges, tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
         lateral=np.ones(rows, np.float32), H=np.eye(3),
     )  # fmt: skip
 
@@ -48,17 +49,22 @@ class Column:
         self.mark = np.full((rows + 7) // 8 * 8, CLOSED, np.uint8)
         self.mark[:rows][self.line > 1] = 0
         self.px = np.zeros((2, rows + 8), np.int32)
-        self.seen, self.own = np.full(rows + 1, -7, np.int64), np.full(rows + 1, -7, np.int64)
-        self.best = np.full((2, rows), -7, np.int32)
-        self.parts = np.full((3, rows // self.params.band_rows + 2), -7, np.int64)
-        self.tally = np.zeros(3, np.int64)
-        self.ints = np.full((256, 9), -77, np.int32)
-        self.floats = np.full((256, 3), np.nan, np.float32)
+        self.buffers = WindowBuffers(
+            np.full(rows + 1, -7, np.int64),
+            np.full(rows + 1, -7, np.int64),
+            np.full((2, rows), -7, np.int32),
+            np.full((3, rows // self.params.band_rows + 2), -7, np.int64),
+        )
+        self.strips = np.zeros(256, s.STRIP)
+        self.strips["support"] = -77
+        self.counts = np.zeros(1, s.COUNTS)
         g = view(rows)
-        self.H = g.H
-        self.fs = float_settings(g, self.sigma_d_px / F, self.sigma_d_px, self.params)
-        self.si = int_settings(self.params)
-        self.area = s.homography_area(self.H)
+        self.settings = strip_settings(g, self.sigma_d_px / F, self.sigma_d_px, self.params)[0]
+        self.column = s.Column(0, self.line, self.mark, g.H, s.homography_area(g.H))
+
+    @property
+    def out(self) -> s.StripOutput:
+        return s.StripOutput(self.strips, self.counts[0])
 
     @property
     def open(self) -> np.ndarray:
@@ -80,16 +86,14 @@ class Column:
 
     def ends(self, n: int) -> list[tuple[int, int]]:
         """(top, bottom) of the strips written so far."""
-        return [(int(r[s.TOP]), int(r[s.BOTTOM])) for r in self.ints[:n]]
+        return [(int(r["top_row"]), int(r["bottom_row"])) for r in self.strips[:n]]
 
     def windows(self, low_code: float, high_code: float, d: float, rough: bool = False) -> int:
         """slide_windows for label 0; returns the number of strips."""
-        self.tally[:] = 0
-        s.slide_windows(
-            self.line, self.mark, 0, len(self.line) - 1, 0, d, float(low_code), float(high_code), rough, 0, self.H, self.area,
-            self.fs, self.si, self.seen, self.own, self.best, self.parts, self.ints, self.floats, self.tally,
-        )  # fmt: skip
-        return int(self.tally[s.N])
+        self.counts[:] = np.zeros(1, s.COUNTS)
+        peak = Peak(0, d, float(low_code), float(high_code), rough)
+        slide_windows(self.column, peak, 0, len(self.line) - 1, self.settings, self.buffers, self.out)
+        return int(self.counts["strips"][0])
 
     def gather(self) -> int:
         """Lists the open rows in px; returns their number."""
@@ -99,9 +103,6 @@ class Column:
 
     def rest(self) -> int:
         """irregular_rest; returns the number of strips."""
-        self.tally[:] = 0
-        irregular_rest(
-            self.px, self.gather(), 0, self.H, self.area, self.fs, self.si, self.best, self.ints,
-            self.floats, self.tally,
-        )  # fmt: skip
-        return int(self.tally[s.N])
+        self.counts[:] = np.zeros(1, s.COUNTS)
+        irregular_rest(self.px, self.gather(), self.column, self.settings, self.buffers.codes[0], self.out)
+        return int(self.counts["strips"][0])

@@ -9,20 +9,20 @@ from core.stages import clusters, support
 from core.stages import planes as pl
 from core.stages import segments as tracks
 from core.stages import strips as s
-from core.stages.plane_stages import plane_tables
-from core.stages.strip_stages import strip_tables
+from core.stages.openings import OpeningMasks
+from core.stages.plane_settings import plane_settings
+from core.stages.strip_search import strip_buffers
 from core.types import Prism
 
 from .columns import F, view
 
-SCRATCH = strip_tables(100, 100)
+SCRATCH = strip_buffers(10_000)
 """Kept from table to table, as from frame to frame: what one leaves in it must not matter to the next."""
 
-CLOSED = (
-    np.zeros((12, 40, 40), np.uint8),
-    np.array([F / 4, F / 4, 20.0, 20.0, *(0.5 * 1.42 ** (np.arange(1, 12) - 0.5))]),
+CLOSED = OpeningMasks(
+    np.zeros((12, 40, 40), np.uint8), 0.5 * 1.42 ** (np.arange(1, 12) - 0.5), F / 4, F / 4, 20.0, 20.0
 )
-"""Masks and frame of openings.py: no opening anywhere, in cells of four columns and rows about the axis."""
+"""No opening anywhere, in cells of four columns and rows about the axis."""
 
 
 class Strips:
@@ -31,7 +31,7 @@ class Strips:
     def __init__(self, cols: int = 60, sigma_px: float = 0.02) -> None:
         self.view = view(cols=cols)
         self.cols, self.sigma_px = cols, sigma_px
-        self.rows: list[tuple[list[int], list[float]]] = []
+        self.rows: list[tuple[float, ...]] = []
 
     def add(
         self,
@@ -46,28 +46,31 @@ class Strips:
         """Strips must come in order of their columns."""
         d = F / x_m
         near = d if near_m is None else F / near_m
-        self.rows.append(([u, top, bottom, support_px * s.PX, kind, -1, -1, 0, 0], [d, near, self.sigma_px]))
+        row = (u, top, bottom, support_px * s.PX, kind, -1, -1, 0, 0, d, near, self.sigma_px, 0.0, 0.0, 0.0, 0.0)
+        self.rows.append(row)
 
     def build(self) -> Strips:
         """Makes the arrays; rows in order of columns and from top to bottom."""
         n = self.n = len(self.rows)
-        self.ints = np.array([r[0] for r in self.rows], np.int32).reshape(n, 9)
-        self.floats = np.array([r[1] for r in self.rows], np.float32).reshape(n, 3)
+        self.strips = np.array(self.rows, s.STRIP)
         self.columns = np.zeros(self.cols + 1, np.int32)
-        support.index_columns(self.ints, n, self.cols, self.columns)
-        support.sort_columns(self.ints, self.floats, self.cols, self.columns)
-        self.place = np.zeros((n, 4), np.float32)
+        support.index_columns(self.strips, n, self.cols, self.columns)
+        support.sort_columns(self.strips, self.cols, self.columns)
         self.put()
         return self
 
     def put(self) -> None:
         """Places in metres."""
-        g = self.view
-        clusters.place_strips(self.ints, self.floats, self.n, g.f_px, g.cu, g.lateral, g.tan_edge, self.place)
+        clusters.place_strips(self.strips, self.n, self.view)
+
+    @property
+    def place(self) -> np.ndarray:
+        """(N, 4) float32 x, y, top, bottom."""
+        return np.stack([self.strips[name] for name in ("x_m", "y_m", "top_m", "bottom_m")], axis=1)
 
     def cluster(self, ws: float = 2.0, hs: float = 1.0) -> int:
         """join_near; returns the number of clusters."""
-        return clusters.join_near(self.ints, self.place, self.n, ws, hs, *SCRATCH[6:12])
+        return clusters.join_near(self.strips, self.n, ws, hs, SCRATCH.clusters)
 
     def track(
         self,
@@ -75,24 +78,26 @@ class Strips:
         line_m: float = 0.12,
         link: int = 4,
         rough_px: float = 1.2,
-        masks: tuple[np.ndarray, np.ndarray] = CLOSED,
+        masks: OpeningMasks = CLOSED,
     ) -> int:
-        """grow; returns the number of tracks, tables in `moments` and `tracks`."""
-        p, g = Params(), self.view
-        _, _, self.moments, _, _, self.tracks, *scratch = plane_tables(self.n, 1)[:9]
-        return tracks.grow(
-            self.ints, self.floats, self.place, g.cols, self.columns, g.f_px, g.cu, g.lateral, hs, line_m, p.line_sigmas,
-            p.link_slope_px, rough_px, link, p.roughness_m, p.track_jump, p.track_jump_sigmas, p.opening_edge_px, *masks,
-            self.moments, self.tracks, *scratch,
-        )  # fmt: skip
+        """grow; returns the number of tracks, which are in `tracks`."""
+        p = Params(height_step_m=hs, line_tolerance_m=line_m, link_gap_px=link, rough_slope_px=rough_px)
+        self.tracks, front = np.zeros(self.n + 1, tracks.TRACK), tracks.front_buffers(self.n)
+        settings = plane_settings(F, 1.0, p)[0]
+        return tracks.grow(self.strips, self.view, self.columns, settings, masks, self.tracks, front)
 
     @property
     def cluster_of(self) -> np.ndarray:
-        return self.ints[:, s.CLUSTER]
+        return self.strips["cluster"]
 
     @property
     def track_of(self) -> np.ndarray:
-        return self.ints[:, s.TRACK]
+        return self.strips["track"]
+
+
+def moments_of(record: np.ndarray) -> np.ndarray:
+    """(6,) moments of a record: w, t, s, tt, ts, ss."""
+    return np.array([float(record[f"sum_{name}"]) for name in ("w", "t", "s", "tt", "ts", "ss")])
 
 
 def line_through(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
@@ -101,24 +106,23 @@ def line_through(a: tuple[float, float], b: tuple[float, float]) -> tuple[float,
     return float(A), float(B)
 
 
-def plane_table(*rows: tuple[float, ...], room: int = 8) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(planes, ints, moments) of rectangles (a_x, a_y, b_x, b_y, top, bottom), all of cluster 0."""
-    n = len(rows)
-    width = 1 + max(v for k, v in vars(pl).items() if k in ("FRONT", "MIDDLE"))
-    planes, ints, moments = np.zeros((n + room, width)), np.zeros((n + room, 9), np.int32), np.zeros((n + room, 6))
-    for k, (ax, ay, bx, by, top, bottom) in enumerate(rows):
-        planes[k, pl.A], planes[k, pl.B] = line_through((ax, ay), (bx, by))
-        planes[k, pl.T0], planes[k, pl.T1] = ay / ax, by / bx
-        planes[k, pl.Z0], planes[k, pl.Z1], planes[k, pl.FRONT] = top, bottom, -0.28
-        ints[k, pl.P_SUPPORT] = 1000
-        moments[k] = (1e6, 0.0, 1e6 / ax, 1.0, 0.0, 1e6)
-    return planes, ints, moments
+def plane_table(*rows: tuple[float, ...], room: int = 8) -> np.ndarray:
+    """(N + room,) PLANE of rectangles (a_x, a_y, b_x, b_y, top, bottom), all of cluster 0."""
+    planes = np.zeros(len(rows) + room, pl.PLANE)
+    for plane, (ax, ay, bx, by, top, bottom) in zip(planes, rows, strict=False):
+        plane.a, plane.b = line_through((ax, ay), (bx, by))
+        plane.t0, plane.t1 = ay / ax, by / bx
+        plane.top_m, plane.bottom_m, plane.front_m = top, bottom, -0.28
+        plane.support = 1000
+        plane.sum_w, plane.sum_t, plane.sum_s = 1e6, 0.0, 1e6 / ax
+        plane.sum_tt, plane.sum_ts, plane.sum_ss = 1.0, 0.0, 1e6
+    return planes
 
 
 def ends(plane: np.ndarray) -> tuple[float, float, float, float]:
-    """(a_x, a_y, b_x, b_y) of one row of a table of planes."""
-    x0, x1 = (1.0 / (plane[pl.A] + plane[pl.B] * t) for t in (plane[pl.T0], plane[pl.T1]))
-    return x0, x0 * plane[pl.T0], x1, x1 * plane[pl.T1]
+    """(a_x, a_y, b_x, b_y) of a record of PLANE."""
+    x0, x1 = (1.0 / (plane["a"] + plane["b"] * t) for t in (plane["t0"], plane["t1"]))
+    return x0, x0 * plane["t0"], x1, x1 * plane["t1"]
 
 
 def some_prisms(count: int) -> list[Prism]:

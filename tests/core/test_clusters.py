@@ -23,12 +23,12 @@ def partition(labels: list[int] | np.ndarray) -> set[frozenset[int]]:
 
 def check_places(t: Strips) -> None:
     g = t.view
-    for row, fl, place in zip(t.ints, t.floats, t.place, strict=True):
-        x = g.f_px / fl[0]
+    for row, place in zip(t.strips, t.place, strict=True):
+        x = g.f_px / row.disparity_px
         assert place[0] == pytest.approx(x)
-        assert place[1] == pytest.approx(x * (row[0] - g.cu) / g.f_px, abs=1e-4)
-        assert place[2] == pytest.approx(x * (row[1] - 0.5 - g.cv) / g.f_px, abs=1e-4)
-        assert place[3] == pytest.approx(x * (row[2] + 0.5 - g.cv) / g.f_px, abs=1e-4)
+        assert place[1] == pytest.approx(x * (row.column - g.cu) / g.f_px, abs=1e-4)
+        assert place[2] == pytest.approx(x * (row.top_row - 0.5 - g.cv) / g.f_px, abs=1e-4)
+        assert place[3] == pytest.approx(x * (row.bottom_row + 0.5 - g.cv) / g.f_px, abs=1e-4)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 50), st.sampled_from([0.4, 1.0, 2.5]))

@@ -12,7 +12,8 @@ from core.stages import strips as s
 from core.stages import support
 from core.stages.columns import extract_strips
 from core.stages.density import bin_table
-from core.stages.settings import float_settings, int_settings
+from core.stages.ground import GroundThreshold
+from core.stages.settings import strip_settings
 
 from .columns import QUANTUM, F, code, view
 
@@ -20,31 +21,26 @@ pytestmark = pytest.mark.nojit
 COLS, ROWS = 12, 120
 
 
-def search_of(
-    codes: np.ndarray, p: Params, gate: np.ndarray | None = None
-) -> tuple[tuple[Any, ...], np.ndarray, np.ndarray]:
-    """What `extract_strips` takes of codes (cols, rows) in a level view; tables for the strips."""
+def search_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> tuple[Any, ...]:
+    """What `extract_strips` takes of codes (cols, rows) in a level view, with an empty table."""
     g = view(codes.shape[1], codes.shape[0])
     gate = np.full(65536, np.inf, np.float32) if gate is None else gate
     sigma = 0.0015 * F
-    t = bin_table(F, QUANTUM, sigma, p)
-    ints = np.full((len(codes) * p.max_column_strips, 9), -7, np.int32)
-    floats = np.full((len(ints), 3), np.nan, np.float32)
-    tan_mid = (0.5 * (g.tan_edge[1:] + g.tan_edge[:-1])).astype(np.float32)
-    return (
-        codes, gate, np.zeros(g.cols, np.float32), tan_mid, g.H, t.bin_of_code, t.disparity_px, t.width_px, t.threshold,
-        t.weights, t.first_code, float_settings(g, 0.0015, sigma, p), int_settings(p),
-    ), ints, floats  # fmt: skip
+    strips = np.zeros(len(codes) * p.max_column_strips, s.STRIP)
+    strips["disparity_px"] = np.nan
+    ground = GroundThreshold(gate, np.zeros(g.cols, np.float32))
+    return codes, ground, g, bin_table(F, QUANTUM, sigma, p), strip_settings(g, 0.0015, sigma, p), strips
 
 
-def strips_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, int, int]:
-    """(ints, floats, ground pixels, merged strips) of codes (cols, rows) in a level view, by top row within a column."""
-    search, ints, floats = search_of(codes, p, gate)
-    n, ground, merged = extract_strips(*search, ints, floats)
+def strips_of(codes: np.ndarray, p: Params, gate: np.ndarray | None = None) -> tuple[np.ndarray, int, int]:
+    """(strips, ground pixels, merged strips) of codes (cols, rows) in a level view, by top row within a column."""
+    search = search_of(codes, p, gate)
+    strips = search[-1]
+    n, ground, merged = extract_strips(*search)
     columns = np.zeros(len(codes) + 1, np.int32)
-    support.index_columns(ints, n, len(codes), columns)
-    support.sort_columns(ints, floats, len(codes), columns)
-    return ints[:n], floats[:n], int(ground), int(merged)
+    support.index_columns(strips, n, len(codes), columns)
+    support.sort_columns(strips, len(codes), columns)
+    return strips[:n], int(ground), int(merged)
 
 
 def leaves(seed: int) -> np.ndarray:
@@ -60,39 +56,45 @@ def leaves(seed: int) -> np.ndarray:
 
 def test_all_that_is_measured_is_in_a_strip() -> None:
     codes = leaves(1)
-    ints, floats, ground, merged = strips_of(codes, Params())
+    strips, ground, merged = strips_of(codes, Params())
     assert (ground, merged) == (0, 0)
     for u in range(COLS):
-        own = ints[ints[:, s.U] == u]
-        assert own[:, s.SUPPORT].sum() >= 0.97 * s.PX * (codes[u] > 1).sum()
+        own = strips[strips["column"] == u]
+        assert own["support"].sum() >= 0.97 * s.PX * (codes[u] > 1).sum()
         for v in np.flatnonzero(codes[u] > 1):
-            over = (own[:, s.TOP] <= v) & (own[:, s.BOTTOM] >= v)
-            assert over.any()
-    assert np.isfinite(floats).all()
+            assert ((own["top_row"] <= v) & (own["bottom_row"] >= v)).any()
+    for name in ("disparity_px", "near_px", "sigma_px"):
+        assert np.isfinite(strips[name]).all()
 
 
 def test_ground_is_taken_out_and_counted() -> None:
     codes = np.full((COLS, ROWS), code(9.0)[0], np.uint16)
     gate = np.full(65536, 0.3, np.float32)  # all that is seen more than 0.3 below the horizon
-    ints, _, ground, _ = strips_of(codes, Params(), gate)
+    strips, ground, _ = strips_of(codes, Params(), gate)
     below = int(np.sum((np.arange(ROWS) - 59.5) / F > 0.3))
     assert ground == COLS * below
-    assert ints[:, s.BOTTOM].max() == ROWS - below - 1
+    assert strips["bottom_row"].max() == ROWS - below - 1
+
+
+def over(strips: np.ndarray, strip: np.ndarray) -> np.ndarray:
+    """Which of the strips cover all rows of one."""
+    spans = (strips["top_row"] <= strip.top_row) & (strips["bottom_row"] >= strip.bottom_row)
+    return (strips["column"] == strip.column) & spans
 
 
 def test_what_has_no_room_is_merged_at_the_nearest_distance_and_counted() -> None:
     codes = leaves(2)
-    wide, wide_px, _, none = strips_of(codes, Params())
-    narrow, narrow_px, _, merged = strips_of(codes, Params(max_column_strips=8))
+    wide, _, none = strips_of(codes, Params())
+    narrow, _, merged = strips_of(codes, Params(max_column_strips=8))
     assert none == 0
     assert merged == len(wide) - len(narrow) > 100
-    assert (narrow[:, s.KIND] == s.MERGED).sum() == COLS
-    assert np.bincount(narrow[:, s.U]).max() == 8
-    for row, (d, near, _) in zip(wide, wide_px, strict=True):
-        over = (narrow[:, s.U] == row[s.U]) & (narrow[:, s.TOP] <= row[s.TOP]) & (narrow[:, s.BOTTOM] >= row[s.BOTTOM])
-        assert (narrow_px[over, s.D] >= d).any()
-        assert (narrow_px[over, s.NEAR] >= near).any()
-    assert narrow[:, s.SUPPORT].sum() == wide[:, s.SUPPORT].sum()
+    assert (narrow["kind"] == s.MERGED).sum() == COLS
+    assert np.bincount(narrow["column"]).max() == 8
+    for strip in wide:
+        covering = narrow[over(narrow, strip)]
+        assert (covering["disparity_px"] >= strip.disparity_px).any()
+        assert (covering["near_px"] >= strip.near_px).any()
+    assert narrow["support"].sum() == wide["support"].sum()
 
 
 def test_no_strip_loses_its_support_to_a_merged_one() -> None:
@@ -100,16 +102,13 @@ def test_no_strip_loses_its_support_to_a_merged_one() -> None:
     kept = {}
     for room in (128, 8):
         p = Params(max_column_strips=room)
-        ints, floats, _, _ = strips_of(codes, p)
-        n, columns = len(ints), np.zeros(COLS + 1, np.int32)
-        support.index_columns(ints, n, COLS, columns)
-        fs, si = float_settings(view(ROWS, COLS), 0.0015, 0.0015 * F, p), int_settings(p)
-        n = support.drop_unsupported(
-            ints, floats, n, COLS, fs, si, columns, np.zeros(n, np.int32), np.zeros(n, np.uint8)
-        )
-        kept[room] = ints[:n], floats[:n]
-    (wide, wide_px), (narrow, narrow_px) = kept[128], kept[8]
+        strips, _, _ = strips_of(codes, p)
+        n, columns = len(strips), np.zeros(COLS + 1, np.int32)
+        support.index_columns(strips, n, COLS, columns)
+        settings = strip_settings(view(ROWS, COLS), 0.0015, 0.0015 * F, p)[0]
+        n = support.drop_unsupported(strips, n, COLS, settings, columns, np.zeros(n, np.int32), np.zeros(n, np.uint8))
+        kept[room] = strips[:n]
+    wide, narrow = kept[128], kept[8]
     assert len(wide) > 100
-    for row, px in zip(wide, wide_px, strict=True):
-        over = (narrow[:, s.U] == row[s.U]) & (narrow[:, s.TOP] <= row[s.TOP]) & (narrow[:, s.BOTTOM] >= row[s.BOTTOM])
-        assert (narrow_px[over, s.D] >= px[s.D]).any()
+    for strip in wide:
+        assert (narrow[over(narrow, strip)]["disparity_px"] >= strip.disparity_px).any()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from core.params import Params
 from core.stages import gap_filling as fill
 from core.stages import strips as s
+from core.stages.settings import strip_settings
 
 from .tables import SCRATCH, Strips
 
@@ -19,16 +22,13 @@ X = 5.0
 
 def filled(t: Strips, hs: float = 1.0, ws: float = 2.0) -> int:
     """fill_columns; returns how many slits were filled."""
-    open_of, lower, runs, spans = SCRATCH[12:16]
-    return fill.fill_columns(
-        t.ints, t.floats, t.place, t.cols, t.columns, t.view.f_px, t.view.lateral[0] / t.view.f_px, hs, ws, P.band_step_m,
-        P.line_sigmas, P.link_gap_px, open_of[: int(t.cluster_of.max()) + 1], lower, runs, spans,
-    )  # fmt: skip
+    settings = strip_settings(t.view, 0.001, 0.1, replace(P, passable_height_m=hs, passable_width_m=ws))[0]
+    return fill.fill_columns(t.strips, int(t.cluster_of.max()) + 1, t.view, t.columns, settings, SCRATCH.gaps)
 
 
 def alive(t: Strips) -> list[tuple[int, int, int]]:
     """(column, top, bottom) of what is left."""
-    return [(int(r[s.U]), int(r[s.TOP]), int(r[s.BOTTOM])) for r in t.ints if r[s.SUPPORT] > 0]
+    return [(int(r["column"]), int(r["top_row"]), int(r["bottom_row"])) for r in t.strips if r["support"] > 0]
 
 
 def pair(gap: int, lower_x: float = X, columns: int = 1) -> Strips:
@@ -38,7 +38,7 @@ def pair(gap: int, lower_x: float = X, columns: int = 1) -> Strips:
         t.add(u, 30 + gap, 30 + gap + 19, lower_x)
     t.build()
     t.cluster()
-    t.ints[:, s.CLUSTER] = 0
+    t.strips["cluster"] = 0
     return t
 
 
@@ -47,25 +47,25 @@ def test_a_gap_is_filled_when_it_is_lower_than_a_passable_height(gap: int, joine
     t = pair(gap)
     filled(t)
     assert alive(t) == ([(0, 10, 49 + gap)] if joined else [(0, 10, 29), (0, 30 + gap, 49 + gap)])
-    assert t.ints[0, s.FILL] == (gap if joined else 0)
+    assert t.strips["filled_rows"][0] == (gap if joined else 0)
     if joined:
-        assert t.ints[0, s.SUPPORT] == 40 * s.PX
+        assert t.strips["support"][0] == 40 * s.PX
 
 
 def test_between_surfaces_apart_in_depth_the_farther_one_grows() -> None:
     t = pair(5, lower_x=6.0)
     filled(t)
     assert alive(t) == [(0, 10, 29), (0, 30, 54)]
-    assert t.ints[1, s.FILL] == 5
+    assert t.strips["filled_rows"][1] == 5
     t = pair(5, lower_x=4.5)
     filled(t)
     assert alive(t) == [(0, 10, 34), (0, 35, 54)]
-    np.testing.assert_allclose(t.view.f_px / t.floats[:, s.D], [5.0, 4.5], rtol=1e-5)
+    np.testing.assert_allclose(t.view.f_px / t.strips["disparity_px"], [5.0, 4.5], rtol=1e-5)
 
 
 def test_gaps_between_clusters_stay() -> None:
     t = pair(5)
-    t.ints[1, s.CLUSTER] = 1
+    t.strips["cluster"][1] = 1
     filled(t)
     assert len(alive(t)) == 2
 
@@ -77,7 +77,7 @@ def test_several_gaps_of_one_column_fill_one_after_the_other() -> None:
     t.build().cluster()
     filled(t)
     assert alive(t) == [(0, 0, 54)]
-    assert t.ints[0, s.FILL] == 15
+    assert t.strips["filled_rows"][0] == 15
 
 
 def test_the_space_under_a_bridge_stays_open() -> None:
@@ -114,7 +114,7 @@ def test_an_opening_narrower_than_the_vehicle_is_filled(width: int, slit: bool) 
     inside = [(top, bottom) for u, top, bottom in alive(t) if 40 <= u < 40 + width]
     assert inside == ([(5, 90)] * width if slit else [(5, 39), (65, 90)] * width)
     if slit:
-        assert (t.ints[(t.ints[:, s.FILL] > 0), s.FILL] == 25).all()
+        assert (t.strips["filled_rows"][(t.strips["filled_rows"] > 0)] == 25).all()
 
 
 def test_an_opening_that_goes_on_to_the_side_stays() -> None:
@@ -144,6 +144,6 @@ def test_more_openings_than_there_is_room_for_stay_open_and_within_bounds() -> N
         for k in range(50):
             t.add(u, 2 * k, 2 * k, 100.0)  # 1 m a row: fifty gaps of 1 m in a column
     t.build()
-    t.ints[:, s.CLUSTER] = 0
+    t.strips["cluster"] = 0
     filled(t, hs=0.9)
     assert len(alive(t)) >= 200 - 4 * fill.MAX_RUNS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,7 +80,7 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     start, to, end = np.full(shape, -1, np.float32), np.full(shape, -1, np.float32), np.full(shape, 9, np.uint8)
     H = np.eye(3)
     H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
-    g = replace(view(cols=24, rows=rows), cv=44.5, cu=11.5, H=H)
+    g = view(cols=24, rows=rows)._replace(cv=44.5, cu=11.5, H=H)
     ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
     w = fs.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))
     behind = np.full((3, len(ring_m)), -1, np.int32)
@@ -141,9 +140,9 @@ THICK: dict[str, float] = {"profile_layers": 7, "profile_layer_m": 2.0, "profile
 def profile(
     codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
 ) -> FreeProfile:
-    planes, ints, _ = plane_table(room=1)
+    planes = plane_table(room=1)
     seen = fs.seen_free(codes, g, codes.shape, ground, clear_m, KE, Params(**{**THICK, **params}))
-    return fs.free_profile(seen, 0, planes, ints, np.zeros(0, np.float32))
+    return fs.free_profile(seen, 0, planes, np.zeros(0, np.float32))
 
 
 @pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
@@ -248,20 +247,18 @@ def test_nothing_below_the_ground_is_free() -> None:
 
 
 def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
-    planes, ints, _ = plane_table(
-        (5.0, -1.0, 6.0, 1.0, -0.5, 0.5), (3.0, 1.5, 3.0, 2.0, 1.5, 2.5), (1.0, -3.0, 1.0, 3.0, -9, 9)
-    )
-    ints[2, 1] = -1  # dropped
+    planes = plane_table((5.0, -1.0, 6.0, 1.0, -0.5, 0.5), (3.0, 1.5, 3.0, 2.0, 1.5, 2.5), (1.0, -3.0, 1.0, 3.0, -9, 9))
+    planes[2].support = -1  # dropped
     edges_t = np.linspace(-0.6, 0.6, 25)
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
     to, end = np.full((24, 3), 9.0, np.float32), np.full((24, 3), 4, np.uint8)
-    fs.stop_at_planes(3, planes, ints, np.array([0.3, 0.1, 0.0], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+    fs.stop_at_planes(3, planes, np.array([0.3, 0.1, 0.0], np.float32), 0.0, 0.0, edges_t, layers, to, end)
     assert (to[:, 0] == 9.0).all()
     for d in range(24):
         ts = np.linspace(edges_t[d], edges_t[d + 1], 21)
         inside = ts[(ts >= -0.2) & (ts <= 1 / 6)]
         if len(inside) > 1:
-            a, b = planes[0, :2]
+            a, b = planes[0].a, planes[0].b
             assert to[d, 1] <= min(1.0 / (a + b * t) for t in inside) - 0.3 + 1e-5
             assert end[d, 1] == FreeEnd.OBSTACLE
         low = ts[(ts >= 0.5) & (ts <= 2 / 3)]
@@ -269,11 +266,11 @@ def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
 
 
 def test_a_plane_stops_a_pixel_more_on_either_side() -> None:
-    planes, ints, _ = plane_table((5.0, -0.55, 5.0, 0.55, -0.5, 0.5))  # tangents -0.11..0.11
+    planes = plane_table((5.0, -0.55, 5.0, 0.55, -0.5, 0.5))  # tangents -0.11..0.11
     edges_t, layers = np.linspace(-0.6, 0.6, 25), np.array([-1.0, 1.0], np.float32)
     for pixel_t, directions in ((0.0, range(9, 15)), (0.03, range(9, 15)), (0.05, range(8, 16))):
         to, end = np.full((24, 1), 9.0, np.float32), np.full((24, 1), 4, np.uint8)
-        fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), pixel_t, 0.0, edges_t, layers, to, end)
+        fs.stop_at_planes(1, planes, np.array([0.3], np.float32), pixel_t, 0.0, edges_t, layers, to, end)
         assert set(np.flatnonzero(to[:, 0] < 9.0)) == set(directions)
         np.testing.assert_allclose(to[list(directions), 0], 4.7, rtol=1e-6)
 
@@ -284,23 +281,23 @@ def test_a_plane_stops_a_pixel_more_above_and_below() -> None:
     planes, ints, _ = plane_table((5.0, -1.0, 5.0, 1.0, -0.21, 0.21))
     for row_t, stopped in ((0.0, range(3, 5)), (0.007, range(3, 5)), (0.01, range(2, 6))):
         to, end = np.full((2, 8), 9.0, np.float32), np.full((2, 8), 4, np.uint8)
-        fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), 0.0, row_t, edges_t, layers, to, end)
+        fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, row_t, edges_t, layers, to, end)
         assert set(np.flatnonzero(to[0] < 4.8)) == set(stopped)
 
 
 def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
-    planes, ints, _ = plane_table((2.0, -3.0, 2.0, 3.0, -0.5, 0.9))
+    planes = plane_table((2.0, -3.0, 2.0, 3.0, -0.5, 0.9))
     edges_t = np.linspace(-0.6, 0.6, 25)
     layers = np.array([-5.0, -3.0, -1.0, 1.0, 3.0], np.float32)
     to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
-    fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+    fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
     np.testing.assert_allclose(to, np.tile([9.0, 4.0, 1.7, 2.0 / 0.9], (24, 1)), rtol=1e-6)
     np.testing.assert_array_equal(end, np.tile([4, FreeEnd.UNKNOWN, FreeEnd.OBSTACLE, FreeEnd.UNKNOWN], (24, 1)))
     # what lies wholly above or below the camera hides nothing of the layers nearer to its height
     for z in ([-2.5, -1.2], [1.2, 2.5]):
-        planes, ints, _ = plane_table((2.0, -3.0, 2.0, 3.0, *z))
+        planes = plane_table((2.0, -3.0, 2.0, 3.0, *z))
         to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
-        fs.stop_at_planes(1, planes, ints, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+        fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
         assert (to[:, 2] == 9.0).all()
         assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
 

@@ -14,11 +14,11 @@ from core.stages import strips as strip_table
 from core.stages.classify import classify, measured_mm
 from core.stages.ground import (
     NO_GROUND,
-    doubt_settings,
     drop_ground_noise,
     find_ground,
-    ground_gate,
+    ground_noise_test,
     ground_settings,
+    ground_threshold,
     height_bins,
     vote,
 )
@@ -159,21 +159,22 @@ def test_large_pictures_are_sampled_all_over(size: tuple[int, int]) -> None:
 
 @pytest.mark.nojit
 @given(st.floats(0.5, 8.0), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.integers(0, 2**32 - 1))
-def test_the_gate_against_its_definition(height: float, slope_x: float, slope_y: float, seed: int) -> None:
+def test_the_ground_threshold_against_its_definition(height: float, slope_x: float, slope_y: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     info = CameraInfo("test", Intrinsics(40, 30, 30.0, 30.0, 19.5, 14.5))
     view = view_geometry(info, level(-0.3, 0.2), P)
     gate = np.empty(65536, np.float32)
-    shift = ground_gate(Ground(seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y), view, 0.005, P, gate)
+    ground = Ground(seen=True, height_m=height, slope_x=slope_x, slope_y=slope_y)
+    _, shift = ground_threshold(ground, view, 0.005, P, gate)
     for _ in range(20):
-        q, u = round(view.f_px * view.quantum / rng.uniform(1.0, 20.0)), int(rng.integers(0, view.cols))
-        x = view.f_px * view.quantum / q  # the gate is one for each code, so a code's own distance is asked for
+        q, u = round(view.f_px * view.lsb_per_px / rng.uniform(1.0, 20.0)), int(rng.integers(0, view.cols))
+        x = view.f_px * view.lsb_per_px / q  # there is one limit for each code, so a code's own distance is asked for
         y = x * (u - view.cu) / view.f_px
         tolerance = min(max(4 * 0.005 * x * height, 0.25), 0.9 * 0.6)
         for above, expected in ((tolerance + 0.03, False), (tolerance - 0.03, True), (-5.0, True)):
             z = height + slope_x * x + slope_y * y - above
             assert bool(z / x - shift[u] > gate[q]) == expected
-    shift = ground_gate(NO_GROUND, view, 0.005, P, gate)
+    _, shift = ground_threshold(NO_GROUND, view, 0.005, P, gate)
     assert np.isinf(gate).all()
     assert (shift == 0).all()
 
@@ -276,29 +277,28 @@ def test_what_stands_out_of_the_grounds_noise_against_its_definition(height: flo
     shift = rng.uniform(-0.01, 0.01, 6).astype(np.float32)
     tan_mid = (0.5 * (g.tan_edge[1:] + g.tan_edge[:-1])).astype(np.float32)
     flat = g.f_px * (tan_mid[None, :] - slope - shift[:, None]) / height + rng.normal(0.0, ke * g.f_px, (6, 60))
-    codes = np.clip(flat * g.quantum, 2, 65535).astype(np.uint16)
+    codes = np.clip(flat * g.lsb_per_px, 2, 65535).astype(np.uint16)
     codes[rng.random((6, 60)) < 0.1] = 0
     codes[rng.random((6, 60)) < 0.1] = 1
-    ints, floats = np.zeros((40, 9), np.int32), np.zeros((40, 3), np.float32)
-    ints[:, strip_table.U] = np.sort(rng.integers(0, 6, 40))
-    ints[:, strip_table.TOP] = rng.integers(0, 55, 40)
-    ints[:, strip_table.BOTTOM] = np.minimum(59, ints[:, strip_table.TOP] + rng.integers(0, 30, 40))
-    ints[:, strip_table.KIND] = rng.choice([strip_table.SMOOTH, strip_table.MERGED], 40, p=[0.9, 0.1])
-    floats[:, strip_table.D] = g.f_px / rng.uniform(2.0, 20.0, 40)
+    strips = np.zeros(40, strip_table.STRIP)
+    strips["column"] = np.sort(rng.integers(0, 6, 40))
+    strips["top_row"] = rng.integers(0, 55, 40)
+    strips["bottom_row"] = np.minimum(59, strips["top_row"] + rng.integers(0, 30, 40))
+    strips["kind"] = rng.choice([strip_table.SMOOTH, strip_table.MERGED], 40, p=[0.9, 0.1])
+    strips["disparity_px"] = g.f_px / rng.uniform(2.0, 20.0, 40)
     want = [
-        row[strip_table.KIND] == strip_table.MERGED
-        or 4 * ke * height * g.f_px / d <= 0.9 * 0.6
+        strip.kind == strip_table.MERGED
+        or 4 * ke * height * g.f_px / float(strip.disparity_px) <= 0.9 * 0.6
         or naive.stands_out(
-            codes[row[strip_table.U]], row[strip_table.TOP], row[strip_table.BOTTOM], d, tan_mid,
-            shift[row[strip_table.U]], (height, slope), ke, g.f_px, g.quantum, P,
+            codes[strip.column], strip.top_row, strip.bottom_row, float(strip.disparity_px), tan_mid,
+            shift[strip.column], (height, slope), ke, g.f_px, g.lsb_per_px, P,
         )
-        for row, d in zip(ints, floats[:, strip_table.D].astype(np.float64), strict=True)
+        for strip in strips
     ]  # fmt: skip
-    kept = ints[want].copy()
-    n = drop_ground_noise(
-        ints, floats, 40, codes, tan_mid, shift, doubt_settings(ground, g, ke, P), np.zeros(40, np.uint8)
-    )
-    np.testing.assert_array_equal(ints[:n], kept)
+    kept = strips[want].copy()
+    test = ground_noise_test(ground, g, ke, P)[0]
+    n = drop_ground_noise(strips, 40, codes, tan_mid, shift, test, np.zeros(40, np.uint8))
+    np.testing.assert_array_equal(strips[:n], kept)
 
 
 def box_on_the_ground(height: float, pitch: float, distance: float, tall: float, wide: float = 4.0) -> np.ndarray:

@@ -51,7 +51,7 @@ def test_every_cell_and_every_pixel_against_direct_projection(
     marks, R, k = random_marks(np.random.default_rng(seed)), level(pitch, roll), info.intrinsics
     out, picked, g = levelled(marks, info, R)
     inverse = naive.inverse_image(marks, 0.0, 65.0, 0.0)
-    gain = g.f_px * g.quantum
+    gain = g.f_px * g.lsb_per_px
     want = np.zeros(out.shape, int)
     sure = np.ones(out.shape, bool)
     took = np.zeros(inverse.shape, bool)
@@ -92,7 +92,7 @@ def test_a_level_camera_keeps_its_pixels() -> None:
     np.testing.assert_array_equal(out == 0, marks.T == UNKNOWN_MM)
     np.testing.assert_array_equal(out == 1, marks.T == FAR_MM)
     near = (out > 1).T
-    gain = 30.0 * g.quantum
+    gain = 30.0 * g.lsb_per_px
     np.testing.assert_allclose(out.T[near] / gain, 1000.0 / marks[near], atol=0.51 / gain)
 
 
@@ -106,7 +106,7 @@ def test_a_level_camera_gets_by_the_short_way_what_the_long_way_gives(size: tupl
     g = view_geometry(info, level(), P)
     short, long = np.full((g.cols, g.rows), 7, np.uint16), np.full((g.cols, g.rows), 8, np.uint16)
     picked = np.zeros(marks.size, np.uint8)
-    gain = g.f_px * g.quantum
+    gain = g.f_px * g.lsb_per_px
     level_as_it_is(marks, gain, short.view(np.uint64))
     level_nearest(marks, g.H, gain, long, picked)
     assert (short > 1).sum() > 0.7 * marks.size
@@ -151,7 +151,7 @@ def test_no_measured_pixel_is_lost(tilt: tuple[float, float]) -> None:
     out, _, g = levelled(marks, info, R)
     for y, x in zip(*at, strict=True):
         u, v, forward = naive.own_cell(x, y, R, info.intrinsics, g.f_px, g.cu, g.cv)
-        code = naive.code_of(1000.0 / float(marks[y, x]), 1.0 / forward, g.f_px * g.quantum)
+        code = naive.code_of(1000.0 / float(marks[y, x]), 1.0 / forward, g.f_px * g.lsb_per_px)
         around = out[max(round(u) - 1, 0) : round(u) + 2, max(round(v) - 1, 0) : round(v) + 2].astype(int)
         assert around.max() >= code * (1 - 0.02) - 2
 
@@ -161,7 +161,7 @@ def test_a_vertical_wall_is_one_distance_in_the_levelled_view(tilt: tuple[float,
     info = camera_info(320, 240)
     R = level(*tilt)
     out, _, g = levelled(flat_wall(info, 8.0, *tilt), info, R)
-    x = g.f_px * g.quantum / out[out > 1]
+    x = g.f_px * g.lsb_per_px / out[out > 1]
     assert out[out > 1].size > 30000
     # nearest neighbour: half a pixel of a wall tilted by 30 degrees and 34 degrees off the axis is within 2 cm at 8 m
     assert np.abs(x - 8.0).max() < 0.04

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,9 +13,10 @@ from core.stages import line_fit as lines
 from core.stages import merge as mg
 from core.stages import merge_cost as pairs
 from core.stages import planes as pl
-from core.stages import priority_queue as cheapest
-from core.stages import strips as s
-from core.types import Intrinsics
+from core.stages import priority_queue as pq
+from core.stages.openings import OpeningMasks
+from core.stages.plane_settings import plane_settings
+from core.stages.view_geometry import SOURCE
 
 from . import naive
 from .columns import F, view
@@ -26,11 +25,11 @@ from .tables import Strips, ends, line_through, plane_table
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 CELLS = 80
-FRAME = np.array([F / 2, F / 2, CELLS / 2, CELLS / 2])
+FRAME = (F / 2, F / 2, CELLS / 2, CELLS / 2)
 """A grid of 80 x 80 cells of two pixels."""
-CLOSED = np.zeros((6, CELLS, CELLS), np.uint8)
-STEPS = (0.7, 1.0, 2.0, 4.0, 8.0)
-MASK_FRAME = np.array([*FRAME, *STEPS])
+STEPS = np.array([0.7, 1.0, 2.0, 4.0, 8.0])
+CLOSED = OpeningMasks(np.zeros((6, CELLS, CELLS), np.uint8), STEPS, *FRAME)
+OPEN = CLOSED._replace(masks=np.ones_like(CLOSED.masks))
 
 
 def grid_of(rows: list[tuple[float, ...]]) -> np.ndarray:
@@ -47,36 +46,32 @@ def grid_of(rows: list[tuple[float, ...]]) -> np.ndarray:
     return grid
 
 
-def pieces_of(rows: list[tuple[float, ...]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(planes, ints, moments) of rectangles with 20 strips each, 1 mm exact."""
-    planes, ints, moments = plane_table(*rows)
-    for k, (ax, ay, bx, by, *_) in enumerate(rows):
-        moments[k] = 0.0
+def pieces_of(rows: list[tuple[float, ...]]) -> np.ndarray:
+    """Planes of rectangles with 20 strips each, 1 mm exact."""
+    planes = plane_table(*rows)
+    for plane, (ax, ay, bx, by, *_) in zip(planes, rows, strict=False):
+        lines.clear_moments(plane)
         for t in np.linspace(ay / ax, by / bx, 20):
-            lines.add_point(moments[k], t, planes[k, pl.A] + planes[k, pl.B] * t, 1e6)
-        planes[k, pl.MIDDLE] = pl.distance_at(planes[k], 0.5 * (planes[k, pl.T0] + planes[k, pl.T1]))
-    return planes, ints, moments
+            lines.add_point(plane, t, plane.a + plane.b * t, 1e6)
+        plane.middle_m = pl.distance_at(plane, 0.5 * (plane.t0 + plane.t1))
+    return planes
 
 
 def merge(
-    rows: list[tuple[float, ...]], masks: np.ndarray = CLOSED, grid: np.ndarray | None = None, **changed: float
+    rows: list[tuple[float, ...]], masks: OpeningMasks = CLOSED, grid: np.ndarray | None = None, **changed: float
 ) -> np.ndarray:
     """The planes that are left of rectangles; no other thing is in view."""
-    planes, ints, moments = pieces_of(rows)
+    planes = pieces_of(rows)
     n, p = len(rows), Params(**changed)
-    size, room = len(planes), p.merge_partners * len(planes)
-    tiles = np.zeros(-(-size // pairs.TILE) * pairs.TRAITS * pairs.TILE)
     parent = np.arange(len(planes), dtype=np.int32)
-    mg.join_planes(
-        n, planes, ints, moments, parent, pairs.merge_rules(view(), 0.0005, p), p.merge_rounds, p.merge_candidates,
-        p.merge_partners, grid_of(rows) if grid is None else grid, FRAME, masks, MASK_FRAME,
-        np.zeros((size, pairs.TRAITS)), np.zeros(size, np.int32), np.zeros(size, np.int32), tiles, np.zeros(size),
-        np.zeros(room), np.zeros((room, 3), np.int32), np.zeros(room, np.int32), np.zeros(room, np.int32),
-    )  # fmt: skip
+    rules, settings = pairs.merge_rules(view(), 0.0005, p)[0], plane_settings(F, 1.0, p)[0]
+    seen = evidence.Evidence(grid_of(rows) if grid is None else grid, *FRAME)
+    buffers = mg.merge_buffers(len(planes), p.merge_partners)
+    mg.join_planes(n, len(planes), planes, parent, rules, settings, seen, masks, buffers)
     plane_of = np.arange(n, dtype=np.int32)
-    alive = pl.compact_planes(n, planes, ints, moments, parent, plane_of, n)
+    alive = pl.compact_planes(n, planes, parent, plane_of, n)
     assert set(plane_of.tolist()) == set(range(alive))
-    assert ints[:alive, pl.P_SUPPORT].sum() == 1000 * n
+    assert planes["support"][:alive].sum() == 1000 * n
     return planes[:alive]
 
 
@@ -84,7 +79,7 @@ def test_pieces_of_one_wall_become_one_plane() -> None:
     got = merge([(6.0, -3.0, 6.0, -1.0, -1, 1), (6.05, -1.0, 6.05, 1.0, -1.2, 1), (5.95, 1.2, 5.95, 3.0, -1, 1)])
     assert len(got) == 1
     assert ends(got[0]) == pytest.approx((6.0, -3.0, 6.0, 3.0), abs=0.1)
-    assert (got[0, pl.Z0], got[0, pl.Z1]) == (-1.2, 1.0)
+    assert (got[0].top_m, got[0].bottom_m) == (-1.2, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -115,13 +110,13 @@ def test_small_pieces_do_not_creep_over_a_corner_one_by_one() -> None:
     got = merge(rows)
     # nothing farther than the reach (0.9 m) from what was seen is covered: the middle of the quarter, 1.5 m from both
     for p in got:
-        assert not (6.0 * p[pl.T0] < 2.4 < 6.0 * p[pl.T1] and p[pl.Z0] < -1.2 < p[pl.Z1])
+        assert not (6.0 * p.t0 < 2.4 < 6.0 * p.t1 and p.top_m < -1.2 < p.bottom_m)
 
 
 def test_an_opening_that_was_seen_is_never_covered() -> None:
     rows = [(6.0, -3.0, 6.0, -0.2, -1, 1), (6.0, 0.2, 6.0, 3.0, -1, 1)]
     assert len(merge(rows)) == 1
-    assert len(merge(rows, np.ones_like(CLOSED))) == 2
+    assert len(merge(rows, OPEN)) == 2
 
 
 def test_a_join_never_shifts_a_large_plane_for_the_sake_of_a_small_one() -> None:
@@ -160,7 +155,7 @@ def test_merging_never_moves_a_plane_farther_than_allowed(seed: int, n: int) -> 
         x = 1.0 / np.dot(line_through((ax, ay), (bx, by)), (1.0, middle))
         own = [
             p for p in got
-            if p[pl.T0] <= ay / ax + 1e-9 and p[pl.T1] >= by / bx - 1e-9 and p[pl.Z0] <= top and p[pl.Z1] >= bottom
+            if p.t0 <= ay / ax + 1e-9 and p.t1 >= by / bx - 1e-9 and p.top_m <= top and p.bottom_m >= bottom
         ]  # fmt: skip
         assert min(abs(pl.distance_at(p, middle) - x) for p in own) < 3 * (0.3 + 0.02)
 
@@ -173,23 +168,20 @@ def test_evidence_is_the_nearest_strip_of_a_cell() -> None:
     for u, top, bottom, x in ((10, 20, 43, 5.0), (11, 22, 43, 4.0), (30, 0, 99, 8.0)):
         t.add(u, top, bottom, x)
     t.build()
-    t.ints[2, s.SUPPORT] = 0
+    t.strips["support"][2] = 0
     grid = np.full((8, 13), 9.0, np.float32)
-    image = Intrinsics(60, 100, F, F, 29.5, 49.5)
-    g, frame = t.view, np.zeros(4)
-    where = t.ints, t.floats, t.n, g.f_px, g.cu, g.cv, g.lateral[0], g.H
-    evidence.nearest_seen(*where, image.width, image.height, 8, grid, frame)
+    evidence.find_evidence(t.strips, t.n, t.view, image_of(60), 8, grid)
     assert grid[1, 2:6] == pytest.approx([0.25] * 4)
     assert np.count_nonzero(grid) == 4
-    # the last cells reach beyond the image; a smaller image leaves cells that nobody looked at
-    narrow = Intrinsics(40, 100, F, F, 29.5, 49.5)
-    evidence.nearest_seen(*where, narrow.width, narrow.height, 8, grid, frame)
+    # the last cells reach beyond the image; a smaller image leaves cells without a measurement
+    evidence.find_evidence(t.strips, t.n, t.view, image_of(40), 8, grid)
     assert (grid[5:, :] > 1e3).all()
     assert (grid[:5, :12] < 1.0).all()
-    # pixel (u, v) lies in cell (u // 8, v // 8)
-    for u, v in ((0, 0), (7, 7), (8, 15), (59, 99)):
-        cell = (u - g.cu) / F * frame[0] + frame[2], (v - g.cv) / F * frame[1] + frame[3]
-        assert (math.floor(cell[0]), math.floor(cell[1])) == (u // 8, v // 8)
+
+
+def image_of(width: int) -> np.ndarray:
+    """A record of SOURCE of an image 100 px high."""
+    return np.array([(width, 100, 1.0, 0.0, 15.0, 20.0)], SOURCE)[0]
 
 
 @given(SEED, st.sampled_from([0.3, 0.6, 1.2]))
@@ -205,9 +197,11 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
     p = (t0, 0.5 * (t0 + t1), m0 / a, 0.5 * (m0 + m1) / a)
     q = (0.4 * t0 + 0.6 * t1, t1, m0 / a, m1 / a)
     rect = (t0, t1, m0 / a, m1 / a)
-    mask_frame = np.array([*frame, *STEPS])
-    run = np.zeros(18, np.int32)
-    got = evidence.uncovered_share(*rect, a, b, p, q, 0.7, 0.002, gap, 0.1, grid, frame, masks, mask_frame, run)
+    rules = pairs.merge_rules(view(), 0.0005, Params())[0]
+    rules.behind_m, rules.sigmas, rules.sigma_s, rules.gap_m, rules.slack_m = 0.7, 1.0, 0.002, gap, 0.1
+    boxes = evidence.Rectangle(*rect), a, b, evidence.Rectangle(*p), evidence.Rectangle(*q)
+    openings = OpeningMasks(masks, STEPS, *frame)
+    got = evidence.uncovered_share(*boxes, rules, evidence.Evidence(grid, *frame), openings, np.zeros(18, np.int32))
     want = naive.uncovered_share(rect, a, b, p, q, 0.7, 0.002, gap, 0.1, grid, frame, masks[4])
     assert got == pytest.approx(want)
 
@@ -218,72 +212,82 @@ def test_what_a_joined_plane_covers_against_trying_every_square(seed: int, gap: 
 @given(SEED, st.integers(1, 200), st.sampled_from([1.0, 2e-3, 0.0]))
 def test_the_cheapest_pair_comes_first_also_of_what_was_put_in_later(seed: int, n: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
-    cost, pair = rng.integers(0, 9, n) / 9.0 * spread, np.zeros((n, 3), np.int32)
-    pair[:, 0], pair[:, 1] = rng.integers(0, 50, n), np.arange(n)
-    queue = np.zeros(cheapest.STEPS, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(2, np.int64)
-    cheapest.begin(queue[0], queue[3])
+    queue = pq.queue_buffers(n)
+    entries = queue.entries
+    entries["cost"], entries["first"] = rng.integers(0, 9, n) / 9.0 * spread, rng.integers(0, 50, n)
+    entries["second"] = np.arange(n)
+
+    def key(k: int) -> tuple[float, int, int]:
+        return float(entries[k].cost), int(entries[k].first), int(entries[k].second)
+
+    pq.clear_queue(queue)
     for k in range(n):
-        cheapest.put(cost, pair, *queue, k)
-    waiting = {(cost[k], *pair[k, :2].tolist()) for k in range(n)}
+        pq.push(queue, k)
+    waiting = {key(k) for k in range(n)}
     for _ in range(3 * n):
-        k = int(cheapest.take(cost, pair, *queue))
+        k = int(pq.pop(queue))
         if not waiting:
             break
-        assert (cost[k], *pair[k, :2].tolist()) == min(waiting)
+        assert key(k) == min(waiting)
         waiting.remove(min(waiting))
         if rng.random() < 0.5:  # dearer than before, now and then by nothing at all
-            cost[k] = min(cost[k] + rng.choice([0.0, 1e-4, 0.3]), 0.999)
-            cheapest.put(cost, pair, *queue, k)
-            waiting.add((cost[k], *pair[k, :2].tolist()))
+            entries[k].cost = min(entries[k].cost + rng.choice([0.0, 1e-4, 0.3]), 0.999)
+            pq.push(queue, k)
+            waiting.add(key(k))
     while waiting:
-        k = int(cheapest.take(cost, pair, *queue))
-        assert (cost[k], *pair[k, :2].tolist()) == min(waiting)
+        k = int(pq.pop(queue))
+        assert key(k) == min(waiting)
         waiting.remove(min(waiting))
-    assert cheapest.take(cost, pair, *queue) == -1
+    assert pq.pop(queue) == -1
 
 
-def random_pieces(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, list]:
-    """(planes, moments, pieces as `naive.pair_cost` takes them): short lines at about the same distance."""
-    planes, moments, pieces = np.zeros((n, 8)), np.zeros((n, 6)), []
-    for k in range(n):
+def random_pieces(rng: np.random.Generator, n: int) -> tuple[np.ndarray, list]:
+    """(planes, pieces as `naive.pair_cost` takes them): short lines at about the same distance."""
+    planes, pieces = np.zeros(n, pl.PLANE), []
+    for plane in planes:
         t = rng.uniform(-0.3, 0.2) + np.sort(rng.uniform(0.0, 0.15, 8))
         a, b = rng.uniform(0.17, 0.19), rng.uniform(-0.1, 0.1)
         points = np.column_stack([t, a + b * t + 1e-3 * rng.standard_normal(8), rng.uniform(1e4, 1e6, 8)])
         for point in points:
-            lines.add_point(moments[k], *point)
-        a, b, _, _ = lines.fit_line(moments[k], 1.0)
-        planes[k, [pl.A, pl.B, pl.T0, pl.T1]] = a, b, t[0], t[-1]
-        planes[k, pl.Z0], planes[k, pl.Z1], planes[k, pl.FRONT] = -1.0, 1.0, rng.uniform(-0.2, 0.3)
-        pieces.append((points, (a, b), planes[k, pl.FRONT]))
-    return planes, moments, pieces
+            lines.add_point(plane, *point)
+        plane.a, plane.b, _, _ = lines.fit_line(plane, 1.0)
+        plane.t0, plane.t1 = t[0], t[-1]
+        plane.top_m, plane.bottom_m, plane.front_m = -1.0, 1.0, rng.uniform(-0.2, 0.3)
+        pieces.append((points, (plane.a, plane.b), plane.front_m))
+    return planes, pieces
+
+
+def traits_of(planes: np.ndarray, rules: np.ndarray) -> np.ndarray:
+    traits = np.zeros((len(planes), pairs.TRAITS))
+    for k, plane in enumerate(planes):
+        if plane.sum_w > 0.0:
+            pairs.score_piece(plane, traits, k, rules)
+    return traits
 
 
 @given(SEED)
 def test_what_a_pair_costs_against_a_fit_to_all_of_its_points(seed: int) -> None:
     p = Params(merge_noise_cap=0.0)
-    rules = pairs.merge_rules(view(), 0.0005, p)
-    planes, moments, pieces = random_pieces(np.random.default_rng(seed), 40)
-    traits = np.zeros((40, pairs.TRAITS))
-    for k in range(40):
-        pairs.weigh(planes, moments, traits, k, rules)
+    rules = pairs.merge_rules(view(), 0.0005, p)[0]
+    planes, pieces = random_pieces(np.random.default_rng(seed), 40)
+    traits = traits_of(planes, rules)
     for k in range(0, 40, 2):
         got, a, b = pairs.pair_cost(pairs.of_piece(traits, k), pairs.of_piece(traits, k + 1), rules)
-        want = naive.pair_cost(pieces[k : k + 2], p, rules[pairs.R_SIGMA_S], rules[pairs.R_GAP])
+        want = naive.pair_cost(pieces[k : k + 2], p, rules.sigma_s, rules.gap_m)
         assert got == pytest.approx(want, rel=1e-4) or min(got, want) >= 0.9999
         if got < 1.0:
-            assert (a, b) == pytest.approx(lines.fit_line(moments[k] + moments[k + 1], rules[pairs.R_PRIOR])[:2])
+            lines.add_moments(planes[k], planes[k + 1])
+            assert (a, b) == pytest.approx(lines.fit_line(planes[k], rules.slope_prior)[:2])
 
 
 @given(SEED, st.integers(2, 150))
 def test_costs_side_by_side_are_those_of_each_pair(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
-    planes, moments, _ = random_pieces(rng, n)
-    planes[:, pl.Z0] += rng.choice([0.0, 3.0], n)
-    planes[:, pl.Z1] = planes[:, pl.Z0] + 1.0
-    rules = pairs.merge_rules(view(), 0.0005, Params())
-    traits, order = np.zeros((n, pairs.TRAITS)), rng.permutation(n).astype(np.int32)
-    for k in range(n):
-        pairs.weigh(planes, moments, traits, k, rules)
+    planes, _ = random_pieces(rng, n)
+    planes["top_m"] += rng.choice([0.0, 3.0], n)
+    planes["bottom_m"] = planes["top_m"] + 1.0
+    rules = pairs.merge_rules(view(), 0.0005, Params())[0]
+    traits, order = traits_of(planes, rules), rng.permutation(n).astype(np.int32)
     tiles, costs = np.zeros(-(-n // pairs.TILE) * pairs.TRAITS * pairs.TILE), np.zeros(n)
     pairs.fill_tiles(order, n, traits, tiles)
     k = int(rng.integers(0, n - 1))
@@ -291,17 +295,16 @@ def test_costs_side_by_side_are_those_of_each_pair(seed: int, n: int) -> None:
     pairs.costs_of_next(tiles, k, end, rules, costs)
     for m in range(k + 1, end):
         p, q = pairs.of_piece(traits, order[k]), pairs.of_piece(traits, order[m])
-        t0, t1 = max(p[pairs.Q_T0], q[pairs.Q_T0]), min(p[pairs.Q_T1], q[pairs.Q_T1])
-        off = abs(p[pairs.Q_A] - q[pairs.Q_A] + (p[pairs.Q_B] - q[pairs.Q_B]) * 0.5 * (t0 + t1))
-        apart = p[pairs.Q_Z0] != q[pairs.Q_Z0] or (t0 < t1 and off > 2.0 * (p[pairs.Q_ALLOWED] + q[pairs.Q_ALLOWED]))
+        t0, t1 = max(p.t0, q.t0), min(p.t1, q.t1)
+        off = abs(p.a - q.a + (p.b - q.b) * 0.5 * (t0 + t1))
+        apart = p.top_m != q.top_m or (t0 < t1 and off > 2.0 * (p.allowed + q.allowed))
         assert costs[m] == (pairs.REFUSED if apart else pairs.pair_cost(p, q, rules)[0])
 
 
 def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
-    planes, _, moments = pieces_of([(6.0, -1.0, 6.0, 1.0, -1, 1)])
-    traits = np.zeros((len(planes), pairs.TRAITS))
-    rules = pairs.merge_rules(view(), 0.0005, Params(merge_noise_cap=0.0))
-    pairs.weigh(planes, moments, traits, 0, rules)
+    planes = pieces_of([(6.0, -1.0, 6.0, 1.0, -1, 1)])
+    rules = pairs.merge_rules(view(), 0.0005, Params(merge_noise_cap=0.0))[0]
+    traits = traits_of(planes, rules)
     t = np.linspace(-1 / 6, 1 / 6, 20)
     for a, b in ((1 / 6.2, 0.0), (1 / 6, 0.01), (0.17, -0.02)):
         off = 36.0 * (a + b * t - 1 / 6)

@@ -9,13 +9,17 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from core.buffers import Scratch
+from core.buffers import Buffers
 from core.params import Params
 from core.stages import openings, refine
 from core.stages import planes as pl
 from core.stages import strips as s
+from core.stages.evidence import Evidence
 from core.stages.ground import NO_GROUND
-from core.stages.model import told_planes
+from core.stages.model import published_planes
+from core.stages.openings import OpeningMasks
+from core.stages.plane_settings import plane_settings
+from core.stages.view_geometry import ViewGeometry
 from core.types import Ground
 
 from .columns import F, code, view
@@ -26,36 +30,27 @@ SEED = st.integers(0, 2**32 - 1)
 P = Params()
 
 
-def open_everywhere() -> tuple[np.ndarray, np.ndarray]:
-    return np.ones_like(CLOSED[0]), CLOSED[1]
+OPEN_EVERYWHERE = CLOSED._replace(masks=np.ones_like(CLOSED.masks))
 
 
-def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[np.ndarray, np.ndarray, int]:
+def plain(params: Params = P, **changed: float) -> np.ndarray:
+    """A record of PLANE_SETTINGS of a view with columns of one pixel, without footprints, with some fields changed."""
+    settings = plane_settings(F, 1.0, params)[0]
+    settings.half_column_t, settings.footprint_t, settings.cut_footprint_t = 0.5 / F, 0.0, 2.0 / F
+    for name, value in changed.items():
+        setattr(settings, name, value)
+    return settings
+
+
+def whole_way(t: Strips, safe_m: float = 0.28, footprint: float = 0.0) -> tuple[np.ndarray, int]:
     """Tracks of a table of strips as measured planes."""
     count = t.track(hs=1.0)
     size = 2 * t.n + 16
-    planes, ints, plane_of = np.zeros((size, 8)), np.zeros((size, 9), np.int32), np.zeros(size, np.int32)
-    g = t.view
-    pl.planes_from_tracks(count, t.moments, t.tracks, 1.2, 0.5 / F, planes, ints, plane_of, np.zeros(size, np.int32))
-    pl.measure_planes(
-        t.ints,
-        t.floats,
-        t.n,
-        g.f_px,
-        g.cu,
-        g.lateral,
-        g.tan_edge,
-        footprint / F,
-        (footprint + 2.0) / F,
-        safe_m,
-        0.5,
-        2.0,
-        count,
-        plane_of,
-        planes,
-        ints,
-    )
-    return planes, ints, count
+    planes, plane_of = np.zeros(size, pl.PLANE), np.zeros(size, np.int32)
+    settings = plain(safe_distance_m=safe_m, footprint_t=footprint / F, cut_footprint_t=(footprint + 2.0) / F)
+    pl.planes_from_tracks(count, t.tracks, settings, planes, plane_of, np.zeros(size, np.int32))
+    pl.measure_planes(t.strips, t.n, t.view, settings, count, plane_of, planes)
+    return planes, count
 
 
 def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
@@ -63,17 +58,17 @@ def test_a_wall_measures_its_heights_its_ends_and_its_support() -> None:
     for u in range(10, 50):
         t.add(u, 20, 79, 5.0, 30)
     t.build().cluster()
-    planes, ints, count = whole_way(t)
+    planes, count = whole_way(t)
     assert count == 1
     p = planes[0]
-    assert p[pl.Z0] == pytest.approx(5.0 * (20 - 50) / F)
-    assert p[pl.Z1] == pytest.approx(5.0 * (80 - 50) / F)
+    assert p.top_m == pytest.approx(5.0 * (20 - 50) / F)
+    assert p.bottom_m == pytest.approx(5.0 * (80 - 50) / F)
     assert ends(p) == pytest.approx((5.0, 5.0 * (9.5 - 29.5) / F, 5.0, 5.0 * (49.5 - 29.5) / F), abs=1e-3)
-    assert ints[0, pl.P_SUPPORT] == 40 * 30 * s.PX
-    assert (ints[0, pl.P_COLUMNS], ints[0, pl.P_ROWS]) == (40, 40 * 60)
-    assert p[pl.FRONT] == pytest.approx(-0.28, abs=1e-3)
-    higher, _, _ = whole_way(t, footprint=1.0)
-    assert higher[0, pl.Z0] == pytest.approx(5.0 * (19 - 50) / F)
+    assert planes[0].support == 40 * 30 * s.PX
+    assert (planes[0].columns, planes[0].rows) == (40, 40 * 60)
+    assert p.front_m == pytest.approx(-0.28, abs=1e-3)
+    higher, _ = whole_way(t, footprint=1.0)
+    assert higher[0].top_m == pytest.approx(5.0 * (19 - 50) / F)
 
 
 def test_an_end_that_the_image_cuts_goes_on_for_the_rows_that_count_as_its_border() -> None:
@@ -81,10 +76,10 @@ def test_an_end_that_the_image_cuts_goes_on_for_the_rows_that_count_as_its_borde
     for u in range(10, 50):
         t.add(u, 1, 79, 5.0, 30)
     t.build().cluster()
-    t.ints[:, s.CUT] = 1
-    planes, _, _ = whole_way(t)
-    assert planes[0, pl.Z0] == pytest.approx(5.0 * (1 - 2 - 50) / F)
-    assert planes[0, pl.Z1] == pytest.approx(5.0 * (80 - 50) / F)
+    t.strips["cut"] = 1
+    planes, _ = whole_way(t)
+    assert planes[0].top_m == pytest.approx(5.0 * (1 - 2 - 50) / F)
+    assert planes[0].bottom_m == pytest.approx(5.0 * (80 - 50) / F)
 
 
 @given(SEED, st.floats(0.05, 1.5), st.floats(-0.3, 0.3))
@@ -97,25 +92,25 @@ def test_no_plane_stays_farther_behind_its_near_edges_than_the_safe_distance(see
         x = 1.0 / (0.2 + b * (u - 39.5) / F)
         t.add(u, 20, 80, x, near_m=x - out * rng.random())
     t.build().cluster()
-    planes, _, count = whole_way(t)
+    planes, count = whole_way(t)
     pl.shift_to_near_side(count, planes, 0.05)
-    for r, f in zip(t.ints, t.floats, strict=True):
-        p = planes[r[s.TRACK]]
-        y_over_x = (r[s.U] - t.view.cu) / F
-        near = F / f[s.NEAR]
+    for r in t.strips:
+        p = planes[r["track"]]
+        y_over_x = (r["column"] - t.view.cu) / F
+        near = F / float(r["near_px"])
         # perpendicular distance of the near edge in front of the plane a x + b y = 1
-        front = (1.0 - near * (p[pl.A] + p[pl.B] * y_over_x)) / math.hypot(p[pl.A], p[pl.B])
+        front = (1.0 - near * (p.a + p.b * y_over_x)) / math.hypot(p.a, p.b)
         assert front <= 0.28 + 1e-6
         along = (pl.distance_at(p, y_over_x) - near) * math.hypot(1.0, y_over_x)
         assert along <= 0.5 + 1e-6
 
 
 def test_a_plane_in_place_is_not_moved() -> None:
-    planes, _, _ = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0))
+    planes = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0))
     before = planes.copy()
     pl.shift_to_near_side(1, planes, 0.05)
     np.testing.assert_array_equal(planes, before)
-    planes[0, pl.FRONT] = 0.4
+    planes[0].front_m = 0.4
     pl.shift_to_near_side(1, planes, 0.05)
     assert pl.distance_at(planes[0], 0.1) == pytest.approx(4.6)
 
@@ -123,19 +118,19 @@ def test_a_plane_in_place_is_not_moved() -> None:
 @pytest.mark.parametrize(("top", "bottom"), [(0.4, 1.8), (-2.0, -0.5), (-1.0, 1.0)])
 def test_a_plane_that_comes_nearer_still_stops_all_its_rays(top: float, bottom: float) -> None:
     """Seen from above, a bush that is moved nearer at the same height would let the rays to its top pass over it."""
-    planes, _, _ = plane_table((5.0, -1.0, 5.0, 1.0, top, bottom))
-    planes[0, pl.FRONT] = 1.0
+    planes = plane_table((5.0, -1.0, 5.0, 1.0, top, bottom))
+    planes[0].front_m = 1.0
     pl.shift_to_near_side(1, planes, 0.05)
     x = pl.distance_at(planes[0], 0.0)
     assert x == pytest.approx(4.0)
-    assert planes[0, pl.Z0] / x <= top / 5.0 + 1e-12
-    assert planes[0, pl.Z1] / x >= bottom / 5.0 - 1e-12
-    assert planes[0, pl.Z0] <= top
-    assert planes[0, pl.Z1] >= bottom
+    assert planes[0].top_m / x <= top / 5.0 + 1e-12
+    assert planes[0].bottom_m / x >= bottom / 5.0 - 1e-12
+    assert planes[0].top_m <= top
+    assert planes[0].bottom_m >= bottom
 
 
 def test_distance_where_the_line_never_crosses_the_ray() -> None:
-    planes, _, _ = plane_table((5.0, 1.0, 10.0, 1.0, -1.0, 1.0))
+    planes = plane_table((5.0, 1.0, 10.0, 1.0, -1.0, 1.0))
     assert pl.distance_at(planes[0], 0.1) == pytest.approx(10.0)
     assert pl.distance_at(planes[0], -0.1) == pl.MOST_M
 
@@ -147,57 +142,54 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
         for u in range(10, 50):
             t.add(u, 20, 79, 5.0, 30)
         t.build().cluster()
-        planes, ints, count = whole_way(t)
+        planes, count = whole_way(t)
         assert count == 1
-        t.ints[20, s.KIND] = kind
-        t.floats[20, s.D] = F / 4.5
-        g = t.view
-        pl.measure_planes(
-            t.ints, t.floats, t.n, g.f_px, g.cu, g.lateral, g.tan_edge, 0.0, 0.0, 0.28, 0.5, 2.0, 1,
-            np.zeros(len(planes), np.int32), planes, ints,
-        )  # fmt: skip
-        assert planes[0, pl.FRONT] == pytest.approx(front, abs=0.01)
+        t.strips["kind"][20] = kind
+        t.strips["disparity_px"][20] = F / 4.5
+        settings = plain(cut_footprint_t=0.0)
+        pl.measure_planes(t.strips, t.n, t.view, settings, 1, np.zeros(len(planes), np.int32), planes)
+        assert planes[0].front_m == pytest.approx(front, abs=0.01)
 
 
 def test_planes_that_died_are_not_told_and_the_others_keep_their_order() -> None:
-    planes, ints, moments = plane_table(*((x, -1.0, x, 1.0, -1.0, 1.0) for x in (5.0, 6.0, 7.0, 8.0)))
-    ints[:4, pl.P_CLUSTER], ints[:4, pl.P_SUPPORT] = (0, 1, 2, 3), (160, -1, 320, -1)
-    told = told_planes(4, planes, ints, moments, NO_GROUND, view(), P)
+    planes = plane_table(*((x, -1.0, x, 1.0, -1.0, 1.0) for x in (5.0, 6.0, 7.0, 8.0)))
+    planes["cluster"][:4], planes["support"][:4] = (0, 1, 2, 3), (160, -1, 320, -1)
+    told = published_planes(4, planes, NO_GROUND, view(), P)
     assert told is not None
     rows, margin, flags, support_px, cluster = told
     assert rows[:, 0].tolist() == pytest.approx([5.0, 7.0], abs=1e-4)
     assert (support_px.tolist(), cluster.tolist()) == ([10, 20], [0, 2])
     assert len(margin) == len(flags) == 2
     ground = Ground(seen=True, height_m=0.5)
-    told = told_planes(2, planes, ints, moments, ground, view(), P)
+    told = published_planes(2, planes, ground, view(), P)
     assert told is not None
     rows = told[0]
     assert rows[:, 5].tolist() == pytest.approx([0.5 + P.ground_tolerance_m] * 2, abs=1e-4)
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("column", [pl.A, pl.B, pl.T0, pl.T1, pl.Z0, pl.Z1, pl.FRONT])
-def test_where_a_plane_is_no_numbers_none_is_told(column: int, number: float) -> None:
-    planes, ints, moments = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0), (7.0, -1.0, 7.0, 1.0, -1.0, 1.0))
-    assert told_planes(2, planes, ints, moments, NO_GROUND, view(), P) is not None
-    planes[1, column] = number
-    assert told_planes(2, planes, ints, moments, NO_GROUND, view(), P) is None
+@pytest.mark.parametrize("name", ["a", "b", "t0", "t1", "top_m", "bottom_m", "front_m"])
+def test_where_a_plane_is_not_finite_none_is_published(name: str, number: float) -> None:
+    planes = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0), (7.0, -1.0, 7.0, 1.0, -1.0, 1.0))
+    assert published_planes(2, planes, NO_GROUND, view(), P) is not None
+    planes[name][1] = number
+    assert published_planes(2, planes, NO_GROUND, view(), P) is None
 
 
 # ---- refine -----------------------------------------------------------------------------------------------------
 
 
 def test_two_walls_meet_in_their_corner() -> None:
-    planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 0.28, 5, *CLOSED)
+    planes = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+    refine.extend_to_corners(2, planes, plain(reach_m=0.5, reach_t=40 / F), CLOSED)
     assert ends(planes[0])[2:] == pytest.approx((6.0, 2.0))
     assert ends(planes[1])[:2] == pytest.approx((6.0, 2.0))
 
 
 def test_walls_do_not_meet_over_an_opening() -> None:
-    planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+    planes = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
     before = planes.copy()
-    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 0.28, 5, *open_everywhere())
+    refine.extend_to_corners(2, planes, plain(reach_m=0.5, reach_t=40 / F), OPEN_EVERYWHERE)
     np.testing.assert_array_equal(planes, before)
 
 
@@ -210,88 +202,90 @@ def test_walls_that_do_not_meet_keep_their_ends(change: str) -> None:
         second[4:] = [1.5, 3.0]
     if change == "parallel":
         second[:4] = [6.0, 2.0, 6.0, 3.0]
-    planes, ints, _ = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), tuple(second))
-    ints[1, pl.P_CLUSTER] = int(change == "cluster")
+    planes = plane_table((6.0, -2.0, 6.0, 1.9, -1, 1), tuple(second))
+    planes[1].cluster = int(change == "cluster")
     before = planes.copy()
-    refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 0.28, 5, *CLOSED)
+    refine.extend_to_corners(2, planes, plain(reach_m=0.5, reach_t=40 / F), CLOSED)
     np.testing.assert_array_equal(planes, before)
 
 
 def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None:
     """A high wall that overshoots a low one by 20 cm keeps its end: nobody stands in for its upper part."""
     for high, kept in ((-3.0, True), (-1.0, False)):
-        planes, ints, _ = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
-        refine.meet_neighbours(2, planes, ints, 0.5, 40 / F, 0.05, 0.28, 5, *CLOSED)
+        planes = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
+        refine.extend_to_corners(2, planes, plain(reach_m=0.5, reach_t=40 / F), CLOSED)
         assert (ends(planes[0])[3] == pytest.approx(2.2)) == kept
 
 
 def test_an_end_is_cut_back_only_where_the_same_rays_are_stopped() -> None:
     """The flat top of a box, seen from above, in two sheets of the same heights: the nearer one lies lower in the view."""
     for low, kept in ((0.5, True), (-0.5, False)):
-        planes, ints, _ = plane_table((5.0, -2.6, 6.0, -0.9, low, 0.6), (7.0, -3.6, 5.5, 0.5, low, 0.6))
+        planes = plane_table((5.0, -2.6, 6.0, -0.9, low, 0.6), (7.0, -3.6, 5.5, 0.5, low, 0.6))
         before = planes[1].copy()
-        refine.meet_neighbours(2, planes, ints, 5.0, 200 / F, 0.05, 0.28, 5, *CLOSED)
-        assert (planes[1, pl.T0] == before[pl.T0]) == kept
+        refine.extend_to_corners(2, planes, plain(reach_m=5.0, reach_t=200 / F), CLOSED)
+        assert (planes[1].t0 == before.t0) == kept
 
 
 def test_what_takes_over_an_end_takes_over_all_of_its_height() -> None:
     """A wire that sinks by 2 cm from piece to piece, less than the slack: none of it may be lost where pieces meet."""
-    planes, ints, _ = plane_table((3.0, -1.0, 3.0, 0.1, -0.54, -0.5), (3.02, -0.1, 2.8, 1.0, -0.52, -0.48))
-    refine.meet_neighbours(2, planes, ints, 1.0, 40 / F, 0.05, 0.28, 5, *CLOSED)
+    planes = plane_table((3.0, -1.0, 3.0, 0.1, -0.54, -0.5), (3.02, -0.1, 2.8, 1.0, -0.52, -0.48))
+    refine.extend_to_corners(2, planes, plain(reach_m=1.0, reach_t=40 / F), CLOSED)
     cut, longer = planes[0], planes[1]
-    assert cut[pl.T1] == longer[pl.T0] < 0.1 / 3.0
-    assert longer[pl.Z0] <= -0.54 + 1e-9
-    assert (longer[pl.Z1], cut[pl.Z1]) == pytest.approx((-0.48, -0.48), abs=0.01)
+    assert cut.t1 == longer.t0 < 0.1 / 3.0
+    assert longer.top_m <= -0.54 + 1e-9
+    assert (longer.bottom_m, cut.bottom_m) == pytest.approx((-0.48, -0.48), abs=0.01)
 
 
 def test_an_end_that_stands_out_in_front_of_the_other_plane_stays() -> None:
     """A spike towards the camera whose end overshoots a wall: cut back, nothing would stand where it was seen."""
     for near, kept in ((5.0, True), (5.9, False)):
-        planes, ints, _ = plane_table((6.5, -0.2, near, 0.2, -1, 1), (6.0, 0.1, 6.0, 2.0, -1, 1))
-        refine.meet_neighbours(2, planes, ints, 1.0, 40 / F, 0.05, 0.28, 5, *CLOSED)
+        planes = plane_table((6.5, -0.2, near, 0.2, -1, 1), (6.0, 0.1, 6.0, 2.0, -1, 1))
+        refine.extend_to_corners(2, planes, plain(reach_m=1.0, reach_t=40 / F), CLOSED)
         assert (ends(planes[0])[2:] == pytest.approx((near, 0.2))) == kept
 
 
-def pockets(*rows: tuple[float, ...], masks: tuple[np.ndarray, np.ndarray] = CLOSED) -> tuple[np.ndarray, np.ndarray]:
-    planes, ints, moments = plane_table(*rows)
-    count = refine.close_pockets(len(rows), len(planes), planes, ints, moments, 2.0, 2 / F, 0.25, 0.3, 5, *masks)
-    return planes[:count], ints[:count]
+POCKET = {"passable_width_m": 2.0, "concavity_gap_t": 2 / F, "ground_tolerance_m": 0.25, "pocket_behind_m": 0.3}
+
+
+def pockets(*rows: tuple[float, ...], masks: OpeningMasks = CLOSED) -> np.ndarray:
+    planes = plane_table(*rows)
+    return planes[: refine.close_concavities(len(rows), len(planes), planes, plain(**POCKET), masks)]
 
 
 def test_a_notch_narrower_than_the_vehicle_is_spanned_and_said_to_be_inferred() -> None:
     wall = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
-    planes, ints = pockets(*wall, (7.5, -0.7, 7.5, 0.7, -1, 1))
+    planes = pockets(*wall, (7.5, -0.7, 7.5, 0.7, -1, 1))
     new = planes[3]
     assert ends(new) == pytest.approx((6.0, -0.7, 6.0, 0.7))
-    assert (new[pl.Z0], new[pl.Z1], ints[3, pl.P_INFERRED], ints[3, pl.P_SUPPORT]) == (-1, 1, 1, 0)
-    refine.drop_covered(len(planes), planes, ints, 2.0, 1 / F)
+    assert (new.top_m, new.bottom_m, new.inferred, new.support) == (-1, 1, 1, 0)
+    refine.drop_covered(len(planes), planes, 2.0, 1 / F)
     # the back of the notch, and the chord between it and its side, are covered by the one across its mouth
-    assert np.flatnonzero(ints[:, pl.P_SUPPORT] >= 0).tolist() == [0, 1, 3]
+    assert np.flatnonzero(planes["support"] >= 0).tolist() == [0, 1, 3]
 
 
 def test_wide_seen_through_and_covered_gaps_are_not_spanned() -> None:
     wide = [(6.0, -3.0, 6.0, -1.1, -1, 1), (6.0, 1.1, 6.0, 3.0, -1, 1)]
-    assert len(pockets(*wide)[0]) == 2
+    assert len(pockets(*wide)) == 2
     narrow = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
-    assert len(pockets(*narrow, masks=open_everywhere())[0]) == 2
-    assert len(pockets(*narrow, (5.0, -0.9, 5.0, 0.9, -1, 1))[0]) == 3  # a spike already stands before it
+    assert len(pockets(*narrow, masks=OPEN_EVERYWHERE)) == 2
+    assert len(pockets(*narrow, (5.0, -0.9, 5.0, 0.9, -1, 1))) == 3  # a spike already stands before it
     apart = [(6.0, -3.0, 6.0, -0.7, -3, -1), (6.0, 0.7, 6.0, 3.0, 0, 1)]
-    assert len(pockets(*apart)[0]) == 2  # no height in common
+    assert len(pockets(*apart)) == 2  # no height in common
 
 
 def test_pockets_never_write_past_their_table() -> None:
     rows = [(6.0, -3.0, 6.0, -0.7, -1, 1), (6.0, 0.7, 6.0, 3.0, -1, 1)]
-    planes, ints, moments = plane_table(*rows, room=0)
-    assert refine.close_pockets(2, 2, planes, ints, moments, 2.0, 2 / F, 0.25, 0.3, 5, *CLOSED) == 2
+    planes = plane_table(*rows, room=0)
+    assert refine.close_concavities(2, 2, planes, plain(**POCKET), CLOSED) == 2
 
 
 def test_what_one_nearer_plane_hides_wholly_is_dropped_and_only_that() -> None:
     front = (5.0, -1.0, 5.0, 1.0, -1.0, 1.0)
 
     def left(other: tuple[float, ...]) -> list[bool]:
-        planes, ints, _ = plane_table(front, other)
-        refine.drop_covered(2, planes, ints, 2.0, 1e-6)
-        return (ints[:2, pl.P_SUPPORT] >= 0).tolist()
+        planes = plane_table(front, other)
+        refine.drop_covered(2, planes, 2.0, 1e-6)
+        return (planes["support"][:2] >= 0).tolist()
 
     assert left((6.0, -1.0, 6.0, 1.0, -1.0, 1.0)) == [True, False]
     assert left((7.5, -1.0, 7.5, 1.0, -1.0, 1.0)) == [True, True]  # a vehicle fits between
@@ -303,20 +297,17 @@ def test_what_one_nearer_plane_hides_wholly_is_dropped_and_only_that() -> None:
 
 def test_equal_planes_do_not_drop_each_other() -> None:
     row = (5.0, -1.0, 5.0, 1.0, -1.0, 1.0)
-    planes, ints, _ = plane_table(row, row)
-    refine.drop_covered(2, planes, ints, 2.0, 1e-6)
-    assert (ints[:2, pl.P_SUPPORT] >= 0).sum() == 1
-    assert ints[:2, pl.P_SUPPORT].max() == 2000
-
-
-FRAME = np.array([F / 4, F / 4, 20.0, 20.0])
-"""A grid of 40 x 40 cells of four pixels."""
+    planes = plane_table(row, row)
+    refine.drop_covered(2, planes, 2.0, 1e-6)
+    assert (planes["support"][:2] >= 0).sum() == 1
+    assert planes["support"][:2].max() == 2000
 
 
 def trimmed(*rows: tuple[float, ...], depth: float = 2.0) -> tuple[np.ndarray, list[bool]]:
-    planes, ints, _ = plane_table(*rows)
-    refine.trim_covered(len(rows), planes, ints, depth, FRAME, np.zeros((40, 40), np.float32))
-    return planes[: len(rows)], (ints[: len(rows), pl.P_SUPPORT] >= 0).tolist()
+    planes = plane_table(*rows)
+    cells = Evidence(np.zeros((40, 40), np.float32), F / 4, F / 4, 20.0, 20.0)
+    refine.trim_covered(len(rows), planes, depth, cells)
+    return planes[: len(rows)], (planes["support"][: len(rows)] >= 0).tolist()
 
 
 def test_what_several_nearer_planes_hide_together_is_dropped() -> None:
@@ -332,7 +323,7 @@ def test_a_plane_is_cut_back_to_what_is_not_hidden() -> None:
     assert ends(planes[1])[0] == 5.5
     assert -0.25 <= ends(planes[1])[1] <= 0.0  # to a cell: 0.22 m
     assert ends(planes[1])[3] == pytest.approx(2.0)
-    assert (planes[1, pl.Z0], planes[1, pl.Z1]) == (-1.0, 1.0)
+    assert (planes[1].top_m, planes[1].bottom_m) == (-1.0, 1.0)
 
 
 def test_a_plane_seen_edge_on_in_half_a_cell_is_trimmed_where_it_is() -> None:
@@ -343,7 +334,7 @@ def test_a_plane_seen_edge_on_in_half_a_cell_is_trimmed_where_it_is() -> None:
     planes, alive = trimmed(edge_on)
     assert alive == [True]
     assert ends(planes[0]) == pytest.approx(edge_on[:4], rel=1e-5)
-    assert (planes[0, pl.Z0], planes[0, pl.Z1]) == pytest.approx((0.2, 1.0))
+    assert (planes[0].top_m, planes[0].bottom_m) == pytest.approx((0.2, 1.0))
 
 
 @given(SEED, st.sampled_from([0.5, 2.0]))
@@ -356,14 +347,14 @@ def test_trimming_moves_the_end_of_no_ray_by_more_than_the_depth(seed: int, dept
         t0, t1 = np.sort(rng.uniform(-0.7, 0.7, 2)) + np.array([0.0, 0.02])
         z0, z1 = np.sort(rng.uniform(-2.5, 2.5, 2)) + np.array([0.0, 0.02])
         rows.append((x0, x0 * t0, x1, x1 * t1, z0, z1))
-    before, _, _ = plane_table(*rows)
+    before = plane_table(*rows)
     after, alive = trimmed(*rows, depth=depth)
 
     def nearest(planes: np.ndarray, keep: list[bool], t: float, m: float) -> float:
         met = [
             pl.distance_at(p, t)
             for p, k in zip(planes, keep, strict=False)
-            if k and p[pl.T0] <= t <= p[pl.T1] and p[pl.Z0] <= m * pl.distance_at(p, t) <= p[pl.Z1]
+            if k and p.t0 <= t <= p.t1 and p.top_m <= m * pl.distance_at(p, t) <= p.bottom_m
         ]
         return min(met, default=pl.MOST_M)
 
@@ -401,14 +392,14 @@ def test_the_nearest_thing_in_a_cell_against_its_definition(seed: int, cell: int
     cols, rows = rng.integers(2, 30, 2)
     codes = rng.choice([0, 1, 2, 300, 301, 40000, 65535], (cols, rows), p=[0.4, *[0.1] * 6]).astype(np.uint16)
     n = 12
-    ints, floats = np.zeros((n, 9), np.int32), np.zeros((n, 3), np.float32)
-    ints[:, s.U], ints[:, s.TOP] = rng.integers(0, cols, n), rng.integers(0, rows, n)
-    ints[:, s.BOTTOM] = np.minimum(ints[:, s.TOP] + rng.integers(0, rows, n), rows - 1)
-    ints[:, s.SUPPORT] = rng.integers(0, 2, n)
-    floats[:, s.D] = rng.uniform(1.0, 3000.0, n)
+    strips = np.zeros(n, s.STRIP)
+    strips["column"], strips["top_row"] = rng.integers(0, cols, n), rng.integers(0, rows, n)
+    strips["bottom_row"] = np.minimum(strips["top_row"] + rng.integers(0, rows, n), rows - 1)
+    strips["support"] = rng.integers(0, 2, n)
+    strips["disparity_px"] = rng.uniform(1.0, 3000.0, n)
     shape = -(-cols // cell), -(-rows // cell)
     nearest = np.full(shape, 7, np.uint16)
-    openings.nearest_codes(codes, cell, ints, floats, n, 32.0, np.full(rows, 9, np.uint16), nearest)
+    openings.nearest_codes(codes, cell, strips, n, 32.0, np.full(rows, 9, np.uint16), nearest)
     want = np.zeros(shape, int)
     for i, j in np.ndindex(shape):
         corners = sorted(
@@ -417,27 +408,26 @@ def test_the_nearest_thing_in_a_cell_against_its_definition(seed: int, cell: int
             for v in (j * cell, min(rows, (j + 1) * cell) - 1)
         )
         want[i, j] = corners[2] if corners.count(0) < 2 else 0
-    for row, (d, *_) in zip(ints, floats, strict=True):
-        if row[s.SUPPORT]:
-            part = want[row[s.U] // cell, row[s.TOP] // cell : row[s.BOTTOM] // cell + 1]
-            np.maximum(part, int(min(65535.0, d * np.float32(32.0))), out=part)
+    for r in strips:
+        if r.support:
+            part = want[r.column // cell, r.top_row // cell : r.bottom_row // cell + 1]
+            np.maximum(part, int(min(65535.0, r.disparity_px * np.float32(32.0))), out=part)
     np.testing.assert_array_equal(nearest, want)
 
 
-def masks_of(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, object]:
+def masks_of(codes: np.ndarray) -> tuple[OpeningMasks, ViewGeometry]:
     g = view(rows=codes.shape[1], cols=codes.shape[0])
-    none = np.zeros((1, 9), np.int32), np.zeros((1, 3), np.float32)
-    return (*openings.opening_masks(codes, *none, 0, g, 20.0, P, Scratch()), g)
+    return openings.find_openings(codes, np.zeros(1, s.STRIP), 0, g, 20.0, P, Buffers()), g
 
 
 def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None:
     """A wall at 5 m with a hole of 60 x 40 columns (3 x 2 m), 15 m of air behind it."""
     codes = np.full((160, 120), code(5.0)[0], np.uint16)
     codes[50:110, 40:80] = code(18.0)[0]
-    masks, frame, g = masks_of(codes)
+    masks, g = masks_of(codes)
 
     def at(u: int, v: int) -> bool:
-        return bool(openings.is_open(masks, (u - g.cu) / F, (v - g.cv) / F, 5.0, frame))
+        return bool(openings.is_open(masks, (u - g.cu) / F, (v - g.cv) / F, 5.0))
 
     assert at(80, 60)
     assert at(54, 44)
@@ -446,10 +436,10 @@ def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None
     assert not at(-50, 60)
     small = np.full((160, 120), code(5.0)[0], np.uint16)
     small[60:90, 40:80] = code(18.0)[0]  # 1.5 m wide
-    masks, frame, _ = masks_of(small)
-    assert not masks[openings.layer_of(5.0, frame)].any()
+    masks, _ = masks_of(small)
+    assert not masks.masks[openings.layer_of(5.0, masks.steps_m)].any()
 
 
 def test_unknown_is_not_open() -> None:
-    masks, _, _ = masks_of(np.zeros((160, 120), np.uint16))
-    assert not masks.any()
+    masks, _ = masks_of(np.zeros((160, 120), np.uint16))
+    assert not masks.masks.any()

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from core import extractor
 from core.extractor import Extractor
 from core.params import Params
-from core.stages import planes as pl
 from core.stages.classify import clear_range_m
-from core.stages.plane_stages import shape_planes
+from core.stages.plane_shaping import shape_planes
 from core.types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics, InvalidCause
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.sensor_model import TYPICAL
@@ -390,14 +389,13 @@ def test_leaves_all_over_the_picture_are_no_noise() -> None:
     assert len(model.planes) > 0
 
 
-@pytest.mark.parametrize("column", [pl.A, pl.T0, pl.Z1, pl.FRONT])
+@pytest.mark.parametrize("name", ["a", "t0", "bottom_m", "front_m"])
 def test_a_frame_one_of_whose_planes_is_no_numbers_is_blind_and_teaches_nothing(
-    monkeypatch: pytest.MonkeyPatch, column: int
+    monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     def spoilt(*args: Any) -> int:
         count = shape_planes(*args)
-        plane_tables = args[-len(ex._plane_tables) :]
-        plane_tables[0][count - 1, column] = np.nan
+        args[-1].planes[name][count - 1] = np.nan
         return count
 
     ex, state = Extractor(Params()), ExtractorState(ground_height_m=1.5, ke_per_m=0.003)

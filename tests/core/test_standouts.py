@@ -13,6 +13,8 @@ from core.params import Params
 from core.stages import outlier_split as standouts
 from core.stages import planes as pl
 from core.stages import strips as s
+from core.stages.line_fit import add_point
+from core.stages.plane_settings import plane_settings
 from core.stages.segments import is_jump
 
 from . import naive
@@ -29,49 +31,36 @@ class Measured:
 
     def __init__(self, table: Strips, lines: list[tuple[float, float]], plane_of_strip: np.ndarray) -> None:
         self.t, self.count, size = table, len(lines), 2 * table.n + 16
-        self.planes, self.ints = np.zeros((size, 8)), np.zeros((size, 9), np.int32)
-        self.moments, self.plane_of = np.zeros((size, 6)), np.zeros(size, np.int32)
+        self.planes, self.plane_of = np.zeros(size, pl.PLANE), np.zeros(size, np.int32)
         self.plane_of[: self.count] = np.arange(self.count)
-        table.ints[:, s.TRACK] = plane_of_strip
-        t = (table.ints[:, s.U] - table.view.cu) / F
-        inverse = table.floats[:, s.D].astype(float) / F
+        table.strips["track"] = plane_of_strip
+        t = (table.strips["column"] - table.view.cu) / F
+        inverse = table.strips["disparity_px"].astype(float) / F
         for k, (a, b) in enumerate(lines):
-            own = plane_of_strip == k
-            self.planes[k, :4] = a, b, t[own].min() - 0.5 / F, t[own].max() + 0.5 / F
-            ones = np.ones(own.sum())
-            x, y = t[own], inverse[own]
-            self.moments[k] = [float(v.sum()) for v in (ones, x, y, x * x, x * y, y * y)]
+            own, plane = plane_of_strip == k, self.planes[k]
+            plane.a, plane.b, plane.t0, plane.t1 = a, b, t[own].min() - 0.5 / F, t[own].max() + 0.5 / F
+            for x, y in zip(t[own], inverse[own], strict=True):
+                add_point(plane, x, y, 1.0)
         self.measure()
 
     def measure(self) -> None:
-        g = self.t.view
-        pl.measure_planes(
-            self.t.ints, self.t.floats, self.t.n, g.f_px, g.cu, g.lateral, g.tan_edge, 0.0, 0.0, P.safe_distance_m,
-            P.safe_along_m, P.rough_near_sigmas, self.count, self.plane_of, self.planes, self.ints,
-        )  # fmt: skip
+        settings = plane_settings(F, 1.0, P)[0]
+        settings.footprint_t, settings.cut_footprint_t = 0.0, 0.0
+        pl.measure_planes(self.t.strips, self.t.n, self.t.view, settings, self.count, self.plane_of, self.planes)
 
     def split(self, params: Params = P) -> int:
-        """measure_excess, what_leaves, leave; number of new planes."""
-        before = self.count
-        t, g, p, size = self.t, self.t.view, params, len(self.planes)
-        excess, above, least = np.zeros(t.n, np.float32), np.zeros((size, standouts.STEPS)), np.zeros(size)
-        where = t.ints, t.floats, t.n, g.f_px, g.cu, g.lateral, before
-        standouts.measure_excess(
-            *where, self.plane_of, self.planes, p.safe_distance_m, p.safe_along_m, p.rough_near_sigmas, excess, above
-        )
-        standouts.what_leaves(
-            before, self.planes, self.ints, self.moments, above, p.stand_out_share, p.stand_out_m, p.stand_out_spreads, least
-        )  # fmt: skip
-        self.count = standouts.leave(
-            *where, before, self.plane_of, self.planes, self.ints, self.moments, excess, least, p.track_jump,
-            p.track_jump_sigmas, p.link_gap_px, 1.0 / p.link_slope_px**2, p.roughness_m,
-            (0.5 + p.footprint_px) * g.lateral[0] / g.f_px, np.zeros((size, 2), np.int32),
-        )  # fmt: skip
+        """measure_excess, outlier_limits, split_outliers; number of new planes."""
+        before, t, settings = self.count, self.t, plane_settings(F, 1.0, params)[0]
+        b = standouts.outlier_buffers(t.n, len(self.planes))
+        where = t.strips, t.n, t.view, settings, before
+        standouts.measure_excess(*where, self.plane_of, self.planes, b.excess_m, b.above)
+        standouts.outlier_limits(before, self.planes, settings, b.above, b.least_m)
+        self.count = standouts.split_outliers(*where, before, self.plane_of, self.planes, b)
         self.measure()
         return self.count - before
 
     def of_strip(self) -> np.ndarray:
-        return self.plane_of[self.t.ints[:, s.TRACK]]
+        return self.plane_of[self.t.strips["track"]]
 
 
 def wall(leaves: dict[int, float], x_m: float = 5.0, rows: int = 60) -> Measured:
@@ -87,16 +76,16 @@ def wall(leaves: dict[int, float], x_m: float = 5.0, rows: int = 60) -> Measured
 
 def test_a_leaf_before_a_wall_is_a_plane_of_its_own_and_leaves_the_wall_where_it_stands() -> None:
     m = wall({30: 4.0, 31: 4.0, 32: 4.02})
-    assert m.planes[0, pl.FRONT] == pytest.approx(1.0 - 0.28, abs=0.01)
+    assert m.planes[0].front_m == pytest.approx(1.0 - 0.28, abs=0.01)
     assert m.split() == 1
     pl.shift_to_near_side(m.count, m.planes, 0.05)
     assert pl.distance_at(m.planes[0], 0.0) == pytest.approx(5.0)
     leaf = m.planes[1]
     assert pl.distance_at(leaf, (31 - m.t.view.cu) / F) == pytest.approx(4.0, abs=0.02)
-    assert leaf[pl.T1] - leaf[pl.T0] >= 3.0 / F
+    assert leaf.t1 - leaf.t0 >= 3.0 / F
     assert m.of_strip().tolist().count(1) == 3
-    assert m.ints[1, pl.P_SUPPORT] == 15 * s.PX
-    assert m.ints[1, pl.P_INFERRED] == 0
+    assert m.planes[1].support == 15 * s.PX
+    assert m.planes[1].inferred == 0
 
 
 def test_leaves_apart_in_columns_or_in_depth_are_planes_apart() -> None:
@@ -108,7 +97,7 @@ def test_what_holds_more_of_a_plane_than_a_stray_part_shifts_it() -> None:
     """Half of a wall stands a metre out: that is no leaf, the whole plane comes forward."""
     m = wall(dict.fromkeys(range(10, 40), 4.0), rows=20)
     assert m.split() == 0
-    assert m.planes[0, pl.FRONT] == pytest.approx(1.0 - 0.28, abs=0.01)
+    assert m.planes[0].front_m == pytest.approx(1.0 - 0.28, abs=0.01)
 
 
 def test_a_surface_that_scatters_is_shifted_as_a_whole() -> None:
@@ -117,7 +106,7 @@ def test_a_surface_that_scatters_is_shifted_as_a_whole() -> None:
     for u in range(10, 70):
         t.add(u, 20, 79, 5.0 + rng.uniform(-0.7, 0.7))
     m = Measured(t.build(), [(0.2, 0.0)], np.zeros(t.n, np.int64))
-    assert m.planes[0, pl.FRONT] > 0.3
+    assert m.planes[0].front_m > 0.3
     assert m.split() == 0
 
 
@@ -135,18 +124,19 @@ def test_every_near_edge_stays_within_the_safe_distance_of_its_plane(seed: int) 
         t.add(u, 20, 50, 5.0 - (rng.uniform(0.0, 3.0) if rng.random() < 0.1 else 0.0), int(rng.integers(1, 30)))
         t.add(u, 52, 90, 6.0 - (rng.uniform(0.0, 1.0) if rng.random() < 0.5 else 0.0), int(rng.integers(1, 30)))
     t.build()
-    before = t.floats.copy()
-    m = Measured(t, [(0.2, 0.0), (1.0 / 6.0, 0.01)], (t.ints[:, s.TOP] >= 52).astype(np.int64))
+    before = t.strips.copy()
+    m = Measured(t, [(0.2, 0.0), (1.0 / 6.0, 0.01)], (t.strips["top_row"] >= 52).astype(np.int64))
     m.split(Params(stand_out_share=float(rng.uniform(0.0, 0.3))))
     pl.shift_to_near_side(m.count, m.planes, 0.05)
-    np.testing.assert_array_equal(t.floats, before)
-    for row, value, k in zip(t.ints, t.floats, m.of_strip(), strict=True):
-        y_over_x = (row[s.U] - t.view.cu) / F
+    for name in ("disparity_px", "near_px", "sigma_px"):
+        np.testing.assert_array_equal(t.strips[name], before[name])
+    for row, k in zip(t.strips, m.of_strip(), strict=True):
+        y_over_x = (row["column"] - t.view.cu) / F
         p = m.planes[k]
-        behind = pl.distance_at(p, y_over_x) - F / value[s.NEAR]
+        behind = pl.distance_at(p, y_over_x) - F / float(row["near_px"])
         assert behind * math.hypot(1.0, y_over_x) <= P.safe_along_m + 1e-5
-        assert p[pl.T0] <= y_over_x <= p[pl.T1]
-        assert p[pl.Z0] <= pl.distance_at(p, y_over_x) * float(t.view.tan_edge[row[s.TOP]]) + 1e-9
+        assert p.t0 <= y_over_x <= p.t1
+        assert p.top_m <= pl.distance_at(p, y_over_x) * float(t.view.tan_edge[row["top_row"]]) + 1e-9
 
 
 @given(SEED)
@@ -164,28 +154,30 @@ def test_what_leaves_and_with_whom_against_trying_every_step(seed: int) -> None:
     m = Measured(t, lines, which)
     params = Params(stand_out_share=float(rng.uniform(0.0, 0.2)), stand_out_spreads=float(rng.uniform(0.0, 2.0)))
     excess = np.empty(t.n)
-    for i, (row, value) in enumerate(zip(t.ints, t.floats, strict=True)):
-        y_over_x = (row[s.U] - t.view.cu) / F
+    for i, row in enumerate(t.strips):
+        y_over_x = (row["column"] - t.view.cu) / F
         a, b = lines[which[i]]
-        along = (1.0 / (a + b * y_over_x) - F / value[s.NEAR]) * math.hypot(1.0, y_over_x)
+        along = (1.0 / (a + b * y_over_x) - F / float(row["near_px"])) * math.hypot(1.0, y_over_x)
         cosine = (a + b * y_over_x) / (math.hypot(a, b) * math.hypot(1.0, y_over_x))
         excess[i] = max(along * cosine - P.safe_distance_m, (along - P.safe_along_m) * cosine)
     leaves: list[int] = []
     for k, (a, b) in enumerate(lines):
         own = np.flatnonzero(which == k)
-        y_over_x = (t.ints[own, s.U] - t.view.cu) / F
-        inverse = t.floats[own, s.D].astype(float) / F
+        y_over_x = (t.strips["column"][own] - t.view.cu) / F
+        inverse = t.strips["disparity_px"][own].astype(float) / F
         spread = math.sqrt(np.mean((inverse - a - b * y_over_x) ** 2)) / np.mean(inverse) ** 2
-        strips = [(excess[i], int(t.ints[i, s.SUPPORT])) for i in own]
+        strips = [(excess[i], int(t.strips["support"][i])) for i in own]
         least = naive.least_excess(strips, params.stand_out_share, params.stand_out_m, params.stand_out_spreads, spread)
         leaves += [int(i) for i in own if excess[i] > 0.0 and excess[i] >= least]
     leaves.sort()
 
     def meets(i: int, j: int) -> bool:
-        f = t.floats[[leaves[i], leaves[j]]]
-        return not is_jump(f[0, s.D], f[1, s.D], f[0, s.SIGMA], f[1, s.SIGMA], P.track_jump, P.track_jump_sigmas)
+        return not is_jump(t.strips[leaves[i]], t.strips[leaves[j]], plane_settings(F, 1.0, P)[0])
 
-    rows = [(int(t.ints[i, s.U]), int(t.ints[i, s.TOP]), int(t.ints[i, s.BOTTOM]), int(which[i])) for i in leaves]
+    rows = [
+        (int(t.strips["column"][i]), int(t.strips["top_row"][i]), int(t.strips["bottom_row"][i]), int(which[i]))
+        for i in leaves
+    ]
     expected = [[leaves[i] for i in group] for group in naive.runs(rows, P.link_gap_px, meets)]
     first = m.count
     assert m.split(params) == len(expected)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import irregular
 from core.stages import strips as s
+from core.stages import windows as w
 from core.stages.row_mask import CODE, NO_PEAK, ROW
 
 from . import naive
@@ -47,13 +48,13 @@ def test_windows_against_their_definition(seed: int, half: int, share: float) ->
     c = Column(x, params=Params(passable_height_m=max(0.2, 2 * half * 5.0 / F), window_min_px=4))
     c.members(c.line == code(5.0))
     member = c.is_member.copy()
-    got_half = s.window_half_rows(F / 5.0, c.fs, c.si, 100)
+    got_half = w.window_half_rows(F / 5.0, c.settings, 100)
     low, high = 0.8 * code(5.0)[0], 1.2 * code(5.0)[0]
     want = naive.accepted_segments(c.line, c.open, member, low, high, got_half, 0.5, 3)
     n = c.windows(low, high, F / 5.0)
     assert c.ends(n) == want
-    for (top, bottom), row in zip(want, c.ints, strict=False):
-        assert row[s.SUPPORT] == s.PX * np.sum(member[top : bottom + 1])
+    for (top, bottom), row in zip(want, c.strips, strict=False):
+        assert row["support"] == s.PX * np.sum(member[top : bottom + 1])
 
 
 @pytest.mark.parametrize("z", [1.0, 5.0, 20.0, 500.0])
@@ -62,7 +63,7 @@ def test_a_window_is_as_long_as_a_passable_height_at_the_near_side_of_the_noise(
     ke = 2.0 / F
     near = max(0.5 * z, z - ke * z * z)  # Eq. 8, never nearer than half
     rows = min(max(F * c.params.passable_height_m / near, c.params.window_min_px), 100)
-    assert s.window_half_rows(F / z, c.fs, c.si, 100) == int(rows / 2 + 0.5)
+    assert w.window_half_rows(F / z, c.settings, 100) == int(rows / 2 + 0.5)
 
 
 def test_a_lintel_over_a_window_is_found_beside_the_sill() -> None:
@@ -73,14 +74,14 @@ def test_a_lintel_over_a_window_is_found_beside_the_sill() -> None:
     c.members(c.line == code(4.0))
     n = c.windows(0.9 * code(4.0)[0], 1.1 * code(4.0)[0], F / 4.0)
     found = c.ends(n)
-    np.testing.assert_allclose(F / c.floats[:n, s.D], 4.0, rtol=1e-3)
+    np.testing.assert_allclose(F / c.strips["disparity_px"][:n], 4.0, rtol=1e-3)
     assert len(found) == 2
     assert found[0][0] == 10
     assert found[1][1] == 94
     # what the last window of each leaves is a strip of the irregular rest at the same distance, nothing in the opening is
     covered = set()
     rest = c.rest()
-    near = [e for e, d in zip(c.ends(rest), c.floats[:rest, s.D], strict=True) if F / d < 5.0]
+    near = [e for e, d in zip(c.ends(rest), c.strips["disparity_px"][:rest], strict=True) if F / d < 5.0]
     for top, bottom in [*found, *near]:
         covered |= set(range(top, bottom + 1))
     assert covered == set(range(10, 40)) | set(range(65, 95))
@@ -93,7 +94,7 @@ def test_a_pole_in_front_does_not_pull_the_wall_behind_it_forward() -> None:
     c.members(c.line == code(10.0))
     n = c.windows(0.9 * code(10.0)[0], 1.5 * code(10.0)[0], F / 10.0, rough=True)
     assert c.ends(n) == [(0, 39), (45, 99)]
-    np.testing.assert_allclose(F / c.floats[:n, s.D], 10.0, atol=0.1)
+    np.testing.assert_allclose(F / c.strips["disparity_px"][:n], 10.0, atol=0.1)
     assert c.open[40:44].all()  # nearer than the peak: left for a strip of its own
 
 
@@ -104,16 +105,17 @@ def test_rows_between_members_that_were_never_seen_count_as_filled() -> None:
     c = Column(x)
     n = c.windows(0.9 * code(5.0)[0], 1.1 * code(5.0)[0], F / 5.0)
     assert c.ends(n) == [(0, 99)]
-    assert c.ints[0, s.FILL] == 10
+    assert c.strips["filled_rows"][0] == 10
 
 
 def split(c: Column) -> list[tuple[int, int, int]]:
     """split_bands over all rows: (first row, pixels, sum of codes) of each part."""
     rows = np.flatnonzero(c.is_member)
     top, bottom = int(rows[0]), int(rows[-1])
-    s.running_sums(c.line, c.mark, 0, top, bottom, c.seen, c.own)
-    k = s.split_bands(c.own, top, bottom, float(c.line[rows].min()), c.fs, c.si, c.parts)
-    return [tuple(int(v) for v in part) for part in c.parts[:, :k].T]
+    b = c.buffers
+    w.running_sums(c.line, c.mark, 0, top, bottom, b.sums_open, b.sums_own)
+    k = w.split_bands(b.sums_own, top, bottom, float(c.line[rows].min()), c.settings, b.parts)
+    return [tuple(int(v) for v in part) for part in b.parts[:, :k].T]
 
 
 def cut_rows(c: Column) -> list[int]:
@@ -142,7 +144,7 @@ def test_rows_missed_are_those_of_the_longer_gaps(seed: int, gap: int) -> None:
     c = Column(np.where(rng.random(60) < rng.uniform(0.2, 1.0), 5.0, math.nan))
     c.mark[[3, 50]] = 0
     rows = np.flatnonzero(c.is_member)
-    got = s.rows_missed(c.mark, 0, int(rows[0]), int(rows[-1]), len(rows), gap)
+    got = w.rows_missed(c.mark, 0, int(rows[0]), int(rows[-1]), len(rows), gap)
     assert got == naive.missed(rows.tolist(), gap)
 
 
@@ -173,11 +175,9 @@ def emit(c: Column, rough: bool = True) -> tuple[float, float]:
     """(D, NEAR) of one strip of all pixels of a column."""
     n = c.gather()
     codes = c.px[CODE]
-    s.emit(
-        codes, 0, n, n, int(codes[:n].sum()), 0, len(c.line) - 1, 0, rough, s.ROUGH, 0, c.H, c.area, c.fs, c.si, c.best[0],
-        c.ints, c.floats, c.tally,
-    )  # fmt: skip
-    return float(c.floats[0, s.D]), float(c.floats[0, s.NEAR])
+    pixels = s.Pixels(codes, 0, n, n, int(codes[:n].sum()), 0, len(c.line) - 1, 0)
+    s.emit(pixels, rough, s.ROUGH, c.column, c.settings, c.buffers.codes[0], c.out)
+    return float(c.strips["disparity_px"][0]), float(c.strips["near_px"][0])
 
 
 @given(SEED, st.integers(3, 200))
@@ -210,8 +210,8 @@ def test_the_irregular_rest_against_its_definition(seed: int, sigma: float, sigm
     n = c.rest()
     assert c.ends(n) == want
     # every measured pixel belongs to exactly one strip, which is no farther than the mean of its pixels
-    assert c.ints[:n, s.SUPPORT].sum() == s.PX * free.sum()
-    for (top, bottom), d in zip(want, c.floats[:n, s.D], strict=True):
+    assert c.strips["support"][:n].sum() == s.PX * free.sum()
+    for (top, bottom), d in zip(want, c.strips["disparity_px"][:n], strict=True):
         own = c.disparity[top : bottom + 1][free[top : bottom + 1]]
         assert d >= own.mean() * (1 - 1e-5)
         assert d <= own.max() * (1 + 1e-5)
@@ -225,17 +225,15 @@ def test_horizontal_surfaces_correlate_and_vanish_at_the_horizon(tilt: float, ex
     rows = v[60:100]
     c.line[60:] = np.rint(QUANTUM * (F * tilt + rows - 49.5) / 2.0).astype(np.uint16)
     c.gather()
-    assert irregular.is_horizontal(c.px, 60, 100, c.fs) == expected
-    assert not irregular.is_horizontal(c.px, 0, 51, c.fs)  # a wall: no correlation
+    assert irregular.is_horizontal(c.px, 60, 100, c.settings) == expected
+    assert not irregular.is_horizontal(c.px, 0, 51, c.settings)  # a wall: no correlation
     for last, least, kind in ((65, 6, s.HORIZONTAL if expected else s.IRREGULAR), (64, 6, s.IRREGULAR)):
         assert least == c.params.horizontal_min_px
-        c.tally[:] = 0
-        irregular.close_irregular(
-            c.px, 60, last + 1, int(c.px[CODE, 60 : last + 1].sum()), 0, c.H, c.area, c.fs, c.si, c.best,
-            c.ints, c.floats, c.tally,
-        )  # fmt: skip
-        assert c.ints[0, s.KIND] == kind
-        assert (c.ints[0, s.TOP], c.ints[0, s.BOTTOM]) == (c.px[ROW, 60], c.px[ROW, last])
+        c.counts[:] = np.zeros(1, s.COUNTS)
+        total = int(c.px[CODE, 60 : last + 1].sum())
+        irregular.close_irregular(c.px, 60, last + 1, total, c.column, c.settings, c.buffers.codes[0], c.out)
+        assert c.strips["kind"][0] == kind
+        assert (c.strips["top_row"][0], c.strips["bottom_row"][0]) == (c.px[ROW, 60], c.px[ROW, last])
 
 
 def test_strips_of_a_wall_stand_at_its_distance_in_every_column() -> None:
@@ -253,12 +251,13 @@ def test_strips_of_a_wall_stand_at_its_distance_in_every_column() -> None:
     np.testing.assert_allclose(t.bottom_m, 5.0 * (t.row_bottom - 14.0) / 30.0, atol=0.02)
 
 
-def test_settings_stand_at_their_indices() -> None:
+def test_settings_have_their_names() -> None:
     c = Column(np.full(10, 5.0), sigma_d_px=0.3)
     p = c.params
-    assert (c.fs[s.S_SIGMA_D], c.fs[s.S_F], c.fs[s.S_HS]) == (0.3, F, p.passable_height_m)
-    assert (c.fs[s.S_HORIZON], c.fs[s.S_QUANTUM]) == (view(10).cv, QUANTUM)
-    assert (c.si[s.I_RANK], c.si[s.I_GAP]) == (p.near_rank, p.irregular_gap_px)
+    g = c.settings
+    assert (g.sigma_d_px, g.f_px, g.passable_height_m) == (0.3, F, p.passable_height_m)
+    assert (g.horizon_row, g.lsb_per_px) == (view(10).cv, QUANTUM)
+    assert (g.near_rank, g.irregular_gap_px) == (p.near_rank, p.irregular_gap_px)
 
 
 @pytest.mark.parametrize("members", [1, 3, 6])
@@ -286,7 +285,7 @@ def test_a_near_edge_is_the_kth_closest_less_noise_and_never_far_behind_its_stri
     c = Column(rng.uniform(4.0, 6.0, 100), params=Params(near_sigmas=sigmas, near_edge_share=share, band_sigmas=8.0))
     _, near = emit(c)
     closest = max(np.sort(c.disparity)[100 - 3] - sigmas * 0.1, c.disparity.mean())
-    want = max(share * c.floats[0, s.D], closest - 8.0 * 0.1 / 10.0)
+    want = max(share * c.strips["disparity_px"][0], closest - 8.0 * 0.1 / 10.0)
     assert near == pytest.approx(want, rel=1e-6)
 
 
@@ -297,14 +296,14 @@ def test_a_column_with_too_many_strips_merges_them_at_the_nearest_and_says_so() 
     c = Column(x, params=Params(max_column_strips=8))
     n = c.rest()
     assert n == 8
-    assert c.tally[s.OVERFLOW] == 12
+    assert c.counts["merged"][0] == 12
     assert c.ends(n) == [*((v, v) for v in range(5, 75, 10)), (75, 195)]
-    assert c.ints[7, s.SUPPORT] == 13 * s.PX
-    assert c.ints[7, s.FILL] == 121 - 13
+    assert c.strips["support"][7] == 13 * s.PX
+    assert c.strips["filled_rows"][7] == 121 - 13
     alone = Column(np.full(1, 3.0))
     alone.rest()
-    assert c.floats[7, s.D] == alone.floats[0, s.D]
-    assert c.floats[7, s.NEAR] == alone.floats[0, s.NEAR]
+    assert c.strips["disparity_px"][7] == alone.strips["disparity_px"][0]
+    assert c.strips["near_px"][7] == alone.strips["near_px"][0]
     c = Column(x)
     assert c.rest() == 20
-    assert c.tally[s.OVERFLOW] == 0
+    assert c.counts["merged"][0] == 0

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import strips as s
 from core.stages import support
-from core.stages.settings import float_settings, int_settings
+from core.stages.settings import strip_settings
 from core.stages.view_geometry import view_geometry
 
 from . import naive
@@ -42,15 +42,15 @@ def test_columns_are_indexed_and_ordered_from_top_to_bottom(seed: int, n: int) -
     t = random_strips(rng, n)
     for u in range(t.cols):
         a, b = t.columns[u], t.columns[u + 1]
-        assert (t.ints[a:b, s.U] == u).all()
-        keys = [(int(r[s.TOP]), -float(f[s.D])) for r, f in zip(t.ints[a:b], t.floats[a:b], strict=True)]
+        assert (t.strips["column"][a:b] == u).all()
+        keys = [(int(r["top_row"]), -float(r["disparity_px"])) for r in t.strips[a:b]]
         assert keys == sorted(keys)
     assert t.columns[0] == 0
     assert t.columns[-1] == n
 
 
-def settings(t: Strips, sigma_d: float, p: Params) -> tuple[np.ndarray, np.ndarray]:
-    return float_settings(t.view, sigma_d / F, sigma_d, p), int_settings(p)
+def settings(t: Strips, sigma_d: float, p: Params) -> np.ndarray:
+    return strip_settings(t.view, sigma_d / F, sigma_d, p)[0]
 
 
 @given(SEED, st.integers(1, 60), st.sampled_from([1, 7, 15]), st.sampled_from([0, 2, 4]))
@@ -64,26 +64,26 @@ def test_small_strips_stay_only_with_company(seed: int, n: int, least: int, reac
     )  # fmt: skip
     t = random_strips(rng, n)
     rows = [
-        (int(r[s.U]), int(r[s.TOP]), int(r[s.BOTTOM]), int(r[s.SUPPORT]), float(f[s.D]))
-        for r, f in zip(t.ints, t.floats, strict=True)
+        (int(r["column"]), int(r["top_row"]), int(r["bottom_row"]), int(r["support"]), float(r["disparity_px"]))
+        for r in t.strips
     ]
     need = [max(least * s.PX, int(s.PX * p.min_support_m * row[4])) for row in rows]
     want = [i for i in range(n) if naive.carried(rows, i, 0.3, need[i], p)]
-    before = t.ints.copy()
+    before = t.strips.copy()
     kept = support.drop_unsupported(
-        t.ints, t.floats, n, t.cols, *settings(t, 0.3, p), t.columns, np.zeros(n, np.int32), np.zeros(n, np.uint8)
+        t.strips, n, t.cols, settings(t, 0.3, p), t.columns, np.zeros(n, np.int32), np.zeros(n, np.uint8)
     )
     assert kept == len(want)
-    np.testing.assert_array_equal(t.ints[:kept], before[want])
-    np.testing.assert_array_equal(t.columns, np.searchsorted(t.ints[:kept, s.U], np.arange(t.cols + 1)))
+    np.testing.assert_array_equal(t.strips[:kept], before[want])
+    np.testing.assert_array_equal(t.columns, np.searchsorted(t.strips["column"][:kept], np.arange(t.cols + 1)))
 
 
 def keep(t: Strips, least: int = 7) -> list[int]:
     p = Params(min_support_px=least, min_support_m=0.0)
     n = support.drop_unsupported(
-        t.ints, t.floats, t.n, t.cols, *settings(t, 0.2, p), t.columns, np.zeros(t.n, np.int32), np.zeros(t.n, np.uint8)
+        t.strips, t.n, t.cols, settings(t, 0.2, p), t.columns, np.zeros(t.n, np.int32), np.zeros(t.n, np.uint8)
     )
-    return t.ints[:n, s.U].tolist()
+    return t.strips["column"][:n].tolist()
 
 
 def test_a_pole_and_a_wire_stay_and_a_mismatch_goes() -> None:
@@ -128,17 +128,22 @@ def test_cuts_are_marked_where_the_picture_ends(roll: float, pitch: float) -> No
                 (u, seen[0] + 3, seen[-1] - 3, 0),
             ]
     assert len(rows) > 60
-    ints = np.zeros((len(rows), 9), np.int32)
+    strips = np.zeros(len(rows), s.STRIP)
     for i, (u, top, bottom, _) in enumerate(rows):
-        ints[i, s.U], ints[i, s.TOP], ints[i, s.BOTTOM] = u, top, bottom
-    support.mark_cuts(ints, len(rows), g.H, k.width, k.height, int_settings(Params()))
-    np.testing.assert_array_equal(ints[:, s.CUT], [r[3] for r in rows])
+        strips["column"][i], strips["top_row"][i], strips["bottom_row"][i] = u, top, bottom
+    support.mark_cuts(strips, len(rows), g.H, k.width, k.height, Params().cut_rows)
+    np.testing.assert_array_equal(strips["cut"], [r[3] for r in rows])
 
 
 def smooth(t: Strips, p: Params | None = None) -> None:
-    fs, _ = settings(t, 0.2, p or Params())
     support.smooth_near(
-        t.ints, t.floats, t.n, t.cols, fs, t.columns, np.zeros(t.n, np.int32), np.zeros(t.n, np.float32)
+        t.strips,
+        t.n,
+        t.cols,
+        settings(t, 0.2, p or Params()),
+        t.columns,
+        np.zeros(t.n, np.int32),
+        np.zeros(t.n, np.float32),
     )
 
 
@@ -147,14 +152,19 @@ def test_near_edges_against_their_definition(seed: int, n: int, relative: float,
     rng = np.random.default_rng(seed)
     p = Params(smooth_relative=relative, smooth_sigmas=sigmas)
     t = random_strips(rng, n, cols=8)
-    t.floats[:, s.NEAR] = t.floats[:, s.D] * rng.uniform(1.0, 1.1, n)
+    t.strips["near_px"] = t.strips["disparity_px"] * rng.uniform(1.0, 1.1, n)
     rows = [
-        (int(r[s.U]), int(r[s.TOP]), int(r[s.BOTTOM]), *(float(f[c]) for c in (s.D, s.NEAR, s.SIGMA)))
-        for r, f in zip(t.ints, t.floats, strict=True)
+        (
+            int(r["column"]),
+            int(r["top_row"]),
+            int(r["bottom_row"]),
+            *(float(r[c]) for c in ("disparity_px", "near_px", "sigma_px")),
+        )
+        for r in t.strips
     ]
     want = [naive.smoothed_near(rows, i, p) for i in range(n)]
     smooth(t, p)
-    np.testing.assert_array_equal(t.floats[:, s.NEAR], np.float32(want))
+    np.testing.assert_array_equal(t.strips["near_px"], np.float32(want))
 
 
 def test_the_near_edge_is_the_median_of_three_touching_columns_and_never_nearer_than_its_own() -> None:
@@ -164,7 +174,7 @@ def test_the_near_edge_is_the_median_of_three_touching_columns_and_never_nearer_
         t.add(u, 10, 60, 5.0, near_m=x)
     t.build()
     smooth(t)
-    np.testing.assert_allclose(F / t.floats[:, s.NEAR], [5.0, 5.0, 5.0, 4.8, 4.8, 5.0], rtol=1e-5)
+    np.testing.assert_allclose(F / t.strips["near_px"], [5.0, 5.0, 5.0, 4.8, 4.8, 5.0], rtol=1e-5)
 
 
 def test_a_pole_keeps_its_own_near_edge() -> None:
@@ -173,7 +183,7 @@ def test_a_pole_keeps_its_own_near_edge() -> None:
         t.add(u, 10, 60, 3.0 if u == 4 else 8.0, near_m=2.9 if u == 4 else 7.9)
     t.build()
     smooth(t)
-    assert F / t.floats[4, s.NEAR] == pytest.approx(2.9)
+    assert F / t.strips["near_px"][4] == pytest.approx(2.9)
 
 
 @pytest.mark.parametrize(("relative", "sigmas", "shared"), [(0.1, 3.0, True), (0.05, 3.0, False), (0.05, 10.0, True)])
@@ -182,14 +192,14 @@ def test_how_far_off_a_neighbour_may_be_to_share_its_near_edge(relative: float, 
     for u, x in enumerate([5.5, 5.0, 5.5]):  # 1.8 px of disparity apart
         t.add(u, 10, 60, x, near_m=x - 0.2)
     smooth(t.build(), Params(smooth_relative=relative, smooth_sigmas=sigmas))
-    assert F / t.floats[1, s.NEAR] == pytest.approx(5.3 if shared else 4.8)
+    assert F / t.strips["near_px"][1] == pytest.approx(5.3 if shared else 4.8)
 
 
 def test_an_end_is_cut_within_its_rows_of_the_border() -> None:
     k = INFO.intrinsics
     g = view_geometry(INFO, level(0.0, 0.0), Params())
     for rows in (1, 2, 4):
-        ints = np.zeros((5, 9), np.int32)
-        ints[:, s.U], ints[:, s.TOP], ints[:, s.BOTTOM] = g.cols // 2, np.arange(5), k.height // 2
-        support.mark_cuts(ints, 5, g.H, k.width, k.height, int_settings(Params(cut_rows=rows)))
-        assert ints[:, s.CUT].tolist() == [int(top < rows) for top in range(5)]
+        strips = np.zeros(5, s.STRIP)
+        strips["column"], strips["top_row"], strips["bottom_row"] = g.cols // 2, np.arange(5), k.height // 2
+        support.mark_cuts(strips, 5, g.H, k.width, k.height, rows)
+        assert strips["cut"].tolist() == [int(top < rows) for top in range(5)]

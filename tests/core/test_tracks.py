@@ -11,23 +11,23 @@ from hypothesis import strategies as st
 
 from core.params import Params
 from core.stages import line_fit as lines
-from core.stages import openings
 from core.stages import segments as tr
 from core.stages import strips as s
 
 from . import naive
 from .columns import F
 from .tables import CLOSED, Strips
+from .tables import moments_of as moments
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
 
 
 def moments_of(t: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-    m = np.zeros(6)
+    m = np.zeros(1, tr.TRACK)
     for point in zip(t, v, w, strict=True):
-        lines.add_point(m, *point)
-    return m
+        lines.add_point(m[0], *point)
+    return m[0]
 
 
 @given(SEED, st.integers(2, 60))
@@ -42,15 +42,18 @@ def test_the_fit_is_weighted_least_squares(seed: int, n: int) -> None:
     assert (a, b) == pytest.approx((intercept, slope), rel=1e-4, abs=1e-7)
     assert mean == pytest.approx(np.average(t, weights=w))
     assert scatter == pytest.approx(np.sum(w * (t - mean) ** 2), rel=1e-6, abs=1e-6)
-    assert lines.misfit(*m, a, b) == pytest.approx(np.average((v - a - b * t) ** 2, weights=w), rel=1e-4, abs=1e-9)
+    assert lines.misfit(*moments(m), a, b) == pytest.approx(
+        np.average((v - a - b * t) ** 2, weights=w), rel=1e-4, abs=1e-9
+    )
 
 
 @given(SEED, st.integers(2, 20), st.integers(2, 20))
 def test_moments_of_two_pieces_add_up_to_those_of_the_whole(seed: int, n: int, m: int) -> None:
     rng = np.random.default_rng(seed)
     t, v, w = rng.uniform(-1, 1, n + m), rng.uniform(0.05, 1, n + m), rng.uniform(1, 9, n + m)
-    parts = moments_of(t[:n], v[:n], w[:n]) + moments_of(t[n:], v[n:], w[n:])
-    np.testing.assert_allclose(parts, moments_of(t, v, w), rtol=1e-12)
+    parts = moments_of(t[:n], v[:n], w[:n])
+    lines.add_moments(parts, moments_of(t[n:], v[n:], w[n:]))
+    np.testing.assert_allclose(moments(parts), moments(moments_of(t, v, w)), rtol=1e-12)
 
 
 def test_a_wall_along_the_view_axis_is_a_line_like_any_other() -> None:
@@ -59,7 +62,7 @@ def test_a_wall_along_the_view_axis_is_a_line_like_any_other() -> None:
     m = moments_of(1.5 / x, 1.0 / x, np.full(40, 1e6))
     a, b, _, _ = lines.fit_line(m, 1e-9)
     assert (a, b) == pytest.approx((0.0, 1 / 1.5), abs=1e-6)
-    assert lines.misfit(*m, a, b) == pytest.approx(0.0, abs=1e-9)
+    assert lines.misfit(*moments(m), a, b) == pytest.approx(0.0, abs=1e-9)
     # the ray (1, 0.1) against the normal (0, 1)
     assert lines.incidence_cosine(0.0, 1 / 1.5, 1 / 1.5, 0.1) == pytest.approx(0.1 / math.hypot(1, 0.1))
 
@@ -88,39 +91,51 @@ def test_what_holds_for_every_track(seed: int, n: int, hs: float, link: int) -> 
     assert sorted(set(got.tolist())) == list(range(count))
     for k in range(count):
         own = np.flatnonzero(got == k)
-        us = t.ints[own, s.U]
+        us = t.strips["column"][own].astype(int)
         assert (np.diff(us) >= 1).all()  # one strip a column, in order
         assert (np.diff(us) <= link).all()
-        assert len(set(t.ints[own, s.CLUSTER].tolist())) == 1
-        assert (t.ints[own[1:], s.TOP] <= t.ints[own[:-1], s.BOTTOM]).all()
-        assert (t.ints[own[:-1], s.TOP] <= t.ints[own[1:], s.BOTTOM]).all()
+        assert len(set(t.strips["cluster"][own].tolist())) == 1
+        assert (t.strips["top_row"][own[1:]] <= t.strips["bottom_row"][own[:-1]]).all()
+        assert (t.strips["top_row"][own[:-1]] <= t.strips["bottom_row"][own[1:]]).all()
         for column in (2, 3):
             assert np.ptp(t.place[own, column]) <= hs + 1e-5
         m = moments_of(
             (us - t.view.cu) / F,
-            t.floats[own, s.D] / F,
-            [1.0 / tr.strip_variance(*t.floats[i, [s.D, s.SIGMA]].astype(float), F, 0.02) for i in own],
+            t.strips["disparity_px"][own] / F,
+            [
+                1.0 / tr.strip_variance(float(r.disparity_px), float(r.sigma_px), F, 0.02)
+                for r in (t.strips[i] for i in own)
+            ],
         )
-        np.testing.assert_allclose(t.moments[k], m, rtol=1e-6, atol=1e-7 * m[0])
-        assert t.tracks[k, tr.T_T0] == pytest.approx((us[0] - t.view.cu) / F)
-        assert t.tracks[k, tr.T_T1] == pytest.approx((us[-1] - t.view.cu) / F)
+        np.testing.assert_allclose(moments(t.tracks[k]), moments(m), rtol=1e-6, atol=1e-7 * m.sum_w)
+        assert t.tracks[k].first_t == pytest.approx((us[0] - t.view.cu) / F)
+        assert t.tracks[k].last_t == pytest.approx((us[-1] - t.view.cu) / F)
 
 
 @given(SEED, st.integers(1, 80), st.sampled_from([0.0, 0.5, 1.0]))
 def test_growth_against_a_look_at_every_track(seed: int, n: int, rough_share: float) -> None:
     t = scatter_strips(seed, n)
     rng = np.random.default_rng(seed)
-    t.ints[:, s.KIND] = np.where(rng.random(t.n) < rough_share, rng.choice([s.ROUGH, s.IRREGULAR], t.n), s.SMOOTH)
-    t.ints[:, s.CUT] = rng.choice([0, 0, 0, 1, 2, 3], t.n)
-    t.floats[:, s.SIGMA] = rng.choice([0.02, 0.3, 1.0], t.n)
+    t.strips["kind"] = np.where(rng.random(t.n) < rough_share, rng.choice([s.ROUGH, s.IRREGULAR], t.n), s.SMOOTH)
+    t.strips["cut"] = rng.choice([0, 0, 0, 1, 2, 3], t.n)
+    t.strips["sigma_px"] = rng.choice([0.02, 0.3, 1.0], t.n)
     rough_px = float(rng.choice([0.4, 1.2]))
     count = t.track(0.5, rough_px=rough_px)
-    tangents = [tr.tangent(t.ints, i, t.view.cu, F, t.view.lateral) for i in range(t.n)]
+    tangents = [tr.tangent(strip, t.view) for strip in t.strips]
     strips = [
-        (*t.ints[i, [s.U, s.TOP, s.BOTTOM]].tolist(), tangents[i], *t.floats[i, [s.D, s.SIGMA]].tolist(),
-         int(t.ints[i, s.CLUSTER]), int(t.ints[i, s.CUT]), t.ints[i, s.KIND] == s.SMOOTH, *t.place[i, 2:].tolist())
-        for i in range(t.n)
-    ]  # fmt: skip
+        (
+            *(int(r[name]) for name in ("column", "top_row", "bottom_row")),
+            tangents[i],
+            float(r.disparity_px),
+            float(r.sigma_px),
+            int(r.cluster),
+            int(r.cut),
+            r.kind == s.SMOOTH,
+            float(r.top_m),
+            float(r.bottom_m),
+        )
+        for i, r in enumerate(t.strips)
+    ]
     want = naive.tracks(strips, Params(height_step_m=0.5, rough_slope_px=rough_px), F)
     assert t.track_of.tolist() == want
     assert count == max(want) + 1
@@ -141,7 +156,7 @@ def test_rough_strips_that_step_nearer_are_no_wall_along_the_rays_where_they_sha
     assert climb(s.IRREGULAR, 1.9, 3).track(hs=3.0, rough_px=0.4) > 1
     # one rough strip is enough, whichever comes first
     t = climb(s.SMOOTH, 1.9, 3)
-    t.ints[0, s.KIND] = s.ROUGH
+    t.strips["kind"][0] = s.ROUGH
     assert t.track(hs=3.0, rough_px=0.4) > 1
 
 
@@ -168,7 +183,7 @@ def test_a_straight_wall_is_one_track(noise: float, a: float, b: float) -> None:
     columns = range(100) if b < 0.5 else range(60, 100)  # seen edge-on it begins beside the axis
     t = faces((columns, a, b), noise=noise)
     assert t.track() == 1
-    got = lines.fit_line(t.moments[0], 1.0 / 1.44)
+    got = lines.fit_line(t.tracks[0], 1.0 / 1.44)
     assert got[:2] == pytest.approx((a, b), abs=0.02 if noise else 1e-3)
 
 
@@ -177,7 +192,7 @@ def test_a_corner_is_two_tracks_and_a_jump_is_two() -> None:
     assert corner.track() == 2
     edge = np.flatnonzero(np.diff(corner.track_of))
     assert len(edge) == 1
-    assert abs(int(corner.ints[edge[0], s.U]) - 49) <= 4
+    assert abs(int(corner.strips["column"][edge[0]]) - 49) <= 4
     assert faces((range(50), 0.2, 0.0), (range(50, 100), 0.15, 0.0)).track() == 2
 
 
@@ -202,7 +217,7 @@ def test_heights_that_step_begin_a_new_track_and_cut_ends_are_wildcards() -> Non
         for u in range(60):
             t.add(u, 20 if u < 30 else 60, 90, 5.0)  # 2 m lower from the middle on
         t.build().cluster()
-        t.ints[t.ints[:, s.U] >= 30, s.CUT] = cut
+        t.strips["cut"][t.strips["column"] >= 30] = cut
         return t.track(hs=1.0)
 
     assert steps(0) == 2
@@ -221,10 +236,10 @@ def test_a_step_beside_an_opening_begins_a_new_track(far_column: int, tops: bool
             end = 50 if u == far_column else 60
             t.add(u, *((end, 90) if tops else (9, 99 - end)), 5.0)
         t.build().cluster()
-        masks, frame = CLOSED[0].copy(), CLOSED[1].copy()
-        frame[openings.F_CU], frame[openings.F_CV] = (t.view.cu + 0.5) / 4, (t.view.cv + 0.5) / 4
+        masks = CLOSED.masks.copy()
         masks[:, :, 10:15] = opening
-        return t.track(hs=1.0, masks=(masks, frame))
+        cu, cv = (t.view.cu + 0.5) / 4, (t.view.cv + 0.5) / 4
+        return t.track(hs=1.0, masks=CLOSED._replace(masks=masks, cu=cu, cv=cv))
 
     assert count(opening=False) == 1
     assert count(opening=True) == 2

@@ -9,6 +9,7 @@ import pytest
 
 from core.stages import strips as s
 from core.stages.truncation import MEANS_LEFT, shift_back, whole_mean
+from core.stages.view_geometry import SOURCE
 
 from .columns import F
 from .tables import Strips
@@ -34,14 +35,18 @@ def test_less_than_any_half_can_leave_is_the_least() -> None:
     assert whole_mean(MEANS_LEFT[-1], MEANS_LEFT) == pytest.approx(3.5)
 
 
+def source(axis: np.ndarray, clear_m: float) -> np.ndarray:
+    return np.array([(60, 100, axis[0], axis[2], clear_m, 20.0)], SOURCE)[0]
+
+
 def moved(x_m: float, ke: float, clear_m: float, axis: np.ndarray = LEVEL, kind: int = s.SMOOTH) -> tuple[float, float]:
     """Where a strip at x_m and its near edge come to stand."""
     t = Strips()
     t.add(20, 10, 80, x_m, near_m=x_m - 0.1)
     t.build()
-    t.ints[0, s.KIND] = kind
-    shift_back(t.ints, t.floats, t.n, t.view.tan_edge, t.view.f_px, axis[0], axis[2], clear_m, ke, MEANS_LEFT)
-    return F / float(t.floats[0, s.D]), F / float(t.floats[0, s.NEAR])
+    t.strips["kind"][0] = kind
+    shift_back(t.strips, t.n, t.view, source(axis, clear_m), ke)
+    return F / float(t.strips["disparity_px"][0]), F / float(t.strips["near_px"][0])
 
 
 @pytest.mark.parametrize("true_m", [10.0, 12.0, 13.0, 14.0, 15.0])
@@ -78,17 +83,18 @@ def test_the_clip_is_one_of_depth_along_the_tilted_axis() -> None:
     t.add(30, 80, 84, 12.0)
     t.build()
     per_forward = [
-        axis[0] + axis[2] * 0.5 * float(t.view.tan_edge[r[s.TOP]] + t.view.tan_edge[r[s.BOTTOM] + 1]) for r in t.ints
+        axis[0] + axis[2] * 0.5 * float(t.view.tan_edge[r["top_row"]] + t.view.tan_edge[r["bottom_row"] + 1])
+        for r in t.strips
     ]
     true_m = [0.97 * 15.0 / w for w in per_forward]  # as near to the clip along the axis
     left = [
         1.0 / m + 0.005 * w * (mean_left(_sigmas(w, m)) - _sigmas(w, m))
         for w, m in zip(per_forward, true_m, strict=True)
     ]
-    t.floats[:, s.D] = F * np.array(left)
-    t.floats[:, s.NEAR] = t.floats[:, s.D]
-    shift_back(t.ints, t.floats, t.n, t.view.tan_edge, t.view.f_px, axis[0], axis[2], 15.0, 0.005, MEANS_LEFT)
-    np.testing.assert_allclose(F / t.floats[:, s.D], true_m, rtol=2e-3)
+    t.strips["disparity_px"] = F * np.array(left)
+    t.strips["near_px"] = t.strips["disparity_px"]
+    shift_back(t.strips, t.n, t.view, source(axis, 15.0), 0.005)
+    np.testing.assert_allclose(F / t.strips["disparity_px"], true_m, rtol=2e-3)
 
 
 def _sigmas(per_forward: float, true_m: float) -> float:

@@ -77,7 +77,9 @@ def read_all(source: OakSource) -> None:
 
 def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
     source = OakSource(OakSettings(camera="front", first_frame_s=0.2), HostLink(lambda k: None))
-    with pytest.raises(DeviceLost, match=r"no depth frame within 0.2 s; check that the cable is USB 3|the device stopped"):
+    with pytest.raises(
+        DeviceLost, match=r"no depth frame within 0.2 s; check that the cable is USB 3|the device stopped"
+    ):
         source.open()
 
 

@@ -14,12 +14,12 @@ _MOST_BINS = 3072
 """Room for the bins: finer ones than fit are widened."""
 
 
-def bin_table_paper(f_px: float, quantum: float, sigma_d_px: float, params: PaperParams) -> BinTable:
-    """The bins for one noise level, sigma_d / bin_per_sigma wide. f_px: focal length; quantum: quantised disparity per
+def bin_table_paper(f_px: float, lsb_per_px: float, sigma_d_px: float, params: PaperParams) -> BinTable:
+    """The bins for one noise level, sigma_d / bin_per_sigma wide. f_px: focal length; lsb_per_px: quantised disparity per
     pixel of disparity; sigma_d_px: noise of disparity."""
-    top = 65535.0 / quantum
+    top = 65535.0 / lsb_per_px
     width = max(sigma_d_px / params.bin_per_sigma, top / _MOST_BINS)
-    bins = (np.arange(65536) / quantum / width).astype(np.int64) + 1
+    bins = (np.arange(65536) / lsb_per_px / width).astype(np.int64) + 1
     bins[:2] = 0  # unknown, far
     count = int(bins.max())
     centre = (np.arange(count + 2, dtype=np.float64) - 0.5) * width  # of bin b, counted from 1

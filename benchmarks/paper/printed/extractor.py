@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from core.extractor import rotation_cause
 from core.frames import Rotation
 from core.stages.classify import classify, depth_to_mm, measured_mm
-from core.stages.free_space import nothing_known
+from core.stages.free_space import empty_profile
 from core.stages.ground import NO_GROUND
 from core.stages.level import pool_columns
 from core.stages.model import blind_model, pixel_stats
@@ -60,7 +60,7 @@ class PaperExtractor:
             return blind_model(info, InvalidCause.NO_MEASUREMENT, p, stats), state
         codes, view = self._level(marks, info, R)
         sigma_d_px = max(info.ke_per_m * view.f_px, p.min_sigma_px)
-        bins = bin_table_paper(view.f_px, view.quantum, sigma_d_px, p)
+        bins = bin_table_paper(view.f_px, view.lsb_per_px, sigma_d_px, p)
         strips = strips_paper(codes, settings_of(view, info.ke_per_m, sigma_d_px, p), bins)
         cluster_strips(strips, view, p.passable_width_m, p.passable_height_m)
         rows, support, cluster = planes_paper(strips, view, p)
@@ -77,7 +77,7 @@ class PaperExtractor:
             flags=np.full(len(rows), int(PlaneFlags.UNKNOWN_BEHIND), np.uint8),
             cluster=cluster,
             prisms=prisms,
-            free=nothing_known(p),
+            free=empty_profile(p),
             ground=NO_GROUND,
             stats=pixel_stats(
                 counts,
@@ -97,7 +97,7 @@ class PaperExtractor:
         """Quantised disparity (cols, rows) of the printed view and its geometry, pooled by the sampling interval."""
         view, step = view_geometry_paper(info, R, self.params), self.params.column_step
         codes = np.empty((view.cols, view.rows), np.uint16)
-        level_paper(marks, view.H, view.lateral, view.f_px * view.quantum, codes)
+        level_paper(marks, view.H, view.lateral, view.f_px * view.lsb_per_px, codes)
         if step == 1:
             return codes, view
         pooled = np.empty((-(-view.cols // step), view.rows), np.uint16)

@@ -10,7 +10,7 @@ from numba import njit
 
 from core.frames import Rotation
 from core.stages.level import Q_FAR, Q_MIN, Q_UNKNOWN
-from core.stages.view_geometry import ViewGeometry, code_quantum
+from core.stages.view_geometry import ViewGeometry, disparity_lsb_per_px
 from core.types import FAR_MM, CameraInfo
 
 from .params import PaperParams
@@ -39,7 +39,7 @@ def view_geometry_paper(info: CameraInfo, R_level_optical: Rotation, params: Pap
         f_px=k.fy,
         cu=k.cx,
         cv=k.cy,
-        quantum=code_quantum(info, k.fy),
+        lsb_per_px=disparity_lsb_per_px(info, k.fy),
         tan_edge=edges,
         tan_mid=np.float32(0.5) * (edges[1:] + edges[:-1]),
         lateral=lateral.astype(np.float32),

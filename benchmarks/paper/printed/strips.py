@@ -40,7 +40,7 @@ SETTINGS = np.dtype(
         ("sigma_d_px", np.float64),
         ("f_px", np.float64),
         ("horizon_row", np.float64),
-        ("quantum", np.float64),
+        ("lsb_per_px", np.float64),
         ("ke_per_m", np.float64),
         ("alpha", np.float64),
         ("valley", np.float64),
@@ -64,7 +64,7 @@ def settings_of(view: ViewGeometry, ke_per_m: float, sigma_d_px: float, p: Paper
         sigma_d_px,
         view.f_px,
         view.cv,
-        view.quantum,
+        view.lsb_per_px,
         ke_per_m,
         p.peak_alpha,
         p.peak_valley,
@@ -141,11 +141,11 @@ def _search(
             # as printed: ke * (C f / x)^2, metres, added to a disparity
             metres = p.ke_per_m * (p.f_px / bin_px[top[k]]) ** 2
             rough = spread > p.sigma_d_px + kernel + (metres - p.sigma_d_px)
-            low_code = (bin_px[low[k]] - 0.5 * bin_width_px[low[k]]) * p.quantum
-            high_code = (bin_px[high[k]] + 0.5 * bin_width_px[high[k]]) * p.quantum
+            low_code = (bin_px[low[k]] - 0.5 * bin_width_px[low[k]]) * p.lsb_per_px
+            high_code = (bin_px[high[k]] + 0.5 * bin_width_px[high[k]]) * p.lsb_per_px
             a, b = _windows(line, mark, first_row, last_row, k, bin_px[top[k]], low_code, high_code, p)
             if a <= b:
-                found = _emit(line, mark, a, b, rough, u, p.quantum, strips, found)
+                found = _emit(line, mark, a, b, rough, u, p.lsb_per_px, strips, found)
                 for v in range(a, b + 1):
                     mark[v] = TAKEN if mark[v] <= NO_PEAK else mark[v]
         if peaks > 0:
@@ -191,7 +191,7 @@ def _windows(
 
 
 @njit(cache=True, nogil=True)
-def _emit(line: Any, mark: Any, top: Any, bottom: Any, rough: Any, u: Any, quantum: Any, strips: Any, n: Any) -> Any:
+def _emit(line: Any, mark: Any, top: Any, bottom: Any, rough: Any, u: Any, lsb_per_px: Any, strips: Any, n: Any) -> Any:
     """Eq. 9 as printed: the mean or the one-pixel maximum over all measured pixels between both ends."""
     count, total, most = 0, np.int64(0), np.int64(0)
     for v in range(top, bottom + 1):
@@ -203,7 +203,7 @@ def _emit(line: Any, mark: Any, top: Any, bottom: Any, rough: Any, u: Any, quant
         return n
     strip = strips[n]
     strip.u, strip.top, strip.bottom, strip.support, strip.cluster = u, top, bottom, count, -1
-    strip.disparity = (most if rough else total / count) / quantum
+    strip.disparity = (most if rough else total / count) / lsb_per_px
     return n + 1
 
 
@@ -212,9 +212,9 @@ def _rest(line: Any, mark: Any, px: Any, n: Any, u: Any, p: Any, strips: Any, fo
     """Section 4.3: what no window took, in segments that end at a gap or when they are Hd tall at their nearest pixel."""
     if n == 0:
         return found
-    first, most = 0, px[CODE, 0] / p.quantum
+    first, most = 0, px[CODE, 0] / p.lsb_per_px
     for i in range(1, n):
-        d = px[CODE, i] / p.quantum
+        d = px[CODE, i] / p.lsb_per_px
         tall = px[ROW, i] - px[ROW, first] + 1
         if px[ROW, i] - px[ROW, i - 1] > p.gap_px or tall > p.segment_height_m * most:
             found = _close(line, mark, px, first, i, u, p, strips, found)
@@ -228,7 +228,7 @@ def _close(line: Any, mark: Any, px: Any, first: Any, last: Any, u: Any, p: Any,
     """Ends one segment of the rest: a strip, unless the segment is a horizontal surface."""
     if last - first >= p.horizontal_min_px and _is_horizontal(px, first, last, p):
         return found
-    return _emit(line, mark, px[ROW, first], px[ROW, last - 1], True, u, p.quantum, strips, found)
+    return _emit(line, mark, px[ROW, first], px[ROW, last - 1], True, u, p.lsb_per_px, strips, found)
 
 
 @njit(cache=True, nogil=True)

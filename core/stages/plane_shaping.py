@@ -1,0 +1,90 @@
+"""Sections 5.2 and 5.3: from strips to planes, stage by stage.
+
+`shape_planes` is one kernel, because a call from Python costs some microseconds whatever it does. Its stages can still be
+watched one by one: `shape_planes.py_func` is the same in Python (see companion/bench/taps.py).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, kernel
+from .evidence import Evidence, find_evidence
+from .merge import MergeBuffers, join_planes, merge_buffers
+from .outlier_split import OutlierBuffers, measure_excess, outlier_buffers, outlier_limits, split_outliers
+from .planes import PLANE, compact_planes, measure_planes, planes_from_tracks, shift_to_near_side
+from .refine import close_concavities, drop_covered, extend_to_corners, trim_covered
+from .segments import TRACK, Front, front_buffers, grow
+
+
+@inner
+def plane_room(strips):
+    """How many planes so many strips may become, with those of outliers and of concavities. Bounds must be this and not
+    what the tables have grown to: a frame must not depend on those before it."""
+    return 2 * max(strips, 1) + 16
+
+
+class PlaneBuffers(NamedTuple):
+    """Tables and scratch of `shape_planes` for n strips, with N = plane_room(n).
+
+    planes: (N,) PLANE; plane_of: (N,) int32, the plane of a track; parent: (N,) int32; tracks: (n + 1,) TRACK."""
+
+    planes: NDArray[Any]
+    plane_of: NDArray[np.int32]
+    parent: NDArray[np.int32]
+    tracks: NDArray[Any]
+    front: Front
+    merge: MergeBuffers
+    outliers: OutlierBuffers
+
+
+def plane_buffers(strips: int, partners: int) -> PlaneBuffers:
+    """Tables and scratch for so many strips; partners: merge_partners."""
+    room = plane_room(strips)
+    return PlaneBuffers(
+        np.zeros(room, PLANE),
+        np.zeros(room, np.int32),
+        np.zeros(room, np.int32),
+        np.zeros(strips + 1, TRACK),
+        front_buffers(strips),
+        merge_buffers(room, partners),
+        outlier_buffers(strips, room),
+    )
+
+
+@kernel
+def shape_planes(strips, n, first_of_column, view, source, settings, rules, openings, cells, buffers):
+    """Number of planes, in buffers.planes; those that were hidden have a negative support.
+
+    strips: the first n of STRIP, with places, by column; first_of_column: (cols + 1,) int32. source: (1,) SOURCE; settings:
+    (1,) PLANE_SETTINGS; rules: (1,) MERGE_RULES; openings: OpeningMasks. cells: float32 scratch, the cells of Evidence."""
+    p, merge = settings[0], rules[0]
+    planes, plane_of, parent = buffers.planes, buffers.plane_of, buffers.parent
+    room, cell = plane_room(n), p.evidence_cell_px
+    tracks = grow(strips, view, first_of_column, p, openings, buffers.tracks, buffers.front)
+    planes_from_tracks(tracks, buffers.tracks, p, planes, plane_of, parent)
+    measure_planes(strips, n, view, p, tracks, plane_of, planes)
+
+    find_evidence(strips, n, view, source[0], cell, cells)
+    across = view.f_px / np.float64(view.lateral[0]) / cell
+    evidence = Evidence(cells, across, view.f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell)
+    join_planes(tracks, room, planes, parent, merge, p, evidence, openings, buffers.merge)
+    count = compact_planes(tracks, planes, parent, plane_of, tracks)
+    measure_planes(strips, n, view, p, count, plane_of, planes)
+
+    outliers, merged = buffers.outliers, count
+    measure_excess(strips, n, view, p, count, plane_of, planes, outliers.excess_m, outliers.above)
+    outlier_limits(count, planes, p, outliers.above, outliers.least_m)
+    count = split_outliers(strips, n, view, p, count, tracks, plane_of, planes, outliers)
+    if count > merged:
+        measure_planes(strips, n, view, p, count, plane_of, planes)
+    shift_to_near_side(count, planes, p.min_plane_distance_m)
+
+    extend_to_corners(count, planes, p, openings)
+    count = close_concavities(count, room, planes, p, openings)
+    drop_covered(count, planes, p.hidden_depth_m, p.hidden_t)
+    trim_covered(count, planes, p.hidden_depth_m, evidence)
+    return count
