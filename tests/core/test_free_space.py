@@ -278,7 +278,7 @@ def test_a_plane_stops_a_pixel_more_on_either_side() -> None:
 def test_a_plane_stops_a_pixel_more_above_and_below() -> None:
     """At 5 m a row of 1/100 is 0.05 m high."""
     edges_t, layers = np.linspace(-0.1, 0.1, 3), np.arange(-1.0, 1.25, 0.25, np.float32)
-    planes, ints, _ = plane_table((5.0, -1.0, 5.0, 1.0, -0.21, 0.21))
+    planes = plane_table((5.0, -1.0, 5.0, 1.0, -0.21, 0.21))
     for row_t, stopped in ((0.0, range(3, 5)), (0.007, range(3, 5)), (0.01, range(2, 6))):
         to, end = np.full((2, 8), 9.0, np.float32), np.full((2, 8), 4, np.uint8)
         fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, row_t, edges_t, layers, to, end)
