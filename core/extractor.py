@@ -23,6 +23,7 @@ from .stages.openings import find_openings
 from .stages.plane_shaping import plane_buffers, shape_planes
 from .stages.prisms import layered_prisms
 from .stages.settings import Settings, settings_of
+from .stages.smeared_edges import drop_smeared_edges, observe_edges, ramp_limits, smears
 from .stages.strip_search import settle_strips, strip_buffers
 from .stages.strips import STRIP
 from .stages.temporal_noise import observe
@@ -85,10 +86,20 @@ class Extractor:
         last = math.nan if first else state.ke_per_m
         ke = estimate_ke(marks, k.fx, info.ke_per_m, last, after.still_ke_per_m, self.params)
 
-        codes, view, exact = self._level(marks, info, R, ke, exact_view)
         ground = self._ground(marks, info, R, ke, state)
-        settings = self._settings = settings_of(view, ke, self.params, self._settings)
+        limits = ramp_limits(info, ke, self.params)
+        after = observe_edges(after, depth_mm, limits, self.params)
+        smeared, seen_to = smears(after, self.params), marks
+        if smeared:
+            seen_to, lost, lost_far = drop_smeared_edges(
+                depth_mm, marks, info, R, ground, limits, self.params, self._buffer
+            )
+            counts = measured - lost, far - lost_far, flying
+        codes, view, exact = self._level(seen_to, info, R, ke, exact_view)
+        settings = self._settings = settings_of(view, ke, self.params, self._settings, smeared)
         seen = seen_free(*exact, (k.width, k.height), ground, clear_m, ke, self.params)  # while the codes are at hand
+        if smeared:
+            codes, view, _ = self._level(marks, info, R, ke, exact_view)
         source = source_of(info, R, clear_m)
         n, found, ground_px, overflow = self._strips(codes, view, source, ground, ke, settings)
         if self._is_shreds(found, view):
@@ -103,7 +114,7 @@ class Extractor:
             return blind_model(info, InvalidCause.NON_FINITE, self.params, stats), state
         return self._model(
             told, seen, ground, ke, n, planes, keep_strips, counts, depth_mm.size, ground_px=ground_px, strips=n,
-            dropped_strips=found - n, overflow=overflow,
+            dropped_strips=found - n, overflow=overflow, smeared_px=measured + far - counts[0] - counts[1],
         ), replace(
             after, ground_height_m=ground.height_m if ground.seen else state.ground_height_m, ke_per_m=ke
         )  # fmt: skip

@@ -103,6 +103,48 @@ class Params:
     )
     flying_sigmas: float = critical(5.0, 1.0, 20.0, "sigma", "and least step in noise")
 
+    # Smeared edges: ramps of disparity between a near and a far surface, of a camera whose edges are all like that
+    smear_span_px: int = number(
+        4, 1, 32, "px", "a pixel of a ramp lies between those this far to either side, at 640 columns"
+    )
+    smear_reach_px: int = number(
+        24, 2, 128, "px", "a ramp ends within this towards its near side, at 640 columns; a surface at a slant goes on"
+    )
+    smear_straight_share: float = number(
+        0.67, 0.1, 1.0, "", "over that reach a ramp keeps at most this share of its slope"
+    )
+    smear_passing_m: float = critical(
+        1.0, 0.1, 20.0, "m", "a ramp is so steep that it would pass the camera nearer than this if it went on"
+    )
+    smear_incidence_deg: float = critical(
+        80.0, 45.0, 89.0, "deg", "and so steep that a surface would be seen at more than this from its normal"
+    )
+    smear_sigmas: float = number(2.0, 0.0, 10.0, "sigma", "and rises by more than this much noise on each side")
+    smear_judged_sigmas: float = number(
+        5.0,
+        0.0,
+        20.0,
+        "sigma",
+        "ramps by which it is judged whether the camera smears rise by more than this much noise",
+    )
+    smear_min_share: float = critical(
+        0.65, 0.0, 1.0, "", "a camera smears where more than this share of its edges are ramps (1: never)"
+    )
+    smear_min_edges: float = number(
+        60.0, 1.0, 10000.0, "", "a frame with fewer edges in every fourth row, at 480 rows, does not count for that"
+    )
+    smear_memory: float = number(0.9, 0.0, 0.999, "", "share of the mean number of edges that is kept at each frame")
+    smear_footprint_px: float = number(
+        2.0,
+        0.0,
+        10.0,
+        "px",
+        "what the ends of planes are extended by where ramps are taken out: the near side of each is lost",
+    )
+    smear_merge_sigmas: float = number(
+        2.0, 0.0, 6.0, "sigma", "noise of one pixel that the merge grants besides where edges are smeared"
+    )
+
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours
     noisy_look_share: float = critical(
         0.003, 0.0, 1.0, "", "with more of the measured pixels flying, noise is looked for"

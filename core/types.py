@@ -317,6 +317,7 @@ class FrameStats:
     unknown_share: float = 1.0
     far_share: float = 0.0
     flying_px: int = 0
+    smeared_px: int = 0
     ground_px: int = 0
     strips: int = 0
     dropped_strips: int = 0
@@ -397,10 +398,13 @@ class ExtractorState:
 
     ke_per_m: noise in use. still_ke_per_m: noise measured over time, from frames between which the camera stood still.
     samples_mm, samples_age: sampled pixels of an earlier frame, little-endian uint16 millimetres (b"": none), and how many
-    frames ago that was; see `temporal_noise`."""
+    frames ago that was; see `temporal_noise`.
+    edge_ramps, edge_steps: mean number of edges in a frame that are smeared and that are not; see `smeared_edges`."""
 
     ground_height_m: float = math.nan
     ke_per_m: float = math.nan
     still_ke_per_m: float = math.nan
     samples_mm: bytes = b""
     samples_age: int = 0
+    edge_ramps: float = 0.0
+    edge_steps: float = 0.0

@@ -27,10 +27,12 @@ FAULTS: dict[str, SensorModel] = {
     "flying": replace(PERFECT, flying_share=TYPICAL.flying_share),
     "all": TYPICAL,
     "white": replace(TYPICAL, noise_length_px=0.0),
+    "smeared": replace(PERFECT, smear_px=9.0),
 }
 """What is wrong with an image beside its noise, each alone and all together: 5 % dropout, blob holes, 0.2 % of
 2x2 mismatches, flying pixels at depth edges; "all" also lacks the columns at the left that a second imager does
-not see, in which nothing is scored. "white": as "all", with noise that is independent from pixel to pixel."""
+not see, in which nothing is scored. "white": as "all", with noise that is independent from pixel to pixel. "smeared": noise and edges like those of a D435, which are
+ramps."""
 
 
 FRAMES = 4

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.types import CameraInfo, ExtractorState, FrameModel, Intrinsics
+from core.types import CameraInfo, ExtractorState, FrameModel, Ground, Intrinsics
 
 MODES = ("extractor", "world")
 """Groups of kernels: the extractor and the merged world."""
@@ -38,13 +38,16 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
 
 
 def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], info: CameraInfo) -> None:
-    """Runs kernels that only some frames or parameters need: noise over time, noise check, pooling of columns."""
+    """Runs kernels that only some frames or parameters need: noise over time, noise check, ramps at smeared
+    edges, pooling of columns."""
+    from core.buffers import Buffers
     from core.params import Params
     from core.self_check.depth_registration import inverse_depth_grid, rotation_between
     from core.self_check.surfaces import find_surfaces
     from core.stages.classify import depth_to_mm, measured_mm
     from core.stages.level import pool_columns
     from core.stages.noise_check import flying_off_ramps, noisy_share
+    from core.stages.smeared_edges import drop_smeared_edges, ramp_limits
     from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 
     find_surfaces(depth, info, np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), info.ke_per_m)
@@ -54,6 +57,8 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     depth_mm = depth_to_mm(depth, np.empty(depth.shape, np.uint16))
     noisy_share(depth_mm, *measured_mm(info, ke, p), ke, p)
     flying_off_ramps(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke)
+    limits = ramp_limits(info, ke, p)
+    drop_smeared_edges(depth_mm, depth.copy(), info, np.eye(3), Ground(seen=False), limits, p, Buffers())
     pool_columns(np.zeros((2, 8), np.uint16), 2, 1, np.zeros((1, 8), np.uint16))
     grid = inverse_depth_grid(depth_mm, info)
     rotation_between(grid, grid, np.eye(3))

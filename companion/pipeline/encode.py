@@ -229,6 +229,8 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
                 still_ke_per_m=_known(camera.extractor.still_ke_per_m),
                 samples_mm=camera.extractor.samples_mm,
                 samples_age=camera.extractor.samples_age,
+                edge_ramps=camera.extractor.edge_ramps,
+                edge_steps=camera.extractor.edge_steps,
                 last_t_exposure_ns=camera.last_t_exposure_ns,
                 mount=mount_state_message(camera.mount),
             )
@@ -251,6 +253,8 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
                     camera.still_ke_per_m if camera.HasField("still_ke_per_m") else math.nan,
                     camera.samples_mm,
                     camera.samples_age,
+                    camera.edge_ramps,
+                    camera.edge_steps,
                 ),
                 camera.last_t_exposure_ns if camera.HasField("last_t_exposure_ns") else None,
                 mount_state_from_message(camera.mount) if camera.HasField("mount") else MountState(),

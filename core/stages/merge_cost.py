@@ -32,12 +32,14 @@ MERGE_RULES = record(
     ("behind_m", np.float64),
     ("slack_m", np.float64),
     ("shift_m", np.float64),
+    ("smear_s", np.float64),
 )
 """Rules of the merge. tolerance_m: how far a line may leave the strips of a piece; sigmas: of noise beyond that, up to
 noise_cap times it; slope_prior: weight of a slope of 0; turn: tangent of the angle within which pieces longer than long_m
 agree; spread_m: how far strips may lie from the line; sigma_s: noise of 1/x of a strip of the fewest pixels;
 empty_weight, most_empty: cost and limit of empty cells covered; gap_m: gap between pieces; behind_m: evidence so far
-behind the plane counts; slack_m: how far an opening may be covered; shift_m: shift towards the camera."""
+behind the plane counts; slack_m: how far an opening may be covered; shift_m: shift towards the camera; smear_s: error of 1/x that all pixels of a
+surface have in common, of a camera that smears its edges."""
 
 
 class Piece(NamedTuple):
@@ -85,7 +87,8 @@ def score_piece(plane, traits, k, rules):
     mean = plane.sum_t / w
     s = max(a + b * mean, LEAST_S)
     tolerance = rules.tolerance_m
-    noise = min(rules.sigmas / (s * s * math.sqrt(w)), rules.noise_cap * tolerance)
+    noise = rules.sigmas / (s * s * math.sqrt(w)) + rules.smear_s / (s * s)
+    noise = min(noise, rules.noise_cap * tolerance)
     allowed = (tolerance + noise) * s * s
     piece = Piece(
         a,
@@ -189,9 +192,9 @@ def pair_cost(p, q, rules):
     refused |= both_long & ((dot <= 0.0) | (abs(cross) > rules.turn * dot))
     shift = max(0.0, max(p.front_m + max(p0 - p.x0, p1 - p.x1), q.front_m + max(q0 - q.x0, q1 - q.x1)))
     front = p.front_m if p.w > q.w else q.front_m
-    moved = (shift - max(0.0, front)) * at * at / (rules.shift_m * at * at + rules.sigma_s)
+    moved = (shift - max(0.0, front)) * at * at / (rules.shift_m * at * at + rules.sigma_s + rules.smear_s)
     refused |= moved >= 1.0
-    allowed = rules.spread_m * at * at + rules.sigma_s
+    allowed = rules.spread_m * at * at + rules.sigma_s + rules.smear_s
     spread = misfit(w, t, s, tt, ts, ss, a, b) / (allowed * allowed)
     cost = max(max(moved, 0.0), math.sqrt(max(worst, spread)))
     return (REFUSED if refused else cost), a, b
@@ -232,8 +235,8 @@ def costs_of_next(tiles, k, end, rules, costs):
             costs[before + lane] = REFUSED if surely_apart(p, q, gap) else cost
 
 
-def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params) -> NDArray[Any]:
-    """(1,) MERGE_RULES of a view and its noise."""
+def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = False) -> NDArray[Any]:
+    """(1,) MERGE_RULES of a view and its noise. smeared: whether the camera smears its edges."""
     return record_of(
         MERGE_RULES,
         p,
@@ -250,5 +253,6 @@ def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params) -> NDArray[Any]:
         behind_m=p.evidence_behind_m,
         slack_m=p.opening_slack_m,
         shift_m=p.merge_shift_m,
+        smear_s=p.smear_merge_sigmas * ke_per_m if smeared else 0.0,
         gap_m=min(p.join_gap_m, p.join_share * p.passable_width_m, p.join_share * p.passable_height_m),
     )

@@ -39,6 +39,7 @@ PLANE_SETTINGS = record(
     ("pocket_behind_m", np.float64),
     ("hidden_depth_m", np.float64),
     ("hidden_t", np.float64),
+    ("smear_t", np.float64),
     ("link_gap_px", np.int64),
     ("evidence_cell_px", np.int64),
     ("merge_rounds", np.int64),
@@ -48,12 +49,14 @@ PLANE_SETTINGS = record(
 )
 """Settings of the plane stages. Tangents: half_column_t: how far a plane goes beyond the middle of its last column;
 footprint_t, cut_footprint_t: how far rows go beyond their edges, and where the border of the image cuts them; reach_t,
-concavity_gap_t, hidden_t: meet_columns, pocket_min_columns and covered_px. reach_m: meet_share; hidden_depth_m:
+concavity_gap_t, hidden_t: meet_columns, pocket_min_columns and covered_px; smear_t: by how much planes are extended where ramps
+at the edges of things have been taken out, else 0. reach_m: meet_share; hidden_depth_m:
 covered_depth_m, at most Ws. All others are the parameters of the same names."""
 
 
-def plane_settings(f_px: float, column_px: float, p: Params) -> NDArray[Any]:
-    """(1,) PLANE_SETTINGS for a view of this focal length, whose columns are column_px of its pixels wide."""
+def plane_settings(f_px: float, column_px: float, p: Params, smeared: bool = False) -> NDArray[Any]:
+    """(1,) PLANE_SETTINGS for a view of this focal length, whose columns are column_px of its pixels wide. smeared: whether the
+    ramps at the edges of things have been taken out."""
     column_t = column_px / f_px
     return record_of(
         PLANE_SETTINGS,
@@ -66,4 +69,5 @@ def plane_settings(f_px: float, column_px: float, p: Params) -> NDArray[Any]:
         concavity_gap_t=p.pocket_min_columns * column_t,
         hidden_depth_m=min(p.covered_depth_m, p.passable_width_m),
         hidden_t=p.covered_px * column_t,
+        smear_t=p.smear_footprint_px / f_px if smeared else 0.0,
     )

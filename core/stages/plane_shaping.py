@@ -15,7 +15,7 @@ from ..jit import inner, kernel
 from .evidence import Evidence, find_evidence
 from .merge import MergeBuffers, join_planes, merge_buffers
 from .outlier_split import OutlierBuffers, measure_excess, outlier_buffers, outlier_limits, split_outliers
-from .planes import PLANE, compact_planes, measure_planes, planes_from_tracks, shift_to_near_side
+from .planes import PLANE, compact_planes, measure_planes, planes_from_tracks, shift_to_near_side, widen_planes
 from .refine import close_concavities, drop_covered, extend_to_corners, trim_covered
 from .segments import TRACK, Front, front_buffers, grow
 
@@ -82,6 +82,8 @@ def shape_planes(strips, n, first_of_column, view, source, settings, rules, open
     if count > merged:
         measure_planes(strips, n, view, p, count, plane_of, planes)
     shift_to_near_side(count, planes, p.min_plane_distance_m)
+    if p.smear_t > 0.0:
+        widen_planes(count, planes, p.smear_t)
 
     extend_to_corners(count, planes, p, openings)
     count = close_concavities(count, room, planes, p, openings)

@@ -150,6 +150,17 @@ def shift_to_near_side(count, planes, least_m):
 
 
 @inner
+def widen_planes(count, planes, tangent_more):
+    """Extends each plane by a tangent at its four borders: by what was taken away from the outlines of things."""
+    for k in range(count):
+        p = planes[k]
+        p.t0 -= tangent_more
+        p.t1 += tangent_more
+        p.top_m -= tangent_more * p.middle_m
+        p.bottom_m += tangent_more * p.middle_m
+
+
+@inner
 def compact_planes(count, planes, parent, plane_of, tracks):
     """Moves the planes that exist to the front and points every track at its plane; returns how many there are."""
     alive = 0

@@ -86,10 +86,13 @@ class Settings:
     merge: NDArray[Any]
 
 
-def settings_of(view: ViewGeometry, ke_per_m: float, p: Params, last: Settings | None) -> Settings:
-    """The settings of a view; `last` where they are the same, with only the horizon changed."""
+def settings_of(
+    view: ViewGeometry, ke_per_m: float, p: Params, last: Settings | None, smeared: bool = False
+) -> Settings:
+    """The settings of a view; `last` where they are the same, with only the horizon changed. smeared: whether the camera smears
+    its edges."""
     column_px = float(view.lateral[0])
-    key = (view.f_px, view.lsb_per_px, column_px, ke_per_m)
+    key = (view.f_px, view.lsb_per_px, column_px, ke_per_m, float(smeared))
     if last is not None and last.valid_for == key:
         last.strips["horizon_row"] = view.cv
         return last
@@ -98,8 +101,8 @@ def settings_of(view: ViewGeometry, ke_per_m: float, p: Params, last: Settings |
         valid_for=key,
         strips=strip_settings(view, ke_per_m, sigma_d_px, p),
         bins=bin_table(view.f_px, view.lsb_per_px, sigma_d_px, p),
-        planes=plane_settings(view.f_px, column_px, p),
-        merge=merge_rules(view, ke_per_m, p),
+        planes=plane_settings(view.f_px, column_px, p, smeared),
+        merge=merge_rules(view, ke_per_m, p, smeared),
     )
 
 

@@ -18,6 +18,9 @@ noise of 1/Z falls to 1/e at 9.5 px along a row and at 7 px along a column (0.93
 0.13 and 0.06 at 16 px). It does not depend on the time between the frames."""
 WHITE_SHARE = 0.05
 """Share of the variance that is independent from pixel to pixel, from the same measurement."""
+SMEARED_STEP_PER_M = 0.3
+"""A larger step of 1/Z is not smeared. On a D435 with a baseline of 50 mm steps of up to 5 or 6 px are ramps, larger ones are
+holes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +31,8 @@ class SensorModel:
     falls to 1/e, 0 for independent pixels ("white"); see `NOISE_LENGTH_PX`. dropout_share: single pixels without a
     measurement. holes: elliptic blobs of about hole_radius_px without one. blind_left_px: columns that the
     second imager does not see. mismatch_share: share of the pixels overwritten by 2x2 blocks of a disparity
-    drawn uniformly from the sensor's range. flying_share: share of the pixels at a depth edge that lie
+    drawn uniformly from the sensor's range. smear_px: width of the window over which a matcher averages 1/Z, after near
+    surfaces have grown by a third of it on each side; 0: edges are sharp. flying_share: share of the pixels at a depth edge that lie
     somewhere between its two sides. saturated_share: pixels written as 65535. sky_is_far: beyond the range
     the sensor says "far" instead of "no measurement"."""
 
@@ -42,12 +46,15 @@ class SensorModel:
     flying_share: float = 0.0
     saturated_share: float = 0.0
     sky_is_far: bool = False
+    smear_px: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.ke_per_m <= 0.05:
             raise ValueError(f"sensor model: ke_per_m={self.ke_per_m:g}, expected 0..0.05")
         if not 0.0 <= self.noise_length_px <= 64.0:
             raise ValueError(f"sensor model: noise_length_px={self.noise_length_px:g}, expected 0..64")
+        if not 0.0 <= self.smear_px <= 64.0:
+            raise ValueError(f"sensor model: smear_px={self.smear_px:g}, expected 0..64")
         for name in ("dropout_share", "mismatch_share", "flying_share", "saturated_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"sensor model: {name}={getattr(self, name):g}, expected 0..1")
@@ -62,6 +69,7 @@ class SensorModel:
             hole_radius_px=self.hole_radius_px * factor,
             blind_left_px=round(self.blind_left_px * factor),
             noise_length_px=self.noise_length_px * factor,
+            smear_px=self.smear_px * factor,
         )
 
 
@@ -85,6 +93,8 @@ def measure(depth_m: NDArray[np.float64], info: CameraInfo, model: SensorModel, 
     or, with sky_is_far, FAR_MM."""
     rng = generator(seed, frame)
     inverse = 1.0 / depth_m
+    if model.smear_px > 1.0:
+        inverse = _smeared(inverse, round(model.smear_px))
     if model.flying_share > 0.0:
         inverse = _flying(inverse, model.flying_share, rng)
     if model.ke_per_m > 0.0:
@@ -126,6 +136,30 @@ def _box_sum(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     total = np.zeros((len(values) + 1, values.shape[1]))
     np.cumsum(values, axis=0, out=total[1:])
     return np.asarray(total[width:] - total[:-width])
+
+
+def _smeared(inverse: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """1/Z (H, W), 0: nothing, as a matcher with a window of `width` px sees it: near surfaces a third of the window larger, steps
+    ramps of its width. What borders on nothing keeps its outline, and so do steps above SMEARED_STEP_PER_M."""
+    grown = _greatest(inverse, width // 3)
+    half = width // 2
+    padded = np.pad(np.where(inverse > 0.0, grown, 0.0), half)
+    known = np.pad((inverse > 0.0).astype(np.float64), half)
+    size = 2 * half + 1
+    total, count = (_box_sum(_box_sum(a, size).T, size).T for a in (padded, known))
+    mean = total / np.maximum(count, 1.0)
+    least = -_greatest(np.where(inverse > 0.0, -inverse, -np.inf), half)
+    smooth = _greatest(inverse, half) - least <= SMEARED_STEP_PER_M
+    return np.where((inverse > 0.0) & smooth, mean, inverse)
+
+
+def _greatest(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """The greatest value within `reach` px along rows and columns: a square window."""
+    for axis in (0, 1):
+        padded = np.pad(values, [(reach, reach) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=axis)
+        values = windows.max(axis=-1)
+    return values
 
 
 def _flying(inverse: NDArray[np.float64], share: float, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -35,15 +35,17 @@ def recording(shared_data: Path) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def test_a_range_of_20_m_gives_a_bounded_number_of_planes(recording: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """The goal of 60 is not reached: gaps between furniture come as ramps (docs/limits.md)."""
+    """Without `smeared_edges` the median is 188 and the maximum 277."""
     info = CameraInfo("d435", K, max_range_m=20.0, ke_per_m=0.0015)
-    extractor, state, planes = Extractor(Params()), ExtractorState(), []
+    extractor, state, planes, smeared = Extractor(Params()), ExtractorState(), [], []
     for depth, R in recording:
         model, state = extractor.extract(depth, info, R, state)
         assert model.valid
         planes.append(len(model.planes))
-    assert np.median(planes) <= 195, "measured: 188.5"
-    assert max(planes) <= 285, "measured: 277"
+        smeared.append(model.stats.smeared_px)
+    assert min(smeared) > 0, "each frame has ramps, from the first on"
+    assert np.median(planes) <= 60, "measured: 55"
+    assert max(planes) <= 90, "measured: 84"
 
 
 @pytest.mark.parametrize("prior", [0.0015, 0.005])

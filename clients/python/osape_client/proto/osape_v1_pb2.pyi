@@ -239,7 +239,7 @@ class Ground(_message.Message):
     def __init__(self, seen: bool = ..., height_m: _Optional[float] = ..., slope_x: _Optional[float] = ..., slope_y: _Optional[float] = ..., share: _Optional[float] = ..., blind_beyond_m: _Optional[float] = ..., tolerance_m: _Optional[float] = ..., noise_per_m: _Optional[float] = ..., seen_from_m: _Optional[_Iterable[float]] = ..., seen_to_m: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class FrameStats(_message.Message):
-    __slots__ = ("measured_share", "unknown_share", "far_share", "flying_px", "ground_px", "strips", "dropped_strips", "clusters", "planes", "prisms", "overflow")
+    __slots__ = ("measured_share", "unknown_share", "far_share", "flying_px", "ground_px", "strips", "dropped_strips", "clusters", "planes", "prisms", "overflow", "smeared_px")
     MEASURED_SHARE_FIELD_NUMBER: _ClassVar[int]
     UNKNOWN_SHARE_FIELD_NUMBER: _ClassVar[int]
     FAR_SHARE_FIELD_NUMBER: _ClassVar[int]
@@ -251,6 +251,7 @@ class FrameStats(_message.Message):
     PLANES_FIELD_NUMBER: _ClassVar[int]
     PRISMS_FIELD_NUMBER: _ClassVar[int]
     OVERFLOW_FIELD_NUMBER: _ClassVar[int]
+    SMEARED_PX_FIELD_NUMBER: _ClassVar[int]
     measured_share: float
     unknown_share: float
     far_share: float
@@ -262,7 +263,8 @@ class FrameStats(_message.Message):
     planes: int
     prisms: int
     overflow: int
-    def __init__(self, measured_share: _Optional[float] = ..., unknown_share: _Optional[float] = ..., far_share: _Optional[float] = ..., flying_px: _Optional[int] = ..., ground_px: _Optional[int] = ..., strips: _Optional[int] = ..., dropped_strips: _Optional[int] = ..., clusters: _Optional[int] = ..., planes: _Optional[int] = ..., prisms: _Optional[int] = ..., overflow: _Optional[int] = ...) -> None: ...
+    smeared_px: int
+    def __init__(self, measured_share: _Optional[float] = ..., unknown_share: _Optional[float] = ..., far_share: _Optional[float] = ..., flying_px: _Optional[int] = ..., ground_px: _Optional[int] = ..., strips: _Optional[int] = ..., dropped_strips: _Optional[int] = ..., clusters: _Optional[int] = ..., planes: _Optional[int] = ..., prisms: _Optional[int] = ..., overflow: _Optional[int] = ..., smeared_px: _Optional[int] = ...) -> None: ...
 
 class Publication(_message.Message):
     __slots__ = ("boot_id", "number", "age_ns")
@@ -355,7 +357,7 @@ class FrameDecision(_message.Message):
     def __init__(self, camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., t_arrival_ns: _Optional[int] = ..., used: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., attitude: _Optional[_Union[AttitudeUsed.Source, str]] = ..., attitude_cutoff_ns: _Optional[int] = ..., pose: _Optional[_Union[AttitudeUsed.Source, str]] = ..., pose_text: _Optional[str] = ...) -> None: ...
 
 class CameraState(_message.Message):
-    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns", "mount", "still_ke_per_m", "samples_mm", "samples_age")
+    __slots__ = ("camera", "ground_height_m", "ke_per_m", "last_t_exposure_ns", "mount", "still_ke_per_m", "samples_mm", "samples_age", "edge_ramps", "edge_steps")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     GROUND_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     KE_PER_M_FIELD_NUMBER: _ClassVar[int]
@@ -364,6 +366,8 @@ class CameraState(_message.Message):
     STILL_KE_PER_M_FIELD_NUMBER: _ClassVar[int]
     SAMPLES_MM_FIELD_NUMBER: _ClassVar[int]
     SAMPLES_AGE_FIELD_NUMBER: _ClassVar[int]
+    EDGE_RAMPS_FIELD_NUMBER: _ClassVar[int]
+    EDGE_STEPS_FIELD_NUMBER: _ClassVar[int]
     camera: str
     ground_height_m: float
     ke_per_m: float
@@ -372,7 +376,9 @@ class CameraState(_message.Message):
     still_ke_per_m: float
     samples_mm: bytes
     samples_age: int
-    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ...) -> None: ...
+    edge_ramps: float
+    edge_steps: float
+    def __init__(self, camera: _Optional[str] = ..., ground_height_m: _Optional[float] = ..., ke_per_m: _Optional[float] = ..., last_t_exposure_ns: _Optional[int] = ..., mount: _Optional[_Union[MountState, _Mapping]] = ..., still_ke_per_m: _Optional[float] = ..., samples_mm: _Optional[bytes] = ..., samples_age: _Optional[int] = ..., edge_ramps: _Optional[float] = ..., edge_steps: _Optional[float] = ...) -> None: ...
 
 class MountState(_message.Message):
     __slots__ = ("t_ns", "measurements", "verdict", "pending", "streak", "slope_rad", "mean", "covariance", "ground", "confirmations", "residual_north_rad", "residual_east_rad")

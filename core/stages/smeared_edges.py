@@ -1,0 +1,249 @@
+"""Edges that the camera smears: ramps of disparity between a near and a far surface where there is no surface.
+
+A stereo matcher compares windows of pixels. Where a window holds two surfaces, many cameras (all those that smooth their
+depth image) deliver a disparity between both, so that a step of the scene becomes a ramp 10 to 40 px wide. Each pixel of
+it is plausible by itself and the same from frame to frame, but nothing stands there. Such pixels become unknown.
+
+A ramp is told from a surface seen at a slant by three things. It is so steep that a surface which continued it would pass
+close by the camera. It is narrow: a surface comes nearer still with the same slope of 1/Z over many pixels. And a camera that
+smears has hardly any edge without a ramp. The last is judged first, from the edges of this frame and of those before: a
+camera with sharp edges keeps all its pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..buffers import Buffers
+from ..frames import Rotation
+from ..jit import inner, inner_ieee, inner_inline, kernel
+from ..params import Params
+from ..types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
+
+_SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
+_ROW_STEP = 4
+"""Rows from one to the next in which edges are counted."""
+_NEVER_M = np.float32(1e9)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RampLimits:
+    """What makes a ramp. span_px, reach_px: from a pixel to those it is compared with. step_per_m: least step of 1/Z, 1/m, to
+    each of the pixels span_px away; judged_per_m: the same for edges by which the camera is judged, which no noise makes;
+    relative: least step as a share of the pixel's own 1/Z. straight: greatest change of 1/Z over reach_px towards the near
+    side, over that over span_px."""
+
+    span_px: int
+    reach_px: int
+    step_per_m: float
+    judged_per_m: float
+    relative: float
+    straight: float
+
+
+def ramp_limits(info: CameraInfo, ke_per_m: float, params: Params) -> RampLimits:
+    """The limits for a camera and the noise in use."""
+    p, k = params, info.intrinsics
+    span = max(round(p.smear_span_px * k.width / 640), 1)
+    reach = max(round(p.smear_reach_px * k.width / 640), span + 1)
+    angle = span / k.fx
+    return RampLimits(
+        span_px=span,
+        reach_px=reach,
+        step_per_m=max(angle / p.smear_passing_m, p.smear_sigmas * ke_per_m),
+        judged_per_m=max(angle / p.smear_passing_m, p.smear_judged_sigmas * ke_per_m),
+        relative=angle * math.tan(math.radians(p.smear_incidence_deg)),
+        straight=max(p.smear_straight_share * reach / span, 1.0),
+    )
+
+
+@inner_inline
+def on_ramp(left, middle, right, far_left, far_right, least, relative, straight):
+    """Whether the middle of five values of 1/Z (1/m; 0: far, negative: unknown) lies on a ramp; see `RampLimits`."""
+    low, high = min(left, right), max(left, right)
+    step = max(least, relative * middle)
+    beyond = far_left if left > right else far_right
+    return (
+        (low >= np.float32(0.0))
+        & (middle - low > step)
+        & (high - middle > step)
+        & (beyond - middle <= straight * (high - middle))
+    )
+
+
+@inner_ieee
+def signed_inverse(mm, out):
+    """1/Z of one row in 1/m, float32: 0 where the sensor reports far, -1 where it reports nothing."""
+    for u in range(len(mm)):
+        z = mm[u]
+        d = np.float32(1000.0) / np.float32(z)
+        if z == _FAR:
+            d = np.float32(0.0)
+        if (z == np.uint16(0)) | (z == _SATURATED):
+            d = np.float32(-1.0)
+        out[u] = d
+
+
+@kernel
+def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
+    """(ramps, steps) along every row_step-th row of depth_mm (H, W) uint16.
+
+    A ramp is a run of pixels `on_ramp`. A step is a change from one pixel to the next that is as large as that of the least
+    ramp from end to end."""
+    rows, cols = depth_mm.shape
+    line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
+    on = np.zeros(cols + 1, np.uint8)
+    least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
+    ramps, steps = np.int64(0), np.int64(0)
+    for v in range(row_step // 2, rows, row_step):
+        signed_inverse(depth_mm[v], line[reach : reach + cols])
+        far_left, left = line[:cols], line[reach - span : reach - span + cols]
+        middle, right, far_right = line[reach : reach + cols], line[reach + span :], line[2 * reach :]
+        following = line[reach + 1 :]
+        row_ramps, row_steps = np.int32(0), np.int32(0)
+        for u in range(cols):
+            here = on_ramp(left[u], middle[u], right[u], far_left[u], far_right[u], least, relative, straight)
+            on[u + 1] = np.uint8(here)
+        for u in range(cols):
+            a, b = middle[u], following[u]
+            low, high = min(a, b), max(a, b)
+            sharp = (low > np.float32(0.0)) & (high - low > np.float32(2.0) * max(least, relative * low))
+            row_steps = np.int32(row_steps + np.int32(sharp))
+            row_ramps = np.int32(row_ramps + np.int32(on[u + 1] & ~on[u] & np.uint8(1)))
+        ramps += row_ramps
+        steps += row_steps
+    return ramps, steps
+
+
+@inner
+def near_end(inverse, row, column, span, reach, middle):
+    """1/Z of the near surface beside the ramp that holds inverse[row, column]: the greatest within half of reach along its
+    row and its column, in steps of span."""
+    near = middle
+    for k in range(1, reach // (2 * span) + 1):
+        off = k * span
+        near = max(near, max(inverse[row, column - off], inverse[row, column + off]))
+        near = max(near, max(inverse[row - off, column], inverse[row + off, column]))
+    return near
+
+
+@kernel
+def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, keep_m, marks, seen_to):
+    """Makes pixels on a ramp along their row or their column unknown; returns how many measured and how many far ones.
+
+    depth_mm: (H, W) uint16 as delivered, so that a ramp may end beyond the range. inverse: (H + 2 reach, W + 2 reach) float32
+    scratch. down: (3,) float64, height of the ground below the camera per metre of depth at the pixel (u, v): down[0] u +
+    down[1] v + down[2]. A pixel more than keep_m below the camera, so measured, is part of the ground and stays. marks: (H, W)
+    uint16 of `classify`, in and out. seen_to: (H, W) uint16 out, marks as they were, with the depth of its near end at each
+    pixel of a ramp, which is measured up to there."""
+    rows, cols = depth_mm.shape
+    nothing = np.float32(-1.0)
+    inverse[:reach] = nothing
+    inverse[rows + reach :] = nothing
+    inverse[:, :reach] = nothing
+    inverse[:, cols + reach :] = nothing
+    for v in range(rows):
+        signed_inverse(depth_mm[v], inverse[reach + v, reach : reach + cols])
+    least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
+    keep, slope = np.float32(keep_m), np.float32(down[0])
+    column, on = np.arange(cols).astype(np.float32), np.zeros(cols, np.uint8)
+    measured, far = 0, 0
+    for v in range(rows):
+        row = inverse[reach + v]
+        far_left, left = row[:cols], row[reach - span : reach - span + cols]
+        middle, right, far_right = row[reach : reach + cols], row[reach + span :], row[2 * reach :]
+        far_above, above = inverse[v, reach:], inverse[reach + v - span, reach:]
+        below, far_below = inverse[reach + v + span, reach:], inverse[v + 2 * reach, reach:]
+        first = np.float32(down[1] * v + down[2])
+        line, seen = marks[v], seen_to[v]
+        count = np.int32(0)
+        for u in range(cols):
+            m = middle[u]
+            ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], least, relative, straight)
+            ramp |= on_ramp(above[u], m, below[u], far_above[u], far_below[u], least, relative, straight)
+            ramp &= first + slope * column[u] <= keep * m
+            on[u] = np.uint8(ramp)
+            count = np.int32(count + np.int32(ramp))
+            seen[u] = line[u]
+        if count == 0:
+            continue
+        for u in range(cols):
+            if on[u] and line[u] != 0:
+                if line[u] == _FAR:
+                    far += 1
+                else:
+                    measured += 1
+                near_mm = np.float32(1000.0) / near_end(inverse, reach + v, reach + u, span, reach, middle[u])
+                seen[u] = np.uint16(min(max(near_mm, np.float32(1.0)), np.float32(line[u])))
+                line[u] = np.uint16(0)
+    return measured, far
+
+
+def observe_edges(
+    state: ExtractorState, depth_mm: NDArray[np.uint16], limits: RampLimits, params: Params
+) -> ExtractorState:
+    """The state after a frame: `edge_ramps` and `edge_steps`, means over the frames, of which the past keeps smear_memory.
+
+    A frame with few edges is no evidence and changes nothing."""
+    p = params
+    counts = count_edges(
+        depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
+    )
+    ramps, steps = map(int, counts)
+    if ramps + steps < p.smear_min_edges * depth_mm.shape[0] / 480:
+        return state
+    memory = p.smear_memory if state.edge_ramps + state.edge_steps > 0.0 else 0.0
+    return replace(
+        state,
+        edge_ramps=memory * state.edge_ramps + (1.0 - memory) * ramps,
+        edge_steps=memory * state.edge_steps + (1.0 - memory) * steps,
+    )
+
+
+def smears(state: ExtractorState, params: Params) -> bool:
+    """Whether the camera smears its edges, by those counted so far; without any it does not."""
+    edges = state.edge_ramps + state.edge_steps
+    return state.edge_ramps > params.smear_min_share * edges
+
+
+def drop_smeared_edges(
+    depth_mm: NDArray[np.uint16],
+    marks: NDArray[np.uint16],
+    info: CameraInfo,
+    R_level_optical: Rotation,
+    ground: Ground,
+    limits: RampLimits,
+    params: Params,
+    buffer: Buffers,
+) -> tuple[NDArray[np.uint16], int, int]:
+    """Makes the ramps of a camera that smears unknown in marks (H, W) uint16; returns an image for the free space (see
+    `drop_ramps`), how many of their pixels were measured, and how many were far.
+
+    The ground stays: seen at a grazing angle it is as steep as a ramp."""
+    rows, cols = depth_mm.shape
+    reach = limits.reach_px
+    inverse = buffer("inverse", (rows + 2 * reach, cols + 2 * reach), np.float32)
+    down, keep_m = ground_line(info, R_level_optical, ground, params)
+    seen_to = buffer("seen_to", marks.shape, np.uint16)
+    measured, far = drop_ramps(
+        depth_mm, inverse, limits.span_px, reach, limits.step_per_m, limits.relative, limits.straight, down, keep_m, marks,
+        seen_to,
+    )  # fmt: skip
+    return seen_to, int(measured), int(far)
+
+
+def ground_line(
+    info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params
+) -> tuple[NDArray[np.float64], float]:
+    """(down, keep_m) of `drop_ramps`; without a ground nothing is kept."""
+    if not ground.seen:
+        return np.zeros(3), float(_NEVER_M)
+    k = info.intrinsics
+    x, y, z = R_level_optical
+    across, down, ahead = z - ground.slope_x * x - ground.slope_y * y
+    line = np.array([across / k.fx, down / k.fy, ahead - across * k.cx / k.fx - down * k.cy / k.fy])
+    return line, max(ground.height_m - params.ground_tolerance_m, 0.5 * ground.height_m)

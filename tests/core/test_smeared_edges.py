@@ -1,0 +1,182 @@
+"""Ramps at the edges of things, of cameras that smear them, and of no others, are unmeasured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.buffers import Buffers
+from core.extractor import Extractor
+from core.frames import R_CAMFRD_OPTICAL
+from core.params import Params
+from core.stages.classify import classify, measured_mm
+from core.stages.smeared_edges import RampLimits, drop_smeared_edges, observe_edges, ramp_limits, smears
+from core.types import FAR_MM, CameraInfo, ExtractorState, Ground, Intrinsics
+from drivers.simulation.sensor_model import SensorModel, measure
+
+P = Params()
+KE = 0.0037
+INFO = CameraInfo("front", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5), max_range_m=20.0, ke_per_m=KE)
+SMEARED = SensorModel(ke_per_m=0.0005, smear_px=3.0)
+SHARP = replace(SMEARED, smear_px=0.0)
+NO_GROUND = Ground(seen=False)
+Depth = NDArray[np.uint16]
+Metres = NDArray[np.float64]
+
+pytestmark = pytest.mark.nojit
+
+
+def limits(info: CameraInfo = INFO) -> RampLimits:
+    return ramp_limits(info, KE, P)
+
+
+def stripes(near_m: float = 5.0, far_m: float = 9.0, info: CameraInfo = INFO) -> Metres:
+    """Walls at two depths in turns."""
+    k = info.intrinsics
+    u = np.arange(k.width) * 10 // k.width % 2
+    return np.repeat(np.where(u == 1, near_m, far_m)[None, :], k.height, axis=0)
+
+
+def dropped(depth: Depth, ground: Ground = NO_GROUND, info: CameraInfo = INFO) -> tuple[NDArray[np.bool_], Depth]:
+    """(which measured or far pixels are dropped, the image for the free space)."""
+    marks = np.empty_like(depth)
+    classify(depth, *measured_mm(info, KE, P), 1e9, 0.0, marks)
+    before = marks.copy()
+    seen_to, lost, lost_far = drop_smeared_edges(
+        depth, marks, info, R_CAMFRD_OPTICAL, ground, limits(info), P, Buffers()
+    )
+    gone = (marks == 0) & (before > 0)
+    assert lost == (gone & (before != FAR_MM)).sum()
+    assert lost_far == (gone & (before == FAR_MM)).sum()
+    np.testing.assert_array_equal(marks[~gone], before[~gone])
+    np.testing.assert_array_equal(seen_to[~gone], before[~gone])
+    return gone, seen_to
+
+
+def test_a_ramp_between_two_walls_is_dropped_and_the_walls_are_kept() -> None:
+    depth = measure(stripes(), INFO, SMEARED, 1)
+    gone, _ = dropped(depth)
+    between = (depth > 5300) & (depth < 8300)
+    assert between.mean() > 0.04, "the scene has ramps"
+    assert gone[between].mean() > 0.75
+    assert gone[np.abs(depth - 5000.0) < 100].mean() < 0.05
+    assert gone[np.abs(depth - 9000.0) < 300].mean() < 0.15
+
+
+def test_a_ramp_that_ends_beyond_the_range_is_not_seen_through() -> None:
+    wide = replace(INFO, intrinsics=Intrinsics(640, 24, 450.0, 450.0, 319.5, 11.5))
+    sensor = replace(SMEARED, smear_px=9.0)
+    depth = measure(stripes(5.0, 30.0, wide), replace(wide, max_range_m=60.0), sensor, 1)
+    gone, seen_to = dropped(depth, info=wide)
+    beyond = gone & (depth > 18000) & (depth < 25000)
+    assert beyond.sum() > 100
+    assert (seen_to[beyond] < 6500).all(), "free up to the near wall only"
+
+
+def test_what_is_dropped_is_seen_through_to_the_near_surface_at_most() -> None:
+    depth = measure(stripes(), INFO, SMEARED, 1)
+    gone, seen_to = dropped(depth)
+    assert gone.any()
+    assert (seen_to[gone] <= depth[gone]).all()
+    assert (seen_to[gone] < 5400).mean() > 0.99
+
+
+@pytest.mark.parametrize("offset_m", [1.2, 2.0, 4.0])
+def test_walls_seen_at_a_slant_stay(offset_m: float) -> None:
+    """Both walls of a corridor, up to the end of the range."""
+    aside = np.abs(np.arange(160) - 79.5) / 112.5
+    depth_m = np.repeat(np.minimum(offset_m / aside, 60.0)[None, :], 120, axis=0)
+    depth = measure(depth_m, INFO, SMEARED, 1)
+    assert dropped(depth)[0].mean() < 0.01
+
+
+def test_poles_and_wires_stay() -> None:
+    """Their middles are nearer than both sides, however smeared."""
+    depth_m = np.full((120, 160), 12.0)
+    depth_m[:, 40:42] = 6.0
+    depth_m[:, 100:103] = 4.0
+    depth_m[60:62, 110:] = 5.0
+    depth = measure(depth_m, INFO, SMEARED, 1)
+    gone, _ = dropped(depth)
+    assert not gone[:50, 40:42].all(axis=1).any()
+    assert not gone[:50, 100:103].any()
+    assert not gone[60:62, 120:].all(axis=0).any()
+
+
+def test_the_near_sides_of_leaves_stay() -> None:
+    rng = np.random.default_rng(4)
+    depth_m = rng.uniform(5.0, 8.0, (30, 40)).repeat(4, axis=0).repeat(4, axis=1)
+    depth = measure(depth_m, INFO, SMEARED, 1)
+    gone, _ = dropped(depth)
+    windows = np.lib.stride_tricks.sliding_window_view(depth, (5, 5))
+    nearest = depth[2:-2, 2:-2] == windows.min(axis=(2, 3))
+    assert nearest.sum() > 100
+    assert not gone[2:-2, 2:-2][nearest].any()
+    assert gone.mean() < 0.35
+    assert dropped(measure(depth_m, INFO, SHARP, 1))[0].mean() < 0.01
+
+
+@pytest.mark.parametrize("height_m", [0.1, 0.3, 0.6, 2.0])
+def test_the_ground_stays_below_a_low_camera(height_m: float) -> None:
+    """Close above it the ground is as steep as a ramp."""
+    down = np.maximum((np.arange(120) - 59.5) / 112.5, 1e-3)
+    depth_m = np.repeat(np.minimum(height_m / down, 60.0)[:, None], 160, axis=1)
+    depth = measure(depth_m, replace(INFO, min_range_m=0.1), SHARP, 1)
+    gone, _ = dropped(depth, Ground(seen=True, height_m=height_m))
+    assert gone[62:].mean() < 0.002
+
+
+def test_a_camera_is_judged_by_its_edges() -> None:
+    for sensor, expected in ((SMEARED, True), (SHARP, False)):
+        state = ExtractorState()
+        for frame in range(3):
+            state = observe_edges(state, measure(stripes(), INFO, sensor, 1, frame), limits(), P)
+            assert smears(state, P) is expected
+            assert state.edge_ramps + state.edge_steps > 0.0
+
+
+def test_a_frame_without_edges_is_no_evidence() -> None:
+    state = observe_edges(ExtractorState(), measure(stripes(), INFO, SMEARED, 1), limits(), P)
+    wall = measure(np.full((120, 160), 5.0), INFO, SMEARED, 1)
+    assert observe_edges(state, wall, limits(), P) == state
+    assert not smears(observe_edges(ExtractorState(), wall, limits(), P), P)
+
+
+def test_a_few_sharp_frames_do_not_turn_the_verdict_and_many_do() -> None:
+    state = observe_edges(ExtractorState(), measure(stripes(), INFO, SMEARED, 1), limits(), P)
+    sharp = measure(stripes(), INFO, SHARP, 1)
+    verdicts = []
+    for _ in range(30):
+        state = observe_edges(state, sharp, limits(), P)
+        verdicts.append(smears(state, P))
+    assert verdicts[0]
+    assert not verdicts[-1]
+
+
+def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() -> None:
+    extractor = Extractor(P)
+    smeared, _ = extractor.extract(measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL)
+    sharp, _ = extractor.extract(measure(stripes(), INFO, SHARP, 1), INFO, R_CAMFRD_OPTICAL)
+    never, _ = Extractor(replace(P, smear_min_share=1.0)).extract(
+        measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL
+    )
+    assert smeared.stats.smeared_px > 500
+    assert smeared.stats.unknown_share > never.stats.unknown_share
+    assert len(smeared.planes) < len(never.planes)
+    assert sharp.stats.smeared_px == 0 == never.stats.smeared_px
+
+
+def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ramps() -> None:
+    depth = measure(stripes(), INFO, SMEARED, 1)
+    gone, _ = dropped(depth)
+    solid = np.where(gone, 5000, depth).astype(np.uint16)
+    p = replace(P, profile_layer_m=0.5)
+    state = observe_edges(ExtractorState(), depth, limits(), P)
+    free = Extractor(p).extract(depth, INFO, R_CAMFRD_OPTICAL, state)[0].free
+    bound = Extractor(replace(p, smear_min_share=1.0)).extract(solid, INFO, R_CAMFRD_OPTICAL)[0].free
+    assert free.free_to_m.max() > 3.0
+    excess = (free.free_to_m - free.free_from_m).clip(0.0) - (bound.free_to_m - bound.free_from_m).clip(0.0)
+    assert excess.max() <= p.profile_ring_m
