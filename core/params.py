@@ -34,14 +34,14 @@ class Params:
     noise_tiles_down: int = number(6, 1, 32, "", "rows of tiles of the picture, each with a noise of its own")
     noise_tiles_across: int = number(8, 1, 32, "", "and columns of them")
     noise_short_step_px: int = number(
-        8, 1, 64, "px", "step of the second difference that motion is told by, at 640 columns"
+        8, 1, 64, "px", "step of the second difference that detects motion, at 640 columns"
     )
     noise_step_px: int = number(
         16, 1, 64, "px", "step of the second difference whose median is a tile's noise, at 640 columns"
     )
     noise_row_step: int = number(6, 1, 32, "px", "rows from one to the next that is looked at")
     noise_min_samples: int = number(120, 10, 10000, "", "differences that a tile needs to count")
-    noise_min_tiles: int = number(3, 1, 1024, "", "tiles that a picture needs to tell its noise")
+    noise_min_tiles: int = number(3, 1, 1024, "", "tiles that a noise estimate needs")
     noise_min_depth_m: float = number(
         1.5, 0.0, 20.0, "m", "pixels closer than this do not count: millimetre steps outweigh their noise"
     )
@@ -80,7 +80,7 @@ class Params:
 
     # Levelling
     max_tilt_deg: float = critical(
-        60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame says nothing"
+        60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame is invalid"
     )
     max_elevation_deg: float = critical(
         74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown"
@@ -94,7 +94,7 @@ class Params:
         "sigma",
         "pooled columns that differ by less are one surface: their mean counts, else the nearest",
     )
-    min_measured_share: float = critical(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame says nothing")
+    min_measured_share: float = critical(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame is invalid")
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
     flying_relative: float = critical(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
@@ -156,7 +156,7 @@ class Params:
     noisy_alone_share: float = critical(
         0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone"
     )
-    max_noisy_share: float = critical(0.04, 0.0, 1.0, "", "with more of the tiles noise the frame says nothing")
+    max_noisy_share: float = critical(0.04, 0.0, 1.0, "", "with a larger share of noisy tiles the frame is invalid")
 
     # Ground
     ground_tolerance_m: float = critical(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
@@ -296,7 +296,7 @@ class Params:
     smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "and this much of the strip's noise")
     horizontal_correlation: float = number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
     horizontal_centre_px: float = number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
-    horizontal_min_px: int = number(6, 3, 100, "px", "fewer pixels tell of no surface")
+    horizontal_min_px: int = number(6, 3, 100, "px", "fewer pixels are no surface")
 
     # Straight pieces and planes
     height_step_m: float = number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")
@@ -325,7 +325,7 @@ class Params:
     merge_shift_m: float = critical(
         0.3, 0.01, 2.0, "m", "a join shifts neither plane by more than this towards the camera, noise apart"
     )
-    merge_candidates: int = number(48, 2, 5000, "", "planes that each one is weighed against in a round of merging")
+    merge_candidates: int = number(48, 2, 5000, "", "largest number of merge candidates of a plane in one round")
     merge_partners: int = number(8, 1, 64, "", "and how many of them, the cheapest, it may be merged with")
     merge_empty_weight: float = number(0.5, 0.0, 5.0, "", "cost of a join whose rectangle is all empty; 1 is too much")
     merge_empty_share: float = number(0.25, 0.0, 1.0, "", "and most of it that may be empty")

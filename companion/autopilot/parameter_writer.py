@@ -204,7 +204,7 @@ class ParameterWriter:
         status, now_ns = self._link.status(), time.monotonic_ns()
         vehicle = status.vehicle
         if vehicle is None or now_ns - vehicle.heartbeat_ns > FRESH_NS:
-            raise ValueError("no heartbeat of an autopilot that is believed: is it on, and sending here?")
+            raise ValueError("no accepted heartbeat of an autopilot; check that it is on and sends to this address")
         if vehicle.armed or (self._armed_ns is not None and now_ns - self._armed_ns < 10 * NS):
             raise ValueError("it is ARMED, or was a moment ago: parameters are written while it is disarmed only")
         trouble = status.signing_trouble or next(iter(status.conflicts.values()), "")

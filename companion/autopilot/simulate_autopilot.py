@@ -75,24 +75,26 @@ def _link(address: str, end: UdpEnd | PtyEnd) -> Path | None:
 
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion simulate-autopilot`."""
-    parser = subparsers.add_parser("simulate-autopilot", help="an autopilot that is not there")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=True, help="the one `companion run` has")
-    kind = parser.add_mutually_exclusive_group()
-    kind.add_argument(
-        "--px4", action="store_const", dest="kind", const=PX4, default=PX4, help="as PX4 speaks (default)"
-    )
-    kind.add_argument("--ardupilot", action="store_const", dest="kind", const=ARDUPILOT, help="as ArduPilot speaks")
+    parser = subparsers.add_parser("simulate-autopilot", help="simulate an autopilot, for `run` without hardware")
     parser.add_argument(
-        "--address", metavar="LINE", help="udpout:HOST:PORT, pty or pty:LINK; default: where the service listens"
+        "-c", "--config", type=Path, metavar="FILE", required=True, help="configuration of `companion run`"
     )
-    parser.add_argument("--armed", action="store_true", help="it says that it is armed")
-    parser.add_argument("--drift-ppm", type=float, default=0.0, metavar="X", help="its crystal is so much faster (0)")
-    parser.add_argument("--jitter-ms", type=float, default=0.0, metavar="X", help="its messages are late by 0..X (0)")
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--px4", action="store_const", dest="kind", const=PX4, default=PX4, help="simulate PX4 (default)")
+    kind.add_argument("--ardupilot", action="store_const", dest="kind", const=ARDUPILOT, help="simulate ArduPilot")
+    parser.add_argument(
+        "--address", metavar="LINE", help="udpout:HOST:PORT, pty or pty:LINK; default: the address of the service"
+    )
+    parser.add_argument("--armed", action="store_true", help="report an armed vehicle")
+    parser.add_argument("--drift-ppm", type=float, default=0.0, metavar="X", help="clock drift in ppm (default 0)")
+    parser.add_argument(
+        "--jitter-ms", type=float, default=0.0, metavar="X", help="delay messages by 0..X ms (default 0)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object, then fly")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Flies until it is told to stop; 0. Raises ValueError, ConfigError and OSError."""
+    """Runs until it is stopped; 0. Raises ValueError, ConfigError and OSError."""
     config = load_config(args.config)
     flight = flight_of(config)
     address = args.address or config.autopilot.address

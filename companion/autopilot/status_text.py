@@ -39,7 +39,7 @@ class StatusTexts:
                 continue
             if self._told.get(camera) != is_blind:
                 self._told[camera], self._last_ns = is_blind, now_ns
-                text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} sees again"
+                text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} recovered"
                 return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())
         return self._note(notes or {}, now_ns)
 

@@ -121,7 +121,7 @@ class ServiceParams:
     )
     blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of messages while a camera is blind")
     hang_s: float = critical(
-        2.0, 0.5, 30.0, "s", "a loop that has not completed a cycle for this time is treated as hung"
+        2.0, 0.5, 30.0, "s", "a loop that has not completed a cycle for this time counts as stalled"
     )
     metrics_port: int = number(0, 0, 65535, "", "port of the Prometheus metrics on 127.0.0.1; 0: none")
 

@@ -17,7 +17,7 @@ class SyncParams:
         0.5, 0.01, 5.0, "s", "widest gap between two positions that is interpolated across"
     )
     pose_max_extrapolation_s: float = critical(0.2, 0.0, 2.0, "s", "farthest a position is carried by its velocity")
-    restart_step_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back this far mean a restart: begin anew")
+    restart_step_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back this far mean a restart: start again")
     held_samples: int = number(256, 8, 4096, "", "attitudes, and positions, held for late frames")
     use_pose: bool = field(default=True, metadata={"unit": "", "doc": "publish in ned where the position is known"})
 

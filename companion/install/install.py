@@ -183,8 +183,6 @@ def _warm_up(paths: InstallPaths) -> Any:
             capture_output=True, text=True, check=False, timeout=WARMUP_TIMEOUT_S,
         )  # fmt: skip
         if done.returncode != 0:
-            raise InstallError(
-                f"companion warmup failed: {(done.stderr.strip() or 'it says nothing').splitlines()[-1]}"
-            )
+            raise InstallError(f"companion warmup failed: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
 
     return act

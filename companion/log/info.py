@@ -198,7 +198,7 @@ def print_info(info: LogInfo) -> None:
     duration = f", {(span[1] - span[0]) / _NS:.3f} s" if span else ""
     print_line(f"{info.path}: {info.path.stat().st_size / 1e6:.2f} MB{duration}")
     if info.run is not None:
-        print_line(f"made by {info.run.software} ({info.run.source or 'source not told'})")
+        print_line(f"made by {info.run.software} ({info.run.source or 'unknown source'})")
     if not info.ours:
         print_line("not a log of this software: none of its topics is known")
     for camera in info.cameras:

@@ -54,12 +54,12 @@ TOPICS: Final[dict[str, Topic]] = {
     "depth": Topic("/camera/{camera}/depth", RawImage, "each frame", "16UC1, mm along the optical axis"),
     "attitude": Topic("/vehicle/attitude", pb.AttitudeSample, "as received", "attitude and body rates"),
     "pose": Topic("/vehicle/pose", pb.PoseSample, "as received", "position and velocity"),
-    "mavlink": Topic("/vehicle/mavlink", pb.MavlinkFrame, "as received", "MAVLink as it came"),
-    "clock": Topic("/vehicle/clock", pb.ClockEstimate, "at each change", "the autopilot's clock on ours"),
-    "health": Topic("/health", pb.Health, "1 Hz", "how the service is, in words"),
-    "decision": Topic("/camera/{camera}/decision", pb.FrameDecision, "each frame", "used or dropped, and why"),
+    "mavlink": Topic("/vehicle/mavlink", pb.MavlinkFrame, "as received", "MAVLink as received"),
+    "clock": Topic("/vehicle/clock", pb.ClockEstimate, "at each change", "estimate of the autopilot's clock"),
+    "health": Topic("/health", pb.Health, "1 Hz", "state of the service"),
+    "decision": Topic("/camera/{camera}/decision", pb.FrameDecision, "each frame", "used or dropped, with the cause"),
     "prisms": Topic("/camera/{camera}/prisms", pb.PrismsFrame, "each frame", "planes, prisms, free space, counts"),
-    "scene": Topic("/camera/{camera}/scene", SceneUpdate, "each frame", "the prisms, drawn, for viewers"),
+    "scene": Topic("/camera/{camera}/scene", SceneUpdate, "each frame", "drawing of the prisms, for viewers"),
     "transform": Topic("/tf", FrameTransform, "each frame", "up -> ned -> level -> frd -> camera, for viewers"),
 }
 """Key -> topic, in the order of the table in the docs."""

@@ -31,14 +31,16 @@ class ClockSource(IntEnum):
 class ClockParams:
     """Raises ValueError naming the field, its value and its range."""
 
-    max_drift: float = number(150e-6, 1e-6, 1e-3, "", "crystals of both ends differ by at most this")
-    window_s: float = number(60.0, 2.0, 600.0, "s", "exchanges older than this count no more")
-    drift_span_s: float = number(5.0, 1.0, 300.0, "s", "over less than this a drift is not told from jitter")
+    max_drift: float = number(150e-6, 1e-6, 1e-3, "", "largest frequency difference of both clocks")
+    window_s: float = number(60.0, 2.0, 600.0, "s", "older exchanges are not used")
+    drift_span_s: float = number(5.0, 1.0, 300.0, "s", "shorter spans cannot separate drift from jitter")
     min_exchanges: int = number(3, 1, 50, "", "answers before the clock is called synchronised")
-    max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers say nothing")
+    max_rtt_s: float = number(0.5, 0.01, 5.0, "s", "slower answers are not used")
     reboot_step_s: float = number(1.0, 0.1, 60.0, "s", "boot time that goes back this far is a reboot")
     reboot_messages: int = number(5, 1, 50, "", "messages in a row that lie so far back; one alone is only late")
-    strange_exchanges: int = number(3, 2, 20, "", "answers in a row that contradict the rest mean a step: begin anew")
+    strange_exchanges: int = number(
+        3, 2, 20, "", "answers in a row that contradict the rest mean a step: restart the estimate"
+    )
 
     def __post_init__(self) -> None:
         check("clock", self)

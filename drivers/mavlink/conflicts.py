@@ -69,23 +69,23 @@ class ConflictDetector:
         said: dict[str, str] = {}
         if _recent(self._contradiction_ns, now_ns):
             said["two autopilots"] = (
-                f"{self._contradicting}: heartbeats contradict each other: somebody else speaks as the autopilot; it is told "
-                "what is safe for both; sign the line, or give each vehicle its own system id"
+                f"{self._contradicting}: heartbeats contradict each other: a second sender uses the autopilot's ids; "
+                "only what is safe for both is sent; sign the link, or give each vehicle another system id"
             )
         for system, component in [s for s, at_ns in self._rivals.items() if _recent(at_ns, now_ns)]:
             said["two companions"] = (
-                f"component {component} tells it of obstacles too: what one sees clear wipes out what the other sees near; "
-                f"switch off one of the two (system {system})"
+                f"component {component} sends obstacles to the autopilot too: a clear sector of one erases an obstacle of the "
+                f"other; switch off one of the two (system {system})"
             )
         if _recent(self._doubles_ns, now_ns):
             said["two of us"] = (
-                f"another speaks as component {self._component}: a second companion with our ids; switch it off, or give it "
+                f"another sender uses component {self._component}: a second companion with the same ids; switch it off, or set "
                 "another [autopilot] component_id"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
         if configured and others and not heard:
             said["system id"] = (
-                f"only system {others[0]} is heard: [autopilot] system_id = {configured} leaves it out; set it to 0, or to the "
+                f"only system {others[0]} is received: [autopilot] system_id = {configured} leaves it out; set it to 0, or to the "
                 "vehicle's"
             )
         return said

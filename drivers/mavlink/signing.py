@@ -157,8 +157,10 @@ class Signing:
                 for v in (Verdict.FORGED, Verdict.UNSIGNED)
                 if self._recent(v, now_ns) and self._autopilot_ns[v] > self._good_since_ns + NS
             ]
-            return f"somebody else speaks as the autopilot: {wrong[0].value}; that is dropped" if wrong else ""
-        ignored = "nothing it says is believed, and it is told of no obstacles"
+            return (
+                f"another sender uses the autopilot's ids: {wrong[0].value}; its messages are dropped" if wrong else ""
+            )
+        ignored = "its messages are rejected, and no obstacles are sent to it"
         if self._recent(Verdict.FORGED, now_ns):
             return f"the autopilot signs with another key than ours: {ignored}; give both the same key"
         if self._recent(Verdict.OLD, now_ns):

@@ -156,7 +156,7 @@ class SerialLine:
         except (OSError, serial.SerialException, TypeError) as error:
             raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
         if not data:
-            raise DeviceLost(f"{self._address}: the device hung up; was it unplugged?")
+            raise DeviceLost(f"{self._address}: the device disconnected; was it unplugged?")
         return [(data, arrival_ns)]
 
     def write(self, data: bytes) -> None:

@@ -305,7 +305,7 @@ def test_opening_cameras_are_no_news() -> None:
     assert texts.due({"front": "starting"}, NS) is None
     assert texts.due({"front": ""}, 9 * NS) is None
     assert texts.due({"front": "silent"}, 10 * NS).severity == 2
-    assert "sees again" in texts.due({"front": ""}, 30 * NS).text
+    assert "recovered" in texts.due({"front": ""}, 30 * NS).text
 
 
 def test_a_camera_that_never_opens_is_told() -> None:

@@ -236,7 +236,7 @@ def test_others_on_the_line_make_no_blind_one_tell_clear(flown: Flown) -> None:
             {PX4_WALL_CM} if flown.kind == PX4 else {WALL_CM}
         )
         strange = flown.link.status().conflicts
-        assert "component 197 tells it of obstacles too" in strange["two companions"]
+        assert "component 197 sends obstacles to the autopilot too" in strange["two companions"]
     finally:
         flown.delivers = True
     assert flown.comes_to_see()

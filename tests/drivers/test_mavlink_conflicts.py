@@ -45,7 +45,7 @@ def test_a_second_companion_that_tells_of_obstacles_is_named(kind: str) -> None:
     c.run(2.0)
     assert conflicts(c) == {}
     hear(c, frame(obstacles(), component=197))
-    assert "component 197 tells it of obstacles too" in conflicts(c)["two companions"]
+    assert "component 197 sends obstacles to the autopilot too" in conflicts(c)["two companions"]
     c.run(RECENT_NS / NS + 0.1)
     assert conflicts(c) == {}
 
@@ -68,7 +68,7 @@ def test_one_with_our_ids_is_named_and_our_own_words_brought_back_are_not() -> N
     twin.receive([(frame(heartbeat(3)), c.now_ns)])
     for data in twin.due(c.now_ns):
         hear(c, data)
-    assert "another speaks as component 196" in conflicts(c)["two of us"]
+    assert "another sender uses component 196" in conflicts(c)["two of us"]
 
 
 @pytest.mark.parametrize(("true", "forged"), [(PX4, 3), (ARDUPILOT, 12)])

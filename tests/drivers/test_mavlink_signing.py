@@ -211,11 +211,11 @@ def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_told() -> Non
     c.run(4.0)
     assert c.session.vehicle is not None
     assert c.session.vehicle.autopilot == PX4
-    assert "somebody else speaks as the autopilot: signed with another key" in trouble(c)
+    assert "another sender uses the autopilot's ids: signed with another key" in trouble(c)
     c.autopilots[1].sign(None)
     c.run(6.0)
     assert c.session.vehicle.autopilot == PX4
-    assert "somebody else speaks as the autopilot: unsigned" in trouble(c)
+    assert "another sender uses the autopilot's ids: unsigned" in trouble(c)
     assert c.session.status(c.now_ns).clock_restarts == 0
 
 

@@ -112,7 +112,7 @@ def test_a_buffer_that_the_driver_calls_faulty_is_left_out() -> None:
 def test_an_unplugged_device_is_lost() -> None:
     source, stream = opened()
     stream.fill(OSError(errno.ENODEV, "No such device"))
-    with pytest.raises(DeviceLost, match=r"/dev/video9 is gone \(No such device\); was it unplugged"):
+    with pytest.raises(DeviceLost, match=r"/dev/video9 was lost \(No such device\); check cable"):
         source.read(1.0)
     source.close()
     source.close()

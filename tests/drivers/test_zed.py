@@ -262,7 +262,7 @@ def test_frames_of_a_device() -> None:
     ("video", "error", "words"),
     [
         (Video([], open_=False), DeviceNotFound, "cannot be opened; check that it is connected"),
-        (Video([]), DeviceLost, "was it unplugged"),
+        (Video([]), DeviceLost, "check cable and power"),
         (Video([np.zeros((720, 2560, 3), np.uint8)]), BadData, r"images of 2560x720, expected 1344x376"),
     ],
 )
