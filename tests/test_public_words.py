@@ -95,11 +95,20 @@ def messages(package: Path) -> Iterator[tuple[str, str]]:
     """(place, text) of the string literals of several words in a package, without docstrings."""
     for file in sorted(package.rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
-        docstrings = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
-        for node in ast.walk(tree):
-            is_text = isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings
-            if is_text and node.value.count(" ") >= 2:
-                yield f"{file.relative_to(ROOT)}:{node.lineno}", node.value
+        inner = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+        texts = [(n.lineno, text_of(n)) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr)]
+        inner |= {id(part) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for part in n.values}
+        texts += [
+            (n.lineno, n.value)
+            for n in ast.walk(tree)
+            if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in inner
+        ]
+        yield from ((f"{file.relative_to(ROOT)}:{line}", text) for line, text in texts if text.count(" ") >= 2)
+
+
+def text_of(node: ast.JoinedStr) -> str:
+    """The text of an f-string with `*` for each value."""
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in node.values)
 
 
 def subclasses(kind: type[Code]) -> Iterator[type[Code]]:
