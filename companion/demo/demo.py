@@ -163,8 +163,8 @@ def _print_summary(done: Demo) -> None:
     )
     said = f"{received.age_ms[0]:.0f} ms after the exposure in the median and {received.age_ms[1]:.0f} ms for 99 of 100"
     print_line(f"{said};")
-    blind = ", ".join(f"{n} x {received.texts[code]}" for code, n in sorted(received.causes.items())) or "none"
-    print_line(f"and blind ones before the service was ready: {blind}.")
+    blind = ", ".join(f"{n} ({received.texts[code]})" for code, n in sorted(received.causes.items())) or "none"
+    print_line(f"blind frames, before the service was ready: {blind}.")
     print_line(
         f"On average a frame has {counts.planes / valid:.0f} vertical planes in {counts.prisms / valid:.0f} prisms."
     )
@@ -174,17 +174,19 @@ def _print_summary(done: Demo) -> None:
     print_line()
     print_line("Look at:")
     if done.views.page is not None:
-        print_line(f"{_shown(done.views.page)}  obstacles in 3-D: open it in a browser")
+        print_line(f"  {_shown(done.views.page)}  obstacles in 3-D: open it in a browser")
     if done.views.pictures:
         folder = _shown(done.views.pictures[0].parent)
-        print_line(f"{folder}/*.png  {len(done.views.pictures)} pictures: depth image with planes, top view, side view")
-    print_line(f"{_shown(done.log)}  log of the flight; Foxglove and Lichtblick can open it")
+        print_line(
+            f"  {folder}/*.png  {len(done.views.pictures)} pictures: depth image with planes, top view, side view"
+        )
+    print_line(f"  {_shown(done.log)}  log of the flight; Foxglove and Lichtblick can open it")
     print_line()
     print_line("Next:")
     print_line(f"  companion info {_shown(done.log)}")
-    print_line("companion run -c configs/simulated.toml   run the same service until you stop it")
+    print_line("  companion run -c configs/simulated.toml   run the same service until you stop it")
     print_line(
-        "companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"
+        "  companion import FOLDER -o my.mcap   convert a recording of your own (docs/how-to/import-recordings.md)"
     )
 
 

@@ -88,7 +88,7 @@ def status_lines(h: pb.Health) -> list[str]:
         if c.HasField("info"):
             info = camera_from_message(c.info)
             lines.append(
-                f"obstacles are detected up to {obstacle_range_m(info):.1f} m (depth noise ke_per_m = "
+                f"  obstacles are detected up to {obstacle_range_m(info):.1f} m (depth noise ke_per_m = "
                 f"{info.ke_per_m:g})"
             )
     if h.HasField("autopilot"):
@@ -100,7 +100,9 @@ def status_lines(h: pb.Health) -> list[str]:
         lines.append(f"log: not recording{', ' + r.trouble if r.trouble else ''}")
     if r.repairing:
         lines.append(f"log: repairing {r.repairing}, left unfinished by an earlier run")
-    dropped = ", ".join(f"{count} {text_of(code, DropCause)}" for code, count in sorted(h.frames_dropped.items()))
+    dropped = ", ".join(
+        f"{count} {code} ({text_of(code, DropCause)})" for code, count in sorted(h.frames_dropped.items())
+    )
     lines.append(f"frames: {h.frames_used} used" + (f"; dropped: {dropped}" if dropped else ", none dropped"))
     if h.samples_lost:
         lines.append(f"attitude and position samples lost: {h.samples_lost}")
@@ -135,7 +137,7 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
         f"{a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, autopilot reboots "
         f"{a.clock.restarts}"
     ]
-    anomalies = ", ".join(f"{count} {text_of(code, LinkAnomaly)}" for code, count in sorted(a.counts.items()))
+    anomalies = ", ".join(f"{count} {code} ({text_of(code, LinkAnomaly)})" for code, count in sorted(a.counts.items()))
     return [*lines, f"  {anomalies}"] if anomalies else lines
 
 

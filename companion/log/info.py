@@ -28,8 +28,10 @@ _GAP_MEDIANS: Final = 3.0
 """An interval longer than this multiple of the median is a gap."""
 _NS: Final = 1_000_000_000
 _LISTED: Final = 40
+_MIN_GAP_NS: Final = 150_000_000
+"""Shorter gaps are not printed: frames are matched across them ([sync] max_gap_s)."""
 _REGULAR: Final = ("depth", "attitude", "pose")
-"""Kinds of topics whose gaps are reported."""
+"""Kinds of topics whose gaps are printed."""
 
 
 @dataclass(slots=True)
@@ -143,6 +145,11 @@ def _text(code: str) -> str:
     return text_of(text_of(code, InvalidCause), DropCause)
 
 
+def _code_and_text(code: str) -> str:
+    text = _text(code)
+    return code if text == code else f"{code} ({text})"
+
+
 def as_json(info: LogInfo) -> dict[str, Any]:
     """The object of `--json`."""
     span = info.span_ns
@@ -216,9 +223,11 @@ def print_info(info: LogInfo) -> None:
     for topic in info.topics.values():
         _print_anomalies(topic, start_ns)
     if info.decisions:
-        print_line("decisions: " + ", ".join(f"{n} {_text(code)}" for code, n in sorted(info.decisions.items())))
+        print_line(
+            "decisions: " + ", ".join(f"{n} {_code_and_text(code)}" for code, n in sorted(info.decisions.items()))
+        )
     if info.valid or info.invalid:
-        blind = "".join(f"; {n} blind: {_text(code)}" for code, n in sorted(info.invalid.items()))
+        blind = "".join(f"; {n} blind: {_code_and_text(code)}" for code, n in sorted(info.invalid.items()))
         print_line(f"prisms: {info.valid} valid frames{blind}")
 
 
@@ -233,11 +242,11 @@ def _camera_line(info: CameraInfo) -> str:
 
 
 def _print_anomalies(topic: TopicInfo, start_ns: int) -> None:
-    gaps = topic.gaps() if topic.key in _REGULAR else []
+    gaps = [gap for gap in topic.gaps() if gap[1] >= _MIN_GAP_NS] if topic.key in _REGULAR else []
     if gaps:
         at, longest = max(gaps, key=lambda gap: gap[1])
         print_line(
-            f"{topic.topic}: {len(gaps)} gaps, the longest {longest / _NS:.3f} s at {(at - start_ns) / _NS:.3f} s"
+            f"{topic.topic}: gaps: {len(gaps)}, the longest {longest / _NS:.3f} s at {(at - start_ns) / _NS:.3f} s"
         )
     if topic.steps_back:
         print_line(f"{topic.topic}: {topic.steps_back} timestamps go backwards")

@@ -68,7 +68,7 @@ def _drop_problem(counts: ReplayCounts, first: FrameDecision) -> str:
         )
     return (
         f"{counts.dropped.total()} of {counts.frames} frames were dropped and {blind} of them are published as blind "
-        f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns."
+        f"({causes}); the first is frame {first.sequence} of camera {first.camera} at {first.t_exposure_ns} ns. "
         + ". ".join(remedies)
     )
 

@@ -107,7 +107,7 @@ def describe_model(model: FrameModel | None) -> str:
     ground = f"ground {model.ground.height_m:.2f} m below" if model.ground.seen else "no ground found"
     s = model.stats
     return (
-        f"{len(model.planes)} planes in {s.clusters} clusters, {len(model.prisms)} prisms, {s.strips} strips   "
+        f"planes: {len(model.planes)}   clusters: {s.clusters}   prisms: {len(model.prisms)}   strips: {s.strips}   "
         f"{ground}   measured {s.measured_share:.0%}  unknown {s.unknown_share:.0%}  far {s.far_share:.0%}"
     )
 

@@ -150,7 +150,7 @@ def facts(model: FrameModel | None, max_range_m: float) -> list[tuple[str, str]]
     rows = [
         (
             "obstacles",
-            f"{len(model.planes)} planes, {s.clusters} clusters, {len(model.prisms)} prisms, {s.strips} strips",
+            f"planes: {len(model.planes)}, clusters: {s.clusters}, prisms: {len(model.prisms)}, strips: {s.strips}",
         ),
         ("ground", ground),
         ("pixels", f"measured {s.measured_share:.0%}, unknown {s.unknown_share:.0%}, far {s.far_share:.0%}"),

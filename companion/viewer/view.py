@@ -86,7 +86,7 @@ def make_views(
             source, summaries, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share)
         )
         if builder is not None and len(builder):
-            note = f"Every {stride}. of {len(summaries)} frames is shown." if stride > 1 else ""
+            note = f"Every {stride}. of {len(summaries)} frames is shown. " if stride > 1 else ""
             note += "The log is damaged: later frames are missing." if views.damage else ""
             views.page = out_dir / PAGE_NAME
             views.page.write_text(builder.page(note), encoding="utf-8")

@@ -149,7 +149,7 @@ def test_info_tells_topics_rates_and_gaps(tmp_path, capsys):
     assert report["damage"] == []
     assert main(["info", str(path)]) == 0
     text = capsys.readouterr().out
-    assert "/vehicle/attitude: 1 gaps, the longest 0.520 s, 1.020 s in" in text
+    assert "/vehicle/attitude: gaps: 1, the longest 0.520 s at 1.020 s" in text
     assert "camera front: 64x48" in text
 
 
@@ -167,7 +167,7 @@ def test_info_counts_decisions_and_blind_frames(tmp_path, capsys):
     assert dict(facts.decisions) == {"no_attitude": 1, "used": 1}
     assert (facts.valid, dict(facts.invalid)) == (1, {"no_attitude": 1})
     assert main(["info", str(path)]) == 0
-    assert "prisms: 1 frames say something; 1 blind: no attitude had arrived" in capsys.readouterr().out
+    assert "prisms: 1 valid frames; 1 blind: no_attitude (no attitude had arrived)" in capsys.readouterr().out
 
 
 def test_info_tells_of_damage_and_of_strangers(whole, tmp_path, shared_data, capsys):

@@ -76,7 +76,7 @@ def test_a_report_in_words() -> None:
         "autopilot: PX4, system 1, armed, attitude 99 Hz",
         "clock synchronised within 0.31 ms",
         "log: /var/log/x.mcap.active, 12.3 MB",
-        "frames: 1200 used; dropped: 7 no attitude had arrived",
+        "frames: 1200 used; dropped: 7 no_attitude (no attitude had arrived)",
         "extracting: 3.1 / 4.0 / 6.2 ms",
         "8 % of a core, 210 MB",
     ):

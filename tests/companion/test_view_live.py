@@ -203,7 +203,7 @@ def test_the_verdict_of_what_was_heard(page: Page) -> None:
         seen = well | change | {"news": {"cameras": cameras, "service": {"missing": []}}}
         told = page.ask(f"import('viewer/live').then(m => m.verdict({json.dumps(seen)}, 0.4))")
         assert told["state"] == state, (seen, told)
-        assert ("Nothing may be taken as free" in told["text"]) == (state in ("cut", "blind", "stale"))
+        assert ("Do not treat any direction as free" in told["text"]) == (state in ("cut", "blind", "stale"))
         assert bool(told["word"]) == (state in ("cut", "blind", "stale"))
 
 

@@ -120,8 +120,8 @@ class App {
   #banner(frame) {
     $("banner").className = { BLIND: "blind", VALID: "valid" }[frame.standing] || "empty";
     $("banner").textContent = frame.standing === "BLIND"
-      ? `BLIND: ${frame.cause}. Nothing may be taken as free.` : frame.standing === "VALID" ? "VALID"
-        : "NO PRISMS in this log: run companion replay first";
+      ? `BLIND: ${frame.cause}. Do not treat any direction as free.` : frame.standing === "VALID" ? "VALID"
+        : "NO PRISMS in this log: run `companion replay` first";
     $("stage").classList.toggle("blind", frame.standing === "BLIND");
   }
 

@@ -17,7 +17,7 @@ export function span(seconds) {
  *  the page, "" for none. seen: {heard_ms: since an answer came, null before the first; since_s: of its ages at most; news: it;
  *  shown_s: how old the frame is that is drawn, null without; following: whether it is meant to be the newest}. */
 export function verdict(seen, stale_s) {
-  const { news, since_s } = seen, none = "Nothing may be taken as free.";
+  const { news, since_s } = seen, none = "Do not treat any direction as free.";
   if (seen.heard_ms === null) return { state: "waiting", word: "", text: seen.trouble ? `companion view does not answer: ${seen.trouble}` : "Waiting for the first answer of companion view…" };
   if (seen.heard_ms > CUT_MS) {
     return { state: "cut", word: "CUT OFF", text: `CUT OFF: companion view has not answered for ${span(seen.heard_ms / 1000)}`
@@ -25,7 +25,7 @@ export function verdict(seen, stale_s) {
   }
   if (!news.cameras.length) return { state: "blind", word: "BLIND", text: `BLIND: ${news.service.missing[0] || "no camera is known"}. ${none}` };
   const ages = news.cameras.map((c) => (c.age_s === null ? Infinity : c.age_s + since_s));
-  const blind = news.cameras.map((c) => c.blind || (c.age_s === null ? "nothing has been seen yet" : ""));
+  const blind = news.cameras.map((c) => c.blind || (c.age_s === null ? "no frame yet" : ""));
   const said = news.cameras.map((c, k) => blind[k] && (news.cameras.length > 1 ? `${c.name}: ${blind[k]}` : blind[k])).filter(Boolean);
   const age = Math.max(...ages);
   if (said.length) return { state: "blind", word: "BLIND", text: `BLIND: ${said.join("; ")}. ${none}`, blind };
@@ -36,7 +36,7 @@ export function verdict(seen, stale_s) {
   if (seen.shown_s === null) return { state: "waiting", word: "", text: "Waiting for the first frame…", blind, age };
   if (!seen.following) return { state: "paused", word: "", text: "NOT LIVE (space or End: back to now)", blind, age };
   if (seen.shown_s > OLD_S) {
-    return { state: "stale", word: "STALE", text: `STALE: what is shown is ${span(seen.shown_s)} old, though the service sees. ${none}`, blind, age };
+    return { state: "stale", word: "STALE", text: `STALE: what is shown is ${span(seen.shown_s)} old, although newer frames exist. ${none}`, blind, age };
   }
   return { state: "valid", word: "", text: "VALID", blind, age };
 }
@@ -116,7 +116,7 @@ export class Live {
     const shown = app?.data.frames[app.at], newest_s = shown && this.news.cameras[shown.c]?.shown_s;
     const since_s = (now - this.made) / 1000, last = shown && app.data.frames.findLast((f) => f.c === shown.c);
     const shown_s = typeof newest_s === "number" ? newest_s + since_s + (last.t - shown.t) : null;
-    const v = this.broken ? { state: "cut", word: "BROKEN", text: `BROKEN: this page cannot go on (${this.broken.message}). What is shown is old; load it again.` }
+    const v = this.broken ? { state: "cut", word: "BROKEN", text: `BROKEN: this page has failed (${this.broken.message}). What is shown is old; reload the page.` }
       : verdict({ news: this.news, since_s, trouble: this.trouble, heard_ms: this.heard === null ? null : now - this.heard,
         shown_s, following: !app || app.playing }, this.data.live.stale_s);
     const mine = v.state === "blind" && shown && v.blind ? v.blind[shown.c] : v.word;
