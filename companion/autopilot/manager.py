@@ -276,7 +276,7 @@ def avoidance_of(
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     return Avoidance(
-        config.avoid, tuple(cameras), config.service.stale_s, heard, link.post, frozen, silent, LastValuesFile(state),
+        config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, LastValuesFile(state),
         config.extractor.profile_ring_m,
     )  # fmt: skip
 

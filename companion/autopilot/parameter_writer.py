@@ -85,7 +85,7 @@ def changes(facts: AutopilotFacts, config: Config) -> list[Change]:
 def _px4_changes(facts: AutopilotFacts, config: Config, keep_m: float) -> list[tuple[str, bool, float, str]]:
     """(name, whether it is bad, value to write, reason). MPC_POS_MODE is changed only where the version is known."""
     v = facts.values
-    worst_s = config.service.stale_s + 1.0 / config.avoid.rate_hz
+    worst_s = config.service.timeout_s + 1.0 / config.avoid.rate_hz
     dist_bad = not 0.0 < v.get("CP_DIST", keep_m) < config.avoid.max_distance_m
     wanted = [
         ("CP_DIST", dist_bad, keep_m, "the distance to keep, in m; 0 is off"),

@@ -8,7 +8,7 @@ from typing import Any
 
 from core.param_field import is_safety_key
 
-from .loader import SECTIONS, Config, fields_of
+from .loader import SECTIONS, Config, fields_of, values_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,13 +47,18 @@ def differences(config: Config) -> list[Difference]:
             for camera in config.cameras:
                 found += _of_section(section, camera.name, camera)
         else:
-            found += _of_section(section, "", getattr(config, section))
+            found += _of_section(section, "", values_of(config, section))
     return found
 
 
 def safety_lines(config: Config) -> list[str]:
     """The changed safety keys in words, one line each."""
     return [d.words() for d in differences(config) if d.safety]
+
+
+def expert_lines(config: Config) -> list[str]:
+    """The changed expert keys in words, one line each; among them those that are safety keys too."""
+    return [d.words() for d in differences(config) if d.section == "expert"]
 
 
 def _of_section(section: str, camera: str, values: Any) -> Iterator[Difference]:

@@ -13,7 +13,8 @@ from .loader import SECTIONS, expected, fields_of
 
 BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tables -->"
 TITLES = {
-    "extractor": "`[extractor]`: algorithm; most users change the three sizes only",
+    "extractor": "`[extractor]`: sizes of the vehicle and its surroundings",
+    "expert": "`[expert]`: constants of the algorithm",
     "sync": "`[sync]`: attitude of a frame",
     "mount_check": "`[mount_check]`: check of each camera's mount",
     "camera": "`[[camera]]`: one section for each camera",
@@ -27,15 +28,30 @@ TITLES = {
     "service": "`[service]`: timeouts, metrics",
 }
 
-FIRST = ("camera", "autopilot", "avoid", "publish", "record", "supervision", "service")
-"""Sections that users set come first in the document."""
+INTRODUCTIONS = {
+    "expert": (
+        "The defaults were tuned together on the benchmark scenes. Change a key only with a measurement: `check-config`, "
+        "`doctor` and `run` name each key that differs, and the log contains it.",
+        "",
+    )
+}
+"""Lines between the title and the table."""
+
+FIRST = ("camera", "extractor", "autopilot", "avoid", "publish", "record", "supervision", "service")
+"""Sections that users set come first in the document, the expert section comes last."""
 
 
 def tables() -> str:
     """Markdown of all sections: key, default, what may stand there, meaning, whether it is a safety key."""
     parts: list[str] = []
-    for section in (*FIRST, *(s for s in SECTIONS if s not in FIRST)):
-        parts += [f"## {TITLES[section]}", "", "| key | default | range | meaning | safety |", "|---|---|---|---|---|"]
+    for section in (*FIRST, *(s for s in SECTIONS if s not in (*FIRST, "expert")), "expert"):
+        parts += [
+            f"## {TITLES[section]}",
+            "",
+            *INTRODUCTIONS.get(section, ()),
+            "| key | default | range | meaning | safety |",
+            "|---|---|---|---|---|",
+        ]
         parts += [_row(f) for f in fields_of(section)]
         parts.append("")
     return "\n".join(parts)

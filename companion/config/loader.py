@@ -28,6 +28,7 @@ from core.world.params import WorldParams
 
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
+from .expert import expert_fields, public_fields
 from .retired import refused_values, without_retired
 from .service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .sync import SyncParams
@@ -36,6 +37,7 @@ log = logging.getLogger(__name__)
 
 SECTIONS: dict[str, type] = {
     "extractor": Params,
+    "expert": Params,
     "sync": SyncParams,
     "mount_check": MountCheckParams,
     "camera": CameraConfig,
@@ -48,7 +50,9 @@ SECTIONS: dict[str, type] = {
     "supervision": SupervisorParams,
     "service": ServiceParams,
 }
-"""TOML section -> the dataclass it fills; `camera` may stand several times."""
+"""TOML section -> the dataclass it fills; `camera` may stand several times, `extractor` and `expert` fill one together."""
+_COMBINED = ("extractor", "expert", "camera")
+"""Sections that are not one field of `Config` each."""
 BLIND_TOLD_S = 0.4
 """After the newest exposure, so late at most: no setting may make it later."""
 TOO_DEEP = "nested deeper than can be read"
@@ -80,10 +84,10 @@ class Config:
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
         if self.avoid.send and not self.autopilot.address:
             raise ValueError("[avoid] send = true, but [autopilot] address is empty, so nothing could be sent; set one")
-        if self.avoid.send and self.service.stale_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
+        if self.avoid.send and self.service.timeout_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
             raise ValueError(
-                f"[service] stale_s = {self.service.stale_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "
-                f"must know of blindness within {BLIND_TOLD_S:g} s; set stale_s to 0.3 or less"
+                f"[service] timeout_s = {self.service.timeout_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "
+                f"must know of blindness within {BLIND_TOLD_S:g} s; set timeout_s to 0.3 or less"
             )
 
     def camera(self, name: str) -> CameraConfig:
@@ -101,7 +105,7 @@ class ConfigError(Exception):
 
 
 def load_config(path: Path) -> Config:
-    """The configuration in a TOML file; logs a warning for each retired key. Raises ConfigError."""
+    """The configuration in a TOML file; logs a warning for each key of an earlier version. Raises ConfigError."""
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -126,7 +130,11 @@ def load_config(path: Path) -> Config:
 
 def config_text(config: Config) -> str:
     """The effective configuration as JSON, every key written out; the same text for the same configuration."""
-    content: dict[str, Any] = {name: asdict(getattr(config, name)) for name in SECTIONS if name != "camera"}
+    content: dict[str, Any] = {
+        name: {f.name: getattr(values_of(config, name), f.name) for f in fields_of(name)}
+        for name in SECTIONS
+        if name != "camera"
+    }
     content["camera"] = [{k: v for k, v in asdict(c).items() if v is not None} for c in config.cameras]
     return json.dumps(content, sort_keys=True, indent=1, allow_nan=False)
 
@@ -153,8 +161,10 @@ def config_of(content: Mapping[str, Any], source: str) -> Config:
     except ValidationError as error:
         raise ConfigError(source, [_words(e, content) for e in error.errors(include_url=False)]) from error
     try:
-        single = {name: kind(**valid.get(name, {})) for name, kind in SECTIONS.items() if name != "camera"}
-        return Config(cameras=tuple(CameraConfig(**section) for section in valid.get("camera", ())), **single)
+        single = {name: kind(**valid.get(name, {})) for name, kind in SECTIONS.items() if name not in _COMBINED}
+        extractor = Params(**valid.get("extractor", {}), **valid.get("expert", {}))
+        cameras = tuple(CameraConfig(**section) for section in valid.get("camera", ()))
+        return Config(cameras=cameras, extractor=extractor, **single)
     except ValueError as error:  # what concerns several keys at once
         raise ConfigError(source, [str(error)]) from error
 
@@ -174,7 +184,14 @@ def expected(f: Field[Any]) -> str:
 
 def fields_of(section: str) -> tuple[Field[Any], ...]:
     """The keys of a section, in order."""
+    if section in ("extractor", "expert"):
+        return public_fields() if section == "extractor" else expert_fields()
     return fields(SECTIONS[section])
+
+
+def values_of(config: Config, section: str) -> Any:
+    """The object with the values of a section, other than `camera`."""
+    return config.extractor if section == "expert" else getattr(config, section)
 
 
 def _plain_type(f: Field[Any]) -> Any:
@@ -216,7 +233,8 @@ def _section_model(section: str) -> type[BaseModel]:
 @functools.cache
 def _file_model(sections: frozenset[str]) -> type[BaseModel]:
     """A pydantic model of a file with these sections: building those that it lacks would only delay a start."""
-    columns: dict[str, Any] = {name: (_section_model(name), ...) for name in sections}
+    # in the order of SECTIONS: mistakes are listed in the same order on every run
+    columns: dict[str, Any] = {name: (_section_model(name), ...) for name in SECTIONS if name in sections}
     if "camera" in sections:
         columns["camera"] = (types.GenericAlias(list, (columns["camera"][0],)), ...)
     model: type[BaseModel] = create_model("file", __config__=ConfigDict(extra="forbid"), **columns)
@@ -264,6 +282,14 @@ def _unknown(path: tuple[Any, ...], where: str) -> str:
         what = "section"
     else:
         known, what = [f.name for f in fields_of(section)], "key"
+        if section == "extractor":
+            experts = [f.name for f in expert_fields()]
+            if key in experts:
+                return f"{where}: it is given below [expert] as well; keep that line only"
+            if not difflib.get_close_matches(key, known, n=1, cutoff=0.7):
+                near = difflib.get_close_matches(key, experts, n=1, cutoff=0.7)
+                if near:
+                    return f"{where}: no such key; did you mean {near[0]} below [expert]?"
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     remedy = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
     return f"{where}: no such {what}; {remedy}"

@@ -1,11 +1,14 @@
-"""Configuration keys of earlier versions that are still accepted, for one release, and have no effect any more."""
+"""Configuration keys of earlier versions that are accepted for one release: renamed, moved, or without effect."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Final
 
+from .expert import expert_fields
+
 _CPU_IDLE: Final = "use cpupower or tuned to limit the idle states of the processor"
+_LEVEL_MEMORY: Final = "it has no effect any more; a planner gives it to osape_client.LevelMemory; remove the line"
 
 RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("service", "idle_latency_us"): f"it has no effect any more; {_CPU_IDLE}; remove the line",
@@ -16,6 +19,8 @@ RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("extractor", "mode"): "there is one form of the extractor; remove the line",
     ("extractor", "paper_roll_deg"): "only the paper's form used it; remove the line",
     ("extractor", "paper_line_tolerance_m"): "only the paper's form used it; remove the line",
+    ("world", "level_memory_s"): _LEVEL_MEMORY,
+    ("world", "level_speed_m_s"): _LEVEL_MEMORY,
 }
 """(section, key) -> what to do about it."""
 
@@ -34,12 +39,36 @@ def refused_values(content: Mapping[str, Any]) -> list[str]:
     return [] if mode == "safe" else ["[extractor] mode is retired; remove the line"]
 
 
+RENAMED: Final[Mapping[tuple[str, str], tuple[str, str]]] = {
+    ("service", "stale_s"): ("service", "timeout_s"),
+    ("world", "clear_after"): ("world", "free_evidence_limit"),
+    ("world", "clear_trust"): ("world", "free_evidence_limit_extra"),
+    ("world", "clear_hit"): ("world", "free_evidence_per_hit"),
+    ("world", "clear_behind_m"): ("world", "free_evidence_behind_m"),
+    ("world", "clear_sigmas"): ("world", "free_evidence_sigmas"),
+    ("world", "clear_share"): ("world", "free_evidence_share"),
+    ("world", "clear_step_m"): ("world", "free_evidence_step_m"),
+    **{("extractor", f.name): ("expert", f.name) for f in expert_fields()},
+}
+"""(section, key) -> (section, key) of today."""
+
+
 def without_retired(content: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """The tables of a configuration without its retired keys, and one warning for each of these."""
-    current, warnings = dict(content), []
+    """The tables of a configuration with today's keys, and one warning for each retired, renamed or moved key.
+
+    A key of an earlier version stays where it is when today's key is given as well: the check of keys then refuses it."""
+    current = {name: dict(table) if isinstance(table, Mapping) else table for name, table in content.items()}
+    warnings = []
     for (section, key), advice in RETIRED.items():
         table = current.get(section)
-        if isinstance(table, Mapping) and key in table:
-            current[section] = {k: v for k, v in table.items() if k != key}
+        if isinstance(table, dict) and key in table:
+            del table[key]
             warnings.append(f"[{section}] {key} is retired: {advice}")
+    for (section, key), (new_section, new_key) in RENAMED.items():
+        table, target = current.get(section), current.get(new_section, {})
+        if isinstance(table, dict) and key in table and isinstance(target, dict) and new_key not in target:
+            target[new_key] = table.pop(key)
+            current[new_section] = target
+            moved = f"move the line below [{new_section}]" if section != new_section else f"write {new_key} instead"
+            warnings.append(f"[{section}] {key} is now [{new_section}] {new_key}: {moved}")
     return current, warnings

@@ -116,7 +116,7 @@ class SupervisorParams:
 class ServiceParams:
     """The service itself."""
 
-    stale_s: float = critical(
+    timeout_s: float = critical(
         0.3, 0.05, 2.0, "s", "a camera is blind when its newest valid exposure is older than this"
     )
     blind_hz: float = critical(12.5, 10.0, 50.0, "Hz", "rate of messages while a camera is blind")

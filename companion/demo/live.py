@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ import zmq
 from drivers.base import DriverError
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..config.loader import SECTIONS, Config
+from ..config.loader import SECTIONS, Config, fields_of, values_of
 from ..live.status import newest_health
 from ..log.log_directory import files_of
 from .listener import ReceiveStats
@@ -64,9 +64,9 @@ def toml_of(config: Config) -> str:
     """The configuration as a file for `companion run`."""
     lines: list[str] = []
     for name in SECTIONS:
-        for section in config.cameras if name == "camera" else (getattr(config, name),):
+        for section in config.cameras if name == "camera" else (values_of(config, name),):
             lines.append("[[camera]]" if name == "camera" else f"[{name}]")
-            values = ((f.name, getattr(section, f.name)) for f in fields(section))
+            values = ((f.name, getattr(section, f.name)) for f in fields_of(name))
             # numbers, strings and booleans are the same in JSON and TOML
             lines += [f"{key} = {json.dumps(value)}" for key, value in values if value is not None]
     return "\n".join(lines) + "\n"

@@ -17,7 +17,7 @@ from typing import Any
 from drivers.base import DriverError
 
 from ..autopilot.parameter_writer import Change, apply
-from ..config.differences import safety_lines
+from ..config.differences import expert_lines, safety_lines
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
@@ -52,8 +52,8 @@ def config_findings(config: Config) -> Iterator[Finding]:
     vehicle."""
     for found in template_intrinsics(config.cameras):
         yield Finding(f"camera {found.camera}", False, found.line(), found.code)
-    lines = safety_lines(config)
-    yield Finding("safety keys", True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
+    for name, lines in (("safety keys", safety_lines(config)), ("expert keys", expert_lines(config))):
+        yield Finding(name, True, "all have their defaults" if not lines else f"changed: {'; '.join(lines)}")
 
 
 def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding]:

@@ -82,7 +82,7 @@ def camera_message(view: CameraView) -> pb.CameraHealth:
     s = view.status
     message = pb.CameraHealth(
         camera=s.camera, condition=str(s.condition), cause=view.blind or s.cause, required=view.required,
-        blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, last_loss=s.last_loss, hz=view.hz,
+        blind=bool(view.blind), frames=s.frames, dropped=s.dropped, starts=s.starts, restart_count=max(0, s.starts - 1), last_loss=s.last_loss, hz=view.hz,
         info=None if s.info is None else wire.camera_message(s.info), mount=view.mount,
         condition_enum=f"CONDITION_{s.condition.name}",
     )  # fmt: skip

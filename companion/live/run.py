@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from ..config.differences import safety_lines
+from ..config.differences import expert_lines, safety_lines
 from ..config.loader import load_config
 from ..console import print_line
 from ..paths import folders
@@ -147,6 +147,8 @@ def run(args: argparse.Namespace) -> int:
 
     for line in safety_lines(config):
         log.warning("safety key changed: %s", line)
+    for line in expert_lines(config):
+        log.warning("expert key changed: %s", line)
     service = Service(config, folders(), warm_up)
     try:
         service.open()

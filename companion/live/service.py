@@ -90,7 +90,7 @@ class Service:
         self._allow: AllowList | None = None
         self.event_queue = EventQueue()
         names = tuple(c.name for c in config.cameras)
-        self._staleness = StalenessMonitor(names, config.service.stale_s)
+        self._staleness = StalenessMonitor(names, config.service.timeout_s)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.avoidance: Avoidance | None = None
         self.world: WorldThread | None = None

@@ -19,7 +19,7 @@ class _Camera:
 
 class StalenessMonitor:
     """Takes the results and answers for any instant. A camera is blind until its first valid result, after an invalid
-    one, and when the newest valid exposure is older than stale_s."""
+    one, and when the newest valid exposure is older than timeout_s."""
 
     def __init__(self, cameras: tuple[str, ...], stale_s: float) -> None:
         self._stale_ns = round(stale_s * NS)

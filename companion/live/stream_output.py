@@ -74,7 +74,7 @@ class StreamOutput:
             return
         with self._sending:  # models are sent in the order in which they were made
             with self._state_lock:
-                oldest_ns = now_ns - round(self._config.service.stale_s * NS)
+                oldest_ns = now_ns - round(self._config.service.timeout_s * NS)
                 model = self._all_cameras.model(
                     lambda name: self._staleness.cause(name, now_ns, statuses[name]), oldest_ns
                 )

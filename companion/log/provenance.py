@@ -8,7 +8,7 @@ from typing import Final
 
 from osape_client.proto import osape_v1_pb2 as pb
 
-from ..config.differences import safety_lines
+from ..config.differences import expert_lines, safety_lines
 from ..config.loader import Config, config_text
 from ..pipeline.encode import SCHEMA_VERSION
 
@@ -27,6 +27,7 @@ def run_info(source: str, config: Config | None = None) -> pb.RunInfo:
         software=software(),
         config_json="" if config is None else config_text(config),
         changed_safety_keys=[] if config is None else safety_lines(config),
+        changed_expert_keys=[] if config is None else expert_lines(config),
         packages=[f"{name} {_version(name)}" for name in _NUMBERS_DEPEND_ON],
         processor=platform.machine(),
         source=source,

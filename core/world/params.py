@@ -30,15 +30,25 @@ class WorldParams:
     )
 
     # What goes again
-    clear_after: int = critical(5, 1, 1000, "", "looks through a plane, more than onto it, that take it away")
-    clear_trust: int = critical(
-        15, 0, 1000, "", "and one more for every four looks onto it before, but at most so many more"
+    free_evidence_limit: int = critical(
+        5, 1, 1000, "", "free evidence at which a plane is removed: observations through it less those onto it"
     )
-    clear_hit: int = critical(2, 1, 100, "", "a look onto a plane takes back so many looks through it")
-    clear_behind_m: float = critical(0.5, 0.0, 5.0, "m", "free space is seen this far behind a plane, and its margin")
-    clear_sigmas: float = critical(3.0, 0.0, 10.0, "sigma", "and this much noise of its distance")
-    clear_share: float = critical(0.5, 0.05, 1.0, "", "least share of a plane's height that is seen through")
-    clear_step_m: float = critical(0.25, 0.05, 2.0, "m", "steps along a plane in which looks through it are counted")
+    free_evidence_limit_extra: int = critical(
+        15, 0, 1000, "", "the limit grows by one for every four earlier observations of the plane, by at most this"
+    )
+    free_evidence_per_hit: int = critical(2, 1, 100, "", "free evidence that one observation of the plane cancels")
+    free_evidence_behind_m: float = critical(
+        0.5, 0.0, 5.0, "m", "observed free space must reach this far behind a plane and its margin to be free evidence"
+    )
+    free_evidence_sigmas: float = critical(
+        3.0, 0.0, 10.0, "sigma", "and this multiple of the noise of the plane's distance"
+    )
+    free_evidence_share: float = critical(
+        0.5, 0.05, 1.0, "", "least share of a plane's height that must be observed free"
+    )
+    free_evidence_step_m: float = critical(
+        0.25, 0.05, 2.0, "m", "steps along a plane in which free evidence is counted"
+    )
 
     # Free space that is remembered
     free_age_s: float = critical(
@@ -59,12 +69,6 @@ class WorldParams:
     jump_gap_s: float = critical(5.0, 0.1, 3600.0, "s", "without a position for longer, a new section begins")
     restart_s: float = number(1.0, 0.1, 60.0, "s", "stamps that step back by more mean a restart: a new section begins")
     most_sections: int = number(4, 0, 64, "", "sections of before a jump that are kept apart; the oldest go, counted")
-
-    # Without a position
-    level_memory_s: float = critical(1.0, 0.0, 10.0, "s", "without a position planes are remembered for so long")
-    level_speed_m_s: float = critical(
-        5.0, 0.0, 50.0, "m/s", "and their margins grow by this: the way flown meanwhile is not known"
-    )
 
     def __post_init__(self) -> None:
         check("world", self)

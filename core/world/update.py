@@ -41,9 +41,9 @@ def rules_of(p: WorldParams) -> NDArray[np.float64]:
     return np.array(
         [
             math.cos(math.radians(p.plane_angle_deg)), p.passable_width_m, p.join_m, p.join_sigmas, p.join_noise_cap_m,
-            p.join_corner_m, p.short_m, p.longest_m, p.memory_frames, p.clear_after, p.clear_hit,
-            p.clear_behind_m, p.clear_sigmas, p.clear_share, p.clear_step_m, p.pose_sigma_m,
-            p.clear_trust,
+            p.join_corner_m, p.short_m, p.longest_m, p.memory_frames, p.free_evidence_limit, p.free_evidence_per_hit,
+            p.free_evidence_behind_m, p.free_evidence_sigmas, p.free_evidence_share, p.free_evidence_step_m, p.pose_sigma_m,
+            p.free_evidence_limit_extra,
         ]
     )  # fmt: skip
 

@@ -40,6 +40,8 @@ def test_json_of_a_usable_file(capsys: pytest.CaptureFixture[str]) -> None:
 
 EVERY_SECTION = """
 [extractor]
+column_step = 2
+[expert]
 max_flying_share = 0.9
 link_gap_px = 5
 [sync]
@@ -55,13 +57,13 @@ attitude_hz = 50.0
 [publish]
 depth_hz = 2.0
 [world]
-clear_after = 1
+free_evidence_limit = 1
 [record]
 zstd_level = 3
 [supervision]
 frozen_frames = 100
 [service]
-stale_s = 0.25
+timeout_s = 0.25
 [[camera]]
 name = "front"
 kind = "oak"
@@ -78,17 +80,18 @@ def test_every_section_is_compared_and_safety_keys_are_marked(
     assert call(str(path)) == 0
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     marked = [
-        "[extractor] max_flying_share = 0.9 (default 0.03)",
+        "[extractor] column_step = 2 (default 1)",
+        "[expert] max_flying_share = 0.9 (default 0.03)",
         "[sync] max_gap_s = 0.2 s (default 0.15 s)",
         '[[camera]] "front" required = false (default true)',
         "[avoid] clear_share = 0.5 (default 0.8)",
         "[avoid] silence_s = 9 s (default 2 s)",
-        "[world] clear_after = 1 (default 5)",
+        "[world] free_evidence_limit = 1 (default 5)",
         "[supervision] frozen_frames = 100 (default 4)",
-        "[service] stale_s = 0.25 s (default 0.3 s)",
+        "[service] timeout_s = 0.25 s (default 0.3 s)",
     ]
     plain = [
-        "[extractor] link_gap_px = 5 px (default 4 px)",
+        "[expert] link_gap_px = 5 px (default 4 px)",
         "[output] scene = false (default true)",
         '[[camera]] "front" kind = "oak" (default "mcap")',
         '[[camera]] "front" pitch_deg = -10 deg (default: as the camera or the recording has it)',
@@ -111,7 +114,7 @@ def test_json_holds_every_difference_with_its_mark(tmp_path: Path, capsys: pytes
         "value": -10.0, "default": None, "unit": "deg", "safety": False,
     }  # fmt: skip
     assert set(told["changes"]) == {
-        "extractor", "sync", "output", "avoid", "autopilot", "publish", "world", "record", "supervision", "service",
+        "extractor", "expert", "sync", "output", "avoid", "autopilot", "publish", "world", "record", "supervision", "service",
         "camera front",
     }  # fmt: skip
 
@@ -133,7 +136,7 @@ def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.C
     errors.append(str(refused.value))
     for error in errors:
         assert str(path) in error
-        assert '[extractor] mode = "paper" is not available any more' in error
+        assert '[expert] mode = "paper" is not available any more' in error
         assert "Remove the line" in error
 
 

@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 
 from companion.config.camera import CameraConfig
 from companion.config.docs import tables, with_tables
-from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, config_text, load_config
+from companion.config.loader import (
+    SECTIONS,
+    Config,
+    ConfigError,
+    config_from_text,
+    config_of,
+    config_text,
+    fields_of,
+    load_config,
+)
+from companion.config.retired import RENAMED, without_retired
 from companion.config.sync import SyncParams
 from core.params import Params
 from core.types import CameraInfo, CameraMount, Intrinsics
@@ -95,8 +105,8 @@ def test_all_mistakes_at_once() -> None:
         ({"sync": {"max_gap_s": math.nan}}, "expected 0.005..1 s"),
         ({"avoid": {"send": True}}, "nothing could be sent"),
         (
-            {"avoid": {"send": True}, "autopilot": {"address": "tcp:127.0.0.1:5760"}, "service": {"stale_s": 0.5}},
-            "stale_s = 0.5 with [avoid] rate_hz = 15",
+            {"avoid": {"send": True}, "autopilot": {"address": "tcp:127.0.0.1:5760"}, "service": {"timeout_s": 0.5}},
+            "timeout_s = 0.5 with [avoid] rate_hz = 15",
         ),
     ],
 )
@@ -182,3 +192,55 @@ def test_a_log_with_a_retired_key_can_still_be_replayed(caplog: pytest.LogCaptur
     content["extractor"]["mode"] = "safe"
     assert config_from_text(json.dumps(content)) == Config()
     assert not caplog.records
+
+
+def test_the_two_tables_of_the_algorithm_hold_each_parameter_once() -> None:
+    names = [f.name for section in ("extractor", "expert") for f in fields_of(section)]
+    assert sorted(names) == sorted(f.name for f in fields(Params))
+    assert 10 <= len(fields_of("extractor")) <= 14
+
+
+def test_expert_keys_fill_the_same_parameters() -> None:
+    config = config_of({"extractor": {"column_step": 2}, "expert": {"link_gap_px": 5}}, "x")
+    assert config.extractor == Params(column_step=2, link_gap_px=5)
+    assert config_from_text(config_text(config)) == config
+
+
+@pytest.mark.parametrize(("old", "new"), RENAMED.items(), ids=lambda place: ".".join(place))
+def test_each_renamed_key_sets_the_key_of_today(old: tuple[str, str], new: tuple[str, str]) -> None:
+    f = next(f for f in fields_of(new[0]) if f.name == new[1])
+    other = f.metadata["choices"][-1] if "choices" in f.metadata else f.metadata.get("max", f.default is False)
+    content = {old[0]: {old[1]: other}}
+    current, warnings = without_retired(content)
+    assert current[new[0]] == {new[1]: other}
+    assert old[1] not in current.get(old[0], {}) or old == new
+    (warning,) = warnings
+    assert f"[{old[0]}] {old[1]} is now [{new[0]}] {new[1]}" in warning
+    assert content == {old[0]: {old[1]: other}}  # the caller's tables are unchanged
+
+
+def test_an_old_key_beside_the_new_one_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "both.toml"
+    path.write_text(
+        "[extractor]\nlink_gap_px = 5\n[expert]\nlink_gap_px = 6\n[service]\nstale_s = 0.2\ntimeout_s = 0.3\n"
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    first, second = caught.value.problems
+    assert first == "[extractor] link_gap_px: it is given below [expert] as well; keep that line only"
+    assert "[service] stale_s: no such key" in second
+
+
+def test_a_misspelled_expert_key_is_recognised_under_extractor() -> None:
+    (problem,) = problems({"extractor": {"link_gap_pixel": 5}})
+    assert problem == "[extractor] link_gap_pixel: no such key; did you mean link_gap_px below [expert]?"
+
+
+def test_a_log_of_an_earlier_version_gives_the_same_configuration() -> None:
+    """Before [expert] all parameters were under [extractor]."""
+    config = Config(extractor=Params(link_gap_px=5, passable_width_m=1.0))
+    content = json.loads(config_text(config))
+    content["extractor"] |= content.pop("expert")
+    content["service"]["stale_s"] = content["service"].pop("timeout_s")
+    content["world"] |= {"level_memory_s": 2.0}
+    assert config_from_text(json.dumps(content)) == config

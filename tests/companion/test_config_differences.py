@@ -7,25 +7,27 @@ import json
 import pytest
 
 from companion.config.camera import CameraConfig
-from companion.config.differences import differences
+from companion.config.differences import differences, expert_lines
 from companion.config.docs import tables
 from companion.config.loader import SECTIONS, Config, ConfigError, config_from_text, config_of, fields_of
+from companion.doctor.doctor import config_findings
 from companion.log.provenance import run_info
 from core.param_field import is_safety_key
 
 MARKED = {
-    "extractor": {"min_measured_share", "max_flying_share", "max_noisy_share", "estimate_noise", "margin_sigmas",
-                  "free_share", "clear_sigmas", "max_tilt_deg", "min_obstacle_height_m", "noise_prior_span"},
+    "extractor": {"max_tilt_deg", "min_obstacle_height_m"},
+    "expert": {"min_measured_share", "max_flying_share", "max_noisy_share", "estimate_noise", "margin_sigmas",
+               "free_share", "clear_sigmas", "noise_prior_span"},
     "sync": {"max_gap_s", "max_extrapolation_s"},
     "camera": {"required", "masks", "max_range_m", "min_range_m", "ke_per_m", "unmatched_left_px"},
     "avoid": {"clear_share", "seen_share", "silence_s", "remember_s", "remember_m", "remember_free_s", "radius_m", "blind",
               "unseen", "recover_frames", "stop_hold_s", "avoid_margin_m"},
-    "world": {"clear_share", "clear_after", "free_age_s", "level_memory_s", "memory_frames"},
+    "world": {"free_evidence_share", "free_evidence_limit", "free_age_s", "memory_frames"},
     "supervision": {"silent_s", "frozen_frames"},
-    "service": {"stale_s", "blind_hz", "hang_s"},
+    "service": {"timeout_s", "blind_hz", "hang_s"},
 }  # fmt: skip
 UNMARKED = {
-    "extractor": {"merge_candidates", "meet_columns", "merge_rounds"},
+    "expert": {"merge_candidates", "meet_columns", "merge_rounds"},
     "camera": {"name", "kind", "device", "pitch_deg", "fps"},
     "output": {"scene", "transforms", "copy_input"},
     "publish": {"prisms", "depth_hz"},
@@ -68,3 +70,12 @@ def test_a_log_recorded_in_paper_mode_is_refused_in_words() -> None:
 def test_deeply_nested_json_in_a_log_is_refused_in_words() -> None:
     with pytest.raises(ConfigError, match="nested"):
         config_from_text('{"a": ' + "[" * 100_000 + "]" * 100_000 + "}")
+
+
+def test_changed_expert_keys_are_named_and_in_the_log() -> None:
+    config = config_of({"extractor": {"column_step": 2}, "expert": {"link_gap_px": 5, "free_share": 0.9}}, "x")
+    named = ["[expert] link_gap_px = 5 px (default 4 px)", "[expert] free_share = 0.9 (default 0.8)"]
+    assert expert_lines(config) == named
+    assert list(run_info("live", config).changed_expert_keys) == named
+    assert "expert keys" in {finding.part for finding in config_findings(config)}
+    assert expert_lines(Config()) == []

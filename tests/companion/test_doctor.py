@@ -74,7 +74,18 @@ def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixt
     assert status == 0, said
     assert said["camera front"]["text"].startswith("160x120, ")
     assert line.autopilot.profile.kind in said["autopilot"]["text"]
-    parts = {"safety keys", "service", "camera front", "autopilot", "attitude", "clock", "parameters", "log", "kernels"}
+    parts = {
+        "safety keys",
+        "expert keys",
+        "service",
+        "camera front",
+        "autopilot",
+        "attitude",
+        "clock",
+        "parameters",
+        "log",
+        "kernels",
+    }
     assert set(said) == parts
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
@@ -139,7 +150,7 @@ def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[st
         status, said = looked(live, capsys, str(PATIENCE_S))
         assert status == 1
         assert "no heartbeat of an autopilot" in said["service"]["text"]
-        assert set(said) == {"safety keys", "service", "log", "kernels"}
+        assert set(said) == {"safety keys", "expert keys", "service", "log", "kernels"}
         assert live.stop() == 0
     finally:
         live.close()
@@ -154,7 +165,7 @@ def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
         status, said = looked(live, capsys, "0.5")
         assert status == 1
         assert "sent no health report within 0.5 s" in said["service"]["text"]
-        assert set(said) == {"safety keys", "service", "log", "kernels"}
+        assert set(said) == {"safety keys", "expert keys", "service", "log", "kernels"}
     assert not address_in_use(f"ipc://{live.folder}/run/health")
 
     def closed(address: str) -> bool:
@@ -163,7 +174,7 @@ def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
     monkeypatch.setattr(service_check, "address_in_use", closed)
     said = looked(live, capsys, "1")[1]
     assert "may not be read by this user" in said["service"]["text"]
-    assert set(said) == {"safety keys", "service", "log", "kernels"}
+    assert set(said) == {"safety keys", "expert keys", "service", "log", "kernels"}
 
 
 def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(

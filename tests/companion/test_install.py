@@ -118,9 +118,9 @@ def test_refused_without_a_configuration_or_with_mistakes_in_it(
     assert main(["install", "--root", str(image)]) == 1
     assert "give a configuration, such as -c" in capsys.readouterr().err
     wrong = tmp_path / "wrong.toml"
-    wrong.write_text("[service]\nstale = 1.0\n")
+    wrong.write_text("[service]\ntimeout = 1.0\n")
     assert main(["install", "--root", str(image), "-c", str(wrong)]) == 1
-    assert "did you mean stale_s" in capsys.readouterr().err
+    assert "did you mean timeout_s" in capsys.readouterr().err
     assert list((image / "etc").iterdir()) == []
 
 

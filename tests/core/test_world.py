@@ -150,7 +150,7 @@ def test_what_moved_away_is_gone_after_some_looks_and_then_free() -> None:
     for k in range(10, 20):
         world.add(seen(np.array([back]), (0.0, 0.0), 0.0, k * STEP))
         answer = WorldSpace(world.picture(k * STEP)).points([[7, 0, 0]], 0.3)[0]
-        gone = k - 9 >= world.params.clear_after + 10 // 4  # ten looks onto it before
+        gone = k - 9 >= world.params.free_evidence_limit + 10 // 4  # ten looks onto it before
         assert answer == (Occupancy.FREE if gone else Occupancy.OCCUPIED)
     assert len(world.picture(20 * STEP).planes) == 1
     assert world.numbers()["cleared"] == 1

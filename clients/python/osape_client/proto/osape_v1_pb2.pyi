@@ -457,7 +457,7 @@ class StateSnapshot(_message.Message):
     def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ...) -> None: ...
 
 class RunInfo(_message.Message):
-    __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys")
+    __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys", "changed_expert_keys")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
     SOFTWARE_FIELD_NUMBER: _ClassVar[int]
     CONFIG_JSON_FIELD_NUMBER: _ClassVar[int]
@@ -465,6 +465,7 @@ class RunInfo(_message.Message):
     PROCESSOR_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
     CHANGED_SAFETY_KEYS_FIELD_NUMBER: _ClassVar[int]
+    CHANGED_EXPERT_KEYS_FIELD_NUMBER: _ClassVar[int]
     schema_version: int
     software: str
     config_json: str
@@ -472,7 +473,8 @@ class RunInfo(_message.Message):
     processor: str
     source: str
     changed_safety_keys: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, schema_version: _Optional[int] = ..., software: _Optional[str] = ..., config_json: _Optional[str] = ..., packages: _Optional[_Iterable[str]] = ..., processor: _Optional[str] = ..., source: _Optional[str] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ...) -> None: ...
+    changed_expert_keys: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, schema_version: _Optional[int] = ..., software: _Optional[str] = ..., config_json: _Optional[str] = ..., packages: _Optional[_Iterable[str]] = ..., processor: _Optional[str] = ..., source: _Optional[str] = ..., changed_safety_keys: _Optional[_Iterable[str]] = ..., changed_expert_keys: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class MavlinkFrame(_message.Message):
     __slots__ = ("frame",)
@@ -509,7 +511,7 @@ class ClockEstimate(_message.Message):
     def __init__(self, source: _Optional[_Union[ClockEstimate.Source, str]] = ..., offset_ns: _Optional[int] = ..., drift: _Optional[float] = ..., at_boot_ns: _Optional[int] = ..., bound_ns: _Optional[int] = ..., rtt_ns: _Optional[int] = ..., exchanges: _Optional[int] = ..., restarts: _Optional[int] = ...) -> None: ...
 
 class CameraHealth(_message.Message):
-    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset", "condition_enum")
+    __slots__ = ("camera", "condition", "cause", "required", "blind", "frames", "dropped", "starts", "last_loss", "age_ns", "hz", "info", "mount", "exposure_offset", "condition_enum", "restart_count")
     class Condition(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         CONDITION_UNKNOWN: _ClassVar[CameraHealth.Condition]
@@ -541,6 +543,7 @@ class CameraHealth(_message.Message):
     MOUNT_FIELD_NUMBER: _ClassVar[int]
     EXPOSURE_OFFSET_FIELD_NUMBER: _ClassVar[int]
     CONDITION_ENUM_FIELD_NUMBER: _ClassVar[int]
+    RESTART_COUNT_FIELD_NUMBER: _ClassVar[int]
     camera: str
     condition: str
     cause: str
@@ -556,7 +559,8 @@ class CameraHealth(_message.Message):
     mount: MountHealth
     exposure_offset: ExposureOffset
     condition_enum: CameraHealth.Condition
-    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ..., condition_enum: _Optional[_Union[CameraHealth.Condition, str]] = ...) -> None: ...
+    restart_count: int
+    def __init__(self, camera: _Optional[str] = ..., condition: _Optional[str] = ..., cause: _Optional[str] = ..., required: bool = ..., blind: bool = ..., frames: _Optional[int] = ..., dropped: _Optional[int] = ..., starts: _Optional[int] = ..., last_loss: _Optional[str] = ..., age_ns: _Optional[int] = ..., hz: _Optional[float] = ..., info: _Optional[_Union[CameraInfo, _Mapping]] = ..., mount: _Optional[_Union[MountHealth, _Mapping]] = ..., exposure_offset: _Optional[_Union[ExposureOffset, _Mapping]] = ..., condition_enum: _Optional[_Union[CameraHealth.Condition, str]] = ..., restart_count: _Optional[int] = ...) -> None: ...
 
 class ExposureOffset(_message.Message):
     __slots__ = ("state", "text", "offset_ms", "sigma_ms", "pairs", "warns", "state_enum")
