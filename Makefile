@@ -13,7 +13,7 @@ SOURCES := $(wildcard core drivers companion clients/python tests benchmarks exa
 export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help env demo check test nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
+.PHONY: help env demo check test test-versions nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
 
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
@@ -42,23 +42,30 @@ lint: $(STAMP) ## ruff, mypy, the contracts between the packages
 
 check: $(STAMP) lint ## lint, types and the tests that a change affects (two minutes; REVISION=HEAD~3: since then)
 	@tests="$$($(BIN)/python .ci/affected_tests.py $(or $(REVISION),HEAD))"; \
-	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "not soak and not vm" $$tests; else echo "no test is affected"; fi
+	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "unit or process" $$tests; else echo "no test is affected"; fi
 
-# The core runs twice more: without the JIT and with bounds checks (their kernels are cached apart, a cached kernel
-# without checks must not stand in for one with them). The whole suite comes last: its summary closes the run; a file of
-# it stays with one worker, which so renders and compiles what its tests share but once.
-test: lint ## all checks, some 15 minutes on two cores
-	@echo "== the core without the JIT"
-	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
-	@echo "== the core with bounds checks"
-	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and not soak" tests/core
-	@echo "== everything"
-	@$(BIN)/pytest -n 2 --dist loadfile -m "not soak and not vm" tests
+# The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
+# bounds checks have a cache of their own, since a cached kernel without checks must not be used in their place. Tests that
+# start processes or wait for the clock come last and apart, so that no compiler and no computing test delays them. A file
+# stays with one worker: its tests share what it renders and compiles.
+test: lint ## all checks, at most 10 minutes on two cores (15 with an empty kernel cache)
+	@echo "== kernels without the JIT"
+	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
+	@echo "== kernels with bounds checks"
+	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
+	@echo "== unit tests"
+	@$(BIN)/pytest -n 2 --dist loadfile -m unit tests
+	@echo "== tests with processes, sockets and the clock"
+	@$(BIN)/pytest -n 2 --dist loadfile -m process tests
+
+test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
+	@$(BIN)/python .ci/test_versions.py $(ARGS)
 
 SEED ?= $(shell date +%s)
-nightly: $(STAMP) ## property tests with new examples; SEED=N repeats those of a run
+nightly: $(STAMP) ## slow tests, and property tests with new examples; SEED=N repeats those of a run
 	@echo "hypothesis seed: $(SEED)"
-	@$(BIN)/pytest -n 2 --hypothesis-profile=nightly --hypothesis-seed=$(SEED) -m "not soak and not vm" tests/core tests/drivers tests/companion
+	@$(BIN)/pytest -n 2 --hypothesis-profile=nightly --hypothesis-seed=$(SEED) -m "not soak and not vm" tests/core tests/client tests/drivers tests/companion
+	@$(BIN)/pytest -n 2 -m slow tests/benchmarks
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt

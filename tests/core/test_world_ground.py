@@ -21,9 +21,9 @@ from osape_client.world.decode import (
     snapshot_from_parts,
 )
 from osape_client.world.space import WorldSpace
-from tests.core.worlds import DIRECTIONS, NS, seen
+from tests.client.test_solid_ground import model_of, random_scene, roof, street
 
-from .test_solid_ground import model_of, random_scene, roof, street
+from .worlds import DIRECTIONS, NS, seen
 
 Floats = NDArray[np.float64]
 STEP = NS // 15
