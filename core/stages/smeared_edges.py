@@ -27,7 +27,9 @@ from ..types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
 _SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
 _ROW_STEP = 4
 """Rows from one to the next in which edges are counted."""
-_NEVER_M = np.float32(1e9)
+_NEVER_M = 1e9
+_LEVEL_SHARE = np.float32(0.4)
+"""Not tuning: how much the slope of a horizontal surface may be off, seen through a window of some pixels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +121,16 @@ def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
     return ramps, steps
 
 
+@inner_inline
+def is_level(change, middle, height, more):
+    """Whether 1/Z changes as on a horizontal surface through the pixel, within _LEVEL_SHARE.
+
+    change: of 1/Z over some pixels, middle: in their middle, 1/m; height: of the pixel below the camera per metre of depth,
+    and `more`: by how much that changes over these pixels. On a horizontal surface 1/Z is proportional to it."""
+    expected = middle * more
+    return abs(change * height - expected) <= _LEVEL_SHARE * abs(expected)
+
+
 @inner
 def near_end(inverse, row, column, span, reach, middle):
     """1/Z of the near surface beside the ramp that holds inverse[row, column]: the greatest within half of reach along its
@@ -136,8 +148,9 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
     """Makes pixels on a ramp along their row or their column unknown; returns how many measured and how many far ones.
 
     depth_mm: (H, W) uint16 as delivered, so that a ramp may end beyond the range. inverse: (H + 2 reach, W + 2 reach) float32
-    scratch. down: (3,) float64, height of the ground below the camera per metre of depth at the pixel (u, v): down[0] u +
-    down[1] v + down[2]. A pixel more than keep_m below the camera, so measured, is part of the ground and stays. marks: (H, W)
+    scratch. down: (3,) float64, how far a point at the pixel (u, v) is below the camera, along the normal of the ground, per
+    metre of depth: down[0] u + down[1] v + down[2]. A pixel more than keep_m below the camera is part of the ground and stays, and
+    so do horizontal surfaces at any height. marks: (H, W)
     uint16 of `classify`, in and out. seen_to: (H, W) uint16 out, marks as they were, with the depth of its near end at each
     pixel of a ramp, which is measured up to there."""
     rows, cols = depth_mm.shape
@@ -149,7 +162,7 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
     for v in range(rows):
         signed_inverse(depth_mm[v], inverse[reach + v, reach : reach + cols])
     least, relative, straight = np.float32(least), np.float32(relative), np.float32(straight)
-    keep, slope = np.float32(keep_m), np.float32(down[0])
+    keep, across, along, twice = np.float32(keep_m), np.float32(down[0]), np.float32(down[1]), np.float32(2 * span)
     column, on = np.arange(cols).astype(np.float32), np.zeros(cols, np.uint8)
     measured, far = 0, 0
     for v in range(rows):
@@ -163,9 +176,12 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
         count = np.int32(0)
         for u in range(cols):
             m = middle[u]
+            height = first + across * column[u]
             ramp = on_ramp(left[u], m, right[u], far_left[u], far_right[u], least, relative, straight)
-            ramp |= on_ramp(above[u], m, below[u], far_above[u], far_below[u], least, relative, straight)
-            ramp &= first + slope * column[u] <= keep * m
+            ramp &= ~is_level(right[u] - left[u], m, height, twice * across)
+            steep = on_ramp(above[u], m, below[u], far_above[u], far_below[u], least, relative, straight)
+            ramp |= steep & ~is_level(below[u] - above[u], m, height, twice * along)
+            ramp &= height <= keep * m
             on[u] = np.uint8(ramp)
             count = np.int32(count + np.int32(ramp))
             seen[u] = line[u]
@@ -239,11 +255,12 @@ def drop_smeared_edges(
 def ground_line(
     info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params
 ) -> tuple[NDArray[np.float64], float]:
-    """(down, keep_m) of `drop_ramps`; without a ground nothing is kept."""
-    if not ground.seen:
-        return np.zeros(3), float(_NEVER_M)
+    """(down, keep_m) of `drop_ramps`; without a ground, down is vertical and no pixel is part of it."""
     k = info.intrinsics
     x, y, z = R_level_optical
-    across, down, ahead = z - ground.slope_x * x - ground.slope_y * y
+    slope_x, slope_y = (ground.slope_x, ground.slope_y) if ground.seen else (0.0, 0.0)
+    across, down, ahead = z - slope_x * x - slope_y * y
     line = np.array([across / k.fx, down / k.fy, ahead - across * k.cx / k.fx - down * k.cy / k.fy])
+    if not ground.seen:
+        return line, _NEVER_M
     return line, max(ground.height_m - params.ground_tolerance_m, 0.5 * ground.height_m)

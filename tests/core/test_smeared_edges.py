@@ -129,6 +129,18 @@ def test_the_ground_stays_below_a_low_camera(height_m: float) -> None:
     assert gone[62:].mean() < 0.002
 
 
+@pytest.mark.parametrize("below_m", [0.3, 0.6, -0.5])
+def test_the_tops_of_things_stay(below_m: float) -> None:
+    """A horizontal surface close below or above the camera, without a ground, between a front at 3 m and a wall at 9 m."""
+    down = (np.arange(120) - 59.5) / 112.5
+    on_top = np.where(down * below_m > 0.0, below_m / down, np.inf)
+    depth_m = np.repeat(np.clip(on_top, 3.0, 9.0)[:, None], 160, axis=1)
+    for sensor in (SHARP, SMEARED):
+        gone, _ = dropped(measure(depth_m, INFO, sensor, 1))
+        top = (depth_m > 3.3) & (depth_m < 8.0)
+        assert gone[top].mean() < 0.1
+
+
 def test_a_camera_is_judged_by_its_edges() -> None:
     for sensor, expected in ((SMEARED, True), (SHARP, False)):
         state = ExtractorState()
