@@ -54,7 +54,12 @@ def _zed(section: CameraConfig) -> DepthSource:
             height=section.height_px,
             fps=section.fps,
             exposure_latency_s=section.exposure_latency_s,
-            match=MatchParams(disparities=section.disparities),
+            match=MatchParams(
+                disparities=section.disparities,
+                correlation=section.match_correlation,
+                texture=section.match_texture,
+                period=section.match_period,
+            ),
             **_range(section),
         )
     )
@@ -89,13 +94,19 @@ def _simulated(section: CameraConfig) -> DepthSource:
     from drivers.simulation.looping_flight import EndlessFlight
     from drivers.simulation.source import camera_info
 
-    info: CameraInfo = section.applied_to(camera_info(section.width_px, section.width_px * 3 // 4, camera=section.name))
+    described = camera_info(section.width_px, section.width_px * 3 // 4, camera=section.name)
+    if section.render == "stereo":
+        from drivers.simulation.stereo.flight_depth import stereo_camera_info
+
+        described = stereo_camera_info(described.intrinsics, section.name)
+    info: CameraInfo = section.applied_to(described)
     simulation = Simulation(
         fps=section.fps,
         seed=section.seed,
         latency_s=section.exposure_latency_s,
         cable=Path(section.device) if section.device else None,
         folder=cache_folder() / "simulated",
+        render=section.render,
     )
     flight = EndlessFlight(flight_plan(section.flight, section.seed))
     return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

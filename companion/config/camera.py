@@ -65,7 +65,7 @@ class CameraConfig:
         0,
         1024,
         "px",
-        "columns at the left without stereo matches; default: disparities for a zed, else 0",
+        "columns at the left without stereo matches; default: disparities for a zed and for rendered stereo, else 0",
         safety=True,
     )
     flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
@@ -99,6 +99,30 @@ class CameraConfig:
     disparities: int = _number(
         16, 512, "px", "zed only: disparities searched; more reach nearer and cost more time", 96
     )
+    match_correlation: float = _number(
+        0.0,
+        0.99,
+        "",
+        "zed only: least correlation of both images around a match; lower values accept weaker texture, 0 accepts every match",
+        0.7,
+        safety=True,
+    )
+    match_texture: float = _number(
+        0.0,
+        100.0,
+        "",
+        "zed only: least variance of the texture over that of the sensor noise; 0: off",
+        3.0,
+        safety=True,
+    )
+    match_period: float = _number(
+        0.3,
+        1.0,
+        "",
+        "zed only: correlation of the image with itself from which it counts as repetitive and is not measured; 1: off",
+        0.9,
+        safety=True,
+    )
     confidence: int = _number(0, 255, "", "oak only: lower values keep fewer, more reliable pixels", 200, safety=True)
     emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
     depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)
@@ -107,6 +131,11 @@ class CameraConfig:
     cx_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
     cy_px: float | None = _number(-4096.0, 8192.0, "px", "v4l2 only: principal point")
     seed: int = _number(0, 1_000_000, "", "simulated only: scene and noise", 0)
+    render: str = _choice(
+        "depth",
+        ("depth", "stereo"),
+        "simulated only: exact depth with a noise model, or stereo matching of rendered image pairs (0.5 s a frame)",
+    )
 
     def __post_init__(self) -> None:
         if self.min_range_m is not None and self.max_range_m is not None and self.min_range_m >= self.max_range_m:
@@ -134,7 +163,8 @@ class CameraConfig:
         """Columns at the left of the depth image in which nothing is ever matched."""
         if self.unmatched_left_px is not None:
             return self.unmatched_left_px
-        return self.disparities if self.kind == "zed" else 0
+        rendered = self.kind == "simulated" and self.render == "stereo"
+        return self.disparities if self.kind == "zed" or rendered else 0
 
     @property
     def mount(self) -> CameraMount:

@@ -1,4 +1,4 @@
-"""Depth from stereo images with OpenCV: rectification, semi-global matching, left-right check, speckle filter."""
+"""Depth from two images by OpenCV: rectification, semi-global matching, left-right check, test of each match."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from core.param_field import check, number
 from core.types import UNKNOWN_MM, Intrinsics
 
+from .match_confidence import ConfidenceLimits, believed
 from .zed_calibration import StereoCalibration
 
 Gray = NDArray[np.uint8]
@@ -34,6 +35,22 @@ class MatchParams:
     )
     speckle_range: int = number(2, 1, 32, "px", "smaller patches are removed, px")
     edge_px: int = number(4, 0, 64, "px", "disparity step within one patch")
+    window_px: int = number(7, 3, 31, "px", "side of the window in which a match is tested, odd")
+    correlation: float = number(
+        0.7,
+        0.0,
+        0.99,
+        "",
+        "least correlation of both images in the window; lower values believe weaker texture; 0: off",
+    )
+    texture: float = number(
+        3.0, 0.0, 100.0, "", "least variance of the texture in the window over that of the sensor noise; 0: off"
+    )
+    period: float = number(
+        0.9, 0.3, 1.0, "", "correlation of the image with itself from which on it repeats and is not matched; 1: off"
+    )
+    period_px: int = number(48, 4, 256, "px", "longest period of a repetition that is looked for")
+    patch_px: int = number(20, 0, 5000, "px", "smaller patches of believed pixels are dropped; 0: off")
 
     def __post_init__(self) -> None:
         check("stereo", self)
@@ -58,7 +75,7 @@ class StereoDepth:
         self.intrinsics = Intrinsics(
             c.width, c.height, float(P1[0, 0]), float(P1[1, 1]), float(P1[0, 2]), float(P1[1, 2])
         )
-        self._matcher = matcher(self._params)
+        self._matcher = StereoMatcher(self._params)
 
     def rectified(self, left: Gray, right: Gray) -> tuple[Gray, Gray]:
         """Both images with rows along the epipolar lines."""
@@ -72,12 +89,33 @@ class StereoDepth:
         return depth_mm(self.disparity(*self.rectified(left, right)), self.intrinsics.fx, self.baseline_m)
 
     def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
-        """(H, W) float32 px of a rectified pair; negative: no match."""
-        disparity = compute_disparity(self._matcher, left, right, self._params)
+        """(H, W) float32 px of a rectified pair; negative: no match that deserves belief."""
+        return self._matcher.disparity(left, right)
+
+
+class StereoMatcher:
+    """Disparity of rectified pairs. Not for two threads at once."""
+
+    def __init__(self, params: MatchParams | None = None) -> None:
+        self._params = params or MatchParams()
+        self._sgbm = matcher(self._params)
+        self._limits = confidence_limits(self._params)
+
+    def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
+        """(H, W) float32 px of a rectified pair; negative: no match that deserves belief."""
+        found = believed(left, right, compute_disparity(self._sgbm, left, right, self._params), self._limits)
         edge = self._params.edge_px
         if edge:
-            disparity[:edge], disparity[-edge:], disparity[:, :edge], disparity[:, -edge:] = -1, -1, -1, -1
-        return disparity
+            found[:edge], found[-edge:], found[:, :edge], found[:, -edge:] = -1, -1, -1, -1
+        return found
+
+
+def confidence_limits(params: MatchParams) -> ConfidenceLimits:
+    """The limits of the confidence rules."""
+    return ConfidenceLimits(
+        window_px=params.window_px | 1, correlation=params.correlation, texture=params.texture, period=params.period,
+        period_px=params.period_px, patch_px=params.patch_px,
+    )  # fmt: skip
 
 
 def matcher(params: MatchParams) -> cv2.StereoSGBM:

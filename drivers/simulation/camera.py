@@ -32,13 +32,15 @@ _RENDERERS = (
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulation:
     """How a camera is simulated. latency_s: from exposure to arrival; cable: a file, and while it is not there the
-    camera is unplugged (None: always plugged in); folder: where rendered frames are kept (None: in memory)."""
+    camera is unplugged (None: always plugged in); folder: where rendered frames are kept (None: in memory); render: "depth" or
+    "stereo", see SimulatedFlight."""
 
     fps: float = 30.0
     seed: int = 0
     latency_s: float = 0.0
     cable: Path | None = None
     folder: Path | None = None
+    render: str = "depth"
 
 
 class SimulatedDepthSource:
@@ -61,7 +63,9 @@ class SimulatedDepthSource:
         duration_s = flight.leg_ns / NS
         self._steps = max(1, round(duration_s * simulation.fps))
         rates = Rates(depth_hz=self._steps / duration_s)
-        self._renderer = SimulatedFlight(flight.plan, cameras=(info,), seed=simulation.seed, rates=rates)
+        self._renderer = SimulatedFlight(
+            flight.plan, cameras=(info,), seed=simulation.seed, rates=rates, render=simulation.render
+        )
         k = info.intrinsics
         self._room = (simulation.folder, self._name(), self._steps + 1, k.height, k.width)
         self._frames: FrameStore | None = None
@@ -158,9 +162,15 @@ class SimulatedDepthSource:
     def _name(self) -> str:
         """The same only for the same frames, bit for bit."""
         said = [asdict(self._info), self._simulation.seed, self._steps, self._flight.plan.name, self._flight.leg_ns]
+        modules = [Path(__file__).with_name(f"{module}.py") for module in _RENDERERS]
+        if self._simulation.render == "stereo":
+            said.append(self._simulation.render)
+            modules += sorted(Path(__file__).with_name("stereo").glob("*.py"))
+            modules += sorted(Path(__file__).parents[1].joinpath("cameras").glob("*match*.py"))
+            modules.append(Path(__file__).parents[1] / "cameras" / "stereo.py")
         digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
-        for module in _RENDERERS:
-            digest.update(Path(__file__).with_name(f"{module}.py").read_bytes())
+        for module in modules:
+            digest.update(module.read_bytes())
         return f"{self._flight.plan.name}-{digest.hexdigest()[:16]}"
 
     def _plugged(self) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,11 @@ from .flights import FlightPlan, Span, flight_plan
 from .sensor_model import generator, measure
 from .source import Floats, Truth, camera_info, look
 
+if TYPE_CHECKING:
+    from .stereo.flight_depth import RenderedDepth
+
+RENDERINGS = ("depth", "stereo")
+"""Where the depth of a simulated camera comes from."""
 _STREAMS = {"attitude": 1_000_001, "pose": 1_000_002, "depth": 1_000_003}
 """Frame numbers that no frame has: they key the jitter of the arrivals."""
 
@@ -64,10 +70,11 @@ class SimulatedFlight:
         rates: Rates | None = None,
         start_ns: int = 10_000_000_000,
         duration_s: float | None = None,
+        render: str = "depth",
     ) -> None:
         """plan: a flight or its name. cameras: several of them, or one of another kind than width x height,
-        forward. start_ns: the instant of the start. duration_s: ends the flight earlier. Raises
-        ValueError."""
+        forward. start_ns: the instant of the start. duration_s: ends the flight earlier. render: "depth" (ray caster
+        with a noise model) or "stereo" (matched image pairs). Raises ValueError."""
         self.plan = flight_plan(plan, seed) if isinstance(plan, str) else plan
         ke = max(self.plan.sensor.ke_per_m, 1e-5)
         self._cameras = cameras or (camera_info(width, height, ke_per_m=ke),)
@@ -75,6 +82,13 @@ class SimulatedFlight:
             raise ValueError("simulated flight: two cameras bear the same name")
         self._seed, self._rates, self.start_ns = seed, rates or Rates(), start_ns
         self.duration_s = self.plan.path.duration_s if duration_s is None else duration_s
+        if render not in RENDERINGS:
+            raise ValueError(f"simulated flight: render={render!r}, expected one of {', '.join(RENDERINGS)}")
+        self._stereo: RenderedDepth | None = None
+        if render == "stereo":  # its kernels and OpenCV are loaded only where they are used
+            from .stereo.flight_depth import RenderedDepth
+
+            self._stereo = RenderedDepth(self.plan.scene)
         if not self.duration_s > 0.0:
             raise ValueError(f"simulated flight: duration_s={self.duration_s:g}, expected more than 0")
 
@@ -125,9 +139,7 @@ class SimulatedFlight:
             k = info.intrinsics
             depth: NDArray[np.uint16] = np.full((k.height, k.width), UNKNOWN_MM, np.uint16)
         else:
-            truth = self.truth(info, self._exposure_ns(shown))
-            sensor = self.plan.sensor.scaled_to(info.intrinsics.width)
-            depth = measure(truth.depth_m, info, sensor, self._seed * 64 + camera_number, shown)
+            depth = self._depth_mm(info, self._seed * 64 + camera_number, shown)
         return DepthFrame(
             camera=info.camera,
             sequence=index,
@@ -135,6 +147,14 @@ class SimulatedFlight:
             t_arrival_ns=self.arrival_ns(index, camera_number),
             depth_mm=depth,
         )
+
+    def _depth_mm(self, info: CameraInfo, seed: int, index: int) -> NDArray[np.uint16]:
+        """The depth image of an exposure."""
+        t_ns = self._exposure_ns(index)
+        if self._stereo is not None:
+            return self._stereo.depth_mm(info, *self.camera_pose(info, t_ns), seed, index)
+        sensor = self.plan.sensor.scaled_to(info.intrinsics.width)
+        return measure(self.truth(info, t_ns).depth_m, info, sensor, seed, index)
 
     def attitudes(self) -> list[AttitudeSample]:
         """All attitude samples in order of arrival."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ...cameras.stereo import MatchParams, compute_disparity, depth_mm, matcher
+from ...cameras.stereo import MatchParams, StereoMatcher, depth_mm
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
 from .pair_renderer import PairBrightness, StereoPair, StereoView, expose_pair, pair_brightness
@@ -57,16 +57,7 @@ class StereoProfile:
         if self.census is not None:
             census = self.census
             return lambda left, right: census_disparity(left, right, census)
-        sgbm, params = matcher(self.match), self.match
-
-        def host(left: Gray, right: Gray) -> Disparity:
-            disparity = compute_disparity(sgbm, left, right, params)
-            edge = params.edge_px
-            if edge:
-                disparity[:edge], disparity[-edge:], disparity[:, :edge], disparity[:, -edge:] = -1, -1, -1, -1
-            return disparity
-
-        return host
+        return StereoMatcher(self.match).disparity
 
 
 def _view(width: int, height: int, focal_px: float, baseline_m: float) -> StereoView:
@@ -106,7 +97,7 @@ class StereoCamera:
         self._matching = profile.matching()
 
     def brightness(
-        self, scene: StereoScene, R_ned_optical: Floats, position_ned_m: Floats, seed: int
+        self, scene: StereoScene, R_ned_optical: Floats, position_ned_m: Floats, seed: int = 0
     ) -> PairBrightness:  # fmt: skip
         """Both views from a left camera at a position with a rotation, before exposure; seed: of the textures."""
         light = Light(sky=scene.sky, fog_per_m=scene.fog_per_m, seed=seed, projector=self.profile.projector)
@@ -115,8 +106,8 @@ class StereoCamera:
     def pair(
         self, scene: StereoScene, R_ned_optical: Floats, position_ned_m: Floats, seed: int, frame: int = 0
     ) -> StereoPair:  # fmt: skip
-        """Both images; the same arguments give the same images."""
-        bright = self.brightness(scene, R_ned_optical, position_ned_m, seed)
+        """Both images; the same arguments give the same images. seed: of the noise; textures are those of seed 0."""
+        bright = self.brightness(scene, R_ned_optical, position_ned_m)
         return expose_pair(bright, self.profile.view.exposure, seed, frame)
 
     def disparity(self, pair: StereoPair) -> Disparity:

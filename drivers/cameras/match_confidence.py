@@ -1,0 +1,168 @@
+"""Which pixels of a matched stereo pair deserve belief, from both images and the disparity found. See
+docs/explanation/stereo-depth.md.
+
+A matcher gives the best disparity there is, also where the images hold nothing but noise: blank sky, blank paint. Here each
+match is tested against what noise could have produced. Only differences of grey along a row locate a match, so all rules look
+at the horizontal derivative of both images, the right one taken where the disparity says:
+
+- *correlation*: in a window the two derivatives must agree. Noise of two sensors does not. For texture of variance t and noise
+  of variance n the correlation is t / (t + n): this is the local contrast against the noise, measured where it is used;
+- *texture*: the variance of the derivative must exceed that of the noise, which is measured in the pair itself from what differs
+  between the two images where they are matched;
+- *period*: where the left image repeats itself along the row, another disparity fits as well;
+- *patch*: what is left must be part of a patch of one surface, single pixels are chance.
+
+What fails a rule is no measurement."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Gray = NDArray[np.uint8]
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_SOBEL_SCALE = 1.0 / 8.0
+"""Makes the 3x3 derivative one in grey levels per pixel."""
+_LEAST_NOISE_GREY = 0.12
+"""Standard deviation of the derivative by rounding to whole grey levels: sqrt(1/12) times 0.43, the norm of the derivative."""
+_LEAST_MATCHED = 0.5
+"""Share of the window that must have a disparity."""
+_PATCH_STEP_PX = 1.5
+"""Neighbours of one surface differ by no more."""
+_STEP_PX = 8
+"""The noise is sampled at every so many rows and columns."""
+_NOISE_PERCENTILE, _LEAST_SAMPLES = 20.0, 50
+_BAND_PX = 16
+"""Rows that are averaged where repetition is looked for."""
+_LEAST_POWER = 1e-2
+"""Variance of the derivative, (grey levels per pixel)^2, below which nothing repeats itself."""
+_LEAST_SHIFT_PX = 3
+_DIP = 0.4
+"""A repetition shows as a correlation that falls by this much and rises again."""
+_PERIOD_WINDOWS_PX = (31, 62, 124, 248, 496)
+"""Each for the shifts from a sixth to a third of it, the first for all smaller ones."""
+_PERIOD_AREA = (31, 3)
+"""Columns and bands of the neighbourhood."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfidenceLimits:
+    """window_px: side of the window, odd. correlation: least correlation of both derivatives, 0: rule off. texture: least
+    variance of the derivative over that of the noise, 0: off. period: correlation of the left image with itself from which on
+    it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off."""
+
+    window_px: int = 7
+    correlation: float = 0.7
+    texture: float = 3.0
+    period: float = 0.9
+    period_px: int = 48
+    patch_px: int = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MatchStatistics:
+    """Of the window around each pixel, all (H, W) float32. correlation: -1..1 of the derivatives of both images; variance: the
+    lesser of both, in (grey levels per pixel)^2; matched: share of the window that has a disparity. noise_variance: of the
+    derivative by noise alone."""
+
+    correlation: Image
+    variance: Image
+    matched: Image
+    noise_variance: float
+
+
+def derivative(image: Gray) -> Image:
+    """Change of the grey level along the row, (H, W) float32 per pixel; rows are smoothed over three."""
+    return np.asarray(cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=_SOBEL_SCALE), np.float32)
+
+
+def match_statistics(left: Gray, right: Gray, disparity: Image, window_px: int) -> MatchStatistics:
+    """How well both images agree at a disparity (H, W) float32 px, negative: none. left, right: (H, W) uint8, rectified."""
+    found = (disparity >= 0.0).astype(np.float32)
+    columns = np.arange(left.shape[1], dtype=np.float32)[None, :] - disparity
+    g_left = derivative(left) * found
+    g_right = cv2.remap(derivative(right), columns, _rows(*left.shape), cv2.INTER_LINEAR) * found
+
+    def mean(image: Image) -> Image:
+        return np.asarray(cv2.boxFilter(image, cv2.CV_32F, (window_px, window_px)), np.float32)
+
+    share, mean_left, mean_right = mean(found), mean(g_left), mean(g_right)
+    square_left, square_right, product = mean(g_left * g_left), mean(g_right * g_right), mean(g_left * g_right)
+    # all moments times the square of the share: a common factor of the correlation
+    var_left = share * square_left - mean_left * mean_left
+    var_right = share * square_right - mean_right * mean_right
+    both = share * product - mean_left * mean_right
+    correlation = both / np.sqrt(np.maximum(var_left * var_right, np.float32(1e-12)))
+    scale = np.float32(1.0) / np.maximum(share * share, np.float32(1e-6))
+    s = np.s_[::_STEP_PX, ::_STEP_PX]
+    # what both do not share is noise: half of the variance of the difference, where the match is right
+    differing = ((0.5 * (var_left[s] + var_right[s]) - both[s]) * scale[s])[share[s] > 0.5]
+    noise = float(np.percentile(differing, _NOISE_PERCENTILE)) if differing.size >= _LEAST_SAMPLES else 0.0
+    return MatchStatistics(
+        correlation=correlation, variance=np.minimum(var_left, var_right) * scale, matched=share,
+        noise_variance=max(noise, _LEAST_NOISE_GREY**2),
+    )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=2)
+def _rows(height: int, width: int) -> Image:
+    """(H, W) the row of each pixel."""
+    rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
+    rows.setflags(write=False)
+    return rows
+
+
+def repetitive(left: Gray, period: float, period_px: int) -> Mask:
+    """(H, W) whether the left image repeats itself along the row, with a period of 3 to period_px columns and a correlation of at
+    least `period` over three periods and more, in most of the neighbourhood. Looked at in bands of rows."""
+    height, width = left.shape
+    band = cv2.resize(derivative(left), (width, max(1, height // _BAND_PX)), interpolation=cv2.INTER_AREA)
+    least, found = np.ones_like(band), np.zeros(band.shape, np.float32)
+    last = min(period_px + 1, width // 2)
+    for window_px in _PERIOD_WINDOWS_PX:
+        shifts = range(
+            _LEAST_SHIFT_PX if window_px == _PERIOD_WINDOWS_PX[0] else window_px // 6 + 1, min(last, window_px // 3 + 1)
+        )
+        size = (window_px, 1)
+        scale = np.float32(1.0) / np.sqrt(cv2.boxFilter(band * band, cv2.CV_32F, size) + np.float32(_LEAST_POWER))
+        for shift in shifts:
+            ratio = cv2.boxFilter(band[:, shift:] * band[:, :-shift], cv2.CV_32F, size)
+            ratio *= scale[:, shift:]
+            ratio *= scale[:, :-shift]
+            lowest = least[:, shift:]
+            # a smooth edge is like itself at small shifts: a repetition is a likeness that ends and returns
+            again = (ratio >= period) & (lowest <= ratio - np.float32(_DIP))
+            found[:, shift:][again] = 1.0
+            found[:, :-shift][again] = 1.0
+            np.minimum(lowest, ratio, out=lowest)
+    # two poles are alike too; a repetition fills an area
+    area = (cv2.blur(found, _PERIOD_AREA) >= 0.5).astype(np.uint8)
+    return np.asarray(cv2.resize(area, (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def patches(disparity: Image, patch_px: int, step_px: float) -> Image:
+    """The disparity without patches of less than patch_px pixels; neighbours in a patch differ by at most step_px."""
+    fixed = (disparity * np.float32(16.0)).astype(np.int16)
+    cv2.filterSpeckles(fixed, -16, patch_px, 16.0 * step_px)
+    return np.where(fixed >= 0, disparity, np.float32(-1.0))
+
+
+def believed(left: Gray, right: Gray, disparity: Image, limits: ConfidenceLimits) -> Image:
+    """The disparity (H, W) float32 px with -1 where it does not deserve belief. left, right: (H, W) uint8, rectified."""
+    good = disparity >= 0.0
+    if limits.correlation > 0.0 or limits.texture > 0.0:
+        s = match_statistics(left, right, disparity, limits.window_px)
+        good &= s.matched >= _LEAST_MATCHED
+        if limits.correlation > 0.0:
+            good &= s.correlation >= limits.correlation
+        good &= s.variance >= limits.texture * s.noise_variance
+    if limits.period < 1.0:
+        good &= ~repetitive(left, limits.period, limits.period_px)
+    kept = np.where(good, disparity, np.float32(-1.0))
+    return patches(kept, limits.patch_px, _PATCH_STEP_PX) if limits.patch_px else kept

@@ -1,0 +1,44 @@
+"""Depth of a simulated flight from rendered image pairs, in place of the depth ray caster and its noise model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import CameraInfo, CameraMount, Intrinsics
+
+from ..scenes import Scene
+from .pair_renderer import StereoView
+from .sky import CLEAR, Sky
+from .stereo_profiles import ZED, StereoCamera, StereoProfile
+from .stereo_scenes import StereoScene, surfaces_of
+from .textures import Floats
+
+BASELINE_M = 0.12
+
+
+def flight_profile(intrinsics: Intrinsics) -> StereoProfile:
+    """The host's matcher behind imagers with these intrinsics, BASELINE_M apart."""
+    return replace(ZED, name="flight", view=StereoView(intrinsics=intrinsics, baseline_m=BASELINE_M))
+
+
+def stereo_camera_info(intrinsics: Intrinsics, camera: str, mount: CameraMount | None = None) -> CameraInfo:
+    """The description of a simulated stereo camera."""
+    return flight_profile(intrinsics).info(camera, mount)
+
+
+class RenderedDepth:
+    """Depth images of one scene for several cameras. One thread at a time."""
+
+    def __init__(self, scene: Scene, sky: Sky = CLEAR) -> None:
+        self._scene = StereoScene(name=scene.name, surfaces=surfaces_of(scene), sky=sky)
+        self._cameras: dict[Intrinsics, StereoCamera] = {}
+
+    def depth_mm(
+        self, info: CameraInfo, R_ned_optical: Floats, position_ned_m: Floats, seed: int, frame: int
+    ) -> NDArray[np.uint16]:
+        """(H, W) uint16 mm; the same arguments give the same image. seed: of the noise; the textures of a scene stay."""
+        camera = self._cameras.setdefault(info.intrinsics, StereoCamera(flight_profile(info.intrinsics)))
+        return camera.depth_of(camera.pair(self._scene, R_ned_optical, position_ned_m, seed, frame))
