@@ -43,6 +43,8 @@ def judged_azimuths(frame: Rendered, model: FrameModel, unmatched_left_px: int) 
     """(azimuths (D, 3) in level_cam, index of the direction in the profile (D,)) of the directions whose horizontal rays the
     camera sees, without the columns in which stereo has no match."""
     edges = model.free.azimuth_edges_rad.astype(np.float64)
+    if not model.valid:  # it has no profile
+        edges = np.radians(np.linspace(-60.0, 60.0, 41))
     share = (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     azimuth = edges[:-1, None] + share * np.diff(edges)[:, None]
     level = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(azimuth.shape)], axis=-1)

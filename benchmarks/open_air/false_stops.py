@@ -178,7 +178,9 @@ def main(arguments: list[str] | None = None) -> int:
     noises = tuple(float(n) for n in a.noise)
     profile = profile_of(a.profile)
     if a.all_matches:
-        profile = replace(profile, match=replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0))
+        profile = replace(
+            profile, match=replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0)
+        )
     camera, extractor = StereoCamera(profile), Extractor(Params())
     by_scene: dict[str, Counts] = {}
     by_light: dict[str, Counts] = {}

@@ -7,10 +7,13 @@ at the horizontal derivative of both images, the right one taken where the dispa
 
 - *correlation*: in a window the two derivatives must agree. Noise of two sensors does not. For texture of variance t and noise
   of variance n the correlation is t / (t + n): this is the local contrast against the noise, measured where it is used;
+  Where the texture is strong the correlation must be high: two different textures agree by chance, but not so well;
 - *texture*: the variance of the derivative must exceed that of the noise, which is measured in the pair itself from what differs
   between the two images where they are matched;
 - *period*: where the left image repeats itself along the row, another disparity fits as well;
-- *patch*: what is left must be part of a patch of one surface, single pixels are chance.
+- *patch*: what is left must be part of a patch of one surface, single pixels are chance;
+- *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
+  pixels, may belong to that area: they are dropped, but not all that the window reaches, or no outline would be left.
 
 What fails a rule is no measurement."""
 
@@ -31,6 +34,8 @@ _SOBEL_SCALE = 1.0 / 8.0
 """Makes the 3x3 derivative one in grey levels per pixel."""
 _LEAST_NOISE_GREY = 0.12
 """Standard deviation of the derivative by rounding to whole grey levels: sqrt(1/12) times 0.43, the norm of the derivative."""
+_NOISE_SHARES = 2.0
+"""By so many shares of noise in the variance the least correlation of strong texture is lowered: twice what noise takes."""
 _LEAST_MATCHED = 0.5
 """Share of the window that must have a disparity."""
 _PATCH_STEP_PX = 1.5
@@ -53,16 +58,20 @@ _PERIOD_AREA = (31, 3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfidenceLimits:
-    """window_px: side of the window, odd. correlation: least correlation of both derivatives, 0: rule off. texture: least
+    """window_px: side of the window, odd. correlation: least correlation of both derivatives, 0: rule off;
+    strong_correlation: the same where the texture is far above the noise. texture: least
     variance of the derivative over that of the noise, 0: off. period: correlation of the left image with itself from which on
-    it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off."""
+    it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off.
+    smear_px: width of the border of believed areas beside unmeasured ones that is dropped, 0: off."""
 
     window_px: int = 7
     correlation: float = 0.7
+    strong_correlation: float = 0.85
     texture: float = 3.0
     period: float = 0.9
     period_px: int = 48
-    patch_px: int = 20
+    patch_px: int = 25
+    smear_px: int = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -105,7 +114,7 @@ def match_statistics(left: Gray, right: Gray, disparity: Image, window_px: int) 
     differing = ((0.5 * (var_left[s] + var_right[s]) - both[s]) * scale[s])[share[s] > 0.5]
     noise = float(np.percentile(differing, _NOISE_PERCENTILE)) if differing.size >= _LEAST_SAMPLES else 0.0
     return MatchStatistics(
-        correlation=correlation, variance=np.minimum(var_left, var_right) * scale, matched=share,
+        correlation=correlation, variance=np.maximum(np.minimum(var_left, var_right) * scale, np.float32(1e-6)), matched=share,
         noise_variance=max(noise, _LEAST_NOISE_GREY**2),
     )  # fmt: skip
 
@@ -153,6 +162,15 @@ def patches(disparity: Image, patch_px: int, step_px: float) -> Image:
     return np.where(fixed >= 0, disparity, np.float32(-1.0))
 
 
+def without_smear(disparity: Image, smear_px: int, window_px: int) -> Image:
+    """The disparity without the pixels within smear_px of an area without one. Holes narrower than window_px are no area."""
+    found = (disparity >= 0.0).view(np.uint8)
+    closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((window_px, window_px), np.uint8))
+    # nothing is known beyond the image's border, and nothing is taken from there
+    inner = cv2.erode(closed, np.ones((2 * smear_px + 1, 2 * smear_px + 1), np.uint8), borderValue=1)
+    return np.where(inner > 0, disparity, np.float32(-1.0))
+
+
 def believed(left: Gray, right: Gray, disparity: Image, limits: ConfidenceLimits) -> Image:
     """The disparity (H, W) float32 px with -1 where it does not deserve belief. left, right: (H, W) uint8, rectified."""
     good = disparity >= 0.0
@@ -160,9 +178,12 @@ def believed(left: Gray, right: Gray, disparity: Image, limits: ConfidenceLimits
         s = match_statistics(left, right, disparity, limits.window_px)
         good &= s.matched >= _LEAST_MATCHED
         if limits.correlation > 0.0:
-            good &= s.correlation >= limits.correlation
+            strong = np.float32(limits.strong_correlation) - _NOISE_SHARES * s.noise_variance / s.variance
+            good &= s.correlation >= np.maximum(strong, np.float32(limits.correlation))
         good &= s.variance >= limits.texture * s.noise_variance
     if limits.period < 1.0:
         good &= ~repetitive(left, limits.period, limits.period_px)
     kept = np.where(good, disparity, np.float32(-1.0))
-    return patches(kept, limits.patch_px, _PATCH_STEP_PX) if limits.patch_px else kept
+    if limits.patch_px:
+        kept = patches(kept, limits.patch_px, _PATCH_STEP_PX)
+    return without_smear(kept, limits.smear_px, limits.window_px) if limits.smear_px else kept

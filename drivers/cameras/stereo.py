@@ -50,7 +50,11 @@ class MatchParams:
         0.9, 0.3, 1.0, "", "correlation of the image with itself from which on it repeats and is not matched; 1: off"
     )
     period_px: int = number(48, 4, 256, "px", "longest period of a repetition that is looked for")
-    patch_px: int = number(20, 0, 5000, "px", "smaller patches of believed pixels are dropped; 0: off")
+    strong_correlation: float = number(
+        0.85, 0.0, 0.99, "", "the same where the texture is far above the noise; less than correlation: no difference"
+    )
+    smear_px: int = number(1, 0, 16, "px", "border of believed areas beside unmeasured ones that is dropped; 0: off")
+    patch_px: int = number(25, 0, 5000, "px", "smaller patches of believed pixels are dropped; 0: off")
 
     def __post_init__(self) -> None:
         check("stereo", self)
@@ -113,8 +117,9 @@ class StereoMatcher:
 def confidence_limits(params: MatchParams) -> ConfidenceLimits:
     """The limits of the confidence rules."""
     return ConfidenceLimits(
-        window_px=params.window_px | 1, correlation=params.correlation, texture=params.texture, period=params.period,
-        period_px=params.period_px, patch_px=params.patch_px,
+        window_px=params.window_px | 1, correlation=params.correlation,
+        strong_correlation=params.strong_correlation, texture=params.texture, period=params.period,
+        period_px=params.period_px, patch_px=params.patch_px, smear_px=params.smear_px,
     )  # fmt: skip
 
 
@@ -135,8 +140,11 @@ def matcher(params: MatchParams) -> cv2.StereoSGBM:
 def compute_disparity(sgbm: cv2.StereoSGBM, left: Gray, right: Gray, params: MatchParams) -> NDArray[np.float32]:
     """(H, W) float32 px, negative: none. What has no counterpart in the right image, or another one, is none."""
     found = np.asarray(sgbm.compute(left, right), np.float32) / np.float32(_SUBPIXEL)
-    # the same search from the right image: mirrored, to keep the direction of the search
-    back = np.asarray(sgbm.compute(right[:, ::-1].copy(), left[:, ::-1].copy()), np.float32)[:, ::-1] / _SUBPIXEL
+    # the same search from the right: mirrored, to keep the direction of the search. The matcher leaves out as many columns as it
+    # searches: they are added, or the right border would never be confirmed
+    added = sgbm.getNumDisparities()
+    mirrored = [cv2.copyMakeBorder(image[:, ::-1], 0, 0, added, 0, cv2.BORDER_REPLICATE) for image in (right, left)]
+    back = np.asarray(sgbm.compute(*mirrored), np.float32)[:, : added - 1 : -1] / _SUBPIXEL
     columns = np.arange(left.shape[1], dtype=np.float32)[None, :]
     there = np.rint(columns - found).astype(np.int32)
     inside = (found >= 0.0) & (there >= 0)

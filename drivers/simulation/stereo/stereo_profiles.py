@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ...cameras.stereo import MatchParams, StereoMatcher, depth_mm
+from ...cameras.match_confidence import believed
+from ...cameras.stereo import MatchParams, StereoMatcher, confidence_limits, depth_mm
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
 from .pair_renderer import PairBrightness, StereoPair, StereoView, expose_pair, pair_brightness
@@ -27,8 +28,8 @@ Disparity = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoProfile:
-    """One kind of stereo camera. match: the host's matcher; census: the device's own, then `match` is not used.
-    disparity_sigma_px: prior of the noise, as the driver states it."""
+    """One kind of stereo camera. match: the host's matcher; census: the device's own, then `match` is not used, but for its confidence rules where
+    host_check applies them to the device's disparity and rectified images. disparity_sigma_px: prior of the noise, as the driver states it."""
 
     name: str
     view: StereoView
@@ -38,6 +39,7 @@ class StereoProfile:
     min_range_m: float = 0.5
     max_range_m: float = 15.0
     disparity_sigma_px: float = 0.3
+    host_check: bool = False
 
     def info(self, camera: str = "front", mount: CameraMount | None = None) -> CameraInfo:
         """The description that the driver of such a camera gives."""
@@ -55,8 +57,10 @@ class StereoProfile:
     def matching(self) -> Callable[[Gray, Gray], Disparity]:
         """A function from both images to disparity (H, W) float32 px, negative: none. Not for two threads at once."""
         if self.census is not None:
-            census = self.census
-            return lambda left, right: census_disparity(left, right, census)
+            census, limits = self.census, confidence_limits(self.match)
+            if not self.host_check:
+                return lambda left, right: census_disparity(left, right, census)
+            return lambda left, right: believed(left, right, census_disparity(left, right, census), limits)
         return StereoMatcher(self.match).disparity
 
 
@@ -73,9 +77,11 @@ LONG = StereoProfile(
 )
 """A wide baseline: a range of 20 m."""
 OAK = StereoProfile(
-    name="oak", view=_view(640, 400, 441.0, 0.075), census=CensusParams(subpixel_bits=3), min_range_m=0.4,
+    name="oak", view=_view(640, 400, 441.0, 0.075), census=CensusParams(subpixel_bits=5, least_margin=0.15, most_cost=0.25), min_range_m=0.4,
     disparity_sigma_px=0.25,
 )  # fmt: skip
+OAK_CHECKED = replace(OAK, name="oak_checked", host_check=True)
+"""An OAK whose rectified images are sent too and checked on the host as those of a ZED are."""
 D400 = StereoProfile(
     name="d400",
     view=_view(640, 480, 385.0, 0.05),
@@ -86,7 +92,7 @@ D400 = StereoProfile(
     max_range_m=6.0,
 )
 D400_ACTIVE = replace(D400, name="d400_active", projector=Projector(offset_m=0.025, strength=2.0))
-PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, D400, D400_ACTIVE)}
+PROFILES: dict[str, StereoProfile] = {p.name: p for p in (ZED, LONG, OAK, OAK_CHECKED, D400, D400_ACTIVE)}
 
 
 class StereoCamera:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..ray_caster import CYLINDER
-from ..scenes import Scene, SceneBuilder
+from ..scenes import GroundTruth, Scene, SceneBuilder
 from .pair_renderer import GlassPane
 from .shading import Surfaces
 from .sky import CLEAR, Sky
@@ -207,6 +207,8 @@ def _white_room(rng: np.random.Generator) -> StereoScene:
 
 def _roof_edge(rng: np.random.Generator) -> StereoScene:
     d = _Draft("roof_edge", "asphalt")
+    # heights count from the roof, which is what one flies over
+    d.builder.ground_truth = GroundTruth(-12.0)
     d.builder.box("roof", -7.0, 0.0, 26.0, 60.0, 12.0)
     d.builder.box("house", 32.0, rng.uniform(-4.0, 4.0), 8.0, 14.0, 9.0)
     return d.done(stand_m=12.0)

@@ -1,0 +1,214 @@
+"""Each rule that a stereo match must pass: off, there are depths where nothing is; on, there are none, and things stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.cameras.match_confidence import (
+    ConfidenceLimits,
+    believed,
+    derivative,
+    match_statistics,
+    patches,
+    repetitive,
+    without_smear,
+)
+from drivers.cameras.stereo import MatchParams, StereoMatcher, disparity_of, matcher
+
+WIDTH, HEIGHT, D = 320, 160, 48
+PARAMS = MatchParams(disparities=D, edge_px=0)
+OFF = ConfidenceLimits(correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0)
+ALL = ConfidenceLimits()
+
+
+def rng(seed: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def texture(seed: int, width: int = WIDTH + D, contrast: float = 25.0) -> np.ndarray:
+    """(HEIGHT, width) grey: blurred noise, nowhere the same."""
+    image = cv2.GaussianBlur(rng(seed).standard_normal((HEIGHT, width)), (0, 0), 1.5)
+    return 120.0 + contrast * image / image.std()
+
+
+def noisy(image: np.ndarray, noise_grey: float, seed: int) -> np.ndarray:
+    return np.clip(np.rint(image + noise_grey * rng(seed).standard_normal(image.shape)), 0, 255).astype(np.uint8)
+
+
+def sky(noise_grey: float) -> tuple[np.ndarray, np.ndarray]:
+    """A clear sky over a textured field at infinity."""
+    v = np.arange(HEIGHT)[:, None]
+    image = np.where(v < 120, 200.0 - 0.15 * v, texture(1)[:, :WIDTH])
+    return noisy(image, noise_grey, 2), noisy(image, noise_grey, 3)
+
+
+def matched(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return disparity_of(matcher(PARAMS), left, right, PARAMS)
+
+
+@pytest.mark.parametrize("noise_grey", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize(
+    ("rule", "left_over"),
+    [({"correlation": 0.7}, 0.004), ({"texture": 3.0}, 0.0), ({"correlation": 0.7, "texture": 3.0}, 0.0)],
+)
+def test_noise_of_a_blank_sky_is_no_depth(noise_grey: float, rule: dict[str, float], left_over: float) -> None:
+    """Correlation alone leaves a patch by chance, texture takes every near match out of the sky; the textured field stays."""
+    left, right = sky(noise_grey)
+    found = matched(left, right)
+    high = np.s_[:112, D:]
+    assert np.mean(found[high] > 2.0) > 0.03
+    kept = believed(left, right, found, replace(OFF, **rule, patch_px=20))
+    assert np.mean(kept[high] > 2.0) <= left_over
+    assert np.mean(kept[128:, D:] >= 0.0) > 0.95 * np.mean(found[128:, D:] >= 0.0)
+
+
+def test_texture_that_the_other_image_does_not_show_is_hardly_ever_a_depth() -> None:
+    """A thing too near to be matched, a reflection: there is texture in both images, and it is not the same. Two textures
+    agree by chance, strong ones not well."""
+    shares = np.zeros(3)
+    for seed in range(20, 80, 10):
+        views = [cv2.GaussianBlur(rng(seed + i).standard_normal((HEIGHT, WIDTH)), (0, 0), 1.0) for i in range(2)]
+        left, right = (noisy(120.0 + 25.0 * view / view.std(), 1.0, seed + 2 + i) for i, view in enumerate(views))
+        found = matched(left, right)
+        weak = believed(left, right, found, replace(ALL, strong_correlation=0.0))
+        shares += [np.mean(d >= 0.0) / 6 for d in (found, weak, believed(left, right, found, ALL))]
+    assert shares[0] > 0.01
+    assert shares[1] < 0.6 * shares[0]
+    assert shares[2] < 0.25 * shares[1]
+
+
+def test_a_fence_matches_itself_at_other_disparities() -> None:
+    """Bars every 9 px before a blank sky, the true disparity is 20 px."""
+    u = np.arange(WIDTH + D)
+    bars = np.where(u % 9 < 2, 90.0, 180.0)
+    image = np.broadcast_to(cv2.GaussianBlur(bars[None], (0, 0), 0.6), (HEIGHT, WIDTH + D))
+    left, right = noisy(image[:, :WIDTH], 1.0, 4), noisy(image[:, 20 : 20 + WIDTH], 1.0, 5)
+    found = matched(left, right)
+    inner = np.s_[20:-20, 80:-40]
+    wrong = (found >= 0.0) & (np.abs(found - 20.0) > 2.0)
+    assert wrong[inner].mean() > 0.05
+    without = believed(left, right, found, replace(ALL, period=1.0))
+    assert ((without >= 0.0) & (np.abs(without - 20.0) > 2.0))[inner].mean() > 0.01
+    assert not (believed(left, right, found, ALL)[inner] >= 0.0).any()
+
+
+def test_two_poles_are_no_repetition() -> None:
+    image = np.full((HEIGHT, WIDTH + D), 180.0)
+    image[:, 150:153] = image[:, 170:173] = 80.0
+    left = noisy(image[:, :WIDTH], 1.0, 6)
+    assert not repetitive(left, ALL.period, ALL.period_px)[:, 140:185].any()
+
+
+@pytest.mark.parametrize("noise_grey", [0.5, 1.0, 1.5])
+def test_a_blank_box_keeps_its_upright_outline_and_nothing_else(noise_grey: float) -> None:
+    """A box 100 px wide, 24 px of disparity, before a blank sky: the matcher smears depth over both."""
+    left, right = np.full((HEIGHT, WIDTH), 200.0), np.full((HEIGHT, WIDTH), 200.0)
+    left[20:, 150:250], right[20:, 126:226] = 130.0, 130.0
+    left, right = noisy(left, noise_grey, 7), noisy(right, noise_grey, 8)
+    found = StereoMatcher(PARAMS).disparity(left, right)
+    for edge in (150, 250):
+        beside = found[30:-10, edge - 3 : edge + 3]
+        assert np.mean((np.abs(beside - 24.0) < 1.0).any(axis=1)) > 0.98
+    reach = PARAMS.window_px // 2 + 2  # the derivative reaches one pixel farther
+    assert not (found[:, D : 150 - reach] >= 0.0).any()
+    assert not (found[30:, 150 + reach : 250 - reach] >= 0.0).any()
+    assert not (found[:, 250 + reach :] >= 0.0).any()
+    smeared = StereoMatcher(replace(PARAMS, correlation=0.0, texture=0.0, period=1.0, patch_px=0)).disparity(
+        left, right
+    )
+    assert (smeared[:, 250 + reach :] >= 0.0).any() or (smeared[30:, 160:240] >= 0.0).any()
+
+
+def test_a_textured_wall_stays_whole() -> None:
+    image = texture(9)
+    left, right = noisy(image[:, :WIDTH], 1.0, 10), noisy(image[:, 12 : 12 + WIDTH], 1.0, 11)
+    found = matched(left, right)
+    kept = believed(left, right, found, ALL)
+    inner = np.s_[8:-8, D:-8]
+    assert np.mean(np.abs(kept[inner] - 12.0) < 0.5) > 0.98
+
+
+def test_the_right_border_is_matched_too() -> None:
+    """The check from the right image needs columns beyond the left image's end for far things; without them the last
+    columns would never be measured."""
+    image = texture(9)
+    left, right = noisy(image[:, :WIDTH], 1.0, 10), noisy(image[:, 2 : 2 + WIDTH], 1.0, 11)
+    found = matched(left, right)
+    assert np.mean(np.abs(found[8:-8, -40:-4] - 2.0) < 0.5) > 0.98
+
+
+def test_brightness_of_one_imager_does_not_matter() -> None:
+    image = texture(9)
+    left, right = noisy(image[:, :WIDTH], 1.0, 10), noisy(0.9 * image[:, 12 : 12 + WIDTH] + 8.0, 1.0, 11)
+    s = match_statistics(left, right, np.full(left.shape, 12.0, np.float32), 7)
+    assert np.median(s.correlation[8:-8, D:-16]) > 0.97
+
+
+def test_the_correlation_is_that_of_texture_in_noise() -> None:
+    """Texture of variance t, noise of variance n: t / (t + n)."""
+    image, noise_grey = texture(12, contrast=3.0), 1.0
+    left, right = noisy(image[:, :WIDTH], noise_grey, 13), noisy(image[:, 12 : 12 + WIDTH], noise_grey, 14)
+    s = match_statistics(left, right, np.full(left.shape, 12.0, np.float32), 31)
+    t = float(cv2.Sobel(image, cv2.CV_64F, 1, 0, ksize=3, scale=1 / 8).var())
+    n = 3.0 / 16.0 * (noise_grey**2 + 1.0 / 12.0)
+    assert np.median(s.correlation[20:-20, 60:-20]) == pytest.approx(t / (t + n), abs=0.03)
+
+
+@pytest.mark.parametrize("noise_grey", [0.5, 1.0, 1.5, 3.0])
+def test_the_noise_is_measured_beside_texture(noise_grey: float) -> None:
+    """The 20th percentile over windows lies somewhat below the mean."""
+    image = texture(15)
+    left, right = noisy(image[:, :WIDTH], noise_grey, 16), noisy(image[:, 12 : 12 + WIDTH], noise_grey, 17)
+    s = match_statistics(left, right, np.full(left.shape, 12.0, np.float32), 7)
+    true = 3.0 / 16.0 * (noise_grey**2 + 1.0 / 12.0)
+    assert 0.6 * true < s.noise_variance < 1.05 * true
+
+
+def test_a_blank_thing_does_not_take_the_depth_of_the_texture_behind_it() -> None:
+    """A blank bar before a textured wall: along its level edges nothing locates it, and the wall's disparity reaches into it."""
+    image = texture(22)
+    left, right = image[:, :WIDTH].copy(), image[:, 4 : 4 + WIDTH].copy()
+    left[60:100], right[60:100] = 130.0, 130.0
+    left, right = noisy(left, 1.0, 23), noisy(right, 1.0, 24)
+    found = matched(left, right)
+    inside = np.s_[60:100, 60:-20]
+    rows = [
+        int((believed(left, right, found, replace(ALL, smear_px=px))[inside] >= 0.0).any(axis=1).sum())
+        for px in (0, 2, 4)
+    ]
+    assert rows[0] >= 6
+    assert rows[1] <= rows[0] - 3
+    assert rows[2] == 0
+    kept = believed(left, right, found, ALL)
+    assert np.mean(kept[10:54, 60:-20] >= 0.0) > 0.98
+
+
+def test_holes_in_weak_texture_do_not_grow() -> None:
+    disparity = np.full((60, 80), 9.0, np.float32)
+    disparity[30:34, 40:44] = -1.0
+    assert np.array_equal(without_smear(disparity, 2, 7), disparity)
+
+
+def test_small_patches_are_dropped() -> None:
+    disparity = np.full((40, 60), -1.0, np.float32)
+    disparity[5:8, 5:11] = 7.0
+    disparity[20:30, 20:30] = 9.0
+    kept = patches(disparity, 20, 1.5)
+    assert (kept[5:8, 5:11] < 0.0).all()
+    assert (kept[20:30, 20:30] == 9.0).all()
+
+
+def test_the_derivative_is_per_pixel_along_the_row() -> None:
+    ramp = np.broadcast_to(2 * np.arange(50, dtype=np.uint8), (20, 50)).copy()
+    assert np.allclose(derivative(ramp)[:, 2:-2], 2.0)
+    assert np.allclose(derivative(np.ascontiguousarray(ramp.T))[2:-2], 0.0)
+
+
+def test_nothing_matched_gives_nothing() -> None:
+    left, right = sky(1.0)
+    none = np.full(left.shape, -1.0, np.float32)
+    assert np.array_equal(believed(left, right, none, ALL), none)
