@@ -107,6 +107,7 @@ def _simulated(section: CameraConfig) -> DepthSource:
         cable=Path(section.device) if section.device else None,
         folder=cache_folder() / "simulated",
         render=section.render,
+        disparities=section.disparities,
     )
     flight = EndlessFlight(flight_plan(section.flight, section.seed))
     return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

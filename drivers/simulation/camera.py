@@ -33,7 +33,7 @@ _RENDERERS = (
 class Simulation:
     """How a camera is simulated. latency_s: from exposure to arrival; cable: a file, and while it is not there the
     camera is unplugged (None: always plugged in); folder: where rendered frames are kept (None: in memory); render: "depth" or
-    "stereo", see SimulatedFlight."""
+    "stereo", disparities: searched there, see SimulatedFlight."""
 
     fps: float = 30.0
     seed: int = 0
@@ -41,6 +41,7 @@ class Simulation:
     cable: Path | None = None
     folder: Path | None = None
     render: str = "depth"
+    disparities: int = 96
 
 
 class SimulatedDepthSource:
@@ -64,7 +65,12 @@ class SimulatedDepthSource:
         self._steps = max(1, round(duration_s * simulation.fps))
         rates = Rates(depth_hz=self._steps / duration_s)
         self._renderer = SimulatedFlight(
-            flight.plan, cameras=(info,), seed=simulation.seed, rates=rates, render=simulation.render
+            flight.plan,
+            cameras=(info,),
+            seed=simulation.seed,
+            rates=rates,
+            render=simulation.render,
+            disparities=simulation.disparities,
         )
         k = info.intrinsics
         self._room = (simulation.folder, self._name(), self._steps + 1, k.height, k.width)
@@ -164,7 +170,7 @@ class SimulatedDepthSource:
         said = [asdict(self._info), self._simulation.seed, self._steps, self._flight.plan.name, self._flight.leg_ns]
         modules = [Path(__file__).with_name(f"{module}.py") for module in _RENDERERS]
         if self._simulation.render == "stereo":
-            said.append(self._simulation.render)
+            said += [self._simulation.render, self._simulation.disparities]
             modules += sorted(Path(__file__).with_name("stereo").glob("*.py"))
             modules += sorted(Path(__file__).parents[1].joinpath("cameras").glob("*match*.py"))
             modules.append(Path(__file__).parents[1] / "cameras" / "stereo.py")

@@ -218,6 +218,22 @@ def test_a_description_survives_the_way_between_processes() -> None:
     assert info_from_json(info_to_json(info)) == info
 
 
+def test_a_simulated_camera_takes_rendered_stereo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    section = CameraConfig(
+        name="front", kind="simulated", render="stereo", width_px=96, disparities=32, fps=1.0, flight="street"
+    )
+    assert section.unmatched_px == 32
+    assert CameraConfig(name="front", kind="simulated", width_px=96).unmatched_px == 0
+    with make_source(section) as source:
+        frame = source.read(2.0)
+        assert frame is not None
+        assert frame.depth_mm.shape == (72, 96)
+        assert not (frame.depth_mm[:, :20] > 0).any()
+        assert (frame.depth_mm[:, 32:] > 0).mean() > 0.1
+        assert source.info.ke_per_m == pytest.approx(0.3 / (67.5 * 0.12))
+
+
 def test_a_recording_is_no_live_camera() -> None:
     with pytest.raises(ValueError, match="is not a live camera"):
         make_source(CameraConfig(name="a", kind="mcap"))

@@ -162,3 +162,24 @@ def test_unknown_flight_and_impossible_rates_are_refused() -> None:
         flight_plan("nowhere")
     with pytest.raises(ValueError, match="depth_hz"):
         Rates(depth_hz=0.0)
+
+
+def test_a_flight_seen_by_rendered_stereo_measures_the_same_scene() -> None:
+    """Where the matcher measures, its depth is that of the ray caster; the sky is not measured nearby."""
+    flight = SimulatedFlight("street", width=160, height=120, duration_s=0.2, render="stereo")
+    frame = flight.frame(0)
+    again = SimulatedFlight("street", width=160, height=120, duration_s=0.2, render="stereo").frame(0)
+    assert frame is not None
+    assert again is not None
+    assert np.array_equal(frame.depth_mm, again.depth_mm)
+    truth = flight.truth(flight.cameras[0], frame.t_exposure_ns).depth_m
+    measured = (frame.depth_mm > 0) & np.isfinite(truth) & (truth < 6.0)
+    assert measured.sum() > 500
+    off = np.abs(1000.0 / np.maximum(frame.depth_mm, 1)[measured] - 1.0 / truth[measured])
+    assert np.median(off) < 0.02
+    assert not ((frame.depth_mm > 0) & (frame.depth_mm < 5000))[~np.isfinite(truth)].any()
+
+
+def test_an_unknown_rendering_is_named() -> None:
+    with pytest.raises(ValueError, match="render='photo', expected one of depth, stereo"):
+        SimulatedFlight("street", render="photo")

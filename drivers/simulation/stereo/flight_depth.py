@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
+from ...cameras.stereo import MatchParams
 from ..scenes import Scene
 from .pair_renderer import StereoView
 from .sky import CLEAR, Sky
@@ -19,9 +20,10 @@ from .textures import Floats
 BASELINE_M = 0.12
 
 
-def flight_profile(intrinsics: Intrinsics) -> StereoProfile:
+def flight_profile(intrinsics: Intrinsics, disparities: int = 96) -> StereoProfile:
     """The host's matcher behind imagers with these intrinsics, BASELINE_M apart."""
-    return replace(ZED, name="flight", view=StereoView(intrinsics=intrinsics, baseline_m=BASELINE_M))
+    view = StereoView(intrinsics=intrinsics, baseline_m=BASELINE_M)
+    return replace(ZED, name="flight", view=view, match=MatchParams(disparities=disparities))
 
 
 def stereo_camera_info(intrinsics: Intrinsics, camera: str, mount: CameraMount | None = None) -> CameraInfo:
@@ -32,7 +34,8 @@ def stereo_camera_info(intrinsics: Intrinsics, camera: str, mount: CameraMount |
 class RenderedDepth:
     """Depth images of one scene for several cameras. One thread at a time."""
 
-    def __init__(self, scene: Scene, sky: Sky = CLEAR) -> None:
+    def __init__(self, scene: Scene, sky: Sky = CLEAR, disparities: int = 96) -> None:
+        self._disparities = disparities
         self._scene = StereoScene(name=scene.name, surfaces=surfaces_of(scene), sky=sky)
         self._cameras: dict[Intrinsics, StereoCamera] = {}
 
@@ -40,5 +43,8 @@ class RenderedDepth:
         self, info: CameraInfo, R_ned_optical: Floats, position_ned_m: Floats, seed: int, frame: int
     ) -> NDArray[np.uint16]:
         """(H, W) uint16 mm; the same arguments give the same image. seed: of the noise; the textures of a scene stay."""
-        camera = self._cameras.setdefault(info.intrinsics, StereoCamera(flight_profile(info.intrinsics)))
+        camera = self._cameras.get(info.intrinsics)
+        if camera is None:
+            camera = StereoCamera(flight_profile(info.intrinsics, self._disparities))
+            self._cameras[info.intrinsics] = camera
         return camera.depth_of(camera.pair(self._scene, R_ned_optical, position_ned_m, seed, frame))
