@@ -16,7 +16,9 @@ import sys
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.fidelity.metrics import missed_rays, rays_of, stops
 from benchmarks.open_air.directions import judge_directions
@@ -29,12 +31,14 @@ from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera
 from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
 
 NOISES_GREY = (0.5, 1.0, 1.5)
+STEP_M, STEP_PX = 0.5, 5
 INDOOR = ("white_room",)
 
 
 @dataclass(slots=True)
 class Counts:
-    """Sums over views. directions: truly free ones; rays: obstacle rays on measured pixels."""
+    """Sums over views. directions: truly free ones; rays: obstacle rays on measured pixels; rays_inside: those of them away from
+    depth steps, see `beside_steps`."""
 
     views: int = 0
     invalid: int = 0
@@ -49,6 +53,8 @@ class Counts:
     false_stops: int = 0
     rays: int = 0
     missed: int = 0
+    rays_inside: int = 0
+    missed_inside: int = 0
     outlines: list[OutlineCounts] = field(default_factory=list)
 
     def add(self, other: Counts) -> None:
@@ -73,9 +79,20 @@ class Counts:
             "closed": percent(self.closed, self.directions),
             "false_stops": percent(self.false_stops, self.directions),
             "missed": percent(self.missed, self.rays),
+            "missed_inside": percent(self.missed_inside, self.rays_inside),
             "outline_px": percent(sum(o.measured for o in self.outlines), outline),
             "outline": percent(sum(o.kept for o in self.outlines), outline),
         }
+
+
+def beside_steps(range_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(H, W) within STEP_PX of a step of the true range of more than STEP_M, or of the sky: where a window of the matcher lies on
+    two things. range_m: inf for the sky."""
+    r = np.where(np.isfinite(range_m), range_m, 1e6)
+    step = np.zeros(r.shape, np.uint8)
+    step[:, 1:] |= np.abs(np.diff(r, axis=1)) > STEP_M
+    step[1:] |= np.abs(np.diff(r, axis=0)) > STEP_M
+    return np.asarray(cv2.dilate(step, np.ones((2 * STEP_PX + 1, 2 * STEP_PX + 1), np.uint8)) > 0)
 
 
 def counts_of(seen: Seen) -> Counts:
@@ -87,7 +104,10 @@ def counts_of(seen: Seen) -> Counts:
     rays = rays_of(frame, frame.info.ke_per_m, blind_left_px=seen.unmatched_left_px)
     depth, _ = stops(model.planes.astype(np.float64), frame.info.intrinsics, frame.R_level_optical)
     stop_m = depth * rays.per_depth
-    believed = rays.obstacle & rays.measured
+    # an invalid model says nothing: what it does not stop is not missed
+    believed = rays.obstacle & rays.measured & model.valid
+    inside = believed & ~beside_steps(rays.range_m)
+    missed = missed_rays(rays, stop_m)
     return Counts(
         views=1,
         invalid=int(not model.valid),
@@ -101,7 +121,9 @@ def counts_of(seen: Seen) -> Counts:
         closed=int((directions.truly_free & directions.closed).sum()),
         false_stops=directions.false_stops,
         rays=int(believed.sum()),
-        missed=int((missed_rays(rays, stop_m) & believed).sum()),
+        missed=int((missed & believed).sum()),
+        rays_inside=int(inside.sum()),
+        missed_inside=int((missed & inside).sum()),
         outlines=outline_counts(seen, rays, stop_m),
     )
 
@@ -109,7 +131,7 @@ def counts_of(seen: Seen) -> Counts:
 COLUMNS = {
     "views": ("views", 0), "invalid": ("invalid", 0), "planes": ("planes", 1), "measured": ("measured %", 1),
     "sky_near": ("sky < 10 m %", 2), "free": ("called free %", 1), "closed": ("closed %", 1),
-    "false_stops": ("false stops %", 2), "missed": ("missed %", 2),
+    "false_stops": ("false stops %", 2), "missed": ("missed %", 2), "missed_inside": ("missed inside %", 2),
     "outline_px": ("outline px %", 1), "outline": ("outline %", 1),
 }  # fmt: skip
 

@@ -123,7 +123,7 @@ class CameraConfig:
         0.9,
         safety=True,
     )
-    confidence: int = _number(0, 255, "", "oak only: lower values keep fewer, more reliable pixels", 200, safety=True)
+    confidence: int = _number(0, 255, "", "oak only: lower values keep fewer, more reliable pixels", 55, safety=True)
     emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
     depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)
     fx_px: float | None = _number(10.0, 20_000.0, "px", "v4l2 only: focal length; the device does not report it")

@@ -36,7 +36,7 @@ _POLL_S = 0.002
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OakSettings:
     """Settings of the device. device: its id, USB port or address; empty: the only device. confidence: 0..255, lower
-    keeps fewer and more reliable pixels. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to
+    keeps fewer and more reliable pixels; 55 is the default of DepthAI 3. emitter: intensity of the dot projector, 0..1. first_frame_s: time limit to
     find, boot and deliver."""
 
     camera: str
@@ -44,7 +44,7 @@ class OakSettings:
     width: int = 640
     height: int = 400
     fps: float = 30.0
-    confidence: int = 200
+    confidence: int = 55
     emitter: float = 0.0
     max_range_m: float = 15.0
     min_range_m: float = 0.4

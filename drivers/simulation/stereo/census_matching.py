@@ -17,7 +17,9 @@ _NONE = -1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CensusParams:
-    """disparities: searched. rows, columns: of the census window. p1, p2: penalties of a step of one and of more, in bits. paths: 4 (both directions of rows and columns) or 2 (rows only). least_margin:
+    """disparities: searched. rows, columns: of the census window. threshold_grey: a pixel counts as darker than the centre of the
+    window only by more than this. p1, p2: penalties of a step of one and of more, in bits. paths: 4 (both directions of rows and
+    columns) or 2 (rows only). least_margin:
     the best cost must lie this share below the best one elsewhere. most_cost: share of the census bits that may differ.
     check_px: left and right agree within. subpixel_bits: steps of 1 / 2^bits px. median: side of a median filter, 0 none.
     speckle_px: smaller patches are dropped, 0 none."""
@@ -25,6 +27,7 @@ class CensusParams:
     disparities: int = 96
     rows: int = 5
     columns: int = 7
+    threshold_grey: int = 0
     p1: int = 4
     p2: int = 16
     paths: int = 4
@@ -37,14 +40,14 @@ class CensusParams:
 
 
 @kernel
-def _census(image: Gray, rows: int, columns: int, out: NDArray[np.uint64]) -> None:
-    """A bit for each pixel of the window that is darker than its centre -> out (H, W)."""
+def _census(image: Gray, rows: int, columns: int, threshold: int, out: NDArray[np.uint64]) -> None:
+    """A bit for each pixel of the window that is darker than its centre by more than a threshold -> out (H, W)."""
     height, width = image.shape
     half_v, half_u = rows // 2, columns // 2
     for v in range(half_v, height - half_v):
         for u in range(half_u, width - half_u):
             bits = np.uint64(0)
-            centre = image[v, u]
+            centre = int(image[v, u]) - threshold
             for dv in range(-half_v, half_v + 1):
                 for du in range(-half_u, half_u + 1):
                     if dv == 0 and du == 0:
@@ -160,7 +163,7 @@ def census_disparity(left: Gray, right: Gray, p: CensusParams) -> NDArray[np.flo
     codes = []
     for image in (left, right):
         code = np.zeros(image.shape, np.uint64)
-        _census(np.ascontiguousarray(image), p.rows, p.columns, code)
+        _census(np.ascontiguousarray(image), p.rows, p.columns, p.threshold_grey, code)
         codes.append(code)
     bits = p.rows * p.columns - 1
     cost = np.empty((*left.shape, p.disparities), np.uint8)

@@ -77,7 +77,7 @@ LONG = StereoProfile(
 )
 """A wide baseline: a range of 20 m."""
 OAK = StereoProfile(
-    name="oak", view=_view(640, 400, 441.0, 0.075), census=CensusParams(subpixel_bits=5, least_margin=0.15, most_cost=0.25), min_range_m=0.4,
+    name="oak", view=_view(640, 400, 441.0, 0.075), census=CensusParams(subpixel_bits=5, threshold_grey=1, least_margin=0.15, most_cost=0.25), min_range_m=0.4,
     disparity_sigma_px=0.25,
 )  # fmt: skip
 OAK_CHECKED = replace(OAK, name="oak_checked", host_check=True)
