@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,15 @@ from numpy.typing import NDArray
 from ..config.avoidance import AvoidParams
 from .obstacle_distance import PX4, UNKNOWN, always_told_cm, clear_cm, encoded, limits_cm, near_cm
 from .obstacle_memory import Remembered
-from .polar_histogram import SECTORS, SectorScan, SectorState
+from .polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 
 NS = 1_000_000_000
 FENCE_SHARE = math.cos(math.pi / 8.0)
 """ArduPilot's fence before a wall in one of its faces of 45 degrees runs from corner to corner: in the middle it is nearer
 than the wall by this factor. It holds its place while that middle is within AVOID_BACKUP_DZ (0.1 m) inside AVOID_MARGIN:
 of the walls measured at a margin of 3 m, that is the one at 3.20 m, and neither 3.10 nor 3.35 m."""
+CLOSING_S = 2.0
+"""At the edge of the view PX4 is sent obstacles that the vehicle would reach within this time: it needs them to brake."""
 OUTSIDE_CP_DIST_M = 0.05
 """The wall for PX4 is this much farther than CP_DIST, so that no rounding puts it inside. PX4 v1.15 then creeps at 0.03 m/s."""
 
@@ -66,7 +68,9 @@ class Sight:
 
     blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do, with any part of
     them; whole: (72,) those that seeing ones look into all of.
-    newest_ns: the newest exposure of any camera that was good; None: never."""
+    newest_ns: the newest exposure of any camera that was good; None: never.
+    edge: (72,) sectors in which the hull would pass beside what the seeing cameras cover.
+    velocity_m_s: of the vehicle in level, forward and right; None: not known."""
 
     scan: SectorScan
     recalled: Remembered
@@ -74,6 +78,8 @@ class Sight:
     seeing: NDArray[np.bool_]
     whole: NDArray[np.bool_]
     newest_ns: int | None
+    edge: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(SECTORS, np.bool_))
+    velocity_m_s: tuple[float, float] | None = None
 
 
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
@@ -104,6 +110,21 @@ def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
     return wall_m if 100.0 * wall_m < limits_cm(avoid)[1] - 1 else None
 
 
+def braking_reach_cm(sight: Sight, avoid: AvoidParams) -> NDArray[np.float64]:
+    """(72,) distance within which an obstacle is sent to PX4 although unknown stands beside it. Everywhere that of near
+    obstacles; at the edge of the view, where unknown stands for the hull's width, also what the vehicle closes on: PX4 needs it
+    to brake. Without a velocity all that is seen there is sent."""
+    near_cm = np.full(SECTORS, float(always_told_cm(avoid)))
+    unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
+    beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
+    at_edge = beside & ~(unseen | np.roll(unseen, 1) | np.roll(unseen, -1))
+    if sight.velocity_m_s is None:
+        return np.where(at_edge, 100.0 * avoid.max_distance_m, near_cm)
+    angle = centres_rad()
+    closing_m_s = np.cos(angle) * sight.velocity_m_s[0] + np.sin(angle) * sight.velocity_m_s[1]
+    return np.where(at_edge, near_cm + 100.0 * CLOSING_S * np.maximum(0.0, closing_m_s), near_cm)
+
+
 class BlindPolicy:
     """`values` for each message. It keeps since when all cameras, and since when any camera, is blind."""
 
@@ -119,12 +140,21 @@ class BlindPolicy:
             return np.full(SECTORS, _wall_cm(policy), np.uint16)
         values = encoded(sight.scan, self._avoid)
         values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
+        if policy.name != "stop" or policy.all_around:  # ArduPilot takes unknown for clear
+            values[sight.edge & (values == clear_cm(self._avoid))] = UNKNOWN
         if policy.name == "stop":
             self._planes(values, sight.scan)
             self._wall(values, sight, policy)
         values = np.minimum(values, self._recalled(sight, policy))
+        if policy.name != "stop":
+            self._leave_edge(values, sight)
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
+
+    def _leave_edge(self, values: NDArray[np.uint16], sight: Sight) -> None:
+        """Takes obstacles out of sectors at the edge of the view: PX4 moves into a sector that has any value. They stay where
+        they are near, or the vehicle closes on them: then PX4 must brake for them."""
+        values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid))] = UNKNOWN
 
     def _follow(self, sight: Sight, now_ns: int) -> None:
         """Blindness began with the newest exposure, not when it was noticed."""

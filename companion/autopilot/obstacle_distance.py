@@ -54,15 +54,16 @@ def near_cm(distance_m: NDArray[np.float64], avoid: AvoidParams) -> NDArray[np.u
     return np.clip(np.floor(100.0 * distance_m), low + 1, high - 1).astype(np.uint16)
 
 
-def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int) -> NDArray[np.uint16]:
-    """For older PX4, which has bins of 10 degrees and reads the even elements alone: each of them becomes the least of
+def for_coarse_bins(values: NDArray[np.uint16], clear: int, outranks: int | NDArray[np.float64]) -> NDArray[np.uint16]:
+    """For PX4 up to v1.15, which has bins of 10 degrees and reads the even elements alone: each of them becomes the least of
     itself and its neighbours. Beside unknown it is unknown, since a bin stands for all its sectors; unless the least is no
-    farther than outranks (cm), which is told whatever stands beside it."""
+    farther than outranks (cm, one or (72,) values), which is sent whatever stands beside it."""
     three = np.stack([np.roll(values, 1), values, np.roll(values, -1)])[:, ::2]
     nearest = three.min(axis=0)
     unseen = (three == UNKNOWN).any(axis=0)
     out = values.copy()
-    out[::2] = np.where(unseen & ((nearest >= clear) | (nearest > outranks)), UNKNOWN, nearest)
+    limit = np.broadcast_to(outranks, len(values))[::2]
+    out[::2] = np.where(unseen & ((nearest >= clear) | (nearest > limit)), UNKNOWN, nearest)
     return out
 
 
@@ -76,12 +77,16 @@ def for_front_face(values: NDArray[np.uint16], clear: int) -> NDArray[np.uint16]
     return out
 
 
-def for_reader(values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str) -> NDArray[np.uint16]:
-    """As this kind of autopilot needs them, whatever is told: in all ways for one that is not known. That one may take
-    unknown for clear, so that no obstacle gives way to it there."""
+def for_reader(
+    values: NDArray[np.uint16], avoid: AvoidParams, autopilot: str, reach_cm: NDArray[np.float64] | None = None
+) -> NDArray[np.uint16]:
+    """The values as this kind of autopilot needs them; for an unknown kind as each kind needs them. An unknown kind may take
+    unknown for clear, so that no obstacle gives way to it there. reach_cm: (72,) to PX4 an obstacle within it is sent beside
+    unknown; None: only a near one."""
     clear = clear_cm(avoid)
     if autopilot != ARDUPILOT:
-        values = for_coarse_bins(values, clear, always_told_cm(avoid) if autopilot == PX4 else clear)
+        near = always_told_cm(avoid) if reach_cm is None else reach_cm
+        values = for_coarse_bins(values, clear, near if autopilot == PX4 else clear)
     return values if autopilot == PX4 else for_front_face(values, clear)
 
 

@@ -15,13 +15,13 @@ NS = 1_000_000_000
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 RC_OPTIONS = tuple(f"RC{n}_OPTION" for n in range(5, 17))
 WANTED = {
-    PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "CP_GUIDE_ANG", "MPC_POS_MODE"),
+    PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE"),
     ARDUPILOT: (
         "AVOID_MARGIN", "PRX1_TYPE", "AVOID_ENABLE", "AVOID_BEHAVE", "AVOID_BACKUP_SPD", "OA_TYPE", "PRX1_MIN", "PRX1_MAX",
         "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN", *RC_OPTIONS,
     ),
 }  # fmt: skip
-OPTIONAL = frozenset({*RC_OPTIONS, "PRX1_MIN", "PRX1_MAX", "PRX1_ORIENT", "PRX1_YAW_CORR"})
+OPTIONAL = frozenset({*RC_OPTIONS, "PRX1_MIN", "PRX1_MAX", "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN"})
 """Not in every firmware: that they are not answered is not reported."""
 AT_ONCE = 6
 """Most requests in one go: a slow link is not filled by them."""

@@ -264,6 +264,26 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     return out.reshape(SECTORS, PARTS)
 
 
+EDGE_MARGIN_M = 0.1
+"""Beside the hull, for what the vehicle deviates from the direction of the stick."""
+MOVES_DEG = (-0.5 * math.degrees(STEP_RAD), math.degrees(STEP_RAD))
+"""Directions, from the middle of a sector, into which PX4 moves by the value of that sector: its bins begin at the middle of a
+sector, or have it in their middle."""
+
+
+def too_near_the_edge(cameras: Sequence[NDArray[np.uint8]], avoid: AvoidParams) -> NDArray[np.bool_]:
+    """(72,) sectors into which the vehicle must not move by what these cameras (of looked_into) see: its hull, with a margin,
+    would pass through directions beside their views, at a range of near_m or more."""
+    parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras]).ravel() == Look.WHOLE
+    hull_deg = math.degrees(math.asin(min(1.0, (avoid.radius_m + EDGE_MARGIN_M) / avoid.near_m)))
+    part_deg = 360.0 / len(parts)
+    first = math.floor((MOVES_DEG[0] - hull_deg + 0.5 * PARTS * part_deg) / part_deg + 1e-9)
+    end = math.ceil((MOVES_DEG[1] + hull_deg + 0.5 * PARTS * part_deg) / part_deg - 1e-9)
+    needed = PARTS * np.arange(SECTORS)[:, None] + np.arange(first, end)[None, :]
+    out: NDArray[np.bool_] = ~parts[needed % len(parts)].all(axis=1)
+    return out
+
+
 def covered(cameras: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(72,) sectors of which these cameras (of looked_into) together see any part, and (72,) those they see all of."""
     parts = np.maximum.reduce([np.zeros((SECTORS, PARTS), np.uint8), *cameras])

@@ -30,13 +30,24 @@ from ..pipeline.multi_camera import compose, transform_to_level
 from ..pipeline.pipeline import PrismsResult
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
+from .confirmation import PlaneConfirmation, SeenSectors
 from .distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
-from .failsafe import AutopilotNow, BlindPolicy, Recovery, Sight, policy_of
+from .failsafe import AutopilotNow, BlindPolicy, Recovery, Sight, braking_reach_cm, policy_of
 from .free_space_memory import FreeMemory
 from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
 from .obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
 from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
-from .polar_histogram import PARTS, SECTORS, Look, Recall, SectorScan, covered, looked_into, scan
+from .polar_histogram import (
+    PARTS,
+    SECTORS,
+    Look,
+    Recall,
+    SectorScan,
+    covered,
+    looked_into,
+    scan,
+    too_near_the_edge,
+)
 from .view_free import RING_M, View
 
 NS = 1_000_000_000
@@ -87,9 +98,13 @@ class ObstacleTeller:
         self._motion = Synchroniser(MOTION)
         self._moved: deque[AttitudeSample | PoseSample] = deque(maxlen=4 * MOTION.held_samples)
         self._newest: dict[str, PrismsResult] = {}
+        self._confirmation: dict[str, PlaneConfirmation] = {}
+        self._confirmed: dict[str, PrismsResult] = {}
+        self._seen = SeenSectors(self._stale_ns)
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
         self._last_here: Here | None = None
+        self._newest_pose: PoseSample | None = None
         self._recovery = Recovery(cameras, avoid.recover_frames)
         self._policy = BlindPolicy(avoid)
         self._memory = ObstacleMemory(avoid)
@@ -109,11 +124,16 @@ class ObstacleTeller:
         with self._lock:
             self._infos[info.camera] = info
             self._looks[info.camera] = looks
+            k = info.intrinsics
+            self._confirmation[info.camera] = PlaneConfirmation(self._avoid, k.width * k.height)
 
     def result(self, result: PrismsResult) -> None:
         """What a frame said, valid or not."""
         with self._lock:
             self._newest[result.camera] = result
+            self._confirmed.pop(result.camera, None)
+            if result.valid and result.camera in self._infos:
+                self._confirmed[result.camera] = self._confirmation[result.camera].take(result)
             self._recovery.frame(result.camera, result.valid)
             if result.valid:
                 self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
@@ -141,6 +161,7 @@ class ObstacleTeller:
                 self._motion.attitudes.add(sample)
             else:
                 self._motion.poses.add(sample)
+                self._newest_pose = sample
         here = self._here(now_ns)
         causes = {camera: self._cause(camera, here, now_ns) for camera in self._cameras}
         self._recovery.blind(causes)
@@ -151,17 +172,28 @@ class ObstacleTeller:
         views: list[View] = []
         recall: Recall | None = None
         if here is not None:
-            views = [self._view(self._newest[c], here) for c in seeing]
+            views = [self._view(self._confirmed.get(c, self._newest[c]), here) for c in seeing]
             for camera, view in zip(seeing, views, strict=True):
                 self._freed.see(camera, seen_ns(self._newest[camera]), view, here)
             recall = partial(self._freed.free, views, here, now_ns)
         # without an attitude what is remembered stands where it stood when there was one
         self._last_here = here or self._last_here
-        found, recalled = scan(views, self._avoid, recall), nothing_remembered()
+        found, recalled = scan([], self._avoid), nothing_remembered()
+        if here is not None:
+            found = self._scan(seeing, views, recall, here, now_ns)
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
         told = self._told(autopilot, now_ns, causes, found, recalled)
         return self._with_heights(told, dict(zip(seeing, views, strict=False)), here, now_ns)
+
+    def _scan(self, seeing: list[str], views: list[View], recall: Recall | None, here: Here, now_ns: int) -> SectorScan:
+        """The sectors; those that a single frame does not see stay as they were."""
+        exposed_ns = np.zeros(SECTORS, np.int64)
+        for camera in seeing:
+            covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
+            exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
+        found = scan(views, self._avoid, recall)
+        return self._seen.take(found, exposed_ns, here.heading_rad, now_ns, self._avoid.max_distance_m)
 
     def _with_heights(self, told: Told, views: dict[str, View], here: Here | None, now_ns: int) -> Told:
         """What is told besides of what stands above and below, where that is switched on. views: of those that see."""
@@ -189,11 +221,13 @@ class ObstacleTeller:
     ) -> Told:
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
-        sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns)
+        edge = too_near_the_edge([self._looks[c] for c in self._cameras if not causes[c]], self._avoid)
+        velocity_m_s = self._velocity_m_s(now_ns)
+        sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s)
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:
-            values = for_reader(values, self._avoid, autopilot.kind)
+            values = for_reader(values, self._avoid, autopilot.kind, braking_reach_cm(sight, self._avoid))
         return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
@@ -227,6 +261,16 @@ class ObstacleTeller:
         if isinstance(pose, PoseAt):
             return Here(heading, pose.position_ned_m, pose.reset_counter)
         return Here(heading)
+
+    def _velocity_m_s(self, now_ns: int) -> tuple[float, float] | None:
+        """Of the vehicle, forward and right; None: not known."""
+        pose, here = self._newest_pose, self._last_here
+        if pose is None or pose.velocity_ned_m_s is None or here is None or now_ns - pose.t_ns > NS // 2:
+            return None
+        north, east, _ = pose.velocity_ned_m_s
+        c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
+        forward, right = c * north + s * east, c * east - s * north
+        return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None
 
     def _view(self, result: PrismsResult, here: Here) -> View:
         """A result in level at the moment of sending."""

@@ -41,6 +41,14 @@ class AvoidParams:
     step_m: float = critical(0.25, 0.05, 2.0, "m", "step along the rays")
     remember_s: float = critical(3.0, 0.0, 30.0, "s", "a near obstacle that left the view is sent for this time")
     remember_m: float = critical(6.0, 0.5, 50.0, "m", "obstacles nearer than this are remembered")
+    confirm_px: int = critical(
+        8,
+        0,
+        1000,
+        "px",
+        "an obstacle nearer than remember_m with no more pixels than this, in an image of 320x240 (more in a larger one), is sent "
+        "once a second frame shows it; 0: at once",
+    )
     blind: str = choice(
         "auto",
         ("auto", "unknown", "stop"),

@@ -50,8 +50,8 @@ def tell(reader: ParameterReader, name: str, value: float, now_ns: int) -> None:
 @pytest.mark.parametrize(
     ("kind", "parameters"),
     [
-        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "CP_GUIDE_ANG": 30.0, "MPC_POS_MODE": -1}),
-        (ARDUPILOT, {"PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 0, "AVOID_ALT_MIN": 0.0, "RC9_OPTION": 40}),
+        (PX4, {"CP_DIST": 3.5, "CP_DELAY": 0.5, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": -1}),
+        (ARDUPILOT, {"PRX1_TYPE": 2, "AVOID_ENABLE": 7, "AVOID_MARGIN": 2.5, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.75, "OA_TYPE": 0, "RC9_OPTION": 40}),
     ],
 )  # fmt: skip
 def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: dict[str, float]) -> None:
@@ -124,7 +124,7 @@ def test_a_delay_shorter_than_what_was_measured_is_said_with_the_one_to_set() ->
 
 
 def test_nothing_is_said_of_good_parameters() -> None:
-    px4 = {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "CP_GUIDE_ANG": 30.0, "MPC_POS_MODE": 4.0}
+    px4 = {"CP_DIST": 3.0, "CP_DELAY": 0.4, "CP_GO_NO_DATA": 0.0, "MPC_POS_MODE": 4.0}
     assert advice(AutopilotFacts(kind=PX4, values=px4, version=FirmwareVersion(1, 16)), AVOID) == []
     good = {
         "PRX1_TYPE": 2.0,

@@ -182,5 +182,5 @@ def test_forged_parameters_do_not_move_the_wall(told: Told) -> None:
         assert late
         assert {v for _, ahead in late for v in ahead} == ({305} if told.kind == PX4 else {WALL_CM})
         if told.kind == ARDUPILOT:
-            told.health.wait(lambda h: any("AVOID_MARGIN is told as" in t for t in h.troubles), 10.0)
+            told.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), 10.0)
     assert until(told.sees, 20.0)

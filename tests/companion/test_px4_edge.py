@@ -1,0 +1,45 @@
+"""PX4 beside a pole that stands outside of the view, or at its edge: the hull must fit into what was seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.autopilot.edge_px4 import AVOID, CAMERA, LOOKS, Case, empty_model, flown
+from companion.autopilot.polar_histogram import looked_into, too_near_the_edge
+from core.types import CameraMount
+
+from .made_up import easy_model
+
+EMPTY = empty_model(easy_model(1.0, 0.0))
+CASES = [
+    Case((1, 15), 0.0, False, 37.0, 39.5, 3.0),  # the index of a bin is the one below
+    Case((1, 16), 0.0, False, 36.0, 43.5, 3.0),
+    Case((1, 16), 30.0, False, 33.0, 40.5, 2.0),
+    Case((1, 16), 30.0, False, -38.0, -40.5, 2.0),  # guided to the last clear sector
+    Case((1, 16), 30.0, True, 32.0, 44.5, 2.0),
+]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_no_pole_beside_the_view_is_hit(case: Case) -> None:
+    assert flown(case, EMPTY, trims=False).clearance_m < 0.0
+    assert flown(case, EMPTY).clearance_m > 0.0
+
+
+@pytest.mark.parametrize("version", [(1, 15), (1, 16)])
+def test_it_flies_ahead_where_the_hull_fits(version: tuple[int, int]) -> None:
+    assert flown(Case(version, 0.0, False, 0.0, 90.0, 8.0), EMPTY).flown_m > 10.0
+
+
+def test_two_cameras_have_no_edge_between_them() -> None:
+    right = looked_into(replace(CAMERA, mount=CameraMount(yaw_rad=math.radians(60.0))), AVOID)
+    one, both = too_near_the_edge([LOOKS], AVOID), too_near_the_edge([LOOKS, right], AVOID)
+    assert np.flatnonzero(~one).tolist() == [0, 1, 2, 3, 4, 68, 69, 70, 71]
+    assert np.flatnonzero(~both).tolist() == [*range(17), 68, 69, 70, 71]
+    assert too_near_the_edge([], AVOID).all()
+    wide = replace(AVOID, radius_m=3.0)  # wider than near_m: only a camera all around would do
+    assert too_near_the_edge([LOOKS], wide).all()
