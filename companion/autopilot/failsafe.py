@@ -33,6 +33,8 @@ than the wall by this factor. It holds its place while that middle is within AVO
 of the walls measured at a margin of 3 m, that is the one at 3.20 m, and neither 3.10 nor 3.35 m."""
 CLOSING_S = 2.0
 """At the edge of the view PX4 is sent obstacles that the vehicle would reach within this time: it needs them to brake."""
+GROUND_CM = 75
+"""On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm with anything nearer than 60 cm."""
 OUTSIDE_CP_DIST_M = 0.05
 """The wall for PX4 is this much farther than CP_DIST, so that no rounding puts it inside. PX4 v1.15 then creeps at 0.03 m/s."""
 
@@ -40,11 +42,12 @@ OUTSIDE_CP_DIST_M = 0.05
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotNow:
     """What is known of the autopilot. kind: "" before it was heard; both names while heartbeats contradict each other.
-    margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not read."""
+    margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not read. on_ground: it says that the vehicle stands on the ground."""
 
     kind: str = ""
     margin_m: float | None = None
     cp_dist_m: float | None = None
+    on_ground: bool = False
 
     @property
     def may_be_px4(self) -> bool:
@@ -70,7 +73,8 @@ class Sight:
     them; whole: (72,) those that seeing ones look into all of.
     newest_ns: the newest exposure of any camera that was good; None: never.
     edge: (72,) sectors in which the hull would pass beside what the seeing cameras cover.
-    velocity_m_s: of the vehicle in level, forward and right; None: not known."""
+    velocity_m_s: of the vehicle in level, forward and right; None: not known.
+    on_ground: the vehicle stands on the ground."""
 
     scan: SectorScan
     recalled: Remembered
@@ -80,6 +84,7 @@ class Sight:
     newest_ns: int | None
     edge: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(SECTORS, np.bool_))
     velocity_m_s: tuple[float, float] | None = None
+    on_ground: bool = False
 
 
 def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
@@ -148,6 +153,8 @@ class BlindPolicy:
         values = np.minimum(values, self._recalled(sight, policy))
         if policy.name != "stop":
             self._leave_edge(values, sight)
+        if sight.on_ground:
+            values[values < GROUND_CM] = _wall_cm(policy) if policy.name == "stop" else UNKNOWN
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
 

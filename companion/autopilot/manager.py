@@ -26,6 +26,7 @@ from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause
 from .firmware_version import AUTOPILOT_VERSION, VersionReader
 from .flight_modes import mode_trouble
+from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
 from .parameter_advice import AutopilotFacts, advice, delay_advice
@@ -39,7 +40,7 @@ ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
 ECHOES = {"PX4": 330, "ArduPilot": 132}
 """The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 PARAM_VALUE = 22
-READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, *ECHOES.values()})
+READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, EXTENDED_SYS_STATE, *ECHOES.values()})
 """The autopilot's messages that `message` has to be given."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
@@ -71,6 +72,7 @@ class Avoidance:
         self._before_ns: dict[str, int] = {}
         self.parameters = ParameterReader()
         self.version = VersionReader()
+        self._landed = LandedState()
         self._last = last or LastValuesFile(None)
         self._echo = EchoCheck()
         self._texts = StatusTexts()
@@ -129,6 +131,7 @@ class Avoidance:
         """A message of the autopilot, of READS."""
         self.parameters.take(message, arrival_ns)
         self.version.take(message)
+        self._landed.take(message, arrival_ns)
         self._echo.take(message, arrival_ns)
 
     # ---- out --------------------------------------------------------------------------------------------------------
@@ -146,12 +149,8 @@ class Avoidance:
         self._read(vehicle, now_ns)
         if now_ns >= self._next_ask_ns and vehicle.autopilot in ECHOES:
             self._next_ask_ns = now_ns + ASK_FOR_ECHO_NS
-            self._post(
-                dialect.MAVLink_command_long_message(
-                    vehicle.system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0,
-                    ECHOES[vehicle.autopilot], 1e6 / ECHO_HZ, 0, 0, 0, 0, 0,
-                )
-            )  # fmt: skip
+            for message_id in (ECHOES[vehicle.autopilot], EXTENDED_SYS_STATE):
+                self._post(_interval_request(vehicle.system_id, message_id))
 
     def _read(self, vehicle: Vehicle, now_ns: int) -> None:
         """Asks for parameters and version, and keeps what was read."""
@@ -241,7 +240,8 @@ class Avoidance:
         if vehicle is None:
             return AutopilotNow()
         margin_m, cp_dist_m = (self._parameter(vehicle, name) for name in ("AVOID_MARGIN", "CP_DIST"))
-        return AutopilotNow(kind=vehicle.autopilot, margin_m=margin_m, cp_dist_m=cp_dist_m)
+        on_ground = self._landed.on_ground(vehicle, time.monotonic_ns())
+        return AutopilotNow(kind=vehicle.autopilot, margin_m=margin_m, cp_dist_m=cp_dist_m, on_ground=on_ground)
 
     def _parameter(self, vehicle: Vehicle, name: str) -> float | None:
         """A parameter as it is read now, else as it was read before this start; None: never."""
@@ -279,6 +279,12 @@ def avoidance_of(
         config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, LastValuesFile(state),
         config.extractor.profile_ring_m,
     )  # fmt: skip
+
+
+def _interval_request(system_id: int, message_id: int) -> Any:
+    """Asks for a message at ECHO_HZ."""
+    numbers = (message_id, 1e6 / ECHO_HZ, 0, 0, 0, 0, 0)
+    return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0, *numbers)
 
 
 def last_words(autopilot: str) -> str:

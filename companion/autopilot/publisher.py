@@ -48,11 +48,14 @@ from .polar_histogram import (
     scan,
     too_near_the_edge,
 )
-from .view_free import RING_M, View
+from .view_free import RING_M, View, ground_z_m
 
 NS = 1_000_000_000
 MOTION = SyncParams(max_gap_s=0.3, max_extrapolation_s=0.3, pose_max_gap_s=0.5, pose_max_extrapolation_s=0.3)
 """How far attitude and position may be carried to the moment of sending; beyond it the vehicle's heading is unknown."""
+
+STANDING_M = 0.8
+"""Greatest height of the vehicle's middle above the ground on which it stands."""
 
 EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
 """A camera that was never opened may look anywhere: nobody knows."""
@@ -183,7 +186,7 @@ class ObstacleTeller:
             found = self._scan(seeing, views, recall, here, now_ns)
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
-        told = self._told(autopilot, now_ns, causes, found, recalled)
+        told = self._told(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
         return self._with_heights(told, dict(zip(seeing, views, strict=False)), here, now_ns)
 
     def _scan(self, seeing: list[str], views: list[View], recall: Recall | None, here: Here, now_ns: int) -> SectorScan:
@@ -218,12 +221,15 @@ class ObstacleTeller:
         found: SectorScan,
         recalled: Remembered,
         fault: str = "",
+        low: bool = True,
     ) -> Told:
+        """low: no camera sees the ground farther below than it is when the vehicle stands on it."""
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
         edge = too_near_the_edge([self._looks[c] for c in self._cameras if not causes[c]], self._avoid)
         velocity_m_s = self._velocity_m_s(now_ns)
-        sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s)
+        on_ground = autopilot.on_ground and low
+        sight = Sight(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s, on_ground)
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:
@@ -288,6 +294,12 @@ class ObstacleTeller:
             R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
         model = transform_model(replace(result.model, prisms=()), step)
         return View(model, compose(step, result.transform), info.intrinsics, R_optical_level, self._ring_m)
+
+
+def _sees_ground_below(views: list[View]) -> bool:
+    """Whether any camera sees the ground farther than STANDING_M below the vehicle's middle: it flies, whatever is said."""
+    here = np.zeros(1)
+    return any(STANDING_M < ground_z_m(view, here, here)[0] < math.inf for view in views)
 
 
 def seen_ns(result: PrismsResult) -> int:

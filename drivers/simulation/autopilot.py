@@ -25,7 +25,7 @@ AUTOPILOT_IDS = {PX4: 12, ARDUPILOT: 3}
 _SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE, _REQUEST_CAPABILITIES, _AUTOPILOT_VERSION = 511, 512, 520, 148
 _INT32, _REAL32 = 6, 9
 _HEARTBEAT, _ATTITUDE, _ATTITUDE_QUATERNION, _LOCAL_POSITION, _TIMESYNC = 0, 30, 31, 32, 111
-_DISTANCE_SENSOR, _OBSTACLE_DISTANCE = 132, 330
+_DISTANCE_SENSOR, _OBSTACLE_DISTANCE, _EXTENDED_SYS_STATE = 132, 330, 245
 _ATTITUDES = (_ATTITUDE, _ATTITUDE_QUATERNION)
 _STREAMS = {10: (_ATTITUDE,), 6: (_LOCAL_POSITION,)}
 _TAKEN_UNSIGNED = {PX4: {0, 109, 246, 247}, ARDUPILOT: {109, 166}}
@@ -58,7 +58,7 @@ class FirmwareProfile:
     which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
     time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
     version: of its firmware, None: a usual one;
-    hides_version: it does not answer AUTOPILOT_VERSION."""
+    hides_version: it does not answer AUTOPILOT_VERSION. landed_state: MAV_LANDED_STATE, 0: it is not known."""
 
     kind: str = PX4
     system_id: int = 1
@@ -78,6 +78,7 @@ class FirmwareProfile:
     mavlink_1: bool = False
     version: tuple[int, int, int] | None = None
     hides_version: bool = False
+    landed_state: int = 0
 
 
 class SimulatedAutopilot:
@@ -320,6 +321,9 @@ class SimulatedAutopilot:
             if m < 1e6
         ]
 
+    def _extended_sys_state(self, _: int) -> list[Any]:
+        return [dialect.MAVLink_extended_sys_state_message(0, self.profile.landed_state)]
+
     def _pack(self, message: Any) -> bytes:
         data = bytes(message.pack(self._mavlink, force_mavlink1=self.profile.mavlink_1))
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
@@ -332,4 +336,5 @@ _SENDERS: dict[int, Callable[[SimulatedAutopilot, int], list[Any]]] = {
     _LOCAL_POSITION: SimulatedAutopilot._local_position,
     _OBSTACLE_DISTANCE: SimulatedAutopilot._fused_obstacles,
     _DISTANCE_SENSOR: SimulatedAutopilot._face_distances,
+    _EXTENDED_SYS_STATE: SimulatedAutopilot._extended_sys_state,
 }

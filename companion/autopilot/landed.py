@@ -1,0 +1,38 @@
+"""Whether the vehicle stands on the ground, by what the autopilot says (EXTENDED_SYS_STATE, arming).
+
+On the ground a camera some centimetres above grass or gravel shows obstacles directly before it. ArduPilot refuses to arm with
+anything nearer than 0.6 m. On the ground such distances are therefore sent as "not seen": the artificial wall for ArduPilot,
+unknown for PX4. They are never sent as clear.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from drivers.mavlink.session import Vehicle
+
+NS: Final = 1_000_000_000
+EXTENDED_SYS_STATE: Final = 245
+ON_GROUND: Final = 1
+"""MAV_LANDED_STATE."""
+FRESH_NS: Final = 3 * NS
+
+
+class LandedState:
+    """`take` receives every message of the autopilot. The state is two numbers that are replaced at once: safe to read from
+    another thread."""
+
+    def __init__(self) -> None:
+        self._newest: tuple[int, int] = (0, 0)  # landed_state, instant
+
+    def take(self, message: Any, now_ns: int) -> None:
+        """EXTENDED_SYS_STATE; other messages are ignored."""
+        if message.get_type() == "EXTENDED_SYS_STATE":
+            self._newest = (int(message.landed_state), now_ns)
+
+    def on_ground(self, vehicle: Vehicle, now_ns: int) -> bool:
+        """Whether the vehicle stands on the ground. An autopilot that does not report it stands there while disarmed."""
+        state, at_ns = self._newest
+        if state != 0 and now_ns - at_ns <= FRESH_NS:
+            return state == ON_GROUND
+        return not vehicle.armed
