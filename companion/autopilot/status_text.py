@@ -1,4 +1,4 @@
-"""Words to the people at the ground station: STATUSTEXT, one for each change, never a stream of them."""
+"""Texts for the ground station (STATUSTEXT): one for each change, at most one in two seconds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CRITICAL, WARNING, INFO = 2, 4, 6
 
 
 class StatusTexts:
-    """`due` with how each camera is now. A state that comes and goes within two seconds is told once, as it ends."""
+    """`due` with the state of each camera. A state that comes and goes within two seconds is sent once, as it ends."""
 
     def __init__(self) -> None:
         self._told: dict[str, bool] = {}
@@ -24,10 +24,10 @@ class StatusTexts:
         self._last_ns: int | None = None
 
     def due(self, blind: Mapping[str, str], now_ns: int, notes: Mapping[str, str] | None = None) -> Any | None:
-        """The message to send now, if any. blind: why each camera is blind, in words; empty: it sees. notes: other
-        troubles, topic -> words (told up to their first colon); empty: none.
+        """The message to send now, if any. blind: why each camera is blind, in words; empty: it is not. notes: other faults,
+        topic -> text (sent up to its first colon); empty: none.
 
-        A camera that has not seen yet is no news before OPENING_NS: it takes some seconds to open."""
+        A camera that has never worked is not reported before OPENING_NS: it takes some seconds to open."""
         self._begun_ns = now_ns if self._begun_ns is None else self._begun_ns
         if self._last_ns is not None and now_ns - self._last_ns < LEAST_APART_NS:
             return None
@@ -60,9 +60,10 @@ def mount_note(camera: str, degraded: bool) -> str:
 
 
 def shortened(text: str) -> str:
-    """At most 50 bytes of plain characters, cut at a word where there is one."""
+    """As many whole words as fit into MOST_CHARACTERS, plain ASCII. A word that is too long for the field is left out with all
+    after it; a text that begins with such a word is cut."""
     plain = text.encode("ascii", "replace").decode()
     if len(plain) <= MOST_CHARACTERS:
         return plain
-    cut = plain[: MOST_CHARACTERS + 1].rsplit(" ", 1)[0]
-    return cut if len(cut) > MOST_CHARACTERS // 2 else plain[:MOST_CHARACTERS]
+    cut = plain[: MOST_CHARACTERS + 1].rpartition(" ")[0].rstrip(" ,;(")
+    return cut or plain[:MOST_CHARACTERS]

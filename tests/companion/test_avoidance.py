@@ -316,8 +316,23 @@ def test_a_camera_that_never_opens_is_told() -> None:
     ]
 
 
-@pytest.mark.parametrize("cause", ["x" * 200, "the newest attitude is too old to be carried forward", "zu heiß " * 9])
-def test_texts_fit_their_field(cause: str) -> None:
-    text = shortened(f"OA: front blind: {cause}")
+@pytest.mark.parametrize(
+    "cause",
+    ["x" * 200, "the newest attitude is too old to be carried forward", "zu heiss " * 9, "a " + "b" * 60, "aaaa " * 20,
+     "the distances cannot be computed (ValueError: operands could not be broadcast)"],
+)  # fmt: skip
+def test_texts_fit_their_field_and_are_never_cut_inside_a_word(cause: str) -> None:
+    full = f"OA: front blind: {cause}"
+    text = shortened(full)
     assert len(text.encode()) <= MOST_CHARACTERS
     assert text.startswith("OA: front blind:")
+    assert full.startswith(text)
+    assert full[len(text) :].lstrip(",;(") == "" or full[len(text) :].lstrip(",;(")[0] == " "
+    assert len(full) <= MOST_CHARACTERS or set(text.split()) <= set(full.replace(",", "").replace("(", "").split())
+
+
+def test_a_text_that_fits_is_not_changed() -> None:
+    for length in (49, 50):
+        assert shortened("y" * length) == "y" * length
+    assert shortened("ä" * 10) == "?" * 10
+    assert len(shortened("y" * 51)) == MOST_CHARACTERS
