@@ -20,6 +20,7 @@ from ..paths import folders
 from .firmware_version import VersionReader
 from .parameter_advice import AutopilotFacts, braking_position_modes
 from .parameters import ARDUPILOT, PX4, WHOLE, ParameterReader, value_of
+from .restart_pending import TEXT as RESTART_TEXT
 from .session_factory import params_of, signing_of
 
 NS = 1_000_000_000
@@ -227,5 +228,9 @@ def apply(config: Config, patience_s: float, agreed: Callable[[list[Change]], bo
         if not agreed(wanted):
             yield False, f"nothing is written: without a yes. Proposed: {'; '.join(c.words() for c in wanted)}"
             return
+        pending = False
         for change, failure in writer.write(wanted):
+            pending |= not failure and change.name in REBOOT
             yield not failure, f"{change.name}: {failure}" if failure else f"written and read back: {change.words()}"
+        if pending:
+            yield False, RESTART_TEXT

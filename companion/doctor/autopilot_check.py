@@ -16,6 +16,8 @@ from ..autopilot.conflict_codes import conflict_diagnostics
 from ..autopilot.firmware_version import VersionReader
 from ..autopilot.parameter_advice import AutopilotFacts, advice
 from ..autopilot.parameters import ParameterReader
+from ..autopilot.restart_pending import TEXT as RESTART_TEXT
+from ..autopilot.restart_pending import ProximityPresence
 from ..autopilot.session_factory import params_of, signing_of
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
@@ -43,17 +45,18 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     except DriverError as error:
         yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return
-    reader, version = ParameterReader(), VersionReader()
+    reader, version, proximity = ParameterReader(), VersionReader(), ProximityPresence()
 
     def received(message: Any, arrival_ns: int) -> None:
         reader.take(message, arrival_ns)
         version.take(message)
+        proximity.take(message)
 
     session = MavlinkSession(params_of(config), on_message=received, signing=signing)
     link = MavlinkLink(parse_address(a.address), session, lambda samples: None)
     link.open()
     try:
-        status = _observed_status(link, reader, version, patience_s)
+        status = _observed_status(link, reader, version, proximity, patience_s)
     finally:
         link.close()
         signing.close()
@@ -69,11 +72,11 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     for conflict in conflict_diagnostics(status.conflicts):
         yield Finding("autopilot", False, conflict.text, conflict.code)
     if status.vehicle is not None:
-        yield from _parameter_findings(config, status.vehicle.autopilot, reader, version)
+        yield from _parameter_findings(config, status.vehicle.autopilot, reader, version, proximity)
 
 
 def _parameter_findings(
-    config: Config, autopilot: str, reader: ParameterReader, version: VersionReader
+    config: Config, autopilot: str, reader: ParameterReader, version: VersionReader, proximity: ProximityPresence
 ) -> Iterator[Finding]:
     values = reader.values()
     facts = AutopilotFacts(kind=autopilot, values=values, silent=reader.silent(), version=version.version)
@@ -81,6 +84,8 @@ def _parameter_findings(
     yield Finding("firmware", True, firmware)
     text = ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameter was received"
     yield Finding("parameters", bool(values), text, "" if values else DiagnosticCode.PARAMETERS_UNKNOWN)
+    if proximity.restart_pending(facts):
+        yield Finding("parameters", False, RESTART_TEXT, DiagnosticCode.PARAMETER_ADVICE)
     for line in advice(facts, config.avoid):
         yield Finding("parameters", not config.avoid.send, line, DiagnosticCode.PARAMETER_ADVICE)
     for line in reader.contradictions(time.monotonic_ns()):
@@ -88,7 +93,7 @@ def _parameter_findings(
 
 
 def _observed_status(
-    link: MavlinkLink, reader: ParameterReader, version: VersionReader, patience_s: float
+    link: MavlinkLink, reader: ParameterReader, version: VersionReader, proximity: ProximityPresence, patience_s: float
 ) -> LinkStatus:
     """The link's status as soon as clock, rates, parameters and version are known, at the latest after `patience_s`."""
 
@@ -99,10 +104,12 @@ def _observed_status(
         now_ns, system = time.monotonic_ns(), status.vehicle.system_id
         reader.begin(status.vehicle.autopilot, system)
         version.begin(status.vehicle.autopilot, system)
-        for request in (*reader.due(now_ns, system), *version.due(now_ns, system)):
+        requests = (*reader.due(now_ns, system), *version.due(now_ns, system), *proximity.due(now_ns, system))
+        for request in requests:
             link.post(request)
         synchronised = status.clock.source is ClockSource.TIMESYNC and status.attitude_hz > 0.0
-        return synchronised and reader.settled and version.settled and time.monotonic_ns() > settled_ns
+        answered = reader.settled and version.settled and proximity.settled
+        return synchronised and answered and time.monotonic_ns() > settled_ns
 
     settled_ns = time.monotonic_ns() + RATE_WINDOW_NS
     wait_until(complete, patience_s)

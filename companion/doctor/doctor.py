@@ -66,7 +66,9 @@ def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding
         return
     try:
         for ok, text in apply(config, patience_s, (lambda wanted: True) if yes else _confirmed):
-            yield Finding("apply", ok, text, "" if ok else DiagnosticCode.PARAMETERS_NOT_WRITTEN)
+            pending = words == RESTART_TEXT
+            code = DiagnosticCode.PARAMETER_ADVICE if pending else DiagnosticCode.PARAMETERS_NOT_WRITTEN
+            yield Finding("apply", ok, text, "" if ok else code)
     except DriverError as error:
         yield Finding("apply", False, f"nothing is written: {error}", DiagnosticCode.PARAMETERS_NOT_WRITTEN)
 

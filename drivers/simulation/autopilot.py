@@ -36,6 +36,7 @@ _LOOK_NS = 1_000_000
 """Between two looks while a message is held back: it hides its attitude, or is silent."""
 
 
+_SYS_STATUS, _PROXIMITY = 1, 1 << 26
 _VERSIONS = {PX4: (1, 16, 0), ARDUPILOT: (4, 6, 2)}
 _VERSION_REQUESTS = ((_REQUEST_MESSAGE, _AUTOPILOT_VERSION), (_REQUEST_CAPABILITIES, 1))
 
@@ -58,7 +59,8 @@ class FirmwareProfile:
     which instants it sends all but the attitude. key: it signs, and takes only what is signed with it. signing_ticks: its
     time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
     version: of its firmware, None: a usual one;
-    hides_version: it does not answer AUTOPILOT_VERSION. landed_state: MAV_LANDED_STATE, 0: it is not known."""
+    hides_version: it does not answer AUTOPILOT_VERSION. landed_state: MAV_LANDED_STATE, 0: it is not known.
+    proximity_started: PRX1_TYPE was set when it started."""
 
     kind: str = PX4
     system_id: int = 1
@@ -79,6 +81,7 @@ class FirmwareProfile:
     version: tuple[int, int, int] | None = None
     hides_version: bool = False
     landed_state: int = 0
+    proximity_started: bool = True
 
 
 class SimulatedAutopilot:
@@ -148,6 +151,9 @@ class SimulatedAutopilot:
                 self._set_interval(int(message.param1), float(message.param2))
             elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) in _VERSION_REQUESTS:
                 self._report_version(int(message.command))
+            elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) == (_REQUEST_MESSAGE, _SYS_STATUS):
+                present = _PROXIMITY if self.profile.proximity_started else 0
+                self._answer(dialect.MAVLink_sys_status_message(present, present, present, *[0] * 10))
             elif kind == "REQUEST_DATA_STREAM":
                 for number in _STREAMS.get(int(message.req_stream_id), ()):
                     self._intervals[number] = float(message.req_message_rate)

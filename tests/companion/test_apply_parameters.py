@@ -181,6 +181,22 @@ def test_good_parameters_are_left_alone(tmp_path: Path) -> None:
         assert sets(line) == []
 
 
+def test_a_pending_restart_is_never_as_it_should_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """After writing PRX1_TYPE, and in each later run until the autopilot was restarted."""
+    bad = GOOD[ARDUPILOT] | {"PRX1_TYPE": 0}
+    with flying(ARDUPILOT, tmp_path, bad, proximity_started=False) as (line, config):
+        assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "8"]) == 1
+        found = json.loads(capsys.readouterr().out)["findings"]
+        assert [f["part"] for f in found if "restart the autopilot:" in f["words"]] == ["apply", "parameters"]
+        assert main(["doctor", "-c", str(config), "--patience", "8"]) == 1
+        said = capsys.readouterr().out
+        assert "restart the autopilot" in said
+        assert "as it should be" not in said
+        line.change(lambda a: setattr(a.profile, "proximity_started", True))
+        main(["doctor", "-c", str(config), "--patience", "8"])
+        assert "restart the autopilot" not in capsys.readouterr().out
+
+
 def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,7 +79,7 @@ def test_doctor_names_a_low_rate_of_the_attitude() -> None:
     vehicle = SimpleNamespace(autopilot="PX4", system_id=1, armed=False)
     clock = ClockEstimate(ClockSource.TIMESYNC)
     status = SimpleNamespace(vehicle=vehicle, attitude_hz=2.0, position_hz=1.0, received=9, clock=clock)
-    link = SimpleNamespace(line=SimpleNamespace(error="", open=True))
+    link = SimpleNamespace(state=SimpleNamespace(error="", open=True))
     findings = {f.part: f for f in link_findings(Config(), cast(Any, link), cast(Any, status))}
     assert not findings["attitude"].ok
     assert findings["attitude"].text.startswith("attitude_rate_low: attitude arrives at 2.0 Hz")

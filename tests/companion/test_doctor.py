@@ -82,6 +82,7 @@ def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixt
         "autopilot",
         "attitude",
         "clock",
+        "firmware",
         "parameters",
         "log",
         "kernels",

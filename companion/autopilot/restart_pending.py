@@ -1,0 +1,53 @@
+"""Whether ArduPilot still has to be restarted before it reads obstacles.
+
+PRX1_TYPE takes effect at the next start. SYS_STATUS reports the proximity sensor as present only if it was set when the autopilot
+started (AP_Proximity::sensor_present)."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
+
+from .firmware_version import REQUEST_MESSAGE
+from .parameter_advice import AutopilotFacts
+from .parameters import ARDUPILOT
+
+NS: Final = 1_000_000_000
+SYS_STATUS: Final = 1
+PROXIMITY: Final = 1 << 26
+"""MAV_SYS_STATUS_SENSOR_PROXIMITY."""
+ASK_AGAIN_NS, TRIES = NS, 4
+TEXT: Final = "restart the autopilot: PRX1_TYPE was changed after its start, and it does not read obstacles yet"
+
+
+class ProximityPresence:
+    """`due` gives the requests to send, `take` receives every message of the autopilot."""
+
+    def __init__(self) -> None:
+        self._present: bool | None = None
+        self._asked_ns = self._tries = 0
+
+    def take(self, message: Any) -> None:
+        """SYS_STATUS; other messages are ignored."""
+        if message.get_type() == "SYS_STATUS":
+            self._present = bool(int(message.onboard_control_sensors_present) & PROXIMITY)
+
+    def due(self, now_ns: int, system_id: int) -> list[Any]:
+        """The request to send now, if any; TRIES in all."""
+        waits = self._asked_ns and now_ns - self._asked_ns < ASK_AGAIN_NS
+        if self._present is not None or self._tries >= TRIES or waits:
+            return []
+        self._asked_ns, self._tries = now_ns, self._tries + 1
+        numbers = (SYS_STATUS, 0, 0, 0, 0, 0, 0)
+        return [dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, REQUEST_MESSAGE, 0, *numbers)]
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is known, or was asked for TRIES times in vain."""
+        return self._present is not None or self._tries >= TRIES
+
+    def restart_pending(self, facts: AutopilotFacts) -> bool:
+        """Whether PRX1_TYPE is set and the running autopilot has no such sensor."""
+        wanted = facts.kind == ARDUPILOT and facts.values.get("PRX1_TYPE") == 2.0
+        return wanted and self._present is False
