@@ -18,10 +18,12 @@ WANTED = {
     PX4: ("CP_DIST", "CP_DELAY", "CP_GO_NO_DATA", "MPC_POS_MODE"),
     ARDUPILOT: (
         "AVOID_MARGIN", "PRX1_TYPE", "AVOID_ENABLE", "AVOID_BEHAVE", "AVOID_BACKUP_SPD", "OA_TYPE", "PRX1_MIN", "PRX1_MAX",
-        "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN", *RC_OPTIONS,
+        "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
     ),
 }  # fmt: skip
-OPTIONAL = frozenset({*RC_OPTIONS, "PRX1_MIN", "PRX1_MAX", "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN"})
+OPTIONAL = frozenset(
+    {*RC_OPTIONS, "PRX1_MIN", "PRX1_MAX", "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX"}
+)
 """Not in every firmware: that they are not answered is not reported."""
 AT_ONCE = 6
 """Most requests in one go: a slow link is not filled by them."""

@@ -1,0 +1,110 @@
+"""Model of ArduCopter's GUIDED mode with velocity targets before a wall, in one dimension, for closed-loop tests.
+
+Simple avoidance changes the velocity target itself, in place, and limits the rate of the change to AVOID_ACCEL_MAX, counted from
+the velocity that avoidance last gave; after 0.2 s in which it changed nothing it counts from the target. Inside of AVOID_MARGIN
+it sets the target to zero; as long as the target is zero there is nothing to change. The next target that arrives, after more
+than those 0.2 s, is therefore lowered from its full value at AVOID_ACCEL_MAX: the vehicle creeps on, by a little with each
+target. LOITER is not concerned: there the velocity is computed anew from the stick in each step.
+
+Sources: AC_Avoid.cpp (adjust_velocity, adjust_velocity_proximity, limit_accel, calc_backup_velocity_2D) and mode_guided.cpp of
+ArduCopter 4.6.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+STEP_S = 1.0 / 400.0
+TIMEOUT_S = 0.2
+"""AC_AVOID_ACCEL_TIMEOUT_MS."""
+AVOID_ACCEL_M_S2 = 1.0
+"""AC_AVOID_ACCEL_CMSS_MAX."""
+BACKUP_SHARE = 0.4
+"""Of the acceleration, for the speed of backing away."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuidedParams:
+    """Parameters of ArduCopter in SI units, as delivered but for margin and backup speed."""
+
+    margin_m: float = 3.0
+    backup_speed_m_s: float = 0.75
+    backup_deadzone_m: float = 0.1
+    accel_max_m_s2: float = 3.0
+    position_gain: float = 1.0
+    acceleration_m_s2: float = 2.5
+
+
+def sqrt_speed_m_s(distance_m: float, gain: float, acceleration: float) -> float:
+    """Speed from which the vehicle stops within a distance: proportional near, by the acceleration farther away."""
+    linear_m = acceleration / gain**2
+    if distance_m <= 0.0:
+        return 0.0
+    if distance_m < linear_m:
+        return gain * distance_m
+    return math.sqrt(2.0 * acceleration * (distance_m - 0.5 * linear_m))
+
+
+@dataclass(slots=True)
+class GuidedVehicle:
+    """`target` as the companion or the ground station sends it, `step` at 400 Hz. distance_m: to the wall, as it is told."""
+
+    params: GuidedParams
+    distance_m: float
+    speed_m_s: float = 0.0
+    _target: float = 0.0
+    _desired: float = 0.0
+    _previous: float = field(default=0.0)
+    _limited_s: float = -1e9
+    _now_s: float = 0.0
+
+    def target(self, speed_m_s: float) -> None:
+        """A velocity target, towards the wall."""
+        self._target = speed_m_s
+
+    def step(self) -> None:
+        """One step of avoidance, of the position controller and of the vehicle."""
+        p = self.params
+        self._now_s += STEP_S
+        self._target = self._adjusted(self._target)
+        change = p.acceleration_m_s2 * STEP_S
+        self._desired += max(-change, min(change, self._target - self._desired))
+        self.speed_m_s += (self._desired - self.speed_m_s) * STEP_S / 0.2
+        self.distance_m -= self.speed_m_s * STEP_S
+
+    def _adjusted(self, wanted: float) -> float:
+        p, room_m = self.params, self.distance_m - self.params.margin_m
+        safe = wanted
+        if wanted > 0.0:
+            most = sqrt_speed_m_s(room_m, p.position_gain, AVOID_ACCEL_M_S2)
+            safe = 0.0 if room_m <= 0.0 else min(wanted, most)
+        if p.backup_speed_m_s > 0.0 and -room_m > p.backup_deadzone_m:
+            back = sqrt_speed_m_s(-room_m, p.position_gain, BACKUP_SHARE * AVOID_ACCEL_M_S2)
+            safe = min(safe, -min(back, p.backup_speed_m_s))
+        if safe == wanted:
+            return safe
+        if p.accel_max_m_s2 > 0.0:
+            if self._now_s - self._limited_s > TIMEOUT_S:
+                self._previous = wanted
+            change = p.accel_max_m_s2 * STEP_S
+            safe = self._previous + max(-change, min(change, safe - self._previous))
+            self._previous = safe
+        if safe != wanted:
+            self._limited_s = self._now_s
+        return safe
+
+
+def approach(params: GuidedParams, target_m_s: float, interval_s: float, seconds: float = 60.0) -> tuple[float, float]:
+    """(least distance, distance at the end) of a vehicle 15 m from a wall that gets the same target again and again."""
+    vehicle = GuidedVehicle(params, 15.0)
+    least_m, next_s = vehicle.distance_m, 0.0
+    for step in range(round(seconds / STEP_S)):
+        if step * STEP_S >= next_s:
+            next_s += interval_s
+            vehicle.target(target_m_s)
+        vehicle.step()
+        least_m = min(least_m, vehicle.distance_m)
+        if vehicle.distance_m <= 0.0:
+            return vehicle.distance_m, vehicle.distance_m
+    return least_m, vehicle.distance_m

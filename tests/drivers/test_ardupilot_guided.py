@@ -1,0 +1,39 @@
+"""GUIDED with velocity targets before a wall: which parameters hold, by the model of ArduCopter's own code."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.simulation.firmware_models.ardupilot_guided import GuidedParams, approach
+
+RARE_S, OFTEN_S = 0.5, 0.1
+
+
+def test_targets_that_come_often_are_held_at_the_margin() -> None:
+    for backup_m_s in (0.0, 0.2, 0.75):
+        least_m, end_m = approach(GuidedParams(backup_speed_m_s=backup_m_s), 2.0, OFTEN_S)
+        assert least_m > 2.95
+        assert end_m == pytest.approx(3.0, abs=0.05)
+
+
+def test_rare_targets_creep_up_to_the_wall_where_it_does_not_back_up() -> None:
+    """As was measured with ArduCopter 4.6.2: it braked 3 m before the wall and crept on to 0.24 m from it."""
+    assert approach(GuidedParams(backup_speed_m_s=0.0), 2.0, RARE_S)[0] < 0.5
+    assert approach(GuidedParams(backup_speed_m_s=0.2), 2.0, RARE_S)[0] < 1.0
+    least_m, end_m = approach(GuidedParams(backup_speed_m_s=0.75), 2.0, RARE_S)
+    assert 1.5 < least_m < 2.9
+    assert end_m > 2.5
+
+
+@pytest.mark.parametrize("backup_m_s", [0.0, 0.2, 0.75])
+@pytest.mark.parametrize("interval_s", [0.05, 0.25, 1.0])
+def test_without_a_limit_of_the_acceleration_it_holds(backup_m_s: float, interval_s: float) -> None:
+    params = GuidedParams(backup_speed_m_s=backup_m_s, accel_max_m_s2=0.0)
+    assert approach(params, 2.0, interval_s)[0] > 2.95
+
+
+def test_a_wider_dead_zone_does_not_help() -> None:
+    narrow, wide = (
+        approach(GuidedParams(backup_speed_m_s=0.75, backup_deadzone_m=m), 2.0, RARE_S)[0] for m in (0.1, 0.5)
+    )
+    assert wide < narrow
