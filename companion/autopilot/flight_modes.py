@@ -87,7 +87,11 @@ def mode_trouble(vehicle: Vehicle, facts: AutopilotFacts) -> str:
         return f"{name} only leans away from obstacles: the pilot can override it; {where} stops"
     if effect is Effect.TARGETS:
         unread = "" if "OA_TYPE" in facts.values else "; whether a path planner works (OA_TYPE) is not known"
-        return f"{name} brakes velocity targets alone: with position targets it flies on, also when blind; {where} stops{unread}"
+        creeps = ""
+        if facts.values.get("AVOID_ACCEL_MAX", 3.0) > 0.0:
+            creeps = "; with fewer than 5 targets a second it creeps up to obstacles, unless AVOID_ACCEL_MAX = 0"
+        flies = "with position targets it flies on, also when blind"
+        return f"{name} brakes velocity targets alone: {flies}; {where} stops{unread}{creeps}"
     unread = "; or a path planner goes round: OA_TYPE is not known"
     planned = vehicle.autopilot == ARDUPILOT and name in _PLANNED and "OA_TYPE" not in facts.values
     return f"{name} {effect}: neither before obstacles nor when blind; {where} stops{unread if planned else ''}"

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from drivers.mavlink.session import Vehicle
 from drivers.watched_thread import WatchedThread
 
 from .firmware_version import FirmwareVersion
@@ -52,6 +53,11 @@ class LastValuesFile:
         if kept is not None and kept.system_id == system_id and kept.kind in kind.split(" or "):
             return kept
         return LastValues(kind, system_id)
+
+    def expected(self) -> Vehicle | None:
+        """The autopilot of the last start, as if it flew now; None: there was none."""
+        kept = self._kept
+        return None if kept is None else Vehicle(kept.system_id, kept.kind, 0, True, 0, heartbeat_ns=0)
 
     def keep(self, new: LastValues) -> None:
         """Values that were read now. A value that was not read keeps its last one. Written by a thread of its own where

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from core.self_check.mount_check import MountVerdict
@@ -177,7 +176,9 @@ class Avoidance:
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
-        notes["mode"] = mode_trouble(vehicle, self._facts(vehicle)) if vehicle is not None else ""
+        notes["mode"] = (
+            mode_trouble(vehicle, self._facts(vehicle)) if vehicle is not None and vehicle.heartbeat_ns else ""
+        )
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
         return notes
 
@@ -261,9 +262,13 @@ class Avoidance:
 
 
 def avoidance_of(
-    config: Config, cameras: Mapping[str, CameraSupervisor], session: MavlinkSession, link: MavlinkLink, state: Path
+    config: Config,
+    cameras: Mapping[str, CameraSupervisor],
+    session: MavlinkSession,
+    link: MavlinkLink,
+    last: LastValuesFile,
 ) -> Avoidance:
-    """What tells the autopilot of this line of obstacles. state: the folder in which its margin is kept."""
+    """What tells the autopilot of this line of obstacles. last: what was read from it before this start."""
 
     def heard() -> Vehicle | None:
         return session.vehicle if session.heard(time.monotonic_ns()) else None
@@ -276,7 +281,7 @@ def avoidance_of(
         return f"{status.condition}: {status.cause}" if status.condition is CameraCondition.FROZEN else ""
 
     return Avoidance(
-        config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, LastValuesFile(state),
+        config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, last,
         config.extractor.profile_ring_m,
     )  # fmt: skip
 

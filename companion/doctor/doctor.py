@@ -17,6 +17,7 @@ from typing import Any
 from drivers.base import DriverError
 
 from ..autopilot.parameter_writer import Change, apply
+from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..config.differences import expert_lines, safety_lines
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
@@ -66,7 +67,7 @@ def applied(config: Config, patience_s: float, *, yes: bool) -> Iterator[Finding
         return
     try:
         for ok, text in apply(config, patience_s, (lambda wanted: True) if yes else _confirmed):
-            pending = words == RESTART_TEXT
+            pending = text == RESTART_TEXT
             code = DiagnosticCode.PARAMETER_ADVICE if pending else DiagnosticCode.PARAMETERS_NOT_WRITTEN
             yield Finding("apply", ok, text, "" if ok else code)
     except DriverError as error:

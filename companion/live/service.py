@@ -145,13 +145,16 @@ class Service:
         if not self.config.avoid.send:
             session = MavlinkSession(params, on_frame=keep, signing=self.signing)
             return session, MavlinkLink(address, session, self._deliver)
+        from ..autopilot.last_values import LastValuesFile
         from ..autopilot.manager import READS, avoidance_of  # imported only where obstacles are sent
 
+        last = LastValuesFile(self._folders.state)
         session = MavlinkSession(
-            params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._handle_mavlink
-        )
+            params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._handle_mavlink,
+            expected=last.expected(),
+        )  # fmt: skip
         link = MavlinkLink(address, session, self._deliver)
-        self.avoidance = avoidance_of(self.config, self.cameras, session, link, self._folders.state)
+        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last)
         return session, link
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:

@@ -67,7 +67,7 @@ class MavlinkParams:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The autopilot we listen to, as its newest heartbeat says."""
+    """The autopilot we listen to, by its newest heartbeat. heartbeat_ns: 0, none was received since the start."""
 
     system_id: int
     autopilot: str
@@ -107,14 +107,19 @@ class MavlinkSession:
         on_message: Callable[[Any, int], None] | None = None,
         signing: Signing | None = None,
         reads: frozenset[int] | None = None,
+        expected: Vehicle | None = None,
     ) -> None:
         """on_frame: is given every good frame as it came (but without a signature), with its arrival, for the log.
         on_message: every good message of the autopilot of these kinds (reads; None: of all but its motion), decoded, which
-        is most of the work. signing: with our key; without it nothing is signed, and everything is believed."""
+        is most of the work. signing: with our key; without it nothing is signed, and everything is believed.
+        expected: the autopilot that was heard before this start: any message of it counts, before its first heartbeat."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
         self.vehicle: Vehicle | None = None
+        self._expected = expected
+        if expected is not None and self.params.system_id not in (0, expected.system_id):
+            self._expected = None
         self.counts: Counter[LinkAnomaly] = Counter()
         self.received = 0
         self._on_frame, self._on_message, self._reads = on_frame, on_message, reads
@@ -174,6 +179,8 @@ class MavlinkSession:
             return None
         if self._on_frame is not None and (logged := for_the_log(frame)) is not None:
             self._on_frame(logged, arrival_ns)
+        if vehicle is None and self._expected is not None:
+            vehicle = self._recognised(frame)
         own = vehicle is not None and frame.system == vehicle.system_id and frame.component == MAV_COMP_ID_AUTOPILOT1
         if not own:
             self._conflicts.heard(frame, vehicle.system_id if vehicle else 0, arrival_ns)
@@ -193,6 +200,14 @@ class MavlinkSession:
         else:
             self._read(kind, message, arrival_ns)
         return None
+
+    def _recognised(self, frame: Frame) -> Vehicle | None:
+        """The expected vehicle, if the frame is of its autopilot. Its heartbeat, once a second, may take too long in flight."""
+        expected = self._expected
+        if expected is None or (frame.system, frame.component) != (expected.system_id, MAV_COMP_ID_AUTOPILOT1):
+            return None
+        self._expected, self.vehicle = None, expected
+        return expected
 
     def _is_read(self, kind: int) -> bool:
         """Whether anybody reads such a message, which is not one of motion: decoding takes by far most of the time."""

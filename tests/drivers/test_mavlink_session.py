@@ -17,7 +17,7 @@ from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.motion import motion_fields
 from drivers.mavlink.parser import MessageSplitter
-from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, budget_of
+from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, Vehicle, budget_of
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot, hovering
 from drivers.simulation.flight_path import VehicleState
 
@@ -471,3 +471,32 @@ def test_the_budget_holds_what_a_line_carries() -> None:
 def test_parameters_out_of_range_are_named() -> None:
     with pytest.raises(ValueError, match=r"mavlink: attitude_hz = 0: expected 5.0..400.0 Hz"):
         MavlinkParams(attitude_hz=0)
+
+
+@pytest.mark.parametrize(
+    ("expected", "params", "heard"),
+    [
+        (Vehicle(1, PX4, 0, True, 0, 0), None, True),
+        (Vehicle(2, PX4, 0, True, 0, 0), None, False),
+        (Vehicle(1, PX4, 0, True, 0, 0), MavlinkParams(system_id=2), False),
+        (None, None, False),
+    ],
+)
+def test_an_autopilot_that_was_heard_before_the_start_counts_before_its_heartbeat(
+    expected: Vehicle | None, params: MavlinkParams | None, heard: bool
+) -> None:
+    """After a restart in flight a second may pass until the next one."""
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=PX4, boot_at_ns=90 * NS))
+    c = Conversation(MavlinkSession(params, expected=expected), [autopilot], lost=frozenset({0}))
+    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.run(0.1)
+    assert (c.session.vehicle is not None) == heard
+    c.session.post(dialect.MAVLink_obstacle_distance_message(0, 4, [300] * 72, 5, 20, 1200, 5.0, 0.0, 12))
+    c.run(0.1)
+    assert ("OBSTACLE_DISTANCE" in c.kinds()) == heard
+    if params is None:
+        c.lost = frozenset()
+        c.run(1.5)
+        assert c.session.vehicle is not None
+        assert c.session.vehicle.heartbeat_ns > 0
+        assert not c.session.vehicle.armed  # what its heartbeat says counts from then on
