@@ -1,7 +1,7 @@
-"""Prints the test files that a change may break, for `make check`: `python .ci/affected_tests.py [REVISION]`.
+"""Prints the test files that a change affects, for `make check`: `python .ci/affected_tests.py [REVISION]`.
 
-Changed are the files that differ from REVISION (HEAD) in the working tree, new ones too. Of each changed module the tests
-of its own package (`tests/core` for `core`, `tests/client` for `osape_client`) that import it, directly or not, are printed, and of each changed test file
+Changed files differ from REVISION (HEAD) in the working tree, or are new. For each changed module the tests
+of its package (`tests/core` for `core`, `tests/client` for `osape_client`) that import it, directly or not, are printed, and each changed test file
 itself. A change in `core` adds the golden results."""
 
 from __future__ import annotations

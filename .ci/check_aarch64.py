@@ -1,9 +1,9 @@
-"""Does everything the service needs come as a wheel for 64-bit ARM? Nothing is downloaded but the index.
+"""Checks that all dependencies have wheels for 64-bit ARM. Only the package index is downloaded.
 
     python .ci/check_aarch64.py [3.11 3.12 ...]
 
 Asks pip to resolve the dependencies, with the camera libraries, for CPython on aarch64 with the glibc of Raspberry Pi OS 12
-(2.36) or Ubuntu 22.04 (2.35), as a board would. Status 0: all are there; 1: one is not, pip says which; 3: no index can be
+(2.36) or Ubuntu 22.04 (2.35), as on a board. Status 0: all exist; 1: one is missing, named by pip; 3: no index can be
 reached."""
 
 from __future__ import annotations

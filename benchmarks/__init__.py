@@ -1,6 +1,5 @@
-"""Experiments with numbers: fidelity of the model on scenes with known truth, and what it is compared
-with."""
+"""Experiments: accuracy of the model on scenes with known truth, speed, and comparison with other methods."""
 
 from companion.kernels.jit_cache import use_own_cache
 
-use_own_cache()  # before anything here imports numba: kernels of other sources must not be taken for these
+use_own_cache()  # must run before numba is imported: kernels of other sources must not be loaded

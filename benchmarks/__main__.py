@@ -1,6 +1,7 @@
-"""All figures of docs/research/benchmarks. Run `make bench`, or `python -m benchmarks` with --quick or --only SECTION.
+"""Measures all figures of docs/research/benchmarks. Run `make bench`, or `python -m benchmarks` with --quick or --only
+SECTION.
 
-Each section runs in a process of its own: what one of them does to the machine, or dies of, the others do not see."""
+Each section runs in a process of its own, so that a section cannot affect the others."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ Run = Callable[[Section, Path, bool], str]
 
 
 class SectionError(Exception):
-    """A section gave no page; what it said is on stderr."""
+    """A section failed; its error is on stderr."""
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -44,7 +45,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None, run: Run | None = None) -> int:
-    """0: every section that exists gave its page; 1: one did not, stderr says which."""
+    """0: every section wrote its page; 1: a section failed, with the cause on stderr."""
     args = parse(arguments)
     if args.child is not None:
         module = importlib.import_module(next(s for s in SECTIONS if s.name == args.only[0]).module)

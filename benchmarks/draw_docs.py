@@ -95,7 +95,7 @@ def save(figure: Any, path: Path) -> None:
 
 
 def shrink(image: Any, path: Path, width: int | None = None) -> None:
-    """Writes an image, with a palette and, where asked, smaller. image: a path or an open file."""
+    """Writes an image with a palette, optionally reduced. image: a path or an open file."""
     from PIL import Image
 
     picture = Image.open(image).convert("RGB")
@@ -133,7 +133,7 @@ def draw_overview(seen: tuple[Rendered, Calls, FrameModel, Extractor]) -> None:
 
 
 def main() -> int:
-    """Draws what is asked for, all by default."""
+    """Draws the requested pictures, by default all."""
     names = [OVERVIEW, *PICTURES]
     parser = argparse.ArgumentParser(prog="python -m benchmarks.draw_docs", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names)} (default: all)")

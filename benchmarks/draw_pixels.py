@@ -42,7 +42,7 @@ def bare(ax: Any, title: str) -> None:
 
 
 def levelled(calls: Calls) -> NDArray[np.uint16]:
-    """(cols, rows) codes that the strips are made of."""
+    """(cols, rows) codes from which the strips are extracted."""
     codes: NDArray[np.uint16] = calls.of("extract_strips").before[0]
     return codes
 
@@ -247,7 +247,7 @@ def draw_irregular(figure: Any, frame: Rendered, calls: Calls, extractor: Extrac
 
 
 def draw_support(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
-    """Which strips too few pixels stand for."""
+    """Draws the strips with too little support."""
     call = calls.of("drop_unsupported")
     before, kept = call.before[0][: call.before[1]], call.after[0][: int(call.result)]
     here = {(int(s.column), int(s.top_row), int(s.bottom_row)) for s in kept}

@@ -130,7 +130,7 @@ def draw_merge(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) ->
 
 
 def draw_openings(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> None:
-    """The mask of openings at the distance of the nearest large thing."""
+    """The mask of openings at the distance of the nearest large object."""
     view, openings = calls.of("view_geometry").result, calls.of("find_openings").result
     codes = calls.of("extract_strips").before[0]
     rgb = depth_rgb(view_mm(codes, view.f_px, view.lsb_per_px), frame.info).astype(np.float64)

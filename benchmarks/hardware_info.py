@@ -15,7 +15,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stamp:
-    """commit: short, with a word when the sources differ from it; minutes: what the run took."""
+    """commit: short, marked when the sources differ from it; minutes: duration of the run."""
 
     date: str
     commit: str
@@ -26,7 +26,7 @@ class Stamp:
     quick: bool
 
     def markdown(self) -> str:
-        """A first line that tells when and what, then machine, versions and command."""
+        """A first line with date and commit, then computer, versions and command."""
         rough = "; a quick run, its figures are rough" if self.quick else ""
         took = f"{self.minutes:.0f} min" if self.minutes >= 1.0 else "under a minute"
         return (

@@ -1,10 +1,10 @@
-"""A vehicle that its autopilot stops before a wall, and when its camera dies: what it was told, drawn over the scene.
+"""A vehicle that its autopilot stops before a wall, and after a loss of its camera: the sent sectors drawn over the
+scene.
 
 Run: .venv/bin/python examples/avoid_flight.py [avoid.png]
 
-Nothing here is real but the code: a simulated camera, the pipeline and the messages of the service, and models of how
-PX4 and ArduPilot read them.
-"""
+Everything is simulated: the camera, and models of the PX4 and ArduPilot firmware; the pipeline and the messages are
+those of the service."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ COLORS = {"obstacle": "#d0342c", "wall": "#8e44ad", "clear": "#7cc47f", "unknown
 
 
 def scene() -> Scene:
-    """Poles and a hut beside the way, a wall across it at 20 m."""
+    """Poles and a hut beside the path, a wall across it at 20 m."""
     b = SceneBuilder("yard")
     b.ground()
     for x, y in ((8.5, -4.2), (11.5, 4.4), (15.0, -4.6)):
@@ -58,9 +58,9 @@ def scene() -> Scene:
 
 @dataclass
 class Flight:
-    """Northwards, as fast as the autopilot's reader lets it; the camera's last frame is taken at dies_at_m.
+    """Flies northwards as fast as the autopilot model allows; the camera's last frame is taken at dies_at_m.
 
-    values: what was told last, (72,) cm, None: silence; blind: whether by a blind camera."""
+    values: the last sent sectors, (72,) cm, None: nothing is sent; blind: whether by a blind camera."""
 
     autopilot: str
     scene: Scene
@@ -98,7 +98,7 @@ class Flight:
             self.move(0.02)
 
     def see(self, position_ned_m: tuple[float, float, float]) -> None:
-        """A frame through the pipeline to what tells the autopilot."""
+        """Passes a frame through the pipeline to the obstacle sender."""
         number = self.now_ns // (20 * MS)
         seen = render(self.scene, CAMERA, position_ned_m=position_ned_m, sensor=SENSOR, seed=7, frame=number)
         frame = DepthFrame(
@@ -132,7 +132,7 @@ class Flight:
 
 
 def meaning(cm: int, blind: bool) -> str:
-    """What a sector's number says."""
+    """The meaning of a sector's value."""
     if cm == UNKNOWN:
         return "unknown"
     if cm >= clear_cm(AVOID):
@@ -141,7 +141,7 @@ def meaning(cm: int, blind: bool) -> str:
 
 
 def draw(axes: Any, flight: Flight, title: str) -> None:
-    """The scene from above, north up, and the 72 sectors around the vehicle as they were told."""
+    """The scene from above, north up, and the 72 sent sectors around the vehicle."""
     values = flight.values if flight.values is not None else np.full(72, UNKNOWN, np.uint16)
     for i, cm in enumerate(values.tolist()):
         what = meaning(cm, flight.blind)
@@ -157,7 +157,7 @@ def draw(axes: Any, flight: Flight, title: str) -> None:
         if label >= 0:
             outline = _outline(corners)
             axes.add_patch(Polygon(outline, closed=True, facecolor="#3c4048", zorder=5))
-            if np.ptp(outline, axis=0).max() < 0.5:  # a pole: larger than it is, or nobody would see it
+            if np.ptp(outline, axis=0).max() < 0.5:  # drawn larger than it is, to be visible
                 axes.plot(*outline.mean(axis=0), marker="o", markersize=4, color="#3c4048", zorder=5)
     axes.plot([0.0] * len(flight.track_m), flight.track_m, color="#1f5fbf", linewidth=1.6, zorder=6)
     axes.plot([0.0], [flight.x_m], marker="^", markersize=10, color="black", zorder=7)
@@ -202,7 +202,7 @@ def flights() -> list[tuple[str, Flight]]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Flies, draws and says where it stood."""
+    """Flies, draws and prints where the vehicle stopped."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("picture", nargs="?", type=Path, default=Path("avoid.png"))
     picture: Path = parser.parse_args(arguments).picture

@@ -1,1 +1,1 @@
-"""How well the model stands for what is there."""
+"""Accuracy of the model."""

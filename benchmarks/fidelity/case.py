@@ -29,10 +29,9 @@ FAULTS: dict[str, SensorModel] = {
     "white": replace(TYPICAL, noise_length_px=0.0),
     "smeared": replace(PERFECT, smear_px=9.0),
 }
-"""What is wrong with an image beside its noise, each alone and all together: 5 % dropout, blob holes, 0.2 % of
-2x2 mismatches, flying pixels at depth edges; "all" also lacks the columns at the left that a second imager does
-not see, in which nothing is scored. "white": as "all", with noise that is independent from pixel to pixel. "smeared": noise and edges like those of a D435, which are
-ramps."""
+"""Image faults besides noise, single and combined: 5 % dropout, blob holes, 0.2 % of 2x2 mismatches, flying pixels at
+depth edges. "all" also lacks the left columns that the second imager does not see; these are not scored. "white": as
+"all", with noise that is independent between pixels. "smeared": noise and ramped edges like those of a D435."""
 
 
 FRAMES = 4
@@ -65,7 +64,7 @@ def frames_of(case: Case, count: int) -> list[Rendered]:
 
 
 def model_of(frames: list[Rendered], extractor: Extractor) -> FrameModel:
-    """The model of the last of some frames; the state goes on from frame to frame, as in flight."""
+    """The model of the last of some frames; the state is passed from frame to frame as in flight."""
     state = ExtractorState()
     for r in frames:
         model, state = extractor.extract(r.depth_mm, r.info, r.R_level_optical, state=state)

@@ -89,7 +89,7 @@ def _plan(ax: Any, frame: Rendered, rays: Rays, model: FrameModel) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draws the cases that are asked for."""
+    """Draws the requested cases."""
     own = argparse.ArgumentParser(add_help=False)
     own.add_argument("--out", type=Path, default=Path("bench-out"))
     mine, others = own.parse_known_args(arguments)

@@ -1,4 +1,4 @@
-"""Whether what a model calls free is free: true obstacle points held against the free-range profile."""
+"""Checks free space: compares true obstacle points with the free-range profile."""
 
 from __future__ import annotations
 

@@ -104,8 +104,7 @@ class Summary:
 
 
 def summary(m: Measure, rows: Iterable[Row], goal: float = math.nan) -> Summary | None:
-    """The measure over the valid rows; None where none has it. An invalid frame says nothing: it lets nothing
-    pass and is counted apart."""
+    """The measure over the valid rows; None where none has it. Invalid frames are counted separately."""
     known = [(m.scale * m.value(r), r) for r in rows if r.valid and not math.isnan(m.value(r))]
     if not known:
         return None

@@ -132,9 +132,9 @@ BLOCKS: Final[Mapping[str, Callable[[Figures], str]]] = {
 
 
 def fill(text: str, data: Figures) -> str:
-    """The page with each block between `<!-- measured: NAME -->` and `<!-- end -->` written anew.
+    """The page with each block between `<!-- measured: NAME -->` and `<!-- end -->` replaced.
 
-    Raises ValueError where a block has no place in the page."""
+    Raises ValueError where the page does not contain a block."""
     for name, write in BLOCKS.items():
         pattern = rf"(?<=<!-- measured: {name} -->\n).*?(?=\n<!-- end -->)"
         text, count = re.subn(pattern, write(data).replace("\\", r"\\"), text, flags=re.DOTALL)

@@ -1,6 +1,6 @@
-"""The sets of cases of the fidelity run, and how many of them are worked off on all processors.
+"""The sets of cases of the fidelity run, and their execution on all processors.
 
-`base` is what the goals are stated for; each other set varies one thing in scenes that stand for the rest."""
+`base` is the set for which goals are stated; each other set varies one property in representative scenes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FEW_SCENES = (
     "street", "paper_window", "courtyard", "stairs", "overhang", "trees", "rubble", "tree_before_wall", "bushes",
     "pole_ranges", "wire_ranges", "open",
 )  # fmt: skip
-"""Scenes that stand for the rest where something else is varied."""
+"""Representative scenes for sets that vary one property."""
 HIGH_SCENES = (
     "towers",
     "roofs",
@@ -61,8 +61,8 @@ def cases(
     told: Callable[[float], Iterable[float]] = lambda ke: (ke,),
     width: int = 640,
 ) -> Iterator[Case]:
-    """Every combination; those that share a view follow one another. told: the noise told to the method, by
-    the true one."""
+    """Every combination; cases with the same view are adjacent. told: the noise configured in the extractor, by the
+    true one."""
     kes, heights, faults = list(kes), list(heights), list(faults)
     for scene, seed, height, (roll, pitch) in itertools.product(scenes, seeds, heights, tilts):
         for ke, wrong in itertools.product(kes, faults):
@@ -81,7 +81,7 @@ def cases(
 
 
 def spread(scenes: Iterable[str], seeds: Seeds, tilts: Tilts, **others: Any) -> Iterator[Case]:
-    """As `cases`, with other seeds at each tilt, so that a scene is met in more of its forms."""
+    """As `cases`, with other seeds at each tilt, which varies the shapes of a scene."""
     names = list(scenes)
     for i, tilt in enumerate(tilts):
         yield from cases(names, [another_seed(s, i * len(seeds)) for s in seeds], [tilt], **others)

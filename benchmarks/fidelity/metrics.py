@@ -1,7 +1,7 @@
-"""How well a set of vertical rectangles stands for what a camera really saw (docs/explanation/algorithm.md, fidelity).
+"""Scores a set of vertical rectangles against the true view (docs/explanation/algorithm.md, fidelity).
 
-A model is `planes` (N, 6) in level_cam: a_x, a_y, b_x, b_y, top, bottom; how it was made does not matter.
-Rays are the camera's pixels; a ray is stopped where it first meets a plane, from either side."""
+A model is `planes` (N, 6) in level_cam: a_x, a_y, b_x, b_y, top, bottom. Rays are the camera's pixels; a ray is stopped
+where it first meets a plane, from either side."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ class RangeCounts:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Rays:
-    """The true view, ray by ray, all (H, W). range_m: Euclidean, inf: nothing; sigma_m: noise along the ray,
-    nan: what is there lies beyond the camera's range; per_depth: range over depth; obstacle: more than the least
-    height above the ground and safely within the camera's range; open: ground or nothing; solid: anything but
-    ground; measured: the delivered pixel holds a depth."""
+    """The true view, ray by ray, all (H, W). range_m: Euclidean, inf: no surface; sigma_m: noise along the ray, nan:
+    the surface is beyond the camera's range; per_depth: range over depth; obstacle: more than the least height above
+    the ground and safely within the camera's range; open: ground or no surface; solid: any surface except ground;
+    measured: the delivered pixel holds a depth."""
 
     ke_per_m: float
     range_m: Floats
@@ -193,7 +193,7 @@ def phantom_rays(rays: Rays, stop_m: Floats, points_m: Floats, directions: Float
     at_stop = rays.ke_per_m * np.where(np.isfinite(stop_m), stop_m, 0.0) ** 2 / rays.per_depth
     halo = np.fmax(PHANTOM_M, 3.0 * np.where(np.isfinite(rays.sigma_m), rays.sigma_m, at_stop))
     early = (rays.obstacle | rays.open) & (stop_m < rays.range_m - halo)
-    # a few of the true points show for most stops that something is near; the rest are held against all
+    # for most stops a subset of the true points shows that a surface is near; the rest are compared with all points
     for step in (5, 1):
         surface = points_m[::step, ::step][rays.solid[::step, ::step]]
         if early.any() and len(surface):
@@ -287,9 +287,8 @@ def range_counts(rays: Rays, verdict: Verdict) -> RangeCounts:
 
 @dataclass(frozen=True, slots=True)
 class Recall:
-    """How much of one named thing the model keeps: the share of its obstacle rays stopped within max(0.5 m, 2
-    sigma) of the truth, before or behind; distance_m: median of its true depth; width_px: its rays per image
-    row it is in."""
+    """Recall of one named object: the share of its obstacle rays stopped within max(0.5 m, 2 sigma) of the truth;
+    distance_m: median of its true depth; width_px: its rays per image row that contains it."""
 
     name: str
     distance_m: float
@@ -299,7 +298,7 @@ class Recall:
 
 
 def recall(frame: Rendered, rays: Rays, planes: Floats) -> list[Recall]:
-    """The recall of each named thing of the scene that shows obstacle rays, nearest first."""
+    """The recall of each named object of the scene that has obstacle rays, nearest first."""
     depth, _ = stops(planes, frame.info.intrinsics, frame.R_level_optical)
     error = np.abs(np.where(np.isfinite(depth), depth, 1e9) * rays.per_depth - rays.range_m)
     kept = error <= np.fmax(MISSED_M, 2.0 * rays.sigma_m)

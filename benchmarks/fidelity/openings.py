@@ -20,13 +20,13 @@ BORDER_M = 0.25
 REACH_M = 0.75
 """Planes within this distance of the wall's plane close it."""
 HIDDEN_M = 0.5
-"""What is seen so much nearer than the opening hides it."""
+"""An object this much nearer than the opening hides it."""
 
 
 PASSABLE_M = (2.0, 1.0)
 """Width and height that the vehicle passes (Ws, Hs): smaller openings are filled, others must stay open."""
 SHRINK_M = (0.2, 0.1)
-"""What an opening may lose, by the paper's figure: 2.9 x 2.1 m came out as 2.7 x 2.0 m."""
+"""Allowed loss of an opening's size, by the paper's figure: 2.9 x 2.1 m was measured as 2.7 x 2.0 m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +60,7 @@ class OpeningSize:
 
 
 def in_view(opening: Opening, frame: Rendered) -> bool:
-    """Whether the camera sees the opening with the border around it and nothing hides it, so that its size can
-    be asked for."""
+    """Whether the camera sees the opening with its border unobstructed, so that its size can be measured."""
     a, b = np.array(opening.a_m), np.array(opening.b_m)
     out = (b - a) / math.dist(opening.a_m, opening.b_m) * BORDER_M
     frame_m = (opening.top_m - BORDER_M, opening.bottom_m + BORDER_M)

@@ -24,7 +24,7 @@ def _kes(rows: Sequence[Row]) -> list[float]:
 
 
 def label(ax: Any, title: str, x: str, y: str, legend_at: str = "upper left") -> None:
-    """Title and axes, with the legend where it is told to be: looking for the best place takes long."""
+    """Title and axes, with the legend at a given place: matplotlib's search for the best place is slow."""
     plain_label(ax, title, x, y, legend=False)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize=7, loc=legend_at)

@@ -1,6 +1,6 @@
-"""What becomes of recorded images: time, planes, ground, and what of one frame is found again in the next.
+"""Evaluates recorded images: time, planes, ground, and the share of a frame's model that the next frame repeats.
 
-`python -m benchmarks --only recordings`. The recordings lie beside the checkout and are no part of it; without them the
+`python -m benchmarks --only recordings`. The recordings are beside the checkout and not part of it; without them the
 page says so."""
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ RECORDINGS: Final = (
     ("o3d_livingroom_sim", "indoor.toml", "a photoreal simulated living room, 30 Hz"),
     ("cape_tunnel", "default.toml", "one frame of a corridor"),
 )
-"""Folder, configuration of configs/, what it shows."""
+"""Folder, configuration in configs/, description."""
 REACHES_M: Final = (0.1, 0.2, 0.3, 0.5)
 MAIN_REACH_M: Final = 0.3
 ROUNDS, QUICK_ROUNDS = 4, 2
-"""Times that a recording is flown; the first is for warming up."""
+"""Number of passes over a recording; the first one is a warm-up."""
 
 
 class TimedExtractor:
@@ -77,7 +77,7 @@ class Flown:
     before: dict[float, list[Found]]
 
     def models(self) -> list[FrameModel]:
-        """Of the frames that say something."""
+        """The models of the valid frames."""
         return [r.model for r in self.results if r.valid and r.model is not None]
 
 
@@ -131,14 +131,14 @@ def _round(folder: Path, config: Config, clock: Clock) -> tuple[tuple[CameraInfo
 
 
 def comparable(results: Sequence[PrismsResult], info: CameraInfo) -> list[tuple[Seen, Seen]]:
-    """Neighbouring frames that both say something and of which both positions are known."""
+    """Adjacent valid frames with known positions."""
     seen = [seen_of(r, info) for r in results]
     return [(a, b) for a, b in pairwise(seen) if a is not None and b is not None]
 
 
 def seen_of(result: PrismsResult, info: CameraInfo) -> Seen | None:
-    """A result in ned with its camera; None: it says nothing, or its position is not known. For cameras that look along
-    the vehicle's axes, as those of the recordings do."""
+    """A result in ned with its camera; None: it is invalid or its position is unknown. For cameras aligned with the
+    vehicle's axes, as in the recordings."""
     if (
         not result.valid
         or result.frame != "ned"

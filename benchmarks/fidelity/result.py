@@ -1,4 +1,4 @@
-"""What one case of the fidelity run is, and what comes out of it."""
+"""A case of the fidelity run and its result."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from benchmarks.fidelity.openings import OpeningSize
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One frame to be modelled. told_per_m: the noise that the method is told; faults: a name of
-    benchmarks.fidelity.case.FAULTS, what else is wrong with the image."""
+    """One frame to extract. configured_ke_per_m: the configured noise; faults: a name of
+    benchmarks.fidelity.case.FAULTS."""
 
     scene: str
     roll_deg: float = 0.0
@@ -25,7 +25,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The case in a few words, as given to `python -m benchmarks.fidelity.run`."""
+        """The case as given to `python -m benchmarks.fidelity.run`."""
         told = "" if self.configured_ke_per_m == self.ke_per_m else f" told {self.configured_ke_per_m:g}"
         faults = "" if self.faults == "all" else f" faults {self.faults}"
         return (
@@ -48,9 +48,9 @@ class GridScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """All figures of one case. bytes: of the prisms, 8 a vertex and 8 a prism, as the grid's polygons are
-    counted; plane_bytes: of the planes alone; false_free: share of the obstacle rays whose truth lies where the
-    model's profile says free."""
+    """All figures of one case. bytes: of the prisms, 8 per vertex and 8 per prism, as for the grid's polygons;
+    plane_bytes: of the planes alone; false_free: share of the obstacle rays whose truth lies in free space of the
+    model."""
 
     case: Case
     family: str

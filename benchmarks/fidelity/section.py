@@ -1,4 +1,4 @@
-"""The page of the fidelity figures: the whole matrix on the held-out seeds, beside the tuning seeds."""
+"""The page of the fidelity figures: the whole matrix on the held-out seeds, and the tuning seeds for comparison."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def brief(out: Path) -> str:
 def _all_of(
     out: Path, base: Sequence[Row], seeds: Sequence[int], more: dict[str, list[Row]], command: str
 ) -> list[str]:
-    """What the base part says, and the parts in which one thing is varied, by these seeds. Writes out/fidelity.json, and
-    out/limits.json for the tables of docs/reference/limits.md."""
+    """The tables of the base part and of the parts that vary one property, for these seeds. Writes out/fidelity.json,
+    and out/limits.json for the tables of docs/reference/limits.md."""
     jobs = os.cpu_count() or 1
     parts = {
         name: _run(name, list(part.make(seeds)), _settings(name, jobs))
@@ -167,7 +167,7 @@ def _noise(out: Path, rows: Sequence[Row]) -> list[str]:
 
 
 def _varied(parts: dict[str, list[Row]]) -> list[str]:
-    """The parts in which one thing is varied."""
+    """The parts that vary one property."""
 
     def both(row: Row) -> tuple[float, float]:
         return row.case.ke_per_m, row.case.configured_ke_per_m
@@ -227,9 +227,7 @@ def main(arguments: list[str] | None = None) -> int:
     section_of = next(s for s in SECTIONS if s.name == "fidelity")
     (args.out / "fidelity.md").write_text(page(section_of, text, told))
     (args.out / INDEX).write_text(index(args.out))
-    print(
-        "docs/reference/limits.md: run python -m benchmarks.fidelity.limits to write its tables anew", file=sys.stderr
-    )
+    print("docs/reference/limits.md: run python -m benchmarks.fidelity.limits to update its tables", file=sys.stderr)
     return 0
 
 

@@ -19,7 +19,7 @@ from core.types import CameraInfo
 
 STEP_M = 0.1
 BORDER_PX = 8.0
-"""So close to the image's border a point is not asked for: half a strip is no strip."""
+"""Points this close to the image's border are not evaluated: strips are incomplete there."""
 RANGE_SHARE = 0.95
 """Nor so close to the maximum range, where noise decides what is measured."""
 
@@ -67,7 +67,7 @@ def found_again(first: Seen, following: Seen, reach_m: float) -> Found:
 
 
 def covered(planes: Floats, step_m: float = STEP_M) -> tuple[Floats, Floats, Floats]:
-    """(P, 3) points at most a step apart, the area (P,) that each stands for, and its plane's normal (P, 3)."""
+    """(P, 3) points at most a step apart, the area (P,) that each represents, and its plane's normal (P, 3)."""
     points, areas, normals = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros((0, 3))]
     for a_x, a_y, b_x, b_y, top, bottom in planes.tolist():
         length, height = math.hypot(b_x - a_x, b_y - a_y), bottom - top

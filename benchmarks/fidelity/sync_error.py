@@ -1,9 +1,9 @@
-"""How well the attitude at an exposure is known: `python -m benchmarks.fidelity.sync_error`.
+"""Measures the error of the attitude at an exposure: `python -m benchmarks.fidelity.sync_error`.
 
-A vehicle turns at 60 degrees a second. Its autopilot speaks real MAVLink over a line that delays every message by
-least_delay_s and up to jitter_s more, each way, and its crystal runs drift_ppm fast. The companion's own session, clock
-filter and synchroniser say the attitude of each exposure at the moment its frame arrives; the truth is known. Time is
-made up: an hour of flight takes a minute."""
+A vehicle turns at 60 degrees per second. Its autopilot sends MAVLink over a link that delays every message by
+least_delay_s plus up to jitter_s, in each direction, and its clock has a drift of drift_ppm. The companion's session,
+clock filter and synchroniser give the attitude of each exposure when its frame arrives; the truth is known. Time is
+simulated: an hour of flight takes a minute."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Of the frames after the warm-up. clock_s: signed, of the stamps of the attitudes received meanwhile; angle_deg: of
-    the attitude at exposure; dropped: frames without an attitude; bound_s: what the filter says of itself at the end."""
+    """Errors of the frames after the warm-up. clock_s: signed, of the stamps of received attitudes; angle_deg: of the
+    attitude at exposure; dropped: frames without an attitude; bound_s: the filter's own bound at the end."""
 
     clock_s: NDArray[np.float64]
     angle_deg: NDArray[np.float64]
@@ -57,7 +57,7 @@ class Errors:
 
 
 class Line:
-    """One direction: bytes arrive in order, each with a delay of its own."""
+    """One direction of the link: bytes arrive in order, each with its own delay."""
 
     def __init__(self, case: Case, rng: np.random.Generator) -> None:
         self._case, self._rng, self._last_ns, self._count = case, rng, 0, 0
@@ -136,7 +136,7 @@ def fly(case: Case) -> Errors:
 
 
 def _measured_ns(case: Case, sample: AttitudeSample) -> float:
-    """When the vehicle had the heading that a sample tells: a turn says its own time (to a whole turn)."""
+    """The time at which the vehicle had the heading of a sample: the turn gives the time, up to whole turns."""
     R = rotation_from_quaternion(sample.q_ned_frd_wxyz)
     rate = math.radians(case.turn_deg_s)
     heading = math.atan2(R[1, 0], R[0, 0])

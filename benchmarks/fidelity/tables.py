@@ -98,7 +98,7 @@ def worst_table(rows: Sequence[Row]) -> str:
 
 
 def varied(rows: Sequence[Row], key: Callable[[Row], Any], head: str, say: Callable[[Any], str] = str) -> str:
-    """What becomes of the short figures where one thing is varied: worst case (all rays, or median)."""
+    """Short figures for a varied property: worst case (all rays, or median)."""
     lines = []
     for family in FAMILIES:
         mine = _of(rows, family)

@@ -1,4 +1,4 @@
-"""The fidelity table as text: a line a case, openings, thin things, and the worst of each family."""
+"""The fidelity table as text: a line per case, openings, thin objects, and the worst of each family."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _print_worst(rows: list[Row]) -> None:
             mine = [row for row in rows if row.family == family and row.case.ke_per_m == ke]
             if not mine:
                 continue
-            # an invalid frame says nothing: it lets nothing pass, and is counted instead of scored
+            # an invalid frame is counted separately and not scored
             silent = [row.case.name for row in mine if not row.valid]
             print(f"\nworst of {family}, ke {ke:g} ({len(mine) - len(silent)} cases)")
             if silent:

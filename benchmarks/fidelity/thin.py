@@ -1,4 +1,4 @@
-"""Recall of thin things over their range: a curve of many cases."""
+"""Recall of thin objects over their range: a curve of many cases."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ THINGS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("pole of 0.12 m", ("poles", "pole_ranges"), "pole at"),
     ("wire of 0.02 m", ("wire_ranges",), "wire at"),
 )
-"""What a curve is of: its name, the scenes it is taken from, how the things in them are called."""
+"""A curve: its name, its scenes, and the names of the objects in them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Point:
 
 
 def curve(rows: Iterable[Row], scenes: Iterable[str], prefix: str) -> list[Point]:
-    """The recall of the things whose name begins so, by range, nearest first."""
+    """The recall of the objects whose name begins with the prefix, by range, nearest first."""
     names = set(scenes)
     bins: dict[int, list[tuple[float, float]]] = {}
     for row in rows:

@@ -28,7 +28,7 @@ from core.params import Params
 
 @dataclass(slots=True)
 class Counts:
-    """Of a campaign: frames in all and those that say nothing, cells called free, wrong ones and the frames they are in."""
+    """Counts of a campaign: all frames and invalid ones, free cells, wrong ones and the frames with wrong cells."""
 
     frames: int = 0
     invalid: int = 0
@@ -92,7 +92,7 @@ def run_frames(frames: Iterable[RandomFrame], below_ground: bool, counts: Counts
 
 
 def run_worlds(first: int, worlds: int, seed: int, counts: Counts) -> None:
-    """Judges the worlds of so many flights; wrong ones go to stdout."""
+    """Checks the worlds of this number of flights; wrong ones are printed."""
     extractor = Extractor(Params())
     for number in range(first, first + worlds):
         wrong, cells, _ = judge_world(seed, number, extractor)
@@ -107,7 +107,7 @@ def run_worlds(first: int, worlds: int, seed: int, counts: Counts) -> None:
 
 
 def run_sectors(first: int, frames: int, seed: int, counts: Counts) -> None:
-    """Judges the clear sectors of so many frames; wrong ones go to stdout."""
+    """Checks the clear sectors of this number of frames; wrong ones are printed."""
     extractor = Extractor(Params())
     for number in range(first, first + frames):
         wrong, clear = judge_sectors(random_frame(seed, number), extractor)
@@ -119,7 +119,7 @@ def run_sectors(first: int, frames: int, seed: int, counts: Counts) -> None:
 
 
 def run_readers(first: int, frames: int, seed: int, counts: Counts) -> None:
-    """Judges what `Space` answers of so many frames; wrong ones go to stdout."""
+    """Checks the answers of `Space` for this number of frames; wrong ones are printed."""
     extractor = Extractor(Params())
     for number in range(first, first + frames):
         c = judge_readers(random_frame(seed, number), extractor)

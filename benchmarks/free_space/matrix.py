@@ -1,8 +1,7 @@
-"""The fidelity run's scenes seen by short cameras at steep pitches, for the truth check of free space.
+"""Scenes of the fidelity run for short-range cameras at steep pitches, for the truth check of free space.
 
-Only scenes whose things are larger than a pixel of the camera: leaves and wires that fall between pixels are the subject
-of the thin scenes.
-"""
+Only scenes whose objects are larger than a pixel of the camera: leaves and wires between pixels are covered by the thin
+scenes."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ WIDTHS_PX = (160, 160, 320)
 _REACH_M = 40.0
 """How far a sensor measures that delivers depth past the range that is used."""
 ROOM_M = 0.7
-"""A camera has so much room around it."""
+"""Free space around a camera."""
 _TRIES = 100
 _THIN_PX = 4.0
 """Least width of a pole at the camera's range."""
@@ -32,7 +32,7 @@ _THIN_PX = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomCamera:
-    """info: what the extractor is told; measures: the same with the range to which the sensor delivers depth."""
+    """info: the camera's description for the extractor; measures: the same with the range of the sensor."""
 
     info: CameraInfo
     measures: CameraInfo
@@ -67,9 +67,9 @@ class RandomFrame:
 
 
 def random_scene(rng: np.random.Generator, name: str, reach_m: float, thin_m: float) -> Scene:
-    """Boxes, walls, poles, spheres, ramps and roofs around (0, 0), on flat or sloped ground or on none.
+    """Boxes, walls, poles, spheres, ramps and roofs around (0, 0), on flat or sloped ground or without ground.
 
-    reach_m: how far away things stand; thin_m: least diameter of a pole."""
+    reach_m: largest distance of objects; thin_m: least diameter of a pole."""
     s = SceneBuilder(name)
     slope = rng.uniform(-0.12, 0.12, 2) if rng.random() < 0.4 else np.zeros(2)
     if rng.random() < 0.8:

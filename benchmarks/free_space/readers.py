@@ -1,9 +1,8 @@
-"""What the readers of a frame and of a world answer to be free, against the solids of random scenes.
+"""Checks the free points of `Space` and `WorldSpace` against the solids of random scenes.
 
-`volume.py` judges what a profile claims above the ground that the model found. Here the answers of `Space` and `WorldSpace`
-themselves are judged, for points of radius 0, above and below that ground and beyond the edges of a roof that was taken
-for it. The model is asked in ned, so that the turn and the shift of core/transformed.py are judged with it.
-"""
+`volume.py` checks the profile above the ground of the model. This module checks the queries themselves, for points of
+radius 0, above and below that ground and beyond the edges of a roof that was detected as ground. The model is queried
+in ned, which includes the transform of core/transformed.py."""
 
 from __future__ import annotations
 
@@ -31,9 +30,9 @@ from osape_client.query.space import Occupancy, PlacedModel, Space
 
 Floats = NDArray[np.float64]
 _STEP_M = 0.1
-"""Distance of the points that are asked along a ray."""
+"""Distance between query points along a ray."""
 _ANYWHERE = 1000
-"""Points per frame that are asked whatever the profile claims there."""
+"""Number of additional random query points per frame."""
 _AROUND = 8
 """Directions in which a free point must lie deep in a solid to be wrong."""
 
@@ -89,8 +88,8 @@ def judge_readers(r: RandomFrame, extractor: Extractor) -> ReaderCounts:
 
 
 def _wrong_rays(r: RandomFrame, space: Space, rays: CellRays, least_m: float) -> tuple[NDArray[np.int64], float, str]:
-    """(cells (N,) of rays that are wrong, greatest depth, the first wrong point in words). A ray is wrong where free points follow
-    each other deeper into a solid than the slack."""
+    """(cells (N,) of wrong rays, greatest depth, description of the first wrong point). A ray is wrong where
+    consecutive free points lie deeper in a solid than the slack."""
     scene, drawn = r.frame.scene, has_ground(r.frame.scene)
     hit_m, _ = first_solids(scene, drawn, rays.origins, rays.directions, rays.begins, rays.ends, least_m)
     wrong, deepest_m, where = [], 0.0, ""

@@ -27,7 +27,7 @@ from drivers.simulation.source import Rendered
 
 Floats = NDArray[np.float64]
 SLACK_M, SLACK_SIGMAS = 0.3, 3.0
-"""How far a solid may reach into a cell: this, or so much noise."""
+"""Allowed overlap of a solid with a free cell: this distance, or this number of sigmas."""
 _AZIMUTHS, _HEIGHTS = 5, 8
 """Rays through one cell: across its width, the outermost a pixel inside of its edges, and over its height."""
 _FLAT = 1e-12

@@ -1,10 +1,9 @@
-"""What the merged world and the obstacle sectors call free, against the solids of random scenes.
+"""Checks the free space of the merged world and the clear sectors against the solids of random scenes.
 
-A world is made of a short flight past a random scene with changing pitch and roll. A free cell is wrong where its centre
-lies in a solid, above or below the ground that was found, deeper than max(0.3 m, 3 sigma of its distance) from the
-solid's sides. A clear sector is wrong where a solid stands in it between the nearest and the farthest distance that it
-speaks of, less as much.
-"""
+A world is built from a short flight past a random scene with changing pitch and roll. A free cell is wrong where its
+centre lies in a solid, above or below the ground that was found, deeper than max(0.3 m, 3 sigma of its distance) from
+the solid's sides. A clear sector is wrong where a solid lies in it between its nearest and farthest distance, less the
+same slack."""
 
 from __future__ import annotations
 
@@ -79,7 +78,7 @@ def _free_cells(world: World, now_ns: int) -> Floats:
 
 
 def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, int, int]:
-    """((N, 3) middles in ned of wrong free cells, how many cells are free, scene's frames that say something)."""
+    """((N, 3) centres in ned of wrong free cells, number of free cells, valid frames)."""
     flown, ke = flight(seed, number, extractor)
     world = World()
     for k, f in enumerate(flown):

@@ -13,10 +13,10 @@ STEPS = np.array([[0, 1], [1, 0], [0, -1], [-1, 0]], np.int64)
 
 @njit(cache=True, nogil=True)
 def _sides(occupied, onward):
-    """Marks at each corner of the grid in which directions an outline goes on; returns how many sides there are.
+    """Marks at each corner of the grid the directions in which an outline continues; returns the number of sides.
 
-    onward: (X + 1, Y + 1) uint8, bit i: a side leads from there along STEPS[i], the occupied cell on its left seen from
-    above. The border of `occupied` (X, Y) must be free."""
+    onward: (X + 1, Y + 1) uint8, bit i: a side leads from there along STEPS[i], with the occupied cell on its left in
+    the top view. The border of `occupied` (X, Y) must be free."""
     n = 0
     for x in range(1, occupied.shape[0] - 1):
         for y in range(1, occupied.shape[1] - 1):

@@ -104,9 +104,8 @@ def grid_prisms(
 ) -> GridPrisms:
     """Prisms around points (P, 3) in level_cam above a ground at z = ground_z_m, in layers of 2 m.
 
-    focal_px: of the camera, by which the least share of points is reckoned (default: that of the simulator's images of
-    640 pixels; `grid_of` knows it); 0: MIN_POINTS alone. epsilon_cells = 0:
-    sides are merged where they lie on one line, nothing else is simplified."""
+    focal_px: of the camera, for the least share of points (default: that of the simulator's images of 640 pixels); 0:
+    MIN_POINTS only. epsilon_cells = 0: collinear sides are merged, without further simplification."""
     points = np.ascontiguousarray(points_m, np.float64)
     if not len(points):
         return GridPrisms(np.zeros((0, 6)), np.zeros(0, np.int64), 0, 0, ground_z_m)
@@ -127,8 +126,7 @@ def grid_prisms(
 
 
 def simplified(loop: NDArray[np.int64], cell_m: float, epsilon_cells: float) -> Floats:
-    """Corners (M, 2) of an outline, in cells, that say the same within epsilon_cells; none for a spot too small to
-    pass."""
+    """Corners (M, 2) of an outline, in cells, simplified within epsilon_cells; none for a spot that is too small."""
     if signed_area(loop) > 0.0 and np.min(loop.max(axis=0) - loop.min(axis=0)) * cell_m < HOLE_M:
         return np.zeros((0, 2))
     if epsilon_cells <= 0.0 or len(loop) <= 4:

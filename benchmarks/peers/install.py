@@ -1,6 +1,6 @@
-"""Installs what the extra `peers` of pyproject.toml names, one by one. Run by `make bench`.
+"""Installs the packages of the extra `peers` of pyproject.toml, one by one. Run by `make bench`.
 
-One for which this machine has no wheel is told and left out: the section that compares with it says so."""
+A package without a wheel for this computer is reported and left out; the section that uses it says so."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""What takes part in the side-by-side run, and how all of it is seen alike: our method and the grid baseline are here.
+"""The methods of the comparison and their common model: our method and the grid baseline.
 
-Each builds its own thing from one frame (that is what is timed) and then says what it is as a `Model`, by which all are
-judged alike. Ours start from the depth image; the others from the cloud that benchmarks.peers.cloud makes for them.
-"""
+Each builds its own representation of a frame (which is timed) and converts it to a `Model`, which is scored. Ours start
+from the depth image; the others from the cloud of benchmarks.peers.cloud."""
 
 from __future__ import annotations
 
@@ -28,11 +27,11 @@ NOT_SIMPLIFIED, UNSORTED = ", not simplified", ", of all pixels"
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Model:
-    """What stands for one frame. primitives: planes, cubes or patches; facing: those that the camera could see, where it
-    makes a difference; bytes: stored as compactly as the peer itself does.
+    """The representation of one frame. primitives: planes, cubes or patches; facing: those that face the camera; bytes:
+    stored as compactly as the method itself does.
 
-    stops(intrinsics, R_level_optical): depth Z (H, W) at which each ray first meets it, inf: never. surface(points (P, 3)),
-    body(points): distance to its surface, and to its body, 0 inside; the same where it has no body."""
+    stops(intrinsics, R_level_optical): depth Z (H, W) at which each ray first meets it, inf: never. surface(points (P,
+    3)), body(points): distance to its surface, and to its body, 0 inside; equal where it has no body."""
 
     primitives: int
     facing: int
@@ -111,7 +110,7 @@ class Grid:
         self._epsilon_cells = EPSILON_CELLS if simplified else 0.0
 
     def forget(self) -> None:
-        """It knows one frame only."""
+        """Does nothing: it keeps no state between frames."""
 
     def build(self, frame: Rendered, cloud: Cloud) -> GridPrisms:
         """The prisms around a cloud."""

@@ -29,7 +29,7 @@ class OctoMap:
         self._library, self._cell_m = library, cell_m
 
     def forget(self) -> None:
-        """It knows one frame only."""
+        """Does nothing: it keeps no state between frames."""
 
     def build(self, frame: Rendered, cloud: Cloud) -> Any:
         """The tree. Points of one leaf are one hit (discretize): the library's own fast way."""

@@ -35,7 +35,7 @@ class Patches:
         self._o3d = library
 
     def forget(self) -> None:
-        """It knows one frame only."""
+        """Does nothing: it keeps no state between frames."""
 
     def build(self, frame: Rendered, cloud: Cloud) -> list[Any]:
         """Oriented boxes around the patches."""
@@ -89,7 +89,7 @@ class Voxels:
         self._o3d, self._cell_m = library, cell_m
 
     def forget(self) -> None:
-        """It knows one frame only."""
+        """Does nothing: it keeps no state between frames."""
 
     def build(self, frame: Rendered, cloud: Cloud) -> Any:
         """The grid."""

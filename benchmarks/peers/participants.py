@@ -1,4 +1,4 @@
-"""Who takes part, and why somebody does not."""
+"""The available methods, and why others are missing."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def kind_of(peer: str) -> str:
 
 
 def _size_of(peer: str) -> str:
-    """What tells a peer from others of its kind: its cell size."""
+    """The cell size, which distinguishes methods of one kind."""
     words = peer.split()
     return f"{words[words.index('m') - 1]}" if "m" in words else ""
 

@@ -27,9 +27,9 @@ HM_M = Params().min_obstacle_height_m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One peer on one frame. mean_m, p95_m: distance of a visible true obstacle point to the model's surface;
-    body_mean_m: to its body, 0 inside; missed, phantom, phantom_open, open_stopped: rays, as benchmarks.fidelity.metrics counts
-    them; valid: whether the peer said anything at all."""
+    """One method on one frame. mean_m, p95_m: distance of a visible true obstacle point to the model's surface;
+    body_mean_m: to its body, 0 inside; missed, phantom, phantom_open, open_stopped: rays, as in
+    benchmarks.fidelity.metrics; valid: whether there is a model."""
 
     peer: str
     unit: str

@@ -50,7 +50,7 @@ QUICK = Effort(scenes=2, tilts=((0, 0),), kes=GOAL_KE[:1], rounds=5, seeds=1, bu
 
 
 def section(out: Path, quick: bool) -> str:
-    """The page: runs every peer, draws the pictures into `out`, tells progress on stderr."""
+    """The page: runs every method and draws the pictures into `out`; progress goes to stderr."""
     return compared(out, QUICK if quick else FULL)
 
 

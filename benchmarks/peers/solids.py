@@ -1,7 +1,7 @@
-"""Rays and distances of models that are not upright rectangles: boxes (voxels) and rectangles of any orientation.
+"""Rays and distances of models other than upright rectangles: boxes (voxels) and rectangles of any orientation.
 
-The same figures as in benchmarks.fidelity.metrics for planes: where each pixel's ray first meets the model, and how far a point
-is from it. On what both can say they agree (tests/benchmarks/test_solids.py)."""
+The figures are those of benchmarks.fidelity.metrics. For upright rectangles both agree
+(tests/benchmarks/test_solids.py)."""
 
 from __future__ import annotations
 

@@ -19,9 +19,8 @@ STORAGE_GOAL = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pooled:
-    """A peer over the cases of one family and noise. Medians over the cases, worst cases, and shares of all rays
-    together, each share also in its worst case. silent: cases in which it said that it knows nothing; they count in
-    nothing else."""
+    """A method over the cases of one family and noise. Medians over the cases, worst cases, and shares of all rays
+    together, each share also in its worst case. silent: cases without a valid model, which are not scored."""
 
     peer: str
     unit: str
@@ -40,7 +39,7 @@ class Pooled:
 
 
 def pooled(rows: Sequence[Figures]) -> Pooled | None:
-    """Of the rows of one peer; None when it said nothing in any."""
+    """Of the rows of one method; None without a valid model."""
     heard = [r for r in rows if r.valid]
     if not heard:
         return None
@@ -90,7 +89,7 @@ def percent(share: tuple[float, float]) -> str:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose first column is words."""
+    """A table whose first column is text."""
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
 
@@ -127,7 +126,8 @@ def figures_table(peers: dict[str, list[Figures]], absent: Sequence[tuple[str, s
 def ratios(
     peers: dict[str, list[Figures]], other: str, figure: Callable[[Figures], float], theirs: Callable[[Figures], float]
 ) -> list[float]:
-    """Ours over another's, case by case; cases in which ours said nothing or the other's is 0 are left out."""
+    """The ratio of ours to another method, by case; cases without a valid model of ours, or with 0 for the other, are
+    left out."""
     ours, others = peers.get(SAFE, []), peers.get(other, [])
     pairs = [(figure(a), theirs(b)) for a, b in zip(ours, others, strict=True) if a.valid] if others else []
     return [a / b for a, b in pairs if b > 0.0 and not math.isnan(a)]
@@ -189,7 +189,7 @@ def times_table(timings: Sequence[Timing], absent: Sequence[tuple[str, str]]) ->
 
 
 def sentences(rows: Iterable[Figures], timings: Sequence[Timing]) -> list[str]:
-    """Who is better than ours (safe) in what, as these figures say; nothing in it is written beforehand."""
+    """Methods that are better than ours (safe) in a figure, from the measured values."""
     out = []
     found = {(t.kind, t.peer): t.times.cpu() for t in timings}
     for (family, ke), peers in groups(rows).items():

@@ -1,9 +1,8 @@
-"""The scenes that the experiments run on: by family, by name, and which seeds are for what.
+"""The scenes of the experiments, by family and name, and the seeds.
 
-Half of the seeds are for tuning, the other half only for reporting: parameters and code are chosen by looking
-at TUNING_SEEDS alone; figures that are published come from HELD_OUT_SEEDS, and nothing is changed because of
-what those showed in one scene. A seed moves and shapes the things of a scene, sets the camera a little aside
-(camera_pose) and is the seed of the noise."""
+Half of the seeds are for tuning, the other half for reporting only: parameters and code are chosen with TUNING_SEEDS,
+and published figures come from HELD_OUT_SEEDS. A seed varies the objects of a scene, the camera's pose (camera_pose)
+and the noise."""
 
 from __future__ import annotations
 
@@ -40,7 +39,7 @@ HALF = len(TUNING_SEEDS)
 HIGHEST_M = {"tunnel": 2.2, **CEILINGS_M}
 """Scenes with a ceiling: the camera stays below this height."""
 LIFT_M = {"no_ground": 2.0, "trees_no_ground": 2.0}
-"""Scenes without a drawn ground: the height at which the camera faces their things, whatever height is asked for."""
+"""Scenes without a drawn ground: height at which the camera faces their objects."""
 _ASIDE_M, _TURN_RAD = 0.35, 0.1
 
 
@@ -66,8 +65,8 @@ def another_seed(seed: int, by: int) -> int:
 
 
 def camera_pose(scene: str, seed: int, height_m: float) -> tuple[tuple[float, float, float], float]:
-    """(position in ned, heading in rad) of the camera: at a height above the ground, up to 0.35 m aside and
-    turned by up to 0.1 rad by the seed, so that no wall is met exactly square."""
+    """(position in ned, heading in rad) of the camera: at a height above the ground, displaced by up to 0.35 m and
+    turned by up to 0.1 rad by the seed, so that walls are not exactly perpendicular to the view."""
     rng = np.random.Generator(np.random.PCG64([seed, 1]))
     x, y, yaw = rng.uniform(-1.0, 1.0, 3) * [_ASIDE_M, _ASIDE_M, _TURN_RAD]
     height = LIFT_M.get(scene, min(height_m, HIGHEST_M.get(scene, math.inf)))

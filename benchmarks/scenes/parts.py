@@ -1,4 +1,4 @@
-"""What several scenes are made of: places along a facade, leaves, branches, stems, wires, rubble.
+"""Parts of several scenes: positions along a facade, leaves, branches, stems, wires, rubble.
 
 All in ned as in drivers.simulation.scenes: x north, y east, metres, heights above z = 0 and positive."""
 

@@ -117,7 +117,7 @@ def overhang(rng: np.random.Generator) -> Scene:
 
 
 def stairs(rng: np.random.Generator) -> Scene:
-    """A flight of steps to a landing, with a wall beside and a house behind."""
+    """A flight of steps to a landing, with a wall and a house."""
     s = SceneBuilder("stairs")
     s.ground()
     yaw, foot = rng.uniform(-0.5, 0.5), rng.uniform(5.0, 7.0)

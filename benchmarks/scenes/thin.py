@@ -1,6 +1,6 @@
-"""Thin things (poles, wires, fences), and ground with little on it or none.
+"""Thin objects (poles, wires, fences), and ground with few or no objects.
 
-Each is laid out northwards of a camera near the origin."""
+Each scene extends northwards of a camera near the origin."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def power_line(rng: np.random.Generator) -> Scene:
 
 
 def wire_ranges(rng: np.random.Generator) -> Scene:
-    """Level wires of 2 cm across the view at 4 to 14 m, each in a height of its own."""
+    """Horizontal wires of 2 cm across the view at 4 to 14 m, each at another height."""
     s = begin("wire_ranges", structured=True)
     for i, x in enumerate(np.array([4.0, 6.0, 8.5, 11.0, 14.0]) + rng.uniform(-0.4, 0.4, 5)):
         height, turn = 2.0 + x * math.tan(0.035 + 0.07 * i), rng.uniform(-0.25, 0.25)

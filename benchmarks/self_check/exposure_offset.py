@@ -101,7 +101,7 @@ def flight_events(case: Case) -> tuple[CameraInfo, list[Event]]:
 
 
 def measure(info: CameraInfo, events: Iterable[Event], offset_ms: float, jitter_s: float = 0.0) -> Outcome:
-    """What the monitor says of events whose exposure stamps are shifted by offset_ms."""
+    """The monitor's estimate for events whose exposure stamps are shifted by offset_ms."""
     rng = np.random.default_rng(7)
     monitor = ExposureOffsetMonitor()
     monitor.announce(info)

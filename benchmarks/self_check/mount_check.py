@@ -68,7 +68,7 @@ def right(scenes: tuple[str, ...], seed: int, ke_per_m: float) -> Iterator[Row]:
 
 
 def slope(seed: int, ke_per_m: float) -> Iterator[Row]:
-    """True slopes. Without houses the slope is not to be told from a wrong mount until the vehicle has turned."""
+    """True slopes. Without houses a slope cannot be distinguished from a wrong mount until the vehicle has turned."""
     for houses in (True, False):
         for along in SLOPES_DEG:
             for across in (0.0, 0.5 * along):

@@ -1,4 +1,4 @@
-"""Flights with a camera whose configured mount is not the true one, through the pipeline, held against the truth."""
+"""Flights with a wrongly configured mount through the pipeline, compared with the truth."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Frame:
 
 
 class MountFlight:
-    """A camera in a scene, told a wrong mount. true: the mount that the images are rendered with."""
+    """A camera in a scene with a wrongly configured mount. true: the mount used for rendering."""
 
     def __init__(
         self, scene: Scene, errors: Errors, *, width: int = 320, true: CameraMount | None = None, ke_per_m: float = 0.0015,

@@ -33,7 +33,7 @@ REFERENCES = re.compile(r"I +refs: +([\d,]+)")
 
 
 def fly(file: str, frames: int) -> None:
-    """Models so many frames of a footage that lies in a file."""
+    """Extracts a number of frames of a stored sequence."""
     with open(file, "rb") as stream:
         sequence = pickle.load(stream)
     flight = Flight(Extractor(), sequence)
@@ -42,7 +42,8 @@ def fly(file: str, frames: int) -> None:
 
 
 def instructions(file: Path, frames: int, environment: dict[str, str]) -> int:
-    """Of a whole process that models so many frames. Raises RuntimeError with valgrind's last words."""
+    """Instructions of a whole process that extracts a number of frames. Raises RuntimeError with the last line of
+    valgrind."""
     command = [
         "valgrind", "--tool=cachegrind", "--cache-sim=no", "--smc-check=all-non-file", "--cachegrind-out-file=/dev/null",
         sys.executable, "-c", CHILD, str(file), str(frames),

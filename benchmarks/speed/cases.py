@@ -1,4 +1,4 @@
-"""The frames whose modelling is timed: kinds, sizes, noise; and scenes with more and more things in them."""
+"""The measured frames: kinds, sizes, noise, and scenes with an increasing number of objects."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def scene_sequence(
 
 
 def crowd(things: int, foliage: bool) -> Scene:
-    """A field with so many things in view: boxes and poles, or small trees of 60 leaves."""
+    """A field with a number of objects in view: boxes and poles, or small trees of 60 leaves."""
     rng = np.random.Generator(np.random.PCG64([SEED, things]))
     s = SceneBuilder("crowd", structured=not foliage)
     s.ground()

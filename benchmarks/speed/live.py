@@ -70,7 +70,7 @@ class Ear:
     valid: bool = False
 
     def listen(self, address: str, stop: threading.Event) -> None:
-        """Until told to stop."""
+        """Receives until stopped."""
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         subscriber = context.socket(zmq.SUB)
         subscriber.setsockopt(zmq.SUBSCRIBE, b"")
@@ -119,7 +119,8 @@ def taken(pid: int) -> Taken:
 
 
 def _waited_s(pid: int) -> float:
-    """Of all its threads: large beside the CPU seconds, the machine was not at rest and the times are not its own."""
+    """Of all its threads: if large compared with the CPU seconds, other programs used the processors and the times are
+    not valid."""
     waited_ns = 0
     for task in Path(f"/proc/{pid}/task").iterdir():
         with suppress(OSError):  # a thread that has just ended
@@ -147,7 +148,7 @@ def child_of(pid: int) -> int:
 
 @contextmanager
 def running(*words: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """`python -m companion words`, ended at the end."""
+    """Runs `python -m companion` with these arguments; it is ended at the end."""
     with log.open("wb") as out:
         process = subprocess.Popen([sys.executable, "-m", "companion", *words], stdout=out, stderr=out)
     try:

@@ -52,8 +52,8 @@ REJECTED_ATTITUDES: Final = _rejected_attitudes()
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """After some frames: resident memory of the process, arrays that the extractor holds, bytes; blocks that Python has
-    allocated; bytes in use by whoever asked the C library for them (0: it does not tell)."""
+    """Memory after a number of frames: resident memory of the process, arrays of the extractor, bytes; blocks allocated
+    by Python; bytes allocated from the C library (0: unknown)."""
 
     frames: int
     resident: int
@@ -100,7 +100,8 @@ def watch(
     every: int,
     told: Callable[[Sample], None] = lambda s: None,
 ) -> list[Sample]:
-    """Models all of `first`, then so many of `then`, with one extractor. The first sample is taken between the two."""
+    """Extracts all of `first`, then a number of frames of `then`, with one extractor. The first sample is taken between
+    the two."""
     extractor, state = Extractor(), ExtractorState()
     for depth, info, R in first:
         state = extractor.extract(depth, info, R, state)[1]
@@ -115,7 +116,7 @@ def watch(
 
 
 def sample(frames: int, extractor: Extractor) -> Sample:
-    """The memory after so many frames, without what only waits to be collected."""
+    """The memory after a number of frames and a garbage collection."""
     gc.collect()
     return Sample(frames, resident_bytes(), held_bytes(extractor), sys.getallocatedblocks(), in_use_bytes())
 
@@ -134,9 +135,10 @@ class _Mallinfo(ctypes.Structure):
 
 
 def in_use_bytes() -> int:
-    """What was asked of glibc (2.33 or later) and not given back; 0 with another C library.
+    """Bytes allocated from glibc (2.33 or later); 0 with another C library.
 
-    Resident memory alone hides a leak: what is freed stays with the allocator, and what leaks is taken from it first."""
+    Resident memory alone hides a leak: freed memory stays with the allocator and is used for leaking allocations first.
+    """
     library = ctypes.CDLL(None)
     if not hasattr(library, "mallinfo2"):
         return 0

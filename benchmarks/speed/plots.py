@@ -36,7 +36,7 @@ def draw_curves(
 
 
 def draw_stages(path: Path, columns: Sequence[Measured]) -> None:
-    """A bar a kind of frame, made of its stages."""
+    """Draws a bar per kind of frame, divided by stage."""
     with figure(path, 1, 1, _WIDTH_IN, _HEIGHT_IN + 0.6) as axes:
         ax = axes[0][0]
         begin = [0.0] * len(columns)

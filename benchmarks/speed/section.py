@@ -33,9 +33,9 @@ SCENE_TILTS_DEG = (0.0, TILT_DEG)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
-    """How much is measured. runs: of every kind at 640x480 (half of that at other sizes); watched: taken apart by
-    stage; budget_s: most that one kind may take; of the scenes of a family at most `scenes`;
-    too_slow_ms: a kind that takes longer is not measured at larger sizes, and said so: it would take hours."""
+    """Extent of the measurement. runs: per kind at 640x480 (half of it at other sizes); watched: measured by stage;
+    budget_s: time limit per kind; scenes: largest number per family; too_slow_ms: a kind that takes longer is not
+    measured at larger sizes."""
 
     runs: int
     watched: int
@@ -56,7 +56,7 @@ QUICK = Effort(
 
 
 class Lap:
-    """One run: the extractor, the reference workload beside every frame, a word on stderr for each piece."""
+    """One run: the extractor, the reference workload between frames, and progress on stderr."""
 
     def __init__(self, effort: Effort) -> None:
         self.effort, self.reference = effort, Reference()

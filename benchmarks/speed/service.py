@@ -1,9 +1,10 @@
-"""What the live service is held to, in one go: `python -m benchmarks.speed.service` (14 minutes; `--minutes 1` for a look).
+"""Checks the live service against its bounds: `python -m benchmarks.speed.service` (14 minutes; `--minutes 1` for a
+short run).
 
-Starts (`benchmarks.speed.start`), then runs of the whole service (`benchmarks.speed.live`): a street at 30 Hz for the minutes that are
-asked for, at 12 Hz for its processor's share, and at both foliage and the flight of configs/simulated.toml. Each figure
-stands beside its bound. The machine has to be at rest: how long the service waited for a processor that others had, and
-how much of the processors the host of a virtual machine gave to others, is told with each run."""
+Starts (`benchmarks.speed.start`), then runs of the whole service (`benchmarks.speed.live`): a street at 30 Hz for the
+given minutes, at 12 Hz for its processor load, and at both rates foliage and the flight of configs/simulated.toml. Each
+figure is listed with its bound. The computer must be idle: the time that the service waited for a processor, and the
+share that the host of a virtual machine gave to others, are printed with each run."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from typing import Any
 from . import live, start
 
 SHORT_MINUTES = 0.4
-"""Of the runs beside the long one."""
+"""Duration of the shorter runs."""
 WARM_UP_S = 8.0
 BOUNDS_S = {"start to ready": 1.0, "kill -9 to ready": 1.5, "attitude to prisms": 1.0}
 P99_MS, CPU_PERCENT, GROWTH = 8.0, 10.0, 1.05
@@ -53,7 +54,7 @@ def start_lines(times: dict[str, list[float]]) -> list[Line]:
 
 
 def live_lines(found: dict[str, Any], *, held: bool) -> list[Line]:
-    """One run. held: to its bounds, as a structured scene is; foliage is told beside it."""
+    """One run. held: whether its bounds apply, as for structured scenes; foliage is listed for comparison."""
     hz, name = found["hz"], f"{found['flight']} {found['hz']:g} Hz"
     lost = sum(found["dropped_by_the_service"].values()) + found["log_dropped"] + found["samples_lost"]
     p50, p99 = found["exposure_to_subscriber_ms"]["p50"], found["exposure_to_subscriber_ms"]["p99"]

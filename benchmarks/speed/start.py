@@ -86,7 +86,7 @@ class Place:
             pass
 
     def forget(self) -> None:
-        """What an ended process has said."""
+        """The output of an ended process."""
         self._notify.setblocking(False)
         with contextlib.suppress(BlockingIOError):
             while True:
@@ -148,7 +148,7 @@ def measure(place: Place) -> dict[str, float]:
 
 
 def runs_of(runs: int) -> dict[str, list[float]]:
-    """Seconds by what was measured, of so many runs after one that fills the caches."""
+    """Seconds by measured quantity, from a number of runs after one that fills the caches."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         with place.service():

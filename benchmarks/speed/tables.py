@@ -1,4 +1,4 @@
-"""The tables of the speed page, as Markdown. Times are milliseconds of the processor where nothing else is said."""
+"""The tables of the speed page, as Markdown. Times are milliseconds of processor time unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def goals_table(timed: Sequence[Timed], kinds: Sequence[Kind], too_slow_ms: float) -> str:
-    """Each goal beside the slowest kind that it holds for, one column a noise. kinds: all that should have been timed;
-    one that is missing took more than too_slow_ms at a smaller size."""
+    """Each goal and the slowest kind that it applies to, one column per noise. kinds: all that should have been
+    measured; a missing one took more than too_slow_ms at a smaller size."""
     noises = sorted({t.ke_per_m for t in timed})
     rows = []
     for goal in GOALS:
@@ -147,7 +147,7 @@ def stage_table(columns: Sequence[Measured]) -> str:
 
 
 def floor_words(columns: Sequence[Measured]) -> str:
-    """Our stage of density, windows and strips beside the sum of its floors."""
+    """Our stage of density, windows and strips compared with the sum of its floors."""
     floor = sum(ms for _, ms in FLOORS_MS)
     parts = ", ".join(f"{name} {ms:g}" for name, ms in FLOORS_MS)
     ours = [(m.name, m.stages_ms.get(FLOORED_STAGE, 0.0)) for m in columns]

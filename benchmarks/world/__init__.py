@@ -1,1 +1,1 @@
-"""The merged world held against the truth, its cost and its size."""
+"""Accuracy, cost and size of the merged world."""

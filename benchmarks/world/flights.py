@@ -32,8 +32,8 @@ _STEP_M = 0.4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Flight:
-    """way: the poses of its frames; judged: poses the way does not hold; inside: of points (M, 3), whether they lie in
-    the solid thing that was flown around, None: nothing was."""
+    """way: the poses of its frames; judged: poses that the flight does not contain; inside: whether points (M, 3) lie
+    in the solid that was flown around, None: there is none."""
 
     name: str
     scene: Scene
@@ -41,13 +41,13 @@ class Flight:
     judged: tuple[Pose, ...]
     inside: Callable[[Floats], NDArray[np.bool_]] | None = None
     around: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """x, y and half the width of what was flown around."""
+    """x, y and half the width of the object that was flown around."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What is wrong with the pose. position_m, attitude_deg: standard deviation from frame to frame; drift: metres for
-    each metre flown, in a direction of the seed's."""
+    """Errors of the pose. position_m, attitude_deg: standard deviation from frame to frame; drift: metres per metre
+    flown, in a direction of the seed."""
 
     name: str
     position_m: float = 0.0
@@ -61,8 +61,8 @@ ESTIMATES = (TRUE, NOISY, DRIFTING)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Seen:
-    """One frame of a flight. R_level_optical, heading_rad, place_m: as the autopilot tells them; drift_m: what it is wrong
-    by altogether, noise apart."""
+    """One frame of a flight. R_level_optical, heading_rad, place_m: as reported by the autopilot; drift_m: total drift,
+    without noise."""
 
     rendered: Rendered
     R_level_optical: Floats
@@ -73,7 +73,7 @@ class Seen:
 
 
 def flights(seed: int) -> tuple[Flight, ...]:
-    """All of them; the seed turns, sizes and places things."""
+    """All flights; the seed varies their objects."""
     return (_block(seed), _alley(seed), _trees(seed), *(_shape(name, seed) for name in SHAPES))
 
 
@@ -89,7 +89,7 @@ def frame(scene: Scene, pose: Pose, condition: Condition, seed: int, number: int
 
 
 def flown(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendered]) -> Iterator[Seen]:
-    """The frames of a flight with what the autopilot tells of each. The same seed, the same errors."""
+    """The frames of a flight with the reported poses. Equal seeds give equal errors."""
     rng = np.random.Generator(np.random.PCG64([seed, 7]))
     away = rng.uniform(0.0, math.tau)
     path_m, before = 0.0, np.array(flight.way[0][:3])
@@ -108,7 +108,7 @@ def flown(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendered
 
 
 def renderings(flight: Flight, condition: Condition, seed: int) -> list[Rendered]:
-    """All frames of a flight, once: what the pose is told to be does not change them."""
+    """All frames of a flight; they do not depend on the reported poses."""
     return [frame(flight.scene, pose, condition, seed, k) for k, pose in enumerate(flight.way)]
 
 

@@ -1,4 +1,4 @@
-"""Bytes of a flight: our world beside OctoMap and the grid in the manner of 3DP, each given the frames in the true pose."""
+"""Bytes of a flight: our world, OctoMap and the grid in the manner of 3DP, each from frames with the true pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The merged world held against the truth, its cost and its bytes; `python -m benchmarks --only world`."""
+"""The page of the merged world: accuracy, cost and bytes; `python -m benchmarks --only world`."""
 
 from __future__ import annotations
 

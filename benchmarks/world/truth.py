@@ -1,4 +1,4 @@
-"""The merged world of a flight held against the truth, from places that the flight never held."""
+"""Compares the merged world of a flight with the truth, from poses that the flight does not contain."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 SNAPSHOT_FRAMES = 50
 """From one snapshot in the stream to the next: 10 s, as the service sends them."""
 _THIN = 3
-"""Of the pixels of a judged view every third of every third row is asked about."""
+"""Step of the evaluated pixels in rows and columns."""
 _INSIDE_STEP_M = 0.25
 _HEIGHTS_M = (1.0, 2.0)
 
@@ -60,8 +60,8 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """The world after one frame. told: planes of all frames so far; stream_bytes: of all messages so far, plane_bytes the
-    planes in them; free_cells: known to be free."""
+    """The world after one frame. told: planes of all frames so far; stream_bytes: of all messages so far, plane_bytes
+    the planes in them; free_cells: number of free cells."""
 
     planes: int
     told: int
@@ -186,7 +186,7 @@ def _heading(view: Rendered) -> float:
 
 
 def seen_by(points: Floats, frames: Sequence[Rendered], least: int = 2) -> Mask:
-    """(P,) whether at least so many frames had each true point (ned) in sight, within their range."""
+    """(P,) whether at least this number of frames had each true point (ned) in view, within their range."""
     count = np.zeros(len(points), np.int64)
     for r in frames:
         k = r.info.intrinsics

@@ -142,7 +142,7 @@ def test_one_that_ran_well_is_started_again_at_once(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(
-    ("habit", "words"), [("silent:5", "no frame for"), ("hangs:5", "its process says nothing for")]
+    ("habit", "words"), [("silent:5", "no frame for"), ("hangs:5", "no notification of its process for")]
 )
 def test_silence_is_named_and_ends_in_a_new_start(tmp_path: Path, habit: str, words: str) -> None:
     with Watched(tmp_path, habit) as w:

@@ -147,7 +147,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         ({4: row(4).replace("-1.5", "-1.5").replace(f"{tilt(0.4)[0]:.6f}", "nan")}, "line 6", 10),
         ({4: "depth/000004.png,400000000,,,,,,"}, "1 rows without a usable attitude (line 6)", 10),
         ({3: "depth/000003.png,300000000,1,2", 4: "depth/000004.png,400000000"}, "(line 5-6)", 10),
-        ({4: "depth/000004.png,soon,0,0,0,0,0,0"}, "line 6: t_ns 'soon' is no whole number", 9),
+        ({4: "depth/000004.png,soon,0,0,0,0,0,0"}, "line 6: t_ns 'soon' is not a whole number", 9),
         ({4: ",400000000,0,0,0,0,0,0"}, "line 6: file is empty", 9),
         ({4: "depth/000004.png,100,0,0,0,0,0,0"}, "line 6: t_ns 100 is out of order", 9),
         ({4: "depth/000004.png,99999999999999,0,0,0,0,0,0"}, "line 6: t_ns 99999999999999 is out of order", 9),
@@ -156,7 +156,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         ({4: "depth/000004.png,400000000,0,0,0,0,nan,0"}, "1 rows without a usable position (line 6)", 10),
         ({4: "depth/000004.png,9" + "9" * 30 + ",0,0,0,0,0,0"}, "out of range", 9),
         ({4: None, 5: None}, "2 images in depth/ have no row (000004.png, 000005.png)", 8),
-        (dict.fromkeys(range(2, 9)), "lines 3-4: a gap of 0.80 s (usual: 0.100 s)", 13),
+        (dict.fromkeys(range(2, 9)), "lines 3-4: a gap of 0.80 s (median: 0.100 s)", 13),
     ],
 )
 def test_bad_rows_are_told_with_their_lines(
@@ -189,7 +189,7 @@ def test_an_attitude_in_degrees_is_not_used(tmp_path: Path) -> None:
 def test_a_column_that_stands_there_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [row(i) + ",5" for i in range(3)]
     assert imported(write_folder(tmp_path / "rec", 3, rows, heading=HEADING + ",t_ns"))[0] == 1
-    assert "column t_ns stands there more than once" in capsys.readouterr().err
+    assert "column t_ns is duplicated" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["frames.csv", "", "."])
@@ -213,7 +213,7 @@ def test_columns_that_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[
     )
     status, out = imported(folder)
     assert status == 1
-    assert "column pitch_rad is missing, hence no frame has an attitude" in capsys.readouterr().err
+    assert "column pitch_rad is missing: no frame has an attitude" in capsys.readouterr().err
     assert len(frames_of(out)) == 3
 
 
@@ -266,7 +266,7 @@ def test_broken_json_and_nothing_there(tmp_path: Path, capsys: pytest.CaptureFix
     assert "not valid JSON" in capsys.readouterr().err
     (folder / "intrinsics.json").write_text("[" * 100_000)
     assert imported(folder)[0] == 1
-    assert "nested deeper than can be read" in capsys.readouterr().err
+    assert "nested too deeply" in capsys.readouterr().err
     assert imported(tmp_path / "none")[0] == 1
     assert "there is nothing" in capsys.readouterr().err
     (folder / "frames.csv").write_text(HEADING + "\n")

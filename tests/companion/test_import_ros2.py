@@ -172,11 +172,11 @@ def test_transforms_give_way_to_what_they_are_made_of(tmp_path: Path, capsys: py
     [
         (RosFlight(encoding="rgb8"), [], "no depth image in it"),
         (RosFlight(motion=()), [], "no attitude in it; expected Odometry"),
-        (RosFlight(info_topics=()), [], "no camera info beside /cam/depth/image; there is: none"),
-        (RosFlight(), ["--depth-topic", "/none"], "/none is not there; depth images: /cam/depth/image"),
-        (RosFlight(), ["--info-topic", "/none"], "no camera info on /none; there is: /cam/depth/camera_info"),
-        (RosFlight(), ["--attitude-topic", "/none"], "no attitude on /none; there is: /odom"),
-        (RosFlight(), ["--pose-topic", "/none"], "no position on /none; there is: /odom"),
+        (RosFlight(info_topics=()), [], "no camera info beside /cam/depth/image; available: none"),
+        (RosFlight(), ["--depth-topic", "/none"], "/none is not in the recording; depth images: /cam/depth/image"),
+        (RosFlight(), ["--info-topic", "/none"], "no camera info on /none; available: /cam/depth/camera_info"),
+        (RosFlight(), ["--attitude-topic", "/none"], "no attitude on /none; available: /odom"),
+        (RosFlight(), ["--pose-topic", "/none"], "no position on /none; available: /odom"),
         (RosFlight(motion=("tf",)), ["--base-frame", "drone"], "no attitude in it"),
     ],
 )
@@ -303,7 +303,7 @@ def test_the_recording_is_never_written_over(
 
 def test_a_body_that_nothing_joins_with_the_vehicle_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert imported(RosFlight(odometry_child="t265_pose"), tmp_path)[0] == 0
-    assert "no transform joins t265_pose and base_link" in capsys.readouterr().out
+    assert "no transform connects t265_pose and base_link" in capsys.readouterr().out
     assert imported(RosFlight(), tmp_path)[0] == 0
     assert "t265" not in capsys.readouterr().out
 

@@ -132,7 +132,7 @@ def test_refused_for_an_image_that_is_none(tmp_path: Path, image: Path, capsys: 
 
 @pytest.mark.parametrize("place", ["/home/pi/osape", "/root/.venv/bin/companion", "/run/user/1000/x"])
 def test_refused_where_the_service_could_not_read_it(place: str) -> None:
-    with pytest.raises(InstallError, match="which the service cannot see; make the environment elsewhere"):
+    with pytest.raises(InstallError, match="which the service cannot read; create the environment elsewhere"):
         install.check_reachable([Path(place)])
 
 
@@ -142,7 +142,7 @@ def test_refused_below_a_folder_that_is_closed(tmp_path: Path) -> None:
     closed.chmod(0o700)
     with pytest.raises(InstallError, match="cannot be read by the service's user"):
         install.check_reachable([closed / "venv"])
-    with pytest.raises(InstallError, match="is not there"):
+    with pytest.raises(InstallError, match="does not exist"):
         install.check_reachable([Path("/opt/osape-companion-is-not-there")])
 
 
@@ -158,7 +158,7 @@ def test_a_folder_of_logs_that_the_unit_does_not_open_is_told(
 def test_a_command_of_the_system_that_fails_is_told() -> None:
     with pytest.raises(InstallError, match=r"ls /nowhere-at-all failed with status 2: .*No such file"):
         run_command(["ls", "/nowhere-at-all"])
-    with pytest.raises(InstallError, match="no-such-command is not there"):
+    with pytest.raises(InstallError, match="no-such-command is not installed"):
         run_command(["no-such-command"])
 
 

@@ -177,7 +177,7 @@ def test_info_tells_of_damage_and_of_strangers(whole, tmp_path, shared_data, cap
     assert "`companion recover" in capsys.readouterr().err
     assert main(["info", str(shared_data / "mcap" / "keelson_ais_protobuf.mcap")]) == 0
     text = capsys.readouterr().out
-    assert "not a recording of this software" in text
+    assert "not a log of this software" in text
     assert len(text.splitlines()) < 60
     assert main(["info", str(tmp_path / "none.mcap")]) == 1
 

@@ -391,7 +391,7 @@ def test_an_old_file_is_repaired_beside_the_recording_and_that_is_said(
     recorder.close()
     assert recorder.status.fault == ""
     assert not old.exists()
-    assert any("repairs 20260101-000000.000.mcap.active" in m for m in caplog.messages)
+    assert any("repairing 20260101-000000.000.mcap.active" in m for m in caplog.messages)
     assert any("20260101-000000.000.mcap: " in m and "messages recovered" in m for m in caplog.messages)
     assert len(files_of(tmp_path)) == 2
     assert not recovering_files(tmp_path)

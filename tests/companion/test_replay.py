@@ -290,7 +290,7 @@ def test_a_cut_log_is_replayed_as_far_as_it_goes(folder, replayed, tmp_path, cap
 def test_input_and_output_must_differ(recorded, capsys):
     before = recorded.read_bytes()
     assert main(["replay", str(recorded), "-o", str(recorded)]) == 1
-    assert "the same file" in capsys.readouterr().err
+    assert "would overwrite this input" in capsys.readouterr().err
     assert recorded.read_bytes() == before
 
 
@@ -405,7 +405,7 @@ def test_a_configuration_for_another_camera_is_refused(tmp_path, recorded, capsy
     assert main(["replay", str(recorded), "-c", str(config)]) == 1
     said = capsys.readouterr().err
     assert '"fornt"' in said
-    assert "nothing is said of its front; correct the name" in said
+    assert "its camera front has no section; correct the name" in said
     config.write_text('[[camera]]\nname = "front"\n[[camera]]\nname = "rear"\n')
     assert main(["replay", str(recorded), "-c", str(config)]) == 0
 

@@ -182,8 +182,8 @@ def of_signing(service: Service) -> None:
     [
         (of_recorder, "recording has ended (RuntimeError: injected)"),
         (of_world, "the merged world has ended (RuntimeError: injected)"),
-        (of_metrics, "no metrics: their server has ended (RuntimeError: injected)"),
-        (of_signing, "timestamps of signatures are kept no more (RuntimeError: injected)"),
+        (of_metrics, "no metrics: the metrics server has ended (RuntimeError: injected)"),
+        (of_signing, "timestamps of signatures are not saved (RuntimeError: injected)"),
     ],
 )
 def test_the_flight_goes_on_and_what_ended_is_named(

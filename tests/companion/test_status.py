@@ -70,8 +70,8 @@ def test_a_report_in_words() -> None:
     for words in (
         "DEGRADED for 65 s",
         "! optional_camera_unavailable: camera right (not required) is blind: lost: the cable is out",
-        "camera front: running, 30.0 Hz, newest valid exposure 42 ms ago, 3 superseded",
-        "camera right: lost, not required, 0.0 Hz, no valid exposure yet",
+        "camera front: running, 30.0 Hz, frame age 42 ms, 3 superseded",
+        "camera right: lost, not required, 0.0 Hz, no valid frame yet",
         "started 4 times, last cause: the cable is out",
         "autopilot: PX4, system 1, armed, attitude 99 Hz",
         "clock synchronised within 0.31 ms",
