@@ -198,7 +198,7 @@ def test_what_the_comparison_sees(change: Callable[[Result], None], exact: bool)
     assert bool(list(differences(golden, now))) == (exact or change in SEEN_ANYWHERE)
 
 
-def test_an_update_tells_what_changed() -> None:
+def test_an_update_reports_what_changed() -> None:
     golden = load("street")
     now = copy.deepcopy(golden)
     assert summary("street", golden, now) == "street: as before"

@@ -197,7 +197,7 @@ def test_two_processes_give_the_rows_of_one(tmp_path: Path) -> None:
     assert one == two
 
 
-def test_a_frame_that_says_nothing_is_counted_and_not_scored(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_frame_is_counted_and_not_scored(capsys: pytest.CaptureFixture[str]) -> None:
     args = [
         "--scenes",
         "open,stones",

@@ -22,7 +22,7 @@ TOLD = Stamp(
 )  # fmt: skip
 
 
-def test_a_page_tells_when_where_and_how_before_its_text() -> None:
+def test_a_page_states_date_commit_and_command_before_its_text() -> None:
     text = page(SECTIONS[0], MADE, TOLD)
     assert text.startswith("# Speed\n\nMeasured on 2026-11-21 at commit abc1234.\n\n- command: `python -m benchmarks`")
     assert "- machine: a processor, 2 cores\n- versions: python 3.11, numpy 2\n" in text
@@ -108,7 +108,7 @@ def test_a_section_runs_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pyt
         run_apart(SECTIONS[0], tmp_path, True)
 
 
-def test_the_commit_is_told_with_what_differs_from_it(tmp_path: Path) -> None:
+def test_the_commit_is_reported_with_what_differs_from_it(tmp_path: Path) -> None:
     def git(*words: str) -> None:
         who = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
         subprocess.run(["git", "-C", str(tmp_path), *who, *words], check=True, capture_output=True)

@@ -264,7 +264,7 @@ def test_rays_by_range_add_up_and_lie_in_their_metre() -> None:
     assert sum(counts.phantom) == 0
 
 
-def test_range_clip_blind_band_and_low_things_are_no_obstacle_rays() -> None:
+def test_range_clip_blind_band_and_low_objects_are_no_obstacle_rays() -> None:
     b = SceneBuilder("test")
     b.ground()
     b.wall("far", (19.5, -9.0), (19.5, 0.0), 6.0)

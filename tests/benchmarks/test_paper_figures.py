@@ -93,7 +93,7 @@ def test_the_ground_closes_a_passage_from_below() -> None:
     assert sizes(frame, planes[:3])[0].height_m == pytest.approx(2.2, abs=0.02)  # nothing below the ground is free
 
 
-def test_unknown_names_are_told() -> None:
+def test_unknown_names_are_reported() -> None:
     with pytest.raises(ValueError, match="no opening 'door'"):
         opening_scene("door", 6.0, 0)
     with pytest.raises(ValueError, match="no shape 'cube'"):
@@ -125,7 +125,7 @@ def test_skipped_columns_hold_nothing() -> None:
     assert (skip_columns(frame, 1).depth_mm == frame.depth_mm).all()
 
 
-def test_a_frame_that_says_nothing_is_silent_not_blind() -> None:
+def test_an_invalid_frame_is_silent_not_blind() -> None:
     frame = frames_of(shape_scene("sphere", 1), EXACT, 1, count=1)[0]
     nothing = replace(frame, depth_mm=np.zeros_like(frame.depth_mm))
     found = measure([nothing], EXACT, "sphere", 1, Params())

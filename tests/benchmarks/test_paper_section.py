@@ -53,7 +53,7 @@ def test_without_a_last_run_a_part_alone_is_refused(tmp_path: Path, capsys: pyte
     assert "holds no times, storage" in capsys.readouterr().err
 
 
-def test_rows_of_a_part_that_is_missing_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_a_part_that_is_missing_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fake(monkeypatch)
     rows_file(tmp_path, True).write_text("{}")
     with pytest.raises(FileNotFoundError, match="holds no findings"):

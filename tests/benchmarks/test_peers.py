@@ -129,7 +129,7 @@ def test_the_middle_rectangle_of_an_oriented_box() -> None:
     np.testing.assert_allclose(np.cross(patch[3:6], patch[6:]) / 8.0, axes[:, 2])
 
 
-def test_a_missing_library_is_told_and_not_fatal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported_and_not_fatal(monkeypatch: pytest.MonkeyPatch) -> None:
     def absent(name: str) -> None:
         raise ImportError(f"No module named {name!r}")
 

@@ -233,7 +233,7 @@ def test_the_printed_filling_takes_both_complements_of_the_whole_cluster() -> No
     assert strips["bottom_m"][2] == 0.0
 
 
-def test_the_printed_form_says_nothing_without_a_measurement_and_calls_nothing_free() -> None:
+def test_the_printed_form_reports_nothing_without_a_measurement_and_calls_nothing_free() -> None:
     nothing = extract(np.zeros((30, 40), np.uint16), INFO, mode="paper")
     assert (nothing.valid, nothing.cause) == (False, InvalidCause.NO_MEASUREMENT)
     wall = extract(flat_wall(INFO, 6.0), INFO, mode="paper")

@@ -56,7 +56,7 @@ def test_half_of_a_wall_is_half_found() -> None:
     assert found_again(seen(WALL), seen(low), 0.01).by_area == pytest.approx(0.5), "heights count as well"
 
 
-def test_by_view_near_things_count_more_than_by_area() -> None:
+def test_by_view_near_objects_count_more_than_by_area() -> None:
     """A wall at 4 m and one of the same size at 16 m, side by side: the far one is lost."""
     near, far = (4.0, -1.5, 4.0, -0.5, -0.5, 0.5), (16.0, 0.5, 16.0, 1.5, -0.5, 0.5)
     found = found_again(seen(near, far), seen(near), 0.3)
@@ -90,7 +90,7 @@ def test_pose_is_taken_out_before_comparing() -> None:
     assert found_again(seen(WALL), as_if_not_moved, 0.3).by_area == 0.0
 
 
-def test_points_cover_the_area_and_know_their_normal() -> None:
+def test_points_cover_the_area_and_have_their_normal() -> None:
     points, area, normals = covered(np.array([(1.0, 0.0, 1.0, 0.25, -0.1, 0.15), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)]))
     assert len(points) == 3 * 3, "a plane without length has no area"
     assert area.sum() == pytest.approx(0.25 * 0.25)
@@ -127,7 +127,7 @@ def test_frames_without_a_position_or_a_model_are_not_compared() -> None:
     np.testing.assert_allclose(pair[0].R_ned_optical @ [0.0, 0.0, 1.0], [math.cos(0.3), math.sin(0.3), 0.0], atol=1e-12)
 
 
-def test_without_recordings_the_page_says_so(tmp_path: Path) -> None:
+def test_without_recordings_the_page_states_it(tmp_path: Path) -> None:
     assert "No recordings lie beside this checkout" in section(tmp_path, quick=True, data=tmp_path / "nowhere")
 
 

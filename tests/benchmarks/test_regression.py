@@ -79,7 +79,7 @@ def test_a_figure_or_a_case_that_went_away_and_an_easier_scene_are_seen() -> Non
     assert not list(worse(golden, golden))
 
 
-def test_an_update_tells_what_became_better_and_worse() -> None:
+def test_an_update_reports_what_became_better_and_worse() -> None:
     golden = load()
     assert changes(golden, golden) == "as before"
     now = copy.deepcopy(golden)

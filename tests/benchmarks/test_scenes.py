@@ -75,7 +75,7 @@ def test_the_camera_stands_in_the_open_and_sees_what_the_scene_is_for(name: str)
             assert not seen.obstacle().any()
 
 
-def test_the_camera_stays_below_a_ceiling_and_level_with_things_without_ground() -> None:
+def test_the_camera_stays_below_a_ceiling_and_level_with_objects_without_ground() -> None:
     assert camera_pose("hall", 1, 10.0)[0][2] == -5.6
     assert camera_pose("tunnel", 1, 10.0)[0][2] == -2.2
     assert camera_pose("street", 1, 10.0)[0][2] == -10.0
@@ -104,6 +104,6 @@ def test_places_along_a_line_and_behind_it() -> None:
     assert Line(1.0, 2.0, 0.0).at(3.0, 4.0) == pytest.approx((4.0, -2.0))
 
 
-def test_a_name_that_does_not_exist_is_told_with_those_that_do() -> None:
+def test_a_name_that_does_not_exist_is_reported_with_those_that_do() -> None:
     with pytest.raises(ValueError, match=r"no scene 'nowhere'; there are: .*street"):
         make_scene("nowhere", 0)

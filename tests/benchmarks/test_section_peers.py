@@ -86,7 +86,7 @@ def test_ratios_are_case_by_case_and_count_goals_that_are_missed() -> None:
     assert ratios({SAFE: [OURS]}, ROUGH_GRID, lambda r: r.bytes, lambda r: r.bytes) == []
 
 
-def test_figures_table_tells_who_found_nothing_was_silent_or_not_there() -> None:
+def test_figures_table_shows_who_found_nothing_was_silent_or_not_there() -> None:
     nothing = replace(TREE, mean_m=math.inf, p95_m=math.inf, body_mean_m=math.inf)
     silent = replace(OURS, peer=PAPER, valid=False)
     table = figures_table(groups([OURS, silent, nothing])["structured", 0.0015], [("Open3D", "not installed")])

@@ -49,20 +49,20 @@ def test_beyond_a_bound(changes: dict[str, Any], what: str) -> None:
     assert [name for name, good in judged(**changes).items() if good is False] == [what]
 
 
-def test_a_machine_that_is_not_at_rest_is_told() -> None:
+def test_a_machine_that_is_not_at_rest_is_reported() -> None:
     busy = live_lines(FOUND | {"waited_for_a_processor_percent": {"service": 50.0}}, held=True)
     assert "50.0 % (others had it: not at rest)" in "\n".join(map(str, busy))
     assert "at rest" not in "\n".join(map(str, live_lines(FOUND, held=True)))
 
 
-def test_what_the_host_gave_to_others_is_told() -> None:
+def test_what_the_host_gave_to_others_is_reported() -> None:
     said = {line.what: line.value for line in live_lines(FOUND, held=True)}
     assert said["street 30 Hz: processors taken by the host"] == "0.31 %"
     before_s = stolen_s()
     assert 0.0 <= before_s <= stolen_s() <= time.monotonic()
 
 
-def test_foliage_is_told_and_held_to_no_times() -> None:
+def test_foliage_is_reported_and_held_to_no_times() -> None:
     slow = judged(flight="trees", exposure_to_subscriber_ms={"p50": 9.0, "p99": 15.0})
     assert slow["exposure to subscriber"] is None
     assert judged(flight="trees", log_dropped=1)["frames"] is False

@@ -69,11 +69,11 @@ def test_goals_are_judged_by_the_slowest_kind() -> None:
 
 
 @pytest.mark.parametrize(("ms", "reached"), [(0.8, "stretch"), (0.81, "aim"), (1.3, "must"), (4.1, "**missed**")])
-def test_a_goal_tells_the_best_that_is_reached(ms: float, reached: str) -> None:
+def test_a_goal_shows_the_best_that_is_reached(ms: float, reached: str) -> None:
     assert GOALS[0].verdict(ms) == reached
 
 
-def test_the_tail_of_blind_frames_is_told_apart() -> None:
+def test_the_tail_of_blind_frames_is_distinguished() -> None:
     kinds = [
         timed(LEVEL, [1.0]),
         timed(TILTED, [1.0]),
@@ -100,7 +100,7 @@ def test_stages_and_what_lies_between_them_make_the_whole() -> None:
     assert "street 2.64 ms, 10 times the floor" in floor_words([measured("street", [5.0])])
 
 
-def test_of_a_family_the_median_and_the_slowest_scene_are_told() -> None:
+def test_of_a_family_the_median_and_the_slowest_scene_are_reported() -> None:
     scenes = [[measured("a", [1.0])], [measured("b", [3.0])], [measured("c", [2.0])]]
     assert rows_of(scenes_table({"thin": scenes}, ["level"]))["thin (3)"] == ["2.00, 3.00 (b)"]
 
@@ -164,7 +164,7 @@ def test_the_section_makes_its_page_and_pictures(tmp_path: Path, monkeypatch: py
         assert f"({name})" in text
 
 
-def test_a_kind_that_is_too_slow_is_left_out_at_larger_sizes_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kind_that_is_too_slow_is_left_out_at_larger_sizes_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     class Fake(page.Lap):
         def time(self, what: str, make: object, runs: int, watched: int = 0) -> Measured:
             return measured(what, [1.0])

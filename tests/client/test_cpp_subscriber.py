@@ -78,7 +78,7 @@ def test_planes_and_the_nearest_of_them(program: Path, publisher: zmq.Socket[byt
     ],
     ids=["stale", "blind", "foreign", "of another version", "silent"],
 )  # fmt: skip
-def test_what_says_nothing_frees_nothing(
+def test_invalid_frames_free_nothing(
     program: Path, publisher: zmq.Socket[bytes], message: bytes | None, why: str
 ) -> None:
     said = heard(program, publisher, message)
@@ -133,7 +133,7 @@ def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, s
 
 
 @pytest.mark.parametrize("name", ["height_m", "slope_x", "tolerance_m", "noise_per_m"])
-def test_of_a_damaged_ground_it_knows_nothing(program: Path, tmp_path: Path, name: str) -> None:
+def test_space_above_a_damaged_ground_is_unknown(program: Path, tmp_path: Path, name: str) -> None:
     message = over_ground(np.random.default_rng(1), (0.0, 0.0, 0.0))
     setattr(message.ground, name, float("nan"))
     file = tmp_path / "frame"

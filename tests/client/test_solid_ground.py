@@ -127,7 +127,7 @@ def test_beyond_where_the_ground_was_measured_it_is_unknown() -> None:
     assert space.points([[0.3, 0.0, 2.2]]).tolist() == [Occupancy.UNKNOWN]
 
 
-def test_the_nearest_thing_may_be_the_ground() -> None:
+def test_the_nearest_object_may_be_the_ground() -> None:
     space = space_of(model_of(street()))
     distance_m, towards, plane = space.nearest([[6.0, 0.0, 0.8], [6.0, 0.0, 2.5]])
     assert distance_m[0] == pytest.approx(1.2, abs=0.15)

@@ -155,7 +155,7 @@ def test_what_waited_while_the_planner_was_busy_is_as_old_as_it_may_be(service: 
         assert received.received_ns > begun_ns
 
 
-def test_on_the_machine_of_the_service_the_stamp_tells_the_age(service: Service) -> None:
+def test_on_the_same_computer_the_stamp_gives_the_age(service: Service) -> None:
     with Subscriber(service.address, timeout_s=30.0) as client:
         joined(client, service)
         waited(0.5)
@@ -171,7 +171,7 @@ def test_on_the_machine_of_the_service_the_stamp_tells_the_age(service: Service)
             assert received.stale == (age_s > 30.0)
 
 
-def test_blind_is_told_and_leaves_nothing_free(service: Service) -> None:
+def test_blind_is_reported_and_leaves_nothing_free(service: Service) -> None:
     with Subscriber(service.address) as client:
         joined(client, service)
         service.say(blind_message("front", 7, 1, "silent: unplugged"))
@@ -233,7 +233,7 @@ def test_numbers_that_do_not_fit_together_leave_all_unknown(service: Service) ->
         assert not received.space.knows
 
 
-def test_a_service_that_starts_again_is_heard_again(tmp_path: Path) -> None:
+def test_a_service_that_starts_again_is_received_again(tmp_path: Path) -> None:
     address = f"ipc://{tmp_path}/s"
     first = Service(address)
     with Subscriber(address, timeout_s=0.2) as client:
@@ -252,7 +252,7 @@ def test_a_service_that_starts_again_is_heard_again(tmp_path: Path) -> None:
             second.close()
 
 
-def test_silence_is_told_with_the_last_news_and_a_planner_can_end(service: Service) -> None:
+def test_silence_is_reported_with_the_last_news_and_a_planner_can_end(service: Service) -> None:
     with Subscriber(service.address, timeout_s=0.1) as client:
         joined(client, service)
         seen: list[bool] = []

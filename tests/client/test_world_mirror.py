@@ -145,7 +145,7 @@ def test_one_that_missed_messages_is_right_again(speaker: Speaker) -> None:
         assert until(lambda: (follows(), same_place(mirror, speaker.service.world))[1], 60.0)
 
 
-def test_a_new_service_and_a_jump_begin_anew(tmp_path: Path) -> None:
+def test_a_new_service_and_a_jump_reset_the_state(tmp_path: Path) -> None:
     first = Speaker(tmp_path, "one")
     first.service.open()
     with WorldMirror(*first.addresses) as mirror:

@@ -67,7 +67,7 @@ def test_parameters_are_read_as_the_autopilot_means_them(kind: str, parameters: 
     assert reader.contradictions(15 * NS) == []
 
 
-def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
+def test_a_parameter_without_an_answer_is_requested_again_and_reported() -> None:
     reader = ParameterReader()
     reader.begin(ARDUPILOT)
     wanted = len(WANTED[ARDUPILOT])
@@ -106,13 +106,13 @@ def test_one_that_is_never_told_is_asked_for_some_times_and_said() -> None:
         (ARDUPILOT, {"OA_TYPE": 1.0}, "when blind round the wall"),
     ],
 )
-def test_what_keeps_the_vehicle_from_braking_is_said(kind: str, values: dict[str, float], word: str) -> None:
+def test_what_keeps_the_vehicle_from_braking_is_reported(kind: str, values: dict[str, float], word: str) -> None:
     said = advice(AutopilotFacts(kind=kind, values=values, version=FirmwareVersion(1, 16)), AVOID)
     assert len(said) == 1
     assert word in said[0]
 
 
-def test_a_delay_shorter_than_what_was_measured_is_said_with_the_one_to_set() -> None:
+def test_a_delay_shorter_than_what_was_measured_is_reported_with_the_one_to_set() -> None:
     measured = (LatencyStage.EXPOSURE_TO_AUTOPILOT, 120.0, 190.0, 231.0)
     assert delay_advice(AutopilotFacts(kind=PX4, values={"CP_DELAY": 0.25}), measured) == []
     late = AutopilotFacts(kind=PX4, values={"CP_DELAY": 0.2})
@@ -226,7 +226,7 @@ def test_an_autopilot_that_takes_our_obstacles_is_believed(kind: str, at: int) -
 
 
 @pytest.mark.parametrize(("kind", "word"), [(PX4, "CP_DIST"), (ARDUPILOT, "PRX1_TYPE")])
-def test_one_that_does_not_is_said_with_the_likely_cause(kind: str, word: str) -> None:
+def test_one_that_does_not_is_reported_with_the_likely_cause(kind: str, word: str) -> None:
     check = echoed(kind, True, 8.0, scene(400))
     assert word in check.trouble(kind, NS + 8 * NS)
     assert echoed(kind, True, 3.0, scene(400)).trouble(kind, 4 * NS) == ""  # patience
@@ -234,7 +234,7 @@ def test_one_that_does_not_is_said_with_the_likely_cause(kind: str, word: str) -
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
-def test_other_obstacles_than_ours_are_said(kind: str) -> None:
+def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     check = echoed(kind, False, 12.0, scene(400), own=scene(150))
     assert "other obstacles than ours" in check.trouble(kind, NS + 12 * NS)
 
@@ -308,7 +308,7 @@ def test_opening_cameras_are_no_news() -> None:
     assert "recovered" in texts.due({"front": ""}, 30 * NS).text
 
 
-def test_a_camera_that_never_opens_is_told() -> None:
+def test_a_camera_that_never_opens_is_reported() -> None:
     texts = StatusTexts()
     assert [texts.due({"front": "no such device"}, t * NS) is None for t in (1, 5, 10, 11, 12)] == [True] * 3 + [
         False,

@@ -51,7 +51,7 @@ def test_the_verdict_is_about_slow_frames_of_the_slower_view() -> None:
     assert verdict(slow).startswith("TOO SLOW: 12 Hz needs a frame every 83 ms; this computer takes 130.0 ms")
 
 
-def test_other_work_on_the_machine_is_told() -> None:
+def test_other_work_on_the_machine_is_reported() -> None:
     assert busy_text(bench_of([2.0], [4.0])) == ""
     assert "took 2.0 times their processor time" in busy_text(bench_of([2.0], [4.0], share=0.5))
 
@@ -93,7 +93,7 @@ def test_json_holds_every_figure(warm: None, capsys: pytest.CaptureFixture[str])
     assert told["used_share"] == pytest.approx(slowest * 5.0 / 1000.0, abs=1e-4)
 
 
-def test_kernels_that_cannot_be_made_ready_are_told(
+def test_kernels_that_cannot_be_made_ready_are_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken() -> None:
@@ -113,7 +113,7 @@ def test_kernels_that_cannot_be_made_ready_are_told(
         (["--hz", "0"], "expected 0.1..1000"),
     ],
 )
-def test_wrong_use_is_told(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_use_is_reported(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", *words]) == 2
     assert told in capsys.readouterr().err
 

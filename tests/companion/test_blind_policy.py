@@ -87,7 +87,7 @@ def test_policy_by_autopilot(autopilot: AutopilotNow, name: str, wall_m: float, 
 # ---- all blind --------------------------------------------------------------------------------------------------------
 
 
-def test_px4_is_told_that_nothing_is_known_and_then_nothing() -> None:
+def test_px4_receives_unknown_and_then_nothing() -> None:
     policy, px4 = BlindPolicy(AVOID), Px4Reader()
     seen = policy.values(sight(front_seen(), seeing=FRONT), NOT_KNOWN, 0)
     assert seen is not None

@@ -239,7 +239,7 @@ THIN_LAYERS = replace(PARAMS, profile_layer_m=0.5, profile_layers=13)
 
 @pytest.mark.parametrize("reader", [px4, coarse_px4])
 @pytest.mark.parametrize(("pitch_deg", "params"), [(-15.0, PARAMS), (-21.0, PARAMS), (-25.0, THIN_LAYERS)])
-def test_whoever_leans_into_its_flight_flies_on(reader: type, pitch_deg: float, params: Params) -> None:
+def test_a_vehicle_that_leans_into_its_flight_flies_on(reader: type, pitch_deg: float, params: Params) -> None:
     """Leaning by 21 degrees a camera 56 degrees high looks 7 degrees above the horizon: the upper part of the near band was
     seen free from farther away, and that counts. Without it PX4 stops in mid-flight."""
     reached = {}
@@ -256,7 +256,7 @@ def test_whoever_leans_into_its_flight_flies_on(reader: type, pitch_deg: float, 
 
 
 @pytest.mark.parametrize("remember_s", [0.0, 3.0])
-def test_whoever_hovers_leaning_has_never_seen_the_upper_half_and_stands(remember_s: float) -> None:
+def test_a_vehicle_that_hovers_leaning_has_never_seen_the_upper_half_and_stands(remember_s: float) -> None:
     flight = Flight(open_field(), px4(), avoid=replace(AVOID, remember_free_s=remember_s))
     flight.lean_rad = (0.0, math.radians(-25.0))
     flight.fly(4.0)

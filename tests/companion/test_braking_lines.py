@@ -202,7 +202,7 @@ def test_it_passes_a_gap_of_twice_the_margin_and_a_metre(kind: str, line: str) -
     assert vehicle.farthest_m > 22.0
 
 
-def test_ardupilot_stops_before_the_wall_that_is_told_as_points_and_knows_the_ground_under_it() -> None:
+def test_ardupilot_stops_before_a_wall_of_points_and_receives_the_ground_distance() -> None:
     """OBSTACLE_DISTANCE_3D in the place of OBSTACLE_DISTANCE, and DISTANCE_SENSOR downward; then the camera dies."""
     avoid = replace(AVOID, points=True, upward=True, downward=True)
     with flying(ARDUPILOT, "udp", 13.5, avoid) as (vehicle, companion, running):

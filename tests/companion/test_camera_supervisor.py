@@ -116,7 +116,7 @@ def test_a_killed_process_is_started_again(tmp_path: Path) -> None:
         assert "process has ended" in w.supervisor.status.last_loss
 
 
-def test_the_cause_that_a_camera_gives_is_told(tmp_path: Path) -> None:
+def test_the_cause_that_a_camera_gives_is_reported(tmp_path: Path) -> None:
     with Watched(tmp_path, "ends:5") as w:
         assert w.until(lambda: w.supervisor.status.last_loss == "the cable is out")
         assert w.until(lambda: w.supervisor.status.starts >= 2)
@@ -168,7 +168,7 @@ def test_stamps_that_stand_still_are_named(tmp_path: Path) -> None:
         assert "its stamps have not moved" in w.supervisor.status.cause
 
 
-def test_a_camera_that_cannot_be_opened_says_why(tmp_path: Path) -> None:
+def test_a_camera_that_cannot_be_opened_names_the_cause(tmp_path: Path) -> None:
     section = CameraConfig(name="front", kind="simulated", flight="nowhere")
     w = Watched(tmp_path, "well:0")
     w.supervisor = CameraSupervisor(section, w.infos.append, w.frames.append, QUICK)

@@ -140,7 +140,7 @@ def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.C
         assert "Remove the line" in error
 
 
-def test_deeply_nested_files_are_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_deeply_nested_files_are_refused_with_a_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text in ("a = " + "[" * 20_000 + "]" * 20_000, "[extractor]\nnoise_quantile" + ".a" * 5_000 + " = 1\n"):
         path = tmp_path / "deep.toml"
         path.write_text(text)

@@ -50,7 +50,7 @@ def test_the_figures_are_the_machines(tmp_path: Path) -> None:
     assert m.storage_usage[1] == m.link_type[0] == NONE_U32
 
 
-def test_what_cannot_be_measured_is_told_as_such(tmp_path: Path) -> None:
+def test_what_cannot_be_measured_is_reported_as_such(tmp_path: Path) -> None:
     none = tmp_path / "none"
     m = heard(ComputerStatus(none, none, none))
     assert list(m.cpu_cores) == [NONE_U8] * 8
@@ -71,7 +71,9 @@ def test_this_machine_has_figures() -> None:
 
 
 @pytest.mark.parametrize("asked", [True, False])
-def test_the_service_tells_it_once_a_second_where_it_was_asked_to(asked: bool, tmp_path: Path, renders: Path) -> None:
+def test_the_service_sends_its_status_once_a_second_where_configured(
+    asked: bool, tmp_path: Path, renders: Path
+) -> None:
     assert not AutopilotConfig().computer_status
     sections = '[autopilot]\naddress = "udpin:127.0.0.1:{port}"\n' + ("computer_status = true\n" if asked else "")
     live = Live(tmp_path, sections + '[record]\nrecord = "off"\n', renders)

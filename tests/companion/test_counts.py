@@ -24,7 +24,7 @@ def test_cameras_are_counted_apart() -> None:
     assert rates.hz("left", 0, NS) == 0.0
 
 
-def test_a_loss_is_told_for_ten_seconds_after_the_last() -> None:
+def test_a_loss_is_reported_for_ten_seconds_after_the_last() -> None:
     losses = RecentLosses()
     assert not losses.active(0, 0, is_fault=True)
     assert losses.active(3, NS, is_fault=True)
@@ -33,7 +33,7 @@ def test_a_loss_is_told_for_ten_seconds_after_the_last() -> None:
     assert not losses.active(4, 5 * NS + REPORT_NS, is_fault=True)
 
 
-def test_what_is_lost_at_a_start_is_no_trouble_and_none_later() -> None:
+def test_what_is_lost_at_a_start_is_no_fault_and_none_later() -> None:
     losses = RecentLosses()
     assert not losses.active(7, NS, is_fault=False)
     assert not losses.active(7, 2 * NS, is_fault=True)

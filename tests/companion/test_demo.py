@@ -88,7 +88,7 @@ def processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Processes:
     return Processes(tmp_path)
 
 
-def test_a_process_that_ends_by_itself_is_told_with_its_words(processes: Processes) -> None:
+def test_a_process_that_ends_unexpectedly_is_reported_with_its_output(processes: Processes) -> None:
     processes.start("service", "fails")
     next(iter(processes._processes.values())).wait(20.0)
     with pytest.raises(DemoError, match="the service ended by itself with status 1\nno camera"):
@@ -97,7 +97,7 @@ def test_a_process_that_ends_by_itself_is_told_with_its_words(processes: Process
         processes.end("service")
 
 
-def test_one_that_does_not_end_is_killed_and_told(
+def test_one_that_does_not_end_is_killed_and_reported(
     processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("companion.demo.live.END_S", 0.3)

@@ -22,20 +22,20 @@ def test_the_table_is_the_table():
 
 
 @pytest.mark.parametrize("name", sorted(set(pb.DESCRIPTOR.message_types_by_name) - {"Vector3", "Quaternion"}))
-def test_every_field_is_told(name):
+def test_every_field_is_documented(name):
     words = set(re.findall(r"`(?:\w+\.)?(\w+)`", TEXT))
     missing = [f for f in pb.DESCRIPTOR.message_types_by_name[name].fields_by_name if f not in words]
     assert missing == []
 
 
-def test_every_cause_is_told_with_its_number():
+def test_every_cause_is_documented_with_its_number():
     page = (CHECKOUT / "docs" / "reference" / "diagnostics.md").read_text(encoding="utf-8")
     told = set(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, re.MULTILINE))
     causes = {(pb.Cause.Name(n).removeprefix("CAUSE_").lower(), str(n)) for n in pb.Cause.values() if n}
     assert causes - told == set()
 
 
-def test_the_colours_are_told():
+def test_the_colours_are_documented():
     frames = (CHECKOUT / "docs" / "reference" / "frames.md").read_text(encoding="utf-8")
     assert f"red at {NEAR_M:g} m to blue at {FAR_M:g} m, and vanish after a second" in frames
     assert LIFETIME_S == 1

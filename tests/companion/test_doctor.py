@@ -91,7 +91,7 @@ def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixt
     assert line.change(lambda a: a.of_kind("PARAM_SET")) == []
 
 
-def test_what_keeps_it_from_braking_is_said(
+def test_what_keeps_it_from_braking_is_reported(
     live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = {"CP_DIST": -1.0} if line.autopilot.profile.kind == PX4 else {"PRX1_TYPE": 0}
@@ -136,7 +136,9 @@ def test_a_line_that_cannot_be_had_and_a_folder_that_cannot_be_written(
     assert "[[camera]]" in said["cameras"]["text"]
 
 
-def test_a_full_disk_is_said(live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported(
+    live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     live.config.write_text("[record]\nleast_free_mb = 100000\n")
     monkeypatch.setattr(computer_check, "free_bytes", lambda folder: 5_000_000)
     assert "5 MB free" in looked(live, capsys, "1")[1]["log"]["text"]
@@ -157,7 +159,7 @@ def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[st
         live.close()
 
 
-def test_a_service_that_is_there_and_says_nothing_keeps_its_cameras(
+def test_a_service_that_is_there_and_reports_nothing_keeps_its_cameras(
     live: Live, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as held:
@@ -203,7 +205,7 @@ def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
     assert "no fault found" in said
 
 
-def test_whether_a_tcp_port_is_held_is_told_at_once() -> None:
+def test_whether_a_tcp_port_is_held_is_reported_at_once() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         assert address_in_use(f"tcp://127.0.0.1:{port}")
@@ -211,7 +213,7 @@ def test_whether_a_tcp_port_is_held_is_told_at_once() -> None:
     assert not address_in_use(f"tcp://127.0.0.1:{port}")
 
 
-def test_what_was_found_in_words(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_found_as_text(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
     live.config.write_text('[record]\nrecord = "off"\n')
     assert main(["doctor", "-c", str(live.config), "--patience", "1"]) == 1
     said = capsys.readouterr().out
@@ -227,7 +229,7 @@ def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("baud", "good"), [(57_600, False), (115_200, False), (921_600, True)])
-def test_the_line_s_budget_is_told(
+def test_the_line_s_budget_is_reported(
     baud: int, good: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY"):

@@ -142,7 +142,7 @@ def test_view(prisms: Path, tmp_path: Path) -> None:
     assert all(Path(p).stat().st_size > 10_000 for p in [*told["pictures"], told["page"]])
 
 
-def test_a_cut_log_is_told_by_all_and_recovered(prisms: Path, tmp_path: Path) -> None:
+def test_a_cut_log_is_reported_by_all_and_recovered(prisms: Path, tmp_path: Path) -> None:
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     cut.write_bytes(prisms.read_bytes()[: prisms.stat().st_size * 2 // 3])
     for words in (("info", cut), ("replay", cut), ("view", cut, "-o", tmp_path / "view", "--no-png")):

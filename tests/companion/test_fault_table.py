@@ -168,7 +168,7 @@ FAULTS: dict[str, tuple[Act, Act]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_who_is_blind_tells_nothing_clear_from_0_4_s_on(flown: Flown, fault: str) -> None:
+def test_a_blind_service_sends_nothing_clear_from_0_4_s_on(flown: Flown, fault: str) -> None:
     assert flown.comes_to_see()
     breaks, mends = FAULTS[fault]
     breaks(flown)
@@ -189,7 +189,7 @@ def test_who_is_blind_tells_nothing_clear_from_0_4_s_on(flown: Flown, fault: str
     assert flown.comes_to_see()
 
 
-def test_an_autopilot_in_flight_that_is_heard_no_more_is_told_on(flown: Flown) -> None:
+def test_an_armed_autopilot_without_heartbeats_still_receives_obstacles(flown: Flown) -> None:
     """The line may work one way only: ArduPilot would fly on if the wall ceased; PX4 stands in silence."""
     profile("armed", True)(flown)
     assert until(lambda: getattr(flown.link.status().vehicle, "armed", False))
@@ -221,7 +221,7 @@ def conflicts(flown: Flown) -> list[bytes]:
     return [packed(clear, 197), packed(attitude, 100), packed(beat, 100), packed(answer, 1)]
 
 
-def test_others_on_the_line_make_no_blind_one_tell_clear(flown: Flown) -> None:
+def test_other_senders_do_not_make_a_blind_service_send_clear(flown: Flown) -> None:
     """As a router brings them, in between the autopilot's own words."""
     words = conflicts(flown)
     flown.delivers = False

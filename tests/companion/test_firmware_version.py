@@ -85,7 +85,7 @@ def test_the_version_decides_which_position_mode_brakes(version: FirmwareVersion
 @pytest.mark.parametrize(
     ("mode", "word"), [(4, "v1.16 or newer"), (0, "v1.15 or older"), (3, "v1.15 or older"), (1, "none of")]
 )
-def test_of_an_unknown_version_both_are_said_and_nothing_is_written(mode: int, word: str) -> None:
+def test_of_an_unknown_version_both_are_reported_and_nothing_is_written(mode: int, word: str) -> None:
     facts = AutopilotFacts(kind=PX4, values={"CP_DIST": 3.0, "CP_DELAY": 0.4, "MPC_POS_MODE": float(mode)})
     (said,) = advice(facts, AVOID)
     assert "version is not known" in said

@@ -51,7 +51,7 @@ def test_only_modes_known_to_stop_are_said_nothing_of(kind: str, name: str, numb
 
 
 @pytest.mark.parametrize("name", ["AUTO", "GUIDED", "RTL"])
-def test_a_path_planner_and_one_that_may_be_there_are_told(name: str) -> None:
+def test_a_path_planner_and_one_that_may_be_there_are_reported(name: str) -> None:
     copter = vehicle("ArduPilot", COPTER[name])
     on, off, unread = (AutopilotFacts(kind="ArduPilot", values=v) for v in ({"OA_TYPE": 1.0}, {"OA_TYPE": 0.0}, {}))
     assert mode_of(copter, on)[1] is Effect.PLANS

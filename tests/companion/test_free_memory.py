@@ -93,7 +93,7 @@ def test_what_a_camera_looks_at_now_is_not_remembered() -> None:
     assert free(memory, START, 4.0, 0.0, -0.7, (looking(-25.0, free=False),))  # above its image
 
 
-def test_a_frame_that_says_nothing_adds_nothing() -> None:
+def test_an_invalid_frame_adds_nothing() -> None:
     memory = FreeMemory(AVOID)
     memory.see("front", 10 * NS, replace(looking(0.0), model=replace(AHEAD, valid=False)), START)
     assert not free(memory, START, 4.0, 0.0, 0.0)

@@ -159,7 +159,7 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         (dict.fromkeys(range(2, 9)), "lines 3-4: a gap of 0.80 s (median: 0.100 s)", 13),
     ],
 )
-def test_bad_rows_are_told_with_their_lines(
+def test_bad_rows_are_reported_with_their_lines(
     changes: dict[int, str | None], words: str, kept: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     count = 20 if kept == 13 else 10

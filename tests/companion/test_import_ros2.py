@@ -224,7 +224,7 @@ def test_our_own_log_and_a_strange_file_are_refused(tmp_path: Path, capsys: pyte
     assert "convert it first" in capsys.readouterr().err
 
 
-def test_somebody_elses_recording(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_foreign_recording_is_refused(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = shared_data / "mcap" / "keelson_ais_protobuf.mcap"
     assert main(["import", str(source), "-o", str(tmp_path / "x.mcap")]) == 1
     said = capsys.readouterr().err
@@ -237,7 +237,7 @@ def test_frames_survive_whatever_their_number(tmp_path: Path) -> None:
     assert [e.sequence for e in events_of(out) if isinstance(e, DepthFrame)] == list(range(15))
 
 
-def test_a_recording_cut_before_its_first_image_tells_of_the_cut(
+def test_a_recording_cut_before_its_first_image_reports_the_cut(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = RosFlight().write(tmp_path / "in.mcap")
@@ -259,7 +259,7 @@ def test_images_without_a_stamp_are_left_out(tmp_path: Path, capsys: pytest.Capt
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_damage_of_any_kind_is_told_and_never_raised(seed: int, tmp_path: Path) -> None:
+def test_damage_of_any_kind_is_reported_and_never_raised(seed: int, tmp_path: Path) -> None:
     """Bytes changed anywhere in a recording without checksums: in definitions, in lengths, in numbers."""
     flight = RosFlight(frames=4, motion=("odometry", "tf"), motion_until_s=0.5, plain=True)
     whole = flight.write(tmp_path / "in.mcap").read_bytes()
@@ -301,14 +301,16 @@ def test_the_recording_is_never_written_over(
     assert path.read_bytes() == before
 
 
-def test_a_body_that_nothing_joins_with_the_vehicle_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_body_that_nothing_joins_with_the_vehicle_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert imported(RosFlight(odometry_child="t265_pose"), tmp_path)[0] == 0
     assert "no transform connects t265_pose and base_link" in capsys.readouterr().out
     assert imported(RosFlight(), tmp_path)[0] == 0
     assert "t265" not in capsys.readouterr().out
 
 
-def test_a_twist_that_was_never_filled_in_is_not_told(tmp_path: Path) -> None:
+def test_a_twist_that_was_never_filled_in_is_not_reported(tmp_path: Path) -> None:
     """Carrying an attitude by rates of zero would freeze it; the turn between two samples is better."""
 
     class Bare(RosFlight):

@@ -98,7 +98,7 @@ def test_a_motion_that_repeats_is_not_matched(tmp_path: Path, capsys: pytest.Cap
     assert "match at several times or nowhere" in capsys.readouterr().err
 
 
-def test_a_wrong_epoch_is_told_with_both_spans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_epoch_is_reported_with_both_spans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_folder(tmp_path / "rec", 5)
     write_tlog(folder / "a.tlog", 5.0)
     assert imported(folder, "--tlog-epoch", "1600000000")[0] == 1

@@ -146,7 +146,7 @@ def test_refused_below_a_folder_that_is_closed(tmp_path: Path) -> None:
         install.check_reachable([Path("/opt/osape-companion-is-not-there")])
 
 
-def test_a_folder_of_logs_that_the_unit_does_not_open_is_told(
+def test_a_folder_of_logs_that_the_unit_does_not_open_is_reported(
     image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = tmp_path / "elsewhere.toml"
@@ -155,7 +155,7 @@ def test_a_folder_of_logs_that_the_unit_does_not_open_is_told(
     assert "ReadWritePaths=/data/flights" in capsys.readouterr().err
 
 
-def test_a_command_of_the_system_that_fails_is_told() -> None:
+def test_a_command_of_the_system_that_fails_is_reported() -> None:
     with pytest.raises(InstallError, match=r"ls /nowhere-at-all failed with status 2: .*No such file"):
         run_command(["ls", "/nowhere-at-all"])
     with pytest.raises(InstallError, match="no-such-command is not installed"):

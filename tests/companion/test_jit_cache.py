@@ -119,7 +119,7 @@ def test_a_new_directory_starts_with_the_kernels_that_did_not_change(
     assert python(open_cache + RUN.format(root=str(root)), cache) == "21"
 
 
-def test_modules_of_the_same_name_in_two_packages_are_told_apart(tmp_path: Path) -> None:
+def test_modules_of_the_same_name_in_two_packages_are_distinguished(tmp_path: Path) -> None:
     root, cache = sources(tmp_path / "project", factor=2), tmp_path / "cache"
     (root / "core" / "world").mkdir()
     (root / "core" / "world" / "__init__.py").write_text("")

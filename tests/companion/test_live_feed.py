@@ -171,7 +171,7 @@ def test_without_a_service_it_is_said_what_is_missing(tmp_path: Path) -> None:
     ]
 
 
-def test_a_frame_is_drawn_where_it_stands_and_its_age_is_told(told: Told, page: LivePage) -> None:
+def test_a_frame_is_drawn_where_it_stands_and_its_age_is_reported(told: Told, page: LivePage) -> None:
     answer = shown(told, page)
     (frame,), (camera,) = answer["frames"], answer["cameras"]
     assert frame["standing"] == "VALID"
@@ -210,7 +210,7 @@ def test_depth_is_asked_for_only_while_a_page_asks(told: Told, page: LivePage) -
     assert until(quiet)
 
 
-def test_a_blind_camera_is_told_at_once_and_its_word_only_once(told: Told, page: LivePage) -> None:
+def test_a_blind_camera_is_shown_at_once_and_only_once(told: Told, page: LivePage) -> None:
     before = shown(told, page)
     told.blind("lost: its process has ended")
     began_s = time.monotonic()
@@ -236,7 +236,7 @@ def test_silence_of_all_is_the_service_s_and_no_camera_is_clear(told: Told, page
     assert news(page)["cameras"][0]["code"] == "no_current_message"
 
 
-def test_of_two_cameras_each_is_told_for_itself(told: Told, page: LivePage) -> None:
+def test_of_two_cameras_each_is_reported_for_itself(told: Told, page: LivePage) -> None:
     def both() -> bool:
         report = pb.Health(schema_version=1, state=pb.Health.STATE_BLIND)
         for camera in ("front", "rear"):
@@ -298,14 +298,14 @@ def test_numbers_that_do_not_fit_are_blind(told: Told, page: LivePage) -> None:
     assert answer["cameras"][0]["blind"]
 
 
-def test_foreign_bytes_are_named_and_hurt_nothing(told: Told, page: LivePage) -> None:
+def test_foreign_bytes_are_named_and_have_no_effect(told: Told, page: LivePage) -> None:
     shown(told, page)
     told.nonsense()
     assert until(lambda: any("no PrismsFrame" in line for line in news(page)["service"]["missing"]))
     assert shown(told, page)["frames"]
 
 
-def test_a_page_of_another_server_gets_all_anew(told: Told, page: LivePage) -> None:
+def test_a_page_of_another_server_gets_all_again(told: Told, page: LivePage) -> None:
     answer = quiet(told, page, shown(told, page))
     assert news(page, "another", answer["number"])["frames"]
     assert news(page, answer["name"], answer["number"])["frames"] == []
@@ -359,6 +359,6 @@ def test_a_port_that_is_taken_is_named(page: LivePage, server: LiveServer) -> No
     ("words", "told"),
     [(["--live", "flight.mcap"], "leave FILE.mcap"), (["--live", "-o", "x"], "leave FILE.mcap"), ([], "or --live")],
 )
-def test_wrong_use_is_told(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_use_is_reported(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", *words]) == 2
     assert told in capsys.readouterr().err

@@ -53,7 +53,7 @@ def test_the_order_of_arrival_is_kept_and_a_frame_ends_a_turn() -> None:
     assert event_queue.take(0.0) == []
 
 
-def test_a_frame_that_is_overtaken_stays_in_its_place_as_a_word() -> None:
+def test_a_superseded_frame_stays_in_its_place_as_a_notice() -> None:
     event_queue = EventQueue()
     event_queue.put_frame(image("front", 1))
     event_queue.put([attitude(2)])
@@ -156,7 +156,7 @@ def test_a_camera_is_blind_until_a_valid_frame_came_and_again_when_it_is_old() -
         (result(1000 * MS, drop=DropCause.NO_ATTITUDE), "no attitude had arrived"),
     ],
 )
-def test_a_frame_that_says_nothing_blinds_at_once(said: PrismsResult, words: str) -> None:
+def test_an_invalid_frame_blinds_at_once(said: PrismsResult, words: str) -> None:
     staleness = StalenessMonitor(("front",), stale_s=0.3)
     staleness.result(result(990 * MS))
     staleness.result(said)
@@ -165,7 +165,7 @@ def test_a_frame_that_says_nothing_blinds_at_once(said: PrismsResult, words: str
     assert staleness.cause("front", 1031 * MS) == ""
 
 
-def test_what_ails_the_camera_is_told_first_once_its_frames_are_old() -> None:
+def test_what_ails_the_camera_is_reported_first_once_its_frames_are_old() -> None:
     staleness = StalenessMonitor(("front",), stale_s=0.3)
     staleness.result(result(1000 * MS))
     ill = status(CameraCondition.SILENT, "no frame for 0.6 s")
@@ -195,7 +195,7 @@ def test_words_to_systemd(tmp_path: Path) -> None:
     assert said == ["READY=1", "STATUS=two lines", "WATCHDOG=1", "EXTEND_TIMEOUT_USEC=1500000", STOPPING]
 
 
-def test_without_systemd_nothing_is_said(tmp_path: Path) -> None:
+def test_without_systemd_nothing_is_reported(tmp_path: Path) -> None:
     for environment in ({}, {"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "5", "WATCHDOG_PID": "1"}):
         notifier = Notifier(environment)
         notifier.ready()

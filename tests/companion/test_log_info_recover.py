@@ -133,7 +133,7 @@ def test_a_source_that_breaks_off_leaves_a_whole_log(tmp_path):
 # ---- info -------------------------------------------------------------------------------------------------------
 
 
-def test_info_tells_topics_rates_and_gaps(tmp_path, capsys):
+def test_info_shows_topics_rates_and_gaps(tmp_path, capsys):
     events = [e for e in flight(30) if not (isinstance(e, AttitudeSample) and 6_000 <= e.t_ns / MS < 6_500)]
     path = write_flight(tmp_path / "gap.mcap", events)
     assert main(["info", str(path), "--json"]) == 0
@@ -170,7 +170,7 @@ def test_info_counts_decisions_and_blind_frames(tmp_path, capsys):
     assert "prisms: 1 valid frames; 1 blind: no_attitude (no attitude had arrived)" in capsys.readouterr().out
 
 
-def test_info_tells_of_damage_and_of_strangers(whole, tmp_path, shared_data, capsys):
+def test_info_reports_damage_and_foreign_files(whole, tmp_path, shared_data, capsys):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:-1000])
     assert main(["info", str(cut)]) == 1
@@ -319,6 +319,6 @@ def test_wrong_use_is_status_2(words, capsys):
     assert "error" in capsys.readouterr().err
 
 
-def test_the_version_is_told(capsys):
+def test_the_version_is_reported(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("osape-companion ")

@@ -109,7 +109,7 @@ def test_unmatched_columns_stand_in_nobodys_way() -> None:
     assert (told(walls, "ArduPilot", now_ns)[65:68] < 1000).all()
 
 
-def test_an_obstacle_beside_and_below_a_mask_is_told() -> None:
+def test_an_obstacle_beside_and_below_a_mask_is_reported() -> None:
     depth = np.full((120, 160), 4000, np.uint16)
     hidden_px = configured_mask(section(ARM), INFO)
     out = apply_mask(depth, hidden_px)
@@ -183,7 +183,7 @@ def models(pipeline: Pipeline, arm_mm: int) -> list[bytes]:
     ]
 
 
-def test_a_camera_described_anew_is_masked_anew() -> None:
+def test_a_camera_with_a_new_description_gets_a_new_mask() -> None:
     seen: list[CameraInfo] = []
 
     def mask(info: CameraInfo) -> np.ndarray | None:

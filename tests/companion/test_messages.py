@@ -44,7 +44,7 @@ def test_positions_return_unchanged(sample):
     assert wire.pose_from_message(wired(wire.pose_message(sample))) == sample
 
 
-def test_what_stands_still_at_the_origin_is_told_and_not_absent():
+def test_what_stands_still_at_the_origin_is_reported_and_not_absent():
     still = dataclasses.replace(pose(START_NS), position_ned_m=(0.0, 0.0, 0.0), velocity_ned_m_s=(0.0, 0.0, 0.0))
     assert wire.pose_from_message(wired(wire.pose_message(still))) == still
     turning = dataclasses.replace(attitude(START_NS), rates_frd_rad_s=(0.0, 0.0, 0.0))

@@ -143,13 +143,13 @@ def test_it_listens_on_this_machine_only(server: MetricsServer) -> None:
     assert server._server.socket.getsockname()[0] == LOOPBACK
 
 
-def test_a_client_that_says_nothing_does_not_stop_the_others(server: MetricsServer) -> None:
+def test_a_client_that_reports_nothing_does_not_stop_the_others(server: MetricsServer) -> None:
     server.update(fresh())
     with socket.create_connection((LOOPBACK, server.port)):
         assert fetched(server.port)[0] == 200
 
 
-def test_a_taken_port_is_told_and_no_error(server: MetricsServer) -> None:
+def test_a_taken_port_is_reported_and_no_error(server: MetricsServer) -> None:
     second = MetricsServer(server.port)
     second.open()
     assert f"port {server.port} on 127.0.0.1 cannot be bound" in second.fault
@@ -163,7 +163,7 @@ def service(folder: Path, port: int) -> Service:
     return Service(config, Folders(folder / "run", folder / "state"), lambda: None)
 
 
-def test_the_service_tells_its_own(tmp_path: Path) -> None:
+def test_the_service_publishes_its_own_boot_id(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         port = probe.getsockname()[1]

@@ -105,7 +105,7 @@ def test_a_pipeline_goes_on_from_a_snapshot_bit_for_bit(depths: list[np.ndarray]
     assert not got[-1].valid
 
 
-def test_a_snapshot_of_before_the_check_starts_it_anew() -> None:
+def test_a_snapshot_of_before_the_check_starts_it_again() -> None:
     old = pb.StateSnapshot(cameras=[pb.CameraState(camera="front", ground_height_m=2.0, ke_per_m=0.003)])
     assert state_from_message(old).cameras[0][1].mount == MountState()
     old.cameras[0].mount.mean.append(1.0)
@@ -113,7 +113,7 @@ def test_a_snapshot_of_before_the_check_starts_it_anew() -> None:
         state_from_message(old)
 
 
-def test_a_camera_described_otherwise_begins_anew(depths: list[np.ndarray]) -> None:
+def test_a_camera_described_otherwise_starts_again(depths: list[np.ndarray]) -> None:
     pipeline = pipeline_of(TOLD)
     feed(pipeline, depths)
     pipeline.announce(simulated_info(160, 120))

@@ -89,7 +89,7 @@ def test_nothing_above_or_below_is_lost(
     assert told[MIDDLE] == [math.inf] * 8  # is told by the sectors alone
 
 
-def test_a_branch_above_the_band_is_told_above_and_not_ahead() -> None:
+def test_a_branch_above_the_band_is_sent_in_the_upper_layer_and_not_ahead() -> None:
     branch = (4.0, -1.0, 4.0, 1.0, -4.0, -3.0)  # 4 m ahead, from 3 to 4 m above
     told = read(other_points([View(model(branch), HERE)], AVOID)).layers_m(MS)
     assert told[3][0] == pytest.approx(5.0, abs=0.05)
@@ -125,7 +125,7 @@ def told_by(chain: Chain, autopilot: str) -> list[str]:
     return [m.get_type() for m in messages_of(chain.told(now), autopilot, POINTS, chain.now_ns)]
 
 
-def test_only_ardupilot_is_told_points_and_only_where_they_are_switched_on() -> None:
+def test_points_are_sent_to_ardupilot_only_and_only_where_enabled() -> None:
     chain = Chain(model(wall_at(0.0, 5.0), free_to_m=4.5, view_deg=72.0), POINTS)
     chain.fly(1.0)
     assert set(told_by(chain, "ArduPilot")) == {"OBSTACLE_DISTANCE_3D"}
@@ -135,7 +135,7 @@ def test_only_ardupilot_is_told_points_and_only_where_they_are_switched_on() -> 
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_who_is_blind_tells_the_wall_in_points_and_holds_nothing_from_before(fault: str) -> None:
+def test_a_blind_service_sends_the_wall_as_points_and_no_older_points(fault: str) -> None:
     branch = (4.0, -1.0, 4.0, 1.0, -4.0, -3.0)
     chain = Chain(replace(model(branch, free_to_m=13.0, view_deg=72.0)), POINTS)
     chain.fly(1.0)

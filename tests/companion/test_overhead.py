@@ -29,7 +29,7 @@ BEAM = (6.0, -3.0, 6.0, 3.0, -4.0, -2.5)
 AHEAD = LevelTransform(0.0, (0.0, 0.0, 0.0))
 
 
-def test_a_beam_is_told_while_the_vehicle_is_under_it_and_only_then() -> None:
+def test_a_beam_is_sent_while_the_vehicle_is_under_it_and_only_then() -> None:
     known = Overhead(UP)
     known.see(View(model(BEAM, margin=0.1), AHEAD), Here(0.0, (100.0, 50.0, -10.0), 1), NS)
     for north in np.arange(98.0, 110.0, 0.05):
@@ -44,7 +44,7 @@ def test_a_beam_is_told_while_the_vehicle_is_under_it_and_only_then() -> None:
 
 @pytest.mark.parametrize("pitch_deg", [0.0, 10.0, 20.0])
 @pytest.mark.parametrize("ceiling_m", [0.7, 1.0, 2.0])
-def test_under_a_ceiling_no_more_room_is_told_than_there_is(ceiling_m: float, pitch_deg: float) -> None:
+def test_under_a_ceiling_the_sent_distance_is_not_larger_than_the_true_one(ceiling_m: float, pitch_deg: float) -> None:
     """Of a rendered room, whether its ceiling was found or not: what is told upward is no farther than the ceiling."""
     seen = model_of(room(ceiling_m), height_m=1.5, pitch_rad=math.radians(pitch_deg))
     known = Overhead(UP)
@@ -64,7 +64,7 @@ def test_it_is_where_it_was_seen_whatever_the_heading(heading_deg: float) -> Non
     assert known.upward_m(Here(0.0, (10.0, -20.0, -5.0), 1), NS) is None
 
 
-def test_a_position_that_jumps_takes_it_along_and_without_one_nothing_is_told() -> None:
+def test_a_position_jump_moves_the_beam_and_without_a_position_nothing_is_sent() -> None:
     known = Overhead(UP)
     known.see(View(model(BEAM), AHEAD), Here(0.0, (0.0, 0.0, -5.0), 1), NS)
     assert known.upward_m(Here(0.0, (6.0, 0.0, -5.0), 1), NS) is not None
@@ -91,7 +91,7 @@ def up_of(chain: Chain, avoid: AvoidParams) -> list[float]:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_who_is_blind_still_knows_the_beam_for_a_while_and_then_says_nothing(fault: str) -> None:
+def test_a_blind_service_sends_the_beam_for_a_while_and_then_nothing(fault: str) -> None:
     """It never tells clear; ArduPilot forgets half a second after the last word, and climbs as without us."""
     over = (0.2, -3.0, 0.2, 3.0, -4.0, -2.5)
     chain = Chain(model(over, free_to_m=13.0, view_deg=72.0), UP)

@@ -52,7 +52,7 @@ def test_only_what_has_arrived_is_used():
     assert decision.attitude is Source.INTERPOLATED
 
 
-def test_a_frame_without_attitude_is_blind_and_says_so():
+def test_a_frame_without_attitude_is_published_as_blind():
     decision, result = outputs([frame(0, START_NS)])
     assert decision.cause is DropCause.NO_ATTITUDE
     assert decision.attitude_cutoff_ns is None
@@ -62,7 +62,7 @@ def test_a_frame_without_attitude_is_blind_and_says_so():
     assert result.cause_text == "no attitude had arrived"
 
 
-def test_a_frame_that_says_nothing_keeps_its_cause():
+def test_an_invalid_frame_keeps_its_cause():
     empty = dataclasses.replace(frame(0, START_NS), depth_mm=np.zeros((48, 64), np.uint16))
     decision, result = outputs([attitude(START_NS), empty])
     assert decision.used
@@ -77,7 +77,7 @@ def test_an_image_of_the_wrong_size_is_blind():
     assert not result.valid
 
 
-def test_the_same_and_earlier_exposures_are_told_but_not_published():
+def test_the_same_and_earlier_exposures_are_reported_but_not_published():
     samples = [attitude(START_NS + i * 20 * MS) for i in range(6)]
     later = frame(2, START_NS + 50 * MS)
     found = outputs([*samples, later, later, frame(1, START_NS + 40 * MS)])
@@ -85,7 +85,7 @@ def test_the_same_and_earlier_exposures_are_told_but_not_published():
     assert [found[2].cause, found[3].cause] == [DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME]
 
 
-def test_a_camera_that_restarts_begins_anew():
+def test_the_state_of_a_restarted_camera_is_reset():
     line = pipeline()
     outputs([attitude(START_NS), frame(0, START_NS), frame(1, START_NS + 10 * MS)], line)
     assert dict(line.state().cameras)["front"].extractor.ground_height_m == 2.0
@@ -237,7 +237,7 @@ def test_positions_can_be_left_aside():
     assert result.frame == "level"
 
 
-def test_a_frame_is_not_an_odd_sample():
+def test_a_frame_is_not_a_sample_anomaly():
     line = pipeline()
     outputs([attitude(START_NS), attitude(START_NS)], line)
     assert line.sample_anomalies() == {"attitude_duplicates": 1}

@@ -73,7 +73,7 @@ SLEEPER = textwrap.dedent("""
 """)
 
 
-def test_a_hung_subscriber_costs_nothing(tmp_path: Path, context: Context) -> None:
+def test_a_blocked_subscriber_costs_nothing(tmp_path: Path, context: Context) -> None:
     """A process that joined and then hangs: publishing goes on at once, and another one gets the newest."""
     stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
     publisher = Publisher(stream, context)
@@ -186,7 +186,7 @@ def test_only_known_clients_hear_a_stream_with_keys(tmp_path: Path, context: Con
         allow.close()
 
 
-def test_keys_that_cannot_be_used_say_why(tmp_path: Path) -> None:
+def test_keys_that_cannot_be_used_name_the_cause(tmp_path: Path) -> None:
     with pytest.raises(DeviceNotFound, match="`companion keys` makes keys"):
         load_keys(tmp_path)
     make_keys(tmp_path, "planner")

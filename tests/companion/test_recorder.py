@@ -215,7 +215,7 @@ def test_a_queue_of_images_is_bounded_by_its_bytes(tmp_path: Path) -> None:
     assert recorder.status.dropped > 90
 
 
-def test_a_full_disk_is_told_and_recording_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_recording_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [10**12]
     monkeypatch.setattr(log_current, "free_bytes", lambda folder: free[0])
     monkeypatch.setattr(recorder_module, "RETRY_NS", 50_000_000)
@@ -378,7 +378,7 @@ def test_the_flight_is_recorded_while_an_old_file_is_repaired(tmp_path: Path) ->
     assert [f.active for f in files_of(tmp_path)] == [True, False]
 
 
-def test_an_old_file_is_repaired_beside_the_recording_and_that_is_said(
+def test_an_old_file_is_repaired_beside_the_recording_and_that_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "companion")
@@ -446,7 +446,7 @@ def test_a_copy_counts_in_the_budget_and_gives_way_to_the_recording(tmp_path: Pa
 
 
 @pytest.mark.parametrize("how", ["deleted", "moved", "file deleted"])
-def test_a_folder_that_is_taken_away_in_flight_is_made_anew(tmp_path: Path, how: str) -> None:
+def test_a_folder_that_is_taken_away_in_flight_is_made_again(tmp_path: Path, how: str) -> None:
     folder = tmp_path / "state" / "logs"
     recorder = Recorder(folder, run_info("live"), SMALL)
     recorder.open()

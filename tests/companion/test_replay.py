@@ -294,7 +294,7 @@ def test_input_and_output_must_differ(recorded, capsys):
     assert recorded.read_bytes() == before
 
 
-def test_somebody_elses_log_is_a_failure_with_a_message(shared_data, capsys):
+def test_a_foreign_log_is_a_failure_with_a_message(shared_data, capsys):
     assert main(["replay", str(shared_data / "mcap" / "keelson_ais_protobuf.mcap")]) == 1
     captured = capsys.readouterr()
     assert captured.err.startswith("companion: error: ")
@@ -307,7 +307,7 @@ def test_an_output_that_cannot_be_written(recorded, tmp_path, capsys):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk without space")
-def test_a_full_disk_is_told(recorded, tmp_path, capsys):
+def test_a_full_disk_is_reported(recorded, tmp_path, capsys):
     (tmp_path / "out.mcap.active").symlink_to("/dev/full")
     assert main(["replay", str(recorded), "-o", str(tmp_path / "out.mcap")]) == 1
     assert "No space left on device while writing" in capsys.readouterr().err
@@ -410,7 +410,7 @@ def test_a_configuration_for_another_camera_is_refused(tmp_path, recorded, capsy
     assert main(["replay", str(recorded), "-c", str(config)]) == 0
 
 
-def test_a_state_that_cannot_be_used_is_told_with_the_file(tmp_path, capsys):
+def test_a_state_that_cannot_be_used_is_reported_with_the_file(tmp_path, capsys):
     path = tmp_path / "odd.mcap"
     sample = pb.AttitudeSample(t_ns=1, t_arrival_ns=1, q_ned_frd=pb.Quaternion(w=3.0))
     with LogWriter(path) as log:

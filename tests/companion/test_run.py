@@ -20,9 +20,7 @@ from .live import free_port
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_it_ends_at_once_when_nobody_tells_the_autopilot_any_more(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_it_ends_at_once_when_no_obstacles_are_sent_any_more(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """ArduPilot flies on when the words stop: the sooner the service starts anew, the better."""
     config = Config(
         autopilot=AutopilotConfig(address=f"udpin:127.0.0.1:{free_port()}"),

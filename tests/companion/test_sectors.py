@@ -261,7 +261,7 @@ def test_height_counts_from_the_camera() -> None:
     assert (scan([View(replace(whole, free=free), HERE)], AVOID).state == SectorState.CLEAR).all()
 
 
-def test_an_invalid_model_says_nothing_whatever_it_holds() -> None:
+def test_an_invalid_model_reports_nothing() -> None:
     blind = replace(model(wall_at(0.0, 5.0), free_to_m=13.0), valid=False)
     found = scan([View(blind, HERE)], AVOID)
     assert (found.state == SectorState.UNSEEN).all()

@@ -152,7 +152,7 @@ def test_one_that_hangs_costs_nothing(flying: Flying) -> None:
             sleeper.kill()
 
 
-def test_a_killed_camera_process_is_said_and_started_again(flying: Flying) -> None:
+def test_a_killed_camera_process_is_reported_and_started_again(flying: Flying) -> None:
     starts = flying.camera().starts
     begun_ns = time.monotonic_ns()
     os.kill(flying.live.camera_pids()["front"], signal.SIGKILL)
@@ -164,7 +164,7 @@ def test_a_killed_camera_process_is_said_and_started_again(flying: Flying) -> No
     assert "process has ended" in camera.last_loss
 
 
-def test_a_camera_process_that_hangs_is_said_and_replaced(flying: Flying) -> None:
+def test_a_camera_process_that_hangs_is_reported_and_replaced(flying: Flying) -> None:
     pid = flying.live.camera_pids()["front"]
     begun_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGSTOP)
@@ -207,7 +207,7 @@ def test_a_silent_autopilot_blinds_and_is_named(flying: Flying) -> None:
     flying.well(15.0)
 
 
-def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_anew(flying: Flying) -> None:
+def test_an_autopilot_that_reboots_is_noticed_and_its_clock_learned_again(flying: Flying) -> None:
     """Until then its stamps are of another time: blind, or already right; the fixture sees to it."""
     restarts = flying.health.heard[-1][1].autopilot.clock.restarts
     begun_ns = time.monotonic_ns()

@@ -62,7 +62,7 @@ def ready(live: Live) -> bool:
     return "INFO ready" in live.said()
 
 
-def test_with_neither_camera_nor_autopilot_it_stays_up_and_says_so(tmp_path: Path, renders: Path) -> None:
+def test_without_camera_and_autopilot_it_runs_and_reports_both(tmp_path: Path, renders: Path) -> None:
     """Then both come, and all is well."""
     with service(tmp_path, CAMERA + AUTOPILOT + QUICK + NO_LOG, renders) as live:
         live.cable.unlink()
@@ -132,7 +132,7 @@ def test_of_two_cameras_each_fails_alone_and_the_required_one_blinds_the_whole(t
         assert live.stop() == 0
 
 
-def test_whatever_breaks_in_a_flight_is_said(tmp_path: Path, renders: Path) -> None:
+def test_whatever_breaks_in_a_flight_is_reported(tmp_path: Path, renders: Path) -> None:
     """The flight `broken`: blind pixels, a frozen image, no attitude, no frames, on the way there and back. What the
     autopilot is told while the newest good exposure is older than 0.4 s is nothing but unknown."""
     avoid = "\n[avoid]\nsend = true\nremember_s = 0.0\n"

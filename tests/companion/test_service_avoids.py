@@ -101,7 +101,7 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             live.close()
 
 
-def test_obstacles_are_told_at_ten_hertz_and_more(told: Told) -> None:
+def test_obstacles_are_sent_at_ten_hertz_and_more(told: Told) -> None:
     assert until(told.sees)
     assert told.steadily()
     message = told.line.change(lambda a: a.of_kind("OBSTACLE_DISTANCE"))[-1]
@@ -109,7 +109,7 @@ def test_obstacles_are_told_at_ten_hertz_and_more(told: Told) -> None:
     assert message.get_srcSystem() == told.line.autopilot.profile.system_id
 
 
-def test_parameters_are_read_and_what_they_keep_from_braking_is_said(told: Told) -> None:
+def test_parameters_are_read_and_what_they_keep_from_braking_is_reported(told: Told) -> None:
     told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
     bad = {"CP_DIST": -1.0} if told.kind == PX4 else {"PRX1_TYPE": 0}
     told.line.change(lambda a: a.parameters.update(bad))

@@ -101,7 +101,7 @@ def blind_after(told: Told, seconds: float) -> list[tuple[float, list[int]]]:
     ]
 
 
-def test_noise_and_strangers_change_nothing_of_what_the_autopilot_is_told(told: Told) -> None:
+def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(told: Told) -> None:
     assert until(told.sees)
     with speaking(told, noise_and_strangers):
         assert told.steadily()
@@ -137,7 +137,7 @@ def test_who_speaks_as_another_kind_of_autopilot_brings_no_silence_and_no_clear(
     told.health.wait(lambda h: not any("contradict" in t for t in h.troubles), 20.0)
 
 
-def test_a_second_companion_is_told_to_people_and_ours_goes_on(told: Told) -> None:
+def test_a_second_companion_is_reported_to_people_and_ours_goes_on(told: Told) -> None:
     assert until(told.sees)
     clear = packed(
         dialect.MAVLink_obstacle_distance_message(0, 4, [1201] * 72, 5, 20, 1200, 5.0, 0.0, 12), component=197
@@ -153,7 +153,7 @@ def test_a_second_companion_is_told_to_people_and_ours_goes_on(told: Told) -> No
         assert until(told.sees)
 
 
-def test_how_old_it_is_what_the_autopilot_is_told_is_measured_and_px4s_delay_judged_by_it(told: Told) -> None:
+def test_the_age_of_sent_obstacles_is_measured_and_px4s_delay_checked_with_it(told: Told) -> None:
     def stage(h: pb.Health) -> pb.Latency | None:
         return next((x for x in h.latencies if x.stage == "exposure_to_autopilot"), None)
 

@@ -128,7 +128,7 @@ def of_camera(service: Service) -> None:
         (of_sender, "the obstacle sender has ended: RuntimeError: injected"),
     ],
 )
-def test_the_service_ends_with_the_cause_and_the_autopilot_is_told(
+def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
     inject: Callable[[Service], None], name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     service = service_in(tmp_path)

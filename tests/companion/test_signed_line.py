@@ -44,7 +44,7 @@ def sign(line: AutopilotLink, key: bytes | None) -> None:
     line.change(lambda a: a.sign(key))
 
 
-def test_obstacles_are_told_signed_and_an_autopilot_that_ceases_to_sign_is_named(told: Told) -> None:
+def test_obstacles_are_sent_signed_and_an_autopilot_that_stops_signing_is_reported(told: Told) -> None:
     told.live.start()
     assert until(told.sees)
     told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)

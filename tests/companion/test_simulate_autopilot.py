@@ -122,7 +122,7 @@ def test_it_gives_way_to_the_service(tmp_path: Path) -> None:
         assert {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_BATCH}
 
 
-def test_without_a_flight_or_a_line_it_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_flight_or_a_line_it_names_the_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError, match=r"no camera of kind = .simulated"):
         flight_of(Config(cameras=(CameraConfig(name="front", kind="oak"),)))
     with pytest.raises(ValueError, match="let the service listen"):

@@ -73,7 +73,7 @@ def test_a_long_start_is_no_hang(tmp_path: Path) -> None:
         service.close()
 
 
-def test_samples_that_give_way_are_told(tmp_path: Path) -> None:
+def test_samples_that_give_way_are_reported(tmp_path: Path) -> None:
     """Of those that came too quickly for the pipeline the oldest are gone: frames may lack their attitude for it."""
     (tmp_path / "run").mkdir()
     config = config_of({"record": {"record": "off"}}, "test")

@@ -52,7 +52,7 @@ def report() -> pb.Health:
     return h
 
 
-def test_a_note_is_told_and_is_no_trouble() -> None:
+def test_a_note_is_reported_and_is_no_fault() -> None:
     h = report()
     h.ClearField("troubles")
     h.ClearField("diagnostics")
@@ -65,7 +65,7 @@ def test_a_note_is_told_and_is_no_trouble() -> None:
     ]
 
 
-def test_a_report_in_words() -> None:
+def test_a_report_as_text() -> None:
     text = "\n".join(status_lines(report()))
     for words in (
         "DEGRADED for 65 s",
@@ -132,7 +132,7 @@ def test_the_command_exits_with_what_it_saw(
     }
 
 
-def test_without_a_service_the_command_says_so(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_service_the_command_names_the_cause(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status", "--timeout", "0.1"]) == 1
     assert "the service does not run" in capsys.readouterr().err
 
@@ -172,7 +172,7 @@ def test_the_whole_is_blind_when_a_required_camera_is_or_all_are(cameras: list[C
     assert state_of(cameras, wrong, started=False) == pb.Health.STATE_STARTING
 
 
-def test_troubles_name_the_worst_first() -> None:
+def test_diagnostics_name_the_worst_first() -> None:
     found = diagnostics_of(
         [camera("a", "silent: no frame for 0.6 s")],
         None,

@@ -118,7 +118,7 @@ def test_a_jump_of_the_position_between_the_exposures_is_not_smeared_over_the_mo
     assert np.abs(planes_of(surround, "right")[:, :4]).max() < 12.0
 
 
-def test_a_blind_camera_is_said_and_keeps_no_planes() -> None:
+def test_a_blind_camera_is_reported_and_keeps_no_planes() -> None:
     surround = keeper(results()).model(lambda camera: "silent: unplugged" if camera == "right" else "")
     blind = surround.parts[1]
     assert blind == UnavailableCamera(

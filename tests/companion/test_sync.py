@@ -159,7 +159,7 @@ def test_of_two_samples_with_one_stamp_the_first_stays():
     assert sync.attitudes.counts["duplicates"] == 1
 
 
-def test_stamps_that_step_back_far_begin_anew():
+def test_stamps_that_step_back_far_reset_the_state():
     sync = synchroniser(still(5000), still(5020), still(3900))
     assert sync.attitudes.samples == (still(3900),)
     assert sync.attitudes.counts["restarts"] == 1

@@ -178,7 +178,7 @@ def test_a_wall_seen_in_full_stays_where_it_stands(wall_at_10_m: Rendered) -> No
             )
 
 
-def test_what_is_near_is_told_whatever_was_not_measured_before_it() -> None:
+def test_a_near_obstacle_is_sent_whatever_was_not_measured_before_it() -> None:
     seen = render(wall_scene(2.4), INFO, position_ned_m=(0.0, 0.0, -2.0), sensor=SENSOR)
     found = scan([view_of(seen, without_texture(0.3, 1.5))], AVOID)
     assert (found.state[FRONT] == SectorState.OBSTACLE).all()
@@ -328,7 +328,7 @@ def test_without_a_position_no_way_is_remembered_as_seen() -> None:
     assert not np.isfinite(then.way_seen_m).any()
 
 
-def test_a_plane_without_any_free_range_is_told_only_when_it_is_near() -> None:
+def test_a_plane_without_any_free_range_is_sent_only_when_it_is_near() -> None:
     for distance_m, state in ((2.0, SectorState.OBSTACLE), (2.8, SectorState.OBSTACLE), (6.0, SectorState.UNSEEN)):
         found = scan([View(model(wall_at(0.0, distance_m)), HERE)], AVOID)
         assert found.state[0] == state
@@ -354,7 +354,7 @@ def hidden_share(unmeasured: NDArray[np.bool_], range_m: float) -> NDArray[np.fl
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_nothing_is_told_farther_than_what_may_stand_there_unmeasured(seed: int) -> None:
+def test_nothing_is_sent_farther_than_an_unmeasured_obstacle_may_be(seed: int) -> None:
     """Of every sector half of which is hidden by regions without a measurement, which may be things 2.5 m to 8 m away."""
     rng = np.random.default_rng(seed)
     b = SceneBuilder("random")

@@ -37,7 +37,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("address", "banner", "drawn"), [("frame=0", "VALID", "0"), ("frame=1", "BLIND: too few pixels", "1")]
 )
-def test_page_opens_without_complaint_and_tells_the_standing(
+def test_page_opens_without_complaint_and_shows_the_status(
     browser: Browser, page: Path, address: str, banner: str, drawn: str
 ) -> None:
     with browser.page(f"{page.as_uri()}#{address}") as shown:

@@ -122,7 +122,7 @@ def server(told: Told) -> Iterator[FoxgloveServer]:
     subscriber.close()
 
 
-def test_a_viewer_gets_what_a_log_would_hold_and_is_told_of_blindness(told: Told, server: FoxgloveServer) -> None:
+def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server: FoxgloveServer) -> None:
     viewer = Viewer(server.port)
     wanted = {
         "/health": pb.Health, "/camera/front/prisms": pb.PrismsFrame, "/camera/front/scene": SceneUpdate,
@@ -170,7 +170,7 @@ def test_a_port_that_is_taken_is_named(told: Told, server: FoxgloveServer) -> No
         FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", server.port).open()
 
 
-def test_without_the_extra_the_remedy_is_told(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_the_remedy_is_reported(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(DeviceNotFound, match=r"pip install 'osape-companion\[foxglove\]'"):
         FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", 0).open()

@@ -132,7 +132,7 @@ def test_the_merged_world_stands_where_the_vehicle_sees_it(page: Page) -> None:
     page.wait("app.frames.world.visible")
 
 
-def test_one_may_go_back_and_is_told_so(page: Page) -> None:
+def test_the_page_can_step_back_and_shows_it(page: Page) -> None:
     page.wait("app.data.frames.length > 3")
     page.key("ArrowLeft")
     page.wait(f"{STATE} === 'paused' && {BANNER}.startsWith('NOT LIVE')")
@@ -167,7 +167,7 @@ def test_a_view_that_hangs_is_cut_off(page: Page, following: Following) -> None:
     page.wait(VALID)
 
 
-def test_a_service_that_is_killed_is_said_to_be_silent(page: Page, following: Following) -> None:
+def test_a_service_that_is_killed_is_reported_to_be_silent(page: Page, following: Following) -> None:
     live = following.live
     live.stop(signal.SIGKILL)
     page.wait(said("BLIND"), SOON_S)
@@ -176,7 +176,7 @@ def test_a_service_that_is_killed_is_said_to_be_silent(page: Page, following: Fo
     page.wait(VALID)
 
 
-def test_the_verdict_of_what_was_heard(page: Page) -> None:
+def test_the_verdict_of_what_was_received(page: Page) -> None:
     """All that the band may say, from made-up answers; the worst wins, and unknown is never valid."""
     cases = [
         ("waiting", {"heard_ms": None}),

@@ -131,7 +131,7 @@ def test_frames_can_be_asked_for(log: Path, tmp_path: Path) -> None:
         make_views(log, tmp_path, ViewOptions(frames=(999,)))
 
 
-def test_log_without_prisms_says_what_to_do_and_shows_the_depth(depth_only: Path, tmp_path: Path) -> None:
+def test_log_without_prisms_names_the_remedy_and_shows_the_depth(depth_only: Path, tmp_path: Path) -> None:
     views = make_views(depth_only, tmp_path, ViewOptions(frames=(0,)))
     assert views.without_prisms == views.frames == 57
     assert "run `companion replay` first" in views.notes[0]
@@ -167,7 +167,7 @@ def test_wrong_use_and_missing_files(log: Path, tmp_path: Path, capsys: pytest.C
         ViewOptions(every=0)
 
 
-def test_somebody_elses_log_is_refused(shared_data: Path, tmp_path: Path) -> None:
+def test_a_foreign_log_is_refused(shared_data: Path, tmp_path: Path) -> None:
     with pytest.raises(BadData, match="not a recording of this software"):
         make_views(shared_data / "mcap" / "keelson_ais_protobuf.mcap", tmp_path / "x")
 
@@ -230,7 +230,7 @@ def test_depth_without_prisms_does_not_pile_up(tmp_path: Path) -> None:
     assert frames_in(path) == [(n, FrameStatus.NO_PRISMS, True) for n in range(WAITING + 5)]
 
 
-def test_prisms_of_another_version_are_left_out_and_told(tmp_path: Path) -> None:
+def test_prisms_of_another_version_are_left_out_and_reported(tmp_path: Path) -> None:
     order = [(kind, n) for n in range(3) for kind in ("depth", "prisms")]
     path = made_by_hand(tmp_path / "future.mcap", order, spoil=1)
     views = make_views(path, tmp_path / "out", ViewOptions(every=1))

@@ -110,7 +110,7 @@ def test_unknown_is_grey_and_hatched_and_far_is_pale(tmp_path: Path) -> None:
     assert np.mean(np.abs(far - FAR_RGB).max(axis=1) < 6) > 0.99
 
 
-def test_banner_tells_blind_from_valid_from_not_extracted(tmp_path: Path) -> None:
+def test_the_banner_distinguishes_blind_valid_and_not_extracted(tmp_path: Path) -> None:
     edge = (slice(4, BANNER_PX - 4), slice(WIDTH_PX - 200, WIDTH_PX - 4))  # right of the words
     expected = {"valid": (0x2E, 0x7D, 0x32), "blind": (0xC6, 0x28, 0x28), "empty": (0xB2, 0x6A, 0x00)}
     frames = {"valid": frame(), "blind": blind(), "empty": frame(model=None)}

@@ -60,7 +60,7 @@ def test_a_truncated_cache_is_mended(small: Path, kind: str, kept: int) -> None:
     assert warmup.warm_up().deleted == 0
 
 
-def test_what_no_deletion_helps_is_told(
+def test_a_fault_that_no_deletion_repairs_is_reported(
     small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     warmup.warm_up()
@@ -71,7 +71,7 @@ def test_what_no_deletion_helps_is_told(
     assert "no memory for kernels" in said
 
 
-def test_a_killed_child_is_told(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_child_is_reported(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warmup, "CHILD", "import os; os.abort()")
     with pytest.raises(warmup.WarmupError, match="ended by signal 6"):
         warmup.warm_up()

@@ -54,7 +54,7 @@ def test_classify_against_its_definition(seed: int, spread: int) -> None:
 
 
 @pytest.mark.nojit
-def test_a_flying_pixel_goes_and_a_thin_thing_stays() -> None:
+def test_a_flying_pixel_goes_and_a_thin_object_stays() -> None:
     depth = np.full((30, 40), 8000, np.uint16)
     depth[:, :20] = 3000
     depth[10, 20] = 5000  # between both sides of the edge
@@ -200,7 +200,7 @@ def test_each_tile_has_the_noise_of_its_own_pixels() -> None:
     np.testing.assert_allclose(tiles[1:], [[0.45, 1.8]] * 3, rtol=0.1)
 
 
-def test_which_tiles_and_pixels_tell_the_noise_is_a_setting() -> None:
+def test_which_tiles_and_pixels_determine_the_noise_is_a_setting() -> None:
     info = camera_info(320, 240)
     near, half = noisy(flat_wall(info, 1.4), 0.004, 3), noisy(flat_wall(info, 6.0), 0.002, 3)
     half[:, 160:] = noisy(flat_wall(info, 6.0), 0.006, 4)[:, 160:]
@@ -233,7 +233,7 @@ def test_the_roughness_of_tiles_against_its_definition(seed: int, step: int, row
 
 
 @pytest.mark.nojit
-def test_a_picture_too_narrow_for_the_step_tells_no_noise() -> None:
+def test_a_picture_too_narrow_for_the_step_shows_no_noise() -> None:
     out = np.zeros((2, 2), np.float32)
     tile_roughness(np.full((16, 16), 3000, np.uint16), 30.0, 0.0, 8, 1, 1, out)
     assert (out == -1).all()

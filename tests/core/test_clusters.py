@@ -55,7 +55,7 @@ def wall(t: Strips, columns: range, x_of: float, top: int = 20, bottom: int = 80
 
 
 @pytest.mark.parametrize("gap_columns", [5, 15, 25, 45])
-def test_walls_apart_by_less_than_a_vehicle_are_one_thing(gap_columns: int) -> None:
+def test_walls_apart_by_less_than_a_vehicle_are_one_object(gap_columns: int) -> None:
     """Two walls at 6 m with a gap of n columns of 6 cm: one cluster below Ws = 2 m."""
     t = Strips(cols=120)
     wall(t, range(30), 6.0)
@@ -75,7 +75,7 @@ def test_a_pole_joins_the_wall_behind_it_when_nobody_fits_between(behind: float,
     assert t.cluster() == count
 
 
-def test_things_one_above_the_other_join_only_below_a_passable_height() -> None:
+def test_objects_one_above_the_other_join_only_below_a_passable_height() -> None:
     for gap_rows, count in ((10, 1), (40, 2)):  # 5 cm a row at 5 m
         t = Strips()
         for u in range(30):

@@ -160,7 +160,7 @@ def test_a_wall_ends_the_free_range_less_than_a_ring_and_its_noise_before_it(dis
     assert (f.end[:, 3] == FreeEnd.OBSTACLE).all()
 
 
-def test_unknown_and_field_of_view_are_told_apart() -> None:
+def test_unknown_and_field_of_view_are_distinguished() -> None:
     g = view(rows=120, cols=160)
     far = np.full((160, 120), 1, np.uint16)
     f = profile(far, g)

@@ -83,7 +83,7 @@ def test_all_that_is_called_free_lies_in_the_image(pitch_deg: float, roll_deg: f
     assert (outside <= 2.5).all(), f"{outside.max():.1f} px outside"
 
 
-def test_where_the_range_ends_a_free_range_it_says_so() -> None:
+def test_a_free_range_limited_by_the_maximum_range_is_marked() -> None:
     """Pitched down, low layers end at the clip before the forward distance does."""
     R = level(math.radians(-30.0))
     model, _ = Extractor(Params()).extract(np.full((240, 320), FAR_MM, np.uint16), camera_info(320, 240), R)

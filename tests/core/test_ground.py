@@ -91,7 +91,7 @@ def test_sloping_ground_is_recovered_with_its_signs(slope_x: float, slope_y: flo
     assert g.height_m == pytest.approx(2.0, abs=0.05)
 
 
-def test_no_ground_is_said_to_be_none() -> None:
+def test_a_missing_ground_is_reported() -> None:
     wall = flat_wall(VIEW, 6.0)
     assert find(wall, VIEW, level()) is NO_GROUND
     assert find(np.zeros_like(wall), VIEW, level()) is NO_GROUND

@@ -99,7 +99,7 @@ def test_pieces_of_one_wall_become_one_plane() -> None:
         "a notch above the lower",
     ],
 )
-def test_different_things_stay_apart(rows: list[tuple[float, ...]]) -> None:
+def test_different_objects_stay_apart(rows: list[tuple[float, ...]]) -> None:
     assert len(merge(rows)) == 2
 
 

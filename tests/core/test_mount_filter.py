@@ -96,7 +96,7 @@ def test_a_mount_that_moves_in_flight_is_found_again() -> None:
     assert state.verdict is MountVerdict.ERROR
 
 
-def test_at_one_heading_small_slopes_say_nothing() -> None:
+def test_at_one_heading_small_slopes_are_not_used() -> None:
     state = run((0.0, 2.0), (0.0, 0.0), np.zeros(100))[-1]
     assert state.verdict is MountVerdict.UNKNOWN
     assert min(np.degrees(state.error_sd_rad)) > 3.0

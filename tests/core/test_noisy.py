@@ -57,7 +57,7 @@ def spoiled(depth: np.ndarray, share: float, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("ke", [0.0015, 0.005, 0.01])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_frame_with_noise_in_a_tenth_of_it_says_nothing(ke: float, seed: int) -> None:
+def test_a_frame_with_noise_in_a_tenth_of_it_is_invalid(ke: float, seed: int) -> None:
     info = camera_info(320, 240, ke_per_m=ke)
     clean = noisy(flat_wall(info, 5.0), ke, seed)
     assert extract(clean, info).valid

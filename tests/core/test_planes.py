@@ -387,7 +387,7 @@ def test_open_cells_against_trying_every_box(seed: int, wide: int, high: int) ->
 
 
 @given(SEED, st.integers(3, 6))
-def test_the_nearest_thing_in_a_cell_against_its_definition(seed: int, cell: int) -> None:
+def test_the_nearest_object_in_a_cell_against_its_definition(seed: int, cell: int) -> None:
     rng = np.random.default_rng(seed)
     cols, rows = rng.integers(2, 30, 2)
     codes = rng.choice([0, 1, 2, 300, 301, 40000, 65535], (cols, rows), p=[0.4, *[0.1] * 6]).astype(np.uint16)

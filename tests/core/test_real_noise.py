@@ -49,7 +49,7 @@ def test_a_range_of_20_m_gives_a_bounded_number_of_planes(recording: list[tuple[
 
 
 @pytest.mark.parametrize("prior", [0.0015, 0.005])
-def test_the_noise_of_a_still_camera_does_not_depend_on_what_was_told(
+def test_the_noise_of_a_still_camera_does_not_depend_on_the_configured_noise(
     recording: list[tuple[np.ndarray, np.ndarray]], prior: float
 ) -> None:
     info = CameraInfo("d435", K, max_range_m=20.0, ke_per_m=prior)

@@ -49,7 +49,7 @@ def test_rotations_that_are_none_are_refused_with_their_cause() -> None:
 
 @pytest.mark.nojit
 @pytest.mark.parametrize("pitch_deg", [-89.0, -65.0, 65.0, 89.0])
-def test_a_camera_tilted_too_far_says_so(pitch_deg: float) -> None:
+def test_a_camera_tilted_too_far_is_reported(pitch_deg: float) -> None:
     R = level(math.radians(pitch_deg))
     assert says_nothing(extract(flat_wall(INFO, 5.0), INFO, R), InvalidCause.TOO_STEEP)
 
@@ -63,7 +63,9 @@ def test_a_camera_tilted_too_far_says_so(pitch_deg: float) -> None:
     ],
     ids=["no cell", "one row"],
 )
-def test_a_view_without_a_pixel_that_is_not_too_steep_says_so(k: Intrinsics, tilt_rad: float, roll_rad: float) -> None:
+def test_a_view_without_a_pixel_that_is_not_too_steep_is_reported(
+    k: Intrinsics, tilt_rad: float, roll_rad: float
+) -> None:
     """A principal point outside of the image, and a camera that looks steeply or lies on its side."""
     info = CameraInfo("front", k, max_range_m=10.0)
     depth = np.full((k.height, k.width), 1000, np.uint16)

@@ -289,7 +289,7 @@ def test_a_near_edge_is_the_kth_closest_less_noise_and_never_far_behind_its_stri
     assert near == pytest.approx(want, rel=1e-6)
 
 
-def test_a_column_with_too_many_strips_merges_them_at_the_nearest_and_says_so() -> None:
+def test_a_column_with_too_many_strips_merges_them_at_the_nearest_and_counts_it() -> None:
     """Twenty single pixels, each a strip of its own, in room for eight."""
     x = np.full(200, math.nan)
     x[5:200:10] = np.linspace(9.0, 3.0, 20)

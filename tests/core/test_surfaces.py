@@ -86,7 +86,7 @@ def test_noise_and_nothing_give_no_cues() -> None:
         assert cues_of(find_surfaces(depth, INFO, R, 0.0015)) == NO_CUES
 
 
-def test_what_lies_above_other_things_is_no_ground() -> None:
+def test_what_lies_above_other_objects_is_no_ground() -> None:
     """A table top above the floor."""
     R = tilted(0.0, -30.0)
     found = find_surfaces(image([((0.1, 0.0, 0.995), 0.8)], R), INFO, R, 0.0015)

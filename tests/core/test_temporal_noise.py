@@ -72,7 +72,7 @@ def test_motion_is_not_taken_for_noise(speed_m: float) -> None:
     assert math.isnan(still) or still == pytest.approx(0.0015, rel=0.3)
 
 
-def test_a_camera_that_turns_past_things_measures_nothing() -> None:
+def test_a_camera_that_turns_past_objects_measures_nothing() -> None:
     """Every sample meets another surface: the differences are those of the scene."""
     info = camera_info(640, 480, ke_per_m=0.0015)
     rng = np.random.default_rng(3)

@@ -160,7 +160,7 @@ def test_rough_strips_that_step_nearer_are_no_wall_along_the_rays_where_they_sha
     assert t.track(hs=3.0, rough_px=0.4) > 1
 
 
-def test_rough_strips_on_a_slant_that_many_columns_tell_are_one_track() -> None:
+def test_rough_strips_on_a_slant_that_many_columns_determine_are_one_track() -> None:
     assert climb(s.ROUGH, 0.5, 30).track(hs=3.0) == 1
 
 

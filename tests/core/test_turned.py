@@ -80,7 +80,7 @@ def test_it_is_that_of_plain_numbers_bit_for_bit(yaw_rad: float) -> None:
 
 
 @pytest.mark.nojit
-def test_what_rounding_would_make_flat_stays_the_least_that_can_be_told() -> None:
+def test_heights_that_rounding_would_make_flat_stay_the_least_representable() -> None:
     flat = np.array([[1.0, 0.0, 1.0, 1.0, -0.001, 0.0], [1.0, 0.0, 1.0, 1.0, -3.0, 0.0]], np.float32)
     moved = turned(model(flat, prism_table(())), 0.0, (0.0, 0.0, -50_000.0)).planes
     assert moved[0, 5] == np.nextafter(np.float32(-50_000.0), np.float32(np.inf)) > moved[0, 4]
@@ -101,7 +101,7 @@ def test_none_stay_none() -> None:
 @pytest.mark.parametrize(
     "where", ["planes", "margin_m", "azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m"]
 )
-def test_where_a_number_is_none_it_says_nothing(where: str, value: float) -> None:
+def test_a_model_with_a_number_that_is_not_finite_is_invalid(where: str, value: float) -> None:
     before = model(some_planes(3), prism_table(some_prisms(2)))
     holder = before if hasattr(before, where) else before.free
     spoilt = getattr(holder, where).copy()

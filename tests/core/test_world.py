@@ -98,7 +98,7 @@ def test_parallel_walls_and_steps_of_height_stay_apart() -> None:
     assert sorted(p.planes[:, 4].tolist()) == [-4.0, -4.0, -1.0]
 
 
-def test_a_door_that_was_seen_through_stays_open_and_an_unseen_gap_is_closed_and_says_so() -> None:
+def test_a_door_that_was_seen_through_stays_open_and_an_unseen_gap_is_closed_and_marked() -> None:
     both = np.array([wall(9.0, -6.0, 9.0, -0.9), wall(9.0, 0.9, 9.0, 6.0)])
     world = World()
     now = fly(world, both, 25)
@@ -119,7 +119,7 @@ def test_a_door_that_was_seen_through_stays_open_and_an_unseen_gap_is_closed_and
     assert not world.picture(21 * STEP).flags[0] & PlaneFlags.INFERRED
 
 
-def test_scattered_things_are_not_joined_across_gaps() -> None:
+def test_scattered_objects_are_not_joined_across_gaps() -> None:
     both = np.array([wall(9.0, -6.0, 9.0, -0.9), wall(9.0, 0.9, 9.0, 6.0)])
     world = World(FAR_STEPS)
     for k in range(10):
@@ -178,7 +178,7 @@ def test_a_wall_that_noise_hides_now_and_then_stays() -> None:
         assert WorldSpace(world.picture(k * STEP)).points([[8, 0, 0]], 0.2).tolist() == [Occupancy.OCCUPIED]
 
 
-def test_a_new_thing_in_a_place_known_to_be_free_is_there_at_once() -> None:
+def test_a_new_object_in_a_place_known_to_be_free_is_there_at_once() -> None:
     world = World()
     now = fly(world, np.zeros((0, 6)), 20, speed=0.0)
     place = [[7.0, 0.0, 0.0]]
@@ -216,7 +216,7 @@ def test_what_was_seen_long_ago_is_unknown_again() -> None:
     assert answers.tolist() == [Occupancy.UNKNOWN, Occupancy.FREE]
 
 
-def test_blind_frames_change_nothing_and_an_empty_world_knows_nothing() -> None:
+def test_blind_frames_change_nothing_and_an_empty_world_is_unknown() -> None:
     world = World()
     for k in range(5):
         world.add(blind(k))

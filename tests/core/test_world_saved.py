@@ -63,7 +63,7 @@ def test_coordinates_come_back_to_a_centimetre_and_never_smaller_in_height(seed:
     assert np.allclose(box_of_records(records), back.box)
 
 
-def test_cut_at_any_byte_what_was_whole_is_kept_and_the_place_is_told() -> None:
+def test_cut_at_any_byte_what_was_whole_is_kept_and_the_place_is_reported() -> None:
     world = World(WorldParams(jump_m=100.0))
     for k in range(3):
         world.add(seen(house(0.0, 0.0), (10.0, 1.0), math.pi, k, reset_counter=k))
@@ -87,7 +87,7 @@ def test_cut_at_any_byte_what_was_whole_is_kept_and_the_place_is_told() -> None:
     assert sections_of(data)[1] == ""
 
 
-def test_damage_and_what_follows_the_end_are_told() -> None:
+def test_damage_and_what_follows_the_end_are_reported() -> None:
     data = bytearray(bytes_of(flown(house(0.0, 0.0), range(20)).saved()))
     assert "3 bytes after its end" in sections_of(bytes(data) + b"abc")[1]
     for at in range(len(MAGIC), len(data), 7):

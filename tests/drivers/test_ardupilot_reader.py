@@ -46,7 +46,7 @@ def test_constant_walls_ahead_as_they_were_measured(wall_m: float, least: float,
     st.dictionaries(st.integers(0, 7), st.floats(0.65, 12.0)),
 )
 @example(angle_deg=0.0, distance_m=2.0, slides=False, others={2: 1.0})
-def test_the_fence_is_nowhere_beyond_what_was_told(
+def test_the_fence_is_nowhere_beyond_the_received_obstacles(
     angle_deg: float, distance_m: float, slides: bool, others: dict[int, float]
 ) -> None:
     """Who stops is let no nearer than that; what pushes the vehicle from behind is another matter. Who slides is limited by

@@ -112,7 +112,7 @@ def test_a_one_sided_delay_is_inside_the_bound_too() -> None:
     assert abs(e.offset_ns + 5 * NS) <= e.bound_ns
 
 
-def test_without_answers_the_quickest_arrival_stands_in_and_says_so() -> None:
+def test_without_answers_the_quickest_arrival_is_used_and_reported() -> None:
     clock, link = ClockFilter(), Link()
     for k in range(200):
         link.attitude(clock, k * NS // 50)
@@ -189,7 +189,7 @@ def test_contradictions_that_disagree_with_each_other_are_no_step() -> None:
     assert clock.estimate == before
 
 
-def test_a_late_answer_and_one_from_the_future_say_nothing() -> None:
+def test_a_late_answer_and_one_from_the_future_are_not_used() -> None:
     clock = ClockFilter()
     assert not clock.exchange(0, 0, 600 * MS)
     assert not clock.exchange(100, 0, 50)

@@ -128,7 +128,7 @@ def test_words_come_with_what_they_tell() -> None:
     assert reader.read(1.0) == (None, [Notification("opened", {"device": "OAK-D", "baseline_m": 0.075})])
 
 
-def test_the_last_words_of_a_process_are_heard_before_its_end() -> None:
+def test_the_last_notifications_of_a_process_are_received_before_its_end() -> None:
     reader, writer = pair()
     writer.write(frame(3))
     writer.send("failed", cause="the cable is out")

@@ -40,7 +40,7 @@ def hear(c: Conversation, data: bytes) -> None:
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
-def test_a_second_companion_that_tells_of_obstacles_is_named(kind: str) -> None:
+def test_a_second_companion_that_reports_obstacles_is_named(kind: str) -> None:
     c = talk(kind)
     c.run(2.0)
     assert conflicts(c) == {}

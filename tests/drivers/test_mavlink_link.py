@@ -81,7 +81,7 @@ def test_over_a_serial_line() -> None:
         assert until(lambda: synchronised(link) and link.status().attitude_hz > 70.0)
 
 
-def test_a_slow_serial_line_is_told_of() -> None:
+def test_a_slow_serial_line_is_reported() -> None:
     end = PtyEnd()
     with AutopilotLink(SimulatedAutopilot(), end), linked(parse_address(f"serial:{end.device}:57600")) as (link, _):
         assert until(lambda: link.state.open)

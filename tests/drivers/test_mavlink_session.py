@@ -127,7 +127,7 @@ def test_nothing_is_sent_before_a_heartbeat_of_the_autopilot() -> None:
     assert c.session.counts["unsent_no_autopilot"] == 1
 
 
-def test_an_autopilot_whose_heartbeats_are_lost_but_not_its_other_words_goes_on_being_told() -> None:
+def test_an_autopilot_whose_heartbeats_are_lost_but_not_other_messages_still_receives_obstacles() -> None:
     """On a bad line three heartbeats in a row are soon lost; ArduPilot would fly on without our obstacles."""
     c = talk(ARDUPILOT, boot_at_ns=90 * NS)
     c.run(4.0)
@@ -163,7 +163,7 @@ def test_a_hello_goes_out_on_a_line_whose_other_end_waits_for_it() -> None:
     assert session.due(NS + MS, speaks_first=True) == []
 
 
-def test_our_heartbeat_tells_what_we_are_and_how_the_pipeline_is() -> None:
+def test_our_heartbeat_reports_what_we_are_and_how_the_pipeline_is() -> None:
     c = talk(PX4)
     c.session.system_status = MAV_STATE_CRITICAL
     c.run(3.0)
@@ -219,7 +219,7 @@ def test_rates_that_another_station_takes_away_are_asked_for_again() -> None:
     assert c.session.status(c.now_ns).attitude_hz == pytest.approx(100.0, rel=0.1)
 
 
-def test_a_reboot_starts_clock_and_rates_anew() -> None:
+def test_a_reboot_restarts_clock_and_rates() -> None:
     c = talk(ARDUPILOT, boot_at_ns=0)
     c.run(5.0)
     c.autopilots[0].reboot(c.now_ns)
@@ -258,7 +258,7 @@ def test_another_vehicle_takes_over_only_when_ours_is_silent() -> None:
     assert c.session.status(c.now_ns).clock.source is ClockSource.TIMESYNC
 
 
-def test_a_configured_vehicle_is_the_only_one_heard() -> None:
+def test_a_configured_vehicle_is_the_only_one_received() -> None:
     c = talk(PX4, MavlinkParams(system_id=3))
     c.run(2.0)
     assert c.session.vehicle is None
@@ -298,7 +298,7 @@ def test_rates_that_are_not_numbers_leave_the_attitude() -> None:
     assert all(s.rates_frd_rad_s is None for s in attitudes)
 
 
-def test_odometry_turns_its_velocity_into_ned_and_tells_of_jumps() -> None:
+def test_odometry_turns_its_velocity_into_ned_and_reports_jumps() -> None:
     c = talk(PX4, boot_at_ns=0)
     c.run(2.0)
     c.samples.clear()
@@ -328,7 +328,7 @@ def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     assert [type(s) for s in samples] == [type(s) for s in c.samples]
 
 
-def test_a_message_that_nobody_reads_is_logged_and_heard_all_the_same() -> None:
+def test_a_message_without_a_reader_is_logged_and_counts_as_received() -> None:
     encoder = dialect.MAVLink(None, 1, 1)
     heartbeat = bytes(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(encoder))
     unread = bytes(dialect.MAVLink_vfr_hud_message(1.0, 2.0, 3, 4, 5.0, 6.0).pack(encoder))
@@ -381,7 +381,7 @@ def warning(bytes_per_s: float | None, params: MavlinkParams | None = None, *, s
     return budget.warning() if budget is not None else ""
 
 
-def test_a_slow_line_is_told_with_the_rate_that_would_fit() -> None:
+def test_a_slow_line_is_reported_with_the_rate_that_would_fit() -> None:
     assert warning(None) == ""
     assert warning(92_160.0) == ""
     said = warning(5_760.0)
@@ -392,7 +392,7 @@ def test_a_slow_line_is_told_with_the_rate_that_would_fit() -> None:
 
 
 @pytest.mark.parametrize("params", [MavlinkParams(attitude_hz=10, position_hz=5), MavlinkParams(attitude_hz=50)])
-def test_a_line_below_230400_baud_is_told_even_where_all_fits(params: MavlinkParams) -> None:
+def test_a_line_below_230400_baud_is_reported_even_where_all_fits(params: MavlinkParams) -> None:
     assert "set 921600 baud" in warning(11_520.0, params)
     assert warning(23_040.0, params) == ""
 

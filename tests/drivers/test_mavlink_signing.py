@@ -147,7 +147,7 @@ def test_an_autopilot_that_takes_nothing_we_sign_is_named() -> None:
     assert "takes nothing that we sign" in trouble(c)
 
 
-def test_signing_that_ends_in_flight_is_told_and_its_return_too() -> None:
+def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
     c = talk(ARDUPILOT, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
     c.autopilots[0].sign(None)
@@ -182,7 +182,7 @@ def test_a_forged_first_packet_does_not_make_the_true_stream_old() -> None:
     assert s.believes(message(KEY, NOW), NS)
 
 
-def test_a_packet_that_is_told_again_is_not_believed() -> None:
+def test_a_replayed_packet_is_rejected() -> None:
     s = signing()
     first = message(KEY, NOW)
     assert s.believes(first, NS)
@@ -204,7 +204,7 @@ def test_every_bit_of_a_signed_packet_counts() -> None:
     assert s.believes(decoder.decode(bytearray(good)), NS)
 
 
-def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_told() -> None:
+def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_reported() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW)
     c.run(4.0)
     c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, key=OTHER, signing_ticks=NOW + DAY_TICKS)))
@@ -219,7 +219,7 @@ def test_a_forger_beside_the_true_autopilot_changes_nothing_and_is_told() -> Non
     assert c.session.status(c.now_ns).clock_restarts == 0
 
 
-def test_unsigned_words_of_others_than_the_autopilot_are_no_trouble() -> None:
+def test_unsigned_messages_of_others_than_the_autopilot_are_no_fault() -> None:
     c = talk(PX4, KEY, KEY, signing_ticks=NOW)
     c.autopilots.append(SimulatedAutopilot(FirmwareProfile(kind=PX4, system_id=9)))
     c.run(4.0)
@@ -303,7 +303,7 @@ def test_a_damaged_file_is_no_time(tmp_path: Path, content: bytes) -> None:
     assert clock.trouble == ""
 
 
-def test_a_folder_that_takes_no_file_is_told_and_the_line_goes_on(tmp_path: Path) -> None:
+def test_a_folder_that_takes_no_file_is_reported_and_the_line_goes_on(tmp_path: Path) -> None:
     clock = SigningClock(tmp_path / "none" / "signing-clock", Wall())
     s = Signing(SigningKey(KEY), clock)
     assert "cannot be kept" in s.trouble(NS, answered=True)
@@ -335,7 +335,9 @@ def test_keys_of_files(tmp_path: Path) -> None:
     ("content", "mode", "word"),
     [(b"ab" * 32, 0o640, "others can read it"), (b"ab" * 31, 0o600, "neither 64"), (b"00" * 32, 0o600, "not all of them 0")],
 )  # fmt: skip
-def test_files_that_are_no_keys_say_why_and_show_nothing(tmp_path: Path, content: bytes, mode: int, word: str) -> None:
+def test_files_that_are_no_keys_name_the_cause_and_show_nothing(
+    tmp_path: Path, content: bytes, mode: int, word: str
+) -> None:
     file = tmp_path / "signing.key"
     file.write_bytes(content)
     file.chmod(mode)

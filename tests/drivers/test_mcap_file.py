@@ -53,7 +53,7 @@ def test_events_return_in_the_order_of_their_arrival(whole):
     assert all(same(a, b) for a, b in zip(events, flight(), strict=True))
 
 
-def test_a_recording_knows_its_cameras_and_its_making(whole):
+def test_a_recording_has_its_cameras_and_its_making(whole):
     with McapRecording(whole) as recording:
         assert recording.cameras == (INFO,)
         assert recording.run.source == "simulated"
@@ -197,7 +197,7 @@ def foreign(path: Path, topics: dict[str, tuple[str, str]]) -> Path:
     return path
 
 
-def test_somebody_elses_log_is_refused_with_what_it_lacks_and_has(shared_data):
+def test_a_foreign_log_is_refused_with_what_it_lacks_and_has(shared_data):
     with pytest.raises(BadData, match="not a recording of this software") as refusal:
         McapRecording(shared_data / "mcap" / "keelson_ais_protobuf.mcap")
     text = str(refusal.value)
@@ -240,7 +240,7 @@ def test_intrinsics_that_do_not_fit_are_refused(tmp_path):
         McapRecording(path)
 
 
-def test_samples_that_do_not_fit_are_left_out_and_told(tmp_path):
+def test_samples_that_do_not_fit_are_left_out_and_reported(tmp_path):
     nan = attitude_message(attitude(START_NS))
     nan.q_ned_frd.x = float("nan")
     small = depth_message(dataclasses.replace(frame(1, START_NS), depth_mm=np.ones((20, 20), np.uint16)))
@@ -268,7 +268,7 @@ def test_samples_that_do_not_fit_are_left_out_and_told(tmp_path):
     assert "nan" in problem
 
 
-def test_undecodable_bytes_are_left_out_and_told(tmp_path):
+def test_undecodable_bytes_are_left_out_and_reported(tmp_path):
     path = tmp_path / "garbled.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -285,7 +285,7 @@ def test_undecodable_bytes_are_left_out_and_told(tmp_path):
 
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 @pytest.mark.parametrize("chunked", [True, False])
-def test_logs_that_other_tools_wrote_anew_are_read(whole, tmp_path, compression, chunked):
+def test_logs_that_other_tools_wrote_again_are_read(whole, tmp_path, compression, chunked):
     """Other chunks, other compression: the content counts."""
     path = tmp_path / "again.mcap"
     with path.open("wb") as stream:

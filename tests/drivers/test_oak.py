@@ -91,21 +91,21 @@ def test_a_device_that_never_delivers_is_lost_with_a_remedy() -> None:
         ({"matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "has its factory calibration"),
     ],
 )
-def test_frames_that_cannot_be_used_say_why(changes: dict[str, object], words: str) -> None:
+def test_frames_that_cannot_be_used_name_the_cause(changes: dict[str, object], words: str) -> None:
     message = depth_message(0, **changes)  # an exception inside of a node would end this process
     source = OakSource(SETTINGS, HostLink(lambda k: message))
     with pytest.raises(BadData, match=words):
         source.open()
 
 
-def test_without_a_device_the_cause_and_the_remedy_are_told_soon() -> None:
+def test_without_a_device_the_cause_and_the_remedy_are_reported_soon() -> None:
     begun = time.monotonic()
     with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(there: none\); check the cable"):
         OakSource(OakSettings(camera="front", device="19443010", find_s=0.1)).open()
     assert time.monotonic() - begun < 30.0  # the library alone would wait, and then raise something else
 
 
-def test_reading_before_opening_is_told() -> None:
+def test_reading_before_opening_is_reported() -> None:
     with pytest.raises(DeviceNotFound, match="call open"):
         OakSource(SETTINGS).read(0.1)
 

@@ -154,7 +154,7 @@ def test_a_short_log_has_no_drift() -> None:
     assert map_boot_clock([(0, 1000), (20, 21_400), (40, 40_900)]) == (0.0, 900.0)
 
 
-def test_no_mavlink_and_no_file_are_told_apart(tmp_path: Path) -> None:
+def test_no_mavlink_and_no_file_are_distinguished(tmp_path: Path) -> None:
     with pytest.raises(BadData, match="no MAVLink message"):
         read_tlog(written(tmp_path / "a.tlog", [b"\xfd" * 500]))
     with pytest.raises(DeviceNotFound, match="cannot be read"):

@@ -159,7 +159,7 @@ def test_units_become_millimetres_and_what_does_not_fit_is_unknown() -> None:
 
 
 @pytest.mark.parametrize(("size", "line"), [(100, 64), (1024, 32)])
-def test_a_buffer_of_another_size_says_what_to_set(size: int, line: int) -> None:
+def test_a_buffer_of_another_size_names_the_setting(size: int, line: int) -> None:
     with pytest.raises(BadData, match="set width_px and height_px"):
         depth_from_buffer(buffer(data=bytes(size), bytes_per_line=line), SETTINGS)
 

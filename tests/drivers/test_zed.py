@@ -100,12 +100,12 @@ def test_the_rotation_vector_is_read_as_opencv_reads_it() -> None:
         ("<html>", (672, 376), "not a ZED calibration"),
     ],
 )
-def test_files_that_cannot_be_used_say_why(text: str, size: tuple[int, int], words: str) -> None:
+def test_files_that_cannot_be_used_name_the_cause(text: str, size: tuple[int, int], words: str) -> None:
     with pytest.raises(BadData, match=words):
         parse_zed_calibration(text, "SN.conf", *size)
 
 
-def test_a_missing_file_tells_where_to_get_it(tmp_path: Path) -> None:
+def test_a_missing_file_shows_where_to_get_it(tmp_path: Path) -> None:
     with pytest.raises(DeviceNotFound, match="manufacturer's site"):
         load_zed_calibration(tmp_path / "SN1.conf", 672, 376)
 
@@ -271,7 +271,7 @@ def test_frames_of_a_device() -> None:
         (Video([np.zeros((720, 2560, 3), np.uint8)]), BadData, r"images of 2560x720, expected 1344x376"),
     ],
 )
-def test_devices_that_cannot_be_used_say_why(video: Video, error: type[Exception], words: str) -> None:
+def test_devices_that_cannot_be_used_name_the_cause(video: Video, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         ZedSource(SETTINGS, video, CALIBRATION).open()
     assert video.released == 1
@@ -283,7 +283,7 @@ def test_the_calibration_of_another_camera_is_refused() -> None:
         ZedSource(SETTINGS, Video([side_by_side()]), wrong).open()
 
 
-def test_a_view_without_corners_is_told_and_goes_on() -> None:
+def test_a_view_without_corners_is_reported_and_goes_on() -> None:
     source = ZedSource(SETTINGS, Video([np.full((376, 1344, 3), 90, np.uint8)]), CALIBRATION)
     source.open()
     assert "too few corners" in source.warning

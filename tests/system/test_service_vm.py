@@ -66,7 +66,7 @@ def test_a_hang_is_ended_by_the_watchdog_with_its_stacks_in_the_journal(found: d
     assert found["hung_ready"]
 
 
-def test_stopped_as_told(found: dict[str, Any]) -> None:
+def test_stopped_as_documented(found: dict[str, Any]) -> None:
     assert found["stop_status"] == 0
     assert (found["ActiveState"], found["Result"]) == ("inactive", "success")
     assert found["left_processes"] == []
