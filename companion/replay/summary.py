@@ -66,7 +66,7 @@ class ReplayCounts:
             "frames": self.frames,
             "samples": self.samples,
             "valid": self.valid,
-            "says_nothing": dict(sorted(self.blind.items())),
+            "invalid": dict(sorted(self.blind.items())),
             "dropped": dict(sorted(self.dropped.items())),
             "texts": texts_of(sorted(self.blind), InvalidCause) | texts_of(sorted(self.dropped), DropCause),
             "attitude": dict(sorted(self.attitude.items())),

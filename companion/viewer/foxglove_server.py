@@ -27,7 +27,7 @@ from ..pipeline.sync import DropCause
 from .live_page import camera_status
 from .subscriber import NS, WATCHED_S, LiveSubscriber
 
-STATUS_TOPIC = "/said"
+STATUS_TOPIC = "/status"
 REPEAT_NS = NS
 
 

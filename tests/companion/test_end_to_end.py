@@ -96,7 +96,7 @@ def prisms(flight: Path) -> Path:
     done = companion("replay", flight, "-o", out, "--json")
     assert (done.status, done.err) == (0, "")
     report = done.json()
-    assert (report["frames"], report["valid"], report["dropped"], report["says_nothing"]) == (FRAMES, FRAMES, {}, {})
+    assert (report["frames"], report["valid"], report["dropped"], report["invalid"]) == (FRAMES, FRAMES, {}, {})
     assert report["ground_seen"] == FRAMES
     assert report["planes"] > FRAMES
     return out

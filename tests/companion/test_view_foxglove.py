@@ -126,7 +126,7 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
     viewer = Viewer(server.port)
     wanted = {
         "/health": pb.Health, "/camera/front/prisms": pb.PrismsFrame, "/camera/front/scene": SceneUpdate,
-        "/tf": FrameTransform, "/camera/front/depth": RawImage, "/said": Log,
+        "/tf": FrameTransform, "/camera/front/depth": RawImage, "/status": Log,
     }  # fmt: skip
 
     def all_heard() -> bool:
@@ -134,7 +134,7 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
         told.frame(depth=True)
         server.tick()
         viewer.listen()
-        said = viewer.newest("/said", Log)
+        said = viewer.newest("/status", Log)
         return all(viewer.newest(t, k) is not None for t, k in wanted.items()) and said.message == "front sees"
 
     assert until(all_heard)
@@ -150,7 +150,7 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
         told.blind("lost: its process has ended")
         server.tick()
         viewer.listen()
-        said = viewer.newest("/said", Log)
+        said = viewer.newest("/status", Log)
         return bool(said.level == Log.FATAL and "front is BLIND: lost: its process has ended" in said.message)
 
     assert until(blind)
@@ -159,7 +159,7 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
     def silent() -> bool:
         server.tick()
         viewer.listen()
-        return "no message from the service" in viewer.newest("/said", Log).message
+        return "no message from the service" in viewer.newest("/status", Log).message
 
     assert until(silent)
     viewer.close()
