@@ -92,7 +92,8 @@ def _most(mask: NDArray[np.bool_], rows: int, cols: int) -> tuple[slice, slice]:
 
 def draw_noise(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor) -> None:
     """Noise of each tile, those that count in bold."""
-    marks, focal = calls.of("estimate_ke").before[0], calls.of("estimate_ke").before[1]
+    _, _, marks, info, _, _ = calls.of("estimate_noise").before
+    focal = info.intrinsics.fx
     tiles, *_ = noise_tiles(marks, focal, extractor.params)
     down, across = tiles.shape
     sigma = np.where(tiles >= 0, tiles, np.nan)
@@ -120,8 +121,8 @@ def draw_ground(figure: Any, frame: Rendered, calls: Calls, extractor: Extractor
     a.imshow(rgb)
     bare(a, "brown: ground, taken out before any counting")
     points = found.after[6]
-    points = points[(points[:, 3] > 0) & (np.abs(points[:, 1]) < 3.0)][::2]
-    b.plot(points[:, 0], -points[:, 2], ".", ms=1.2, color="#4a6f96")
+    points = points[(points["per_height"] > 0) & (np.abs(points["y"]) < 3.0)][::2]
+    b.plot(points["x"], -points["z"], ".", ms=1.2, color="#4a6f96")
     x = np.linspace(0.5, 20.0, 100)
     p, ke = extractor.params, calls.of("find_ground").before[3]
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Kind = type[np.generic] | np.dtype[Any]
+
 
 class Buffers:
-    """Arrays by name that grow to the largest ever asked for; their content is undefined when they are handed out."""
+    """Arrays by name that grow to the largest ever asked for; their content is undefined at first."""
 
     def __init__(self) -> None:
         self._held: dict[str, NDArray[Any]] = {}
-        self._handed: dict[str, tuple[tuple[int, ...], type[np.generic], NDArray[Any]]] = {}
+        self._handed: dict[str, tuple[tuple[int, ...], Kind, NDArray[Any]]] = {}
 
-    def __call__(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+    def __call__(self, name: str, shape: tuple[int, ...], dtype: Kind) -> NDArray[Any]:
         """A C-contiguous array of this shape, the same memory for the same name."""
         handed = self._handed.get(name)
         if handed is not None and handed[0] == shape and handed[1] is dtype:

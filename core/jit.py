@@ -1,14 +1,13 @@
-"""How the kernels are compiled: to plain machine code, kept on disk, without Python's lock.
+"""Compilation of kernels: to machine code, cached on disk, without the interpreter lock; and records for their tables.
 
-Numba counts the references to every array that a compiled function is given, at each call, by atomic operations: more
-time than most of our small functions take for their work. `inner` leaves that out. Such a function may take arrays and
-look at parts of them, but it neither makes nor returns one, not even in passing (`table[i] = table[j]` copies a row by way
-of a new one: see `copy_row`), and calls none that does. The compiler refuses the former, a test the latter.
+Numba counts references to every array that a compiled function takes, at each call, by atomic operations. For a small
+function this costs more than its work. `inner` leaves the counting out: such a function may take arrays and slices of
+them, but it neither makes nor returns an array (`table[i] = table[j]` of a two-dimensional table makes one: see
+`copy_row`), and calls no function that does. The compiler rejects the former, a test the latter.
 
-A loop over an image is done for many pixels at a time only where each of them reads the same memory: in `a[i] if c else b`
-the element is read where c holds, which AVX-512 alone among the processors at hand can do for bytes and words. Elsewhere,
-on every board, such a loop goes pixel by pixel and takes many times as long. So the element is read before: `x = a[i]`,
-then `x if c else b`.
+A loop over an image is vectorised only where each iteration reads the same memory: in `a[i] if c else b` the element is
+read only where c holds, which AVX-512 alone can do for bytes and words. On other processors such a loop runs pixel by
+pixel and takes many times as long. Therefore the element is read first: `x = a[i]`, then `x if c else b`.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-# both say it, since a function that does not would take it over from whoever calls it first
+# both set it explicitly: a function without the option would inherit it from its first caller
 kernel = njit(cache=True, nogil=True, _nrt=True)
-"""For functions that make arrays, or call one that does."""
+"""For functions that make arrays, or call a function that does."""
 inner = njit(cache=True, nogil=True, _nrt=False)
-"""For all others."""
+"""For all other functions."""
 inner_inline = njit(cache=True, nogil=True, _nrt=False, forceinline=True)
 """`inner`, made part of its caller whatever its size."""
 kernel_ieee = njit(cache=True, nogil=True, _nrt=True, error_model="numpy")
 inner_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 inline_ieee = njit(cache=True, nogil=True, _nrt=False, error_model="numpy", forceinline=True)
-"""The same where a division by zero gives infinity, and no look at the divisor hinders many divisions at a time."""
+"""The same with divisions by zero that give infinity, so that no check of the divisor prevents vectorisation."""
 
 
 def record(*fields: tuple[str, Any]) -> np.dtype[Any]:
@@ -49,6 +48,6 @@ def record_of(dtype: np.dtype[Any], parameters: Any, **derived: Any) -> NDArray[
 
 @inner
 def copy_row(table, to, row):
-    """Makes row `to` of a table (N, C) the same as row `row`."""
+    """Copies row `row` of a table (N, C) to row `to`."""
     for c in range(table.shape[1]):
         table[to, c] = table[row, c]

@@ -41,7 +41,7 @@ class Params:
     )
     noise_row_step: int = number(6, 1, 32, "px", "rows from one to the next that is looked at")
     noise_min_samples: int = number(120, 10, 10000, "", "differences that a tile needs to count")
-    noise_min_tiles: int = number(3, 1, 1024, "", "tiles that a noise estimate needs")
+    noise_min_tiles: int = number(3, 1, 1024, "", "least number of tiles for a noise estimate")
     noise_min_depth_m: float = number(
         1.5, 0.0, 20.0, "m", "pixels closer than this do not count: millimetre steps outweigh their noise"
     )
@@ -80,7 +80,11 @@ class Params:
 
     # Levelling
     max_tilt_deg: float = critical(
-        60.0, 10.0, 75.0, "deg", "optical axis farther from the horizontal: the frame is invalid"
+        60.0,
+        10.0,
+        75.0,
+        "deg",
+        "greatest angle of the optical axis from the horizontal; beyond it the frame is invalid",
     )
     max_elevation_deg: float = critical(
         74.0, 30.0, 80.0, "deg", "rays steeper than this have no column and are unknown"
@@ -94,7 +98,9 @@ class Params:
         "sigma",
         "pooled columns that differ by less are one surface: their mean counts, else the nearest",
     )
-    min_measured_share: float = critical(0.02, 0.0, 0.5, "", "with fewer measured or far pixels the frame is invalid")
+    min_measured_share: float = critical(
+        0.02, 0.0, 0.5, "", "least share of measured or far pixels; with fewer the frame is invalid"
+    )
 
     # Flying pixels: strictly between two neighbours in disparity, far from both
     flying_relative: float = critical(0.08, 0.01, 0.5, "", "least step to both neighbours, as a share of the disparity")
@@ -156,7 +162,9 @@ class Params:
     noisy_alone_share: float = critical(
         0.25, 0.05, 1.0, "", "and is noise where more than this share of those are alone"
     )
-    max_noisy_share: float = critical(0.04, 0.0, 1.0, "", "with a larger share of noisy tiles the frame is invalid")
+    max_noisy_share: float = critical(
+        0.04, 0.0, 1.0, "", "greatest share of tiles that are noise; with more the frame is invalid"
+    )
 
     # Ground
     ground_tolerance_m: float = critical(0.25, 0.03, 1.0, "m", "least half-thickness of the ground")
@@ -296,7 +304,7 @@ class Params:
     smooth_sigmas: float = number(3.0, 0.0, 10.0, "sigma", "and this much of the strip's noise")
     horizontal_correlation: float = number(0.05, 0.001, 0.5, "", "1 - |r| below this: a horizontal surface [eps_r]")
     horizontal_centre_px: float = number(20.0, 1.0, 200.0, "px", "and vanishing row off by less than this [eps_v]")
-    horizontal_min_px: int = number(6, 3, 100, "px", "fewer pixels are no surface")
+    horizontal_min_px: int = number(6, 3, 100, "px", "least number of pixels of a horizontal surface")
 
     # Straight pieces and planes
     height_step_m: float = number(0.3, 0.05, 3.0, "m", "tops or bottoms of one straight piece differ by at most this")

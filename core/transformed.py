@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,61 +16,97 @@ from .types import FrameModel, FreeProfile, InvalidCause
 _INFINITY = np.float32(np.inf)
 
 
+class Placed(NamedTuple):
+    """What of a model has a place: planes (N, 6), heights (P, 2) and vertices (V, 2) of prisms, azimuth edges (D + 1,) and
+    layer edges (L + 1,) of the free profile, all float32."""
+
+    planes: Any
+    heights: Any
+    vertices: Any
+    azimuths: Any
+    layers: Any
+
+
+class Motion(NamedTuple):
+    """A turn about the vertical, clockwise from above, and then a shift in metres."""
+
+    cos: float
+    sin: float
+    yaw_rad: float
+    x_m: float
+    y_m: float
+    z_m: float
+
+
 def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float]) -> FrameModel:
-    """The model turned clockwise from above by this angle, then shifted. Ranges and the ground's height stay counted from
+    """The model turned clockwise from above by this angle, then shifted. Ranges and the ground's height stay relative to
     the camera; strips, which are drawn over the image, are left out.
 
-    Where what it tells is not all finite, before or after, one comes out that says nothing (InvalidCause.NON_FINITE): such a
-    plane stands nowhere, and one that cannot be compared with anything may hide all others."""
-    cos, sin, (x, y, z) = math.cos(yaw_rad), math.sin(yaw_rad), shift_m
+    Where not all of its numbers are finite, before or after, the result is invalid (InvalidCause.NON_FINITE): such a plane
+    has no place, and one that cannot be compared with anything may hide all others."""
+    motion = Motion(math.cos(yaw_rad), math.sin(yaw_rad), float(yaw_rad), *(float(v) for v in shift_m))
     free, ground = model.free, model.ground
     table = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS
-    planes, heights = np.empty((len(model.planes), 6), np.float32), np.empty((len(table), 2), np.float32)
-    vertices = np.empty((len(table.vertices_m), 2), np.float32)
-    edges, layers = np.empty(len(free.azimuth_edges_rad), np.float32), np.empty(len(free.layer_edges_m), np.float32)
-    lacking = turn_all(
-        model.planes, table.heights_m, table.vertices_m, free.azimuth_edges_rad, free.layer_edges_m, model.margin_m,
-        free.free_from_m, free.free_to_m, cos, sin, float(yaw_rad), float(x), float(y), float(z), planes, heights, vertices,
-        edges, layers,
-    )  # fmt: skip
-    if lacking:
+    before = Placed(model.planes, table.heights_m, table.vertices_m, free.azimuth_edges_rad, free.layer_edges_m)
+    after = Placed(*(np.empty(a.shape, np.float32) for a in before))
+    if turn_all(before, motion, after) or count_non_finite(model.margin_m, free.free_from_m, free.free_to_m):
         return invalid_model(model, InvalidCause.NON_FINITE)
-    return FrameModel.written(
-        valid=model.valid, cause=model.cause, planes=planes, support_px=model.support_px, margin_m=model.margin_m,
-        flags=model.flags, cluster=model.cluster, prisms=table.moved(heights, vertices),
-        free=FreeProfile.written(
-            azimuth_edges_rad=edges, layer_edges_m=layers, free_from_m=free.free_from_m, free_to_m=free.free_to_m, end=free.end
+    cos, sin = motion.cos, motion.sin
+    return FrameModel.from_trusted(
+        valid=model.valid,
+        cause=model.cause,
+        planes=after.planes,
+        support_px=model.support_px,
+        margin_m=model.margin_m,
+        flags=model.flags,
+        cluster=model.cluster,
+        prisms=table.moved(after.heights, after.vertices),
+        free=FreeProfile.from_trusted(
+            azimuth_edges_rad=after.azimuths,
+            layer_edges_m=after.layers,
+            free_from_m=free.free_from_m,
+            free_to_m=free.free_to_m,
+            end=free.end,
         ),
         ground=replace(
-            ground, slope_x=cos * ground.slope_x - sin * ground.slope_y, slope_y=sin * ground.slope_x + cos * ground.slope_y
+            ground,
+            slope_x=cos * ground.slope_x - sin * ground.slope_y,
+            slope_y=sin * ground.slope_x + cos * ground.slope_y,
         ),
-        stats=model.stats, ke_per_m=model.ke_per_m,
-    )  # fmt: skip
+        stats=model.stats,
+        ke_per_m=model.ke_per_m,
+    )
 
 
 @inner
-def turn_all(
-    planes, heights, vertices, azimuths, layers, margin, free_from, free_to, cos, sin, yaw, x, y, z, to_planes, to_heights,
-    to_vertices, to_azimuths, to_layers,
-):  # fmt: skip
-    """Writes the `to_` tables; returns how many numbers are not finite, of those before, those after, and those that stay."""
-    lacking = _lacking(planes) + _lacking(heights) + _lacking(vertices) + _lacking(free_from) + _lacking(free_to)
-    lacking += _lacking_of(azimuths) + _lacking_of(layers) + _lacking_of(margin)
-    _turn(planes, 0, cos, sin, x, y, to_planes)
-    _turn(planes, 2, cos, sin, x, y, to_planes)
-    _shift(planes, 4, z, to_planes)
-    _shift(heights, 0, z, to_heights)
-    _turn(vertices, 0, cos, sin, x, y, to_vertices)
-    for k in range(azimuths.shape[0]):
-        to_azimuths[k] = float(azimuths[k]) + yaw
-    for k in range(layers.shape[0]):
-        to_layers[k] = float(layers[k]) + z
-    lacking += _lacking(to_planes) + _lacking(to_heights) + _lacking(to_vertices)
-    return lacking + _lacking_of(to_azimuths) + _lacking_of(to_layers)
+def turn_all(before, motion, after):
+    """Writes `after`; returns how many numbers are not finite, before and after. before, after: Placed; motion: Motion."""
+    _turn(before.planes, 0, motion, after.planes)
+    _turn(before.planes, 2, motion, after.planes)
+    _shift(before.planes, 4, motion.z_m, after.planes)
+    _shift(before.heights, 0, motion.z_m, after.heights)
+    _turn(before.vertices, 0, motion, after.vertices)
+    for k in range(before.azimuths.shape[0]):
+        after.azimuths[k] = float(before.azimuths[k]) + motion.yaw_rad
+    for k in range(before.layers.shape[0]):
+        after.layers[k] = float(before.layers[k]) + motion.z_m
+    return _non_finite(before) + _non_finite(after)
 
 
 @inner
-def _lacking(table):
+def _non_finite(placed):
+    count = _count_in_table(placed.planes) + _count_in_table(placed.heights) + _count_in_table(placed.vertices)
+    return count + _count_in_row(placed.azimuths) + _count_in_row(placed.layers)
+
+
+@inner
+def count_non_finite(margin, free_from, free_to):
+    """How many numbers of a row (N,) and of two tables (D, L) are not finite."""
+    return _count_in_row(margin) + _count_in_table(free_from) + _count_in_table(free_to)
+
+
+@inner
+def _count_in_table(table):
     """How many numbers of a table (N, C) are not finite."""
     count = 0
     for k in range(table.shape[0]):
@@ -79,7 +116,7 @@ def _lacking(table):
 
 
 @inner
-def _lacking_of(row):
+def _count_in_row(row):
     count = 0
     for k in range(row.shape[0]):
         count += not math.isfinite(row[k])
@@ -87,12 +124,12 @@ def _lacking_of(row):
 
 
 @inner
-def _turn(table, column, cos, sin, shift_x, shift_y, out):
-    """x and y, which stand in a column of the table and the one after it."""
+def _turn(table, column, motion, out):
+    """Turns and shifts x and y, in a column of the table and the one after it."""
     for k in range(table.shape[0]):
         x, y = float(table[k, column]), float(table[k, column + 1])
-        out[k, column] = cos * x - sin * y + shift_x
-        out[k, column + 1] = sin * x + cos * y + shift_y
+        out[k, column] = motion.cos * x - motion.sin * y + motion.x_m
+        out[k, column + 1] = motion.sin * x + motion.cos * y + motion.y_m
 
 
 @inner

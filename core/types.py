@@ -1,4 +1,4 @@
-"""The data that cross floors: frozen, self-validating, every instant on the companion's monotonic clock.
+"""Data types shared by all packages: frozen and validated, with every instant on the companion's monotonic clock.
 
 Units stand in the names (`_m`, `_mm`, `_px`, `_rad`, `_ns`); transforms are `R_target_source`.
 Frames: `optical` (x right, y down, z forward), `frd` (vehicle body), `ned` (the autopilot's local world),
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from .codes import Code
 
 UNKNOWN_MM = 0
-"""A depth pixel without a measurement: nothing is known about its ray."""
+"""A depth pixel without a measurement: its ray is unknown."""
 FAR_MM = 65534
-"""A depth pixel of which the sensor itself says: nothing up to my maximum range."""
+"""A depth pixel that the sensor reports as free up to its maximum range."""
 SATURATED_MM = 65535
 """Treated like UNKNOWN_MM everywhere: some sensors write it for invalid pixels."""
 
@@ -32,7 +32,7 @@ _Thing = TypeVar("_Thing")
 _NATIVE: dict[Any, np.dtype[Any]] = {
     kind: np.dtype(kind) for kind in (np.bool_, np.uint8, np.uint16, np.int32, np.float32)
 }
-"""The very objects that arrays of these types have: to ask for them costs a third of a comparison."""
+"""The dtype objects of arrays of these types: an identity test costs a third of a comparison."""
 
 
 def readonly(a: NDArray[Any], dtype: type[_Scalar], shape: tuple[int | None, ...], name: str) -> NDArray[_Scalar]:
@@ -114,7 +114,7 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
-    """What does not change between the frames of one camera. `max_range_m` and `min_range_m` bound what it measures;
+    """Constants of one camera. `max_range_m` and `min_range_m` bound what it measures;
     `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2."""
 
     camera: str
@@ -138,7 +138,7 @@ class CameraInfo:
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DepthFrame:
     """One depth image. depth_mm: (H, W) uint16, Z along the optical axis; UNKNOWN_MM, SATURATED_MM: no measurement;
-    FAR_MM: free up to the camera's maximum. t_exposure_ns: mid-exposure; t_arrival_ns: when the host had it."""
+    FAR_MM: free up to the camera's maximum. t_exposure_ns: mid-exposure; t_arrival_ns: when the host received it."""
 
     camera: str
     sequence: int
@@ -152,8 +152,8 @@ class DepthFrame:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeSample:
-    """Attitude of the vehicle at t_ns: q_ned_frd (w, x, y, z) unit quaternion, body rates in frd rad/s (None: not told).
-    t_arrival_ns: when the host had it (what a live run could know)."""
+    """Attitude of the vehicle at t_ns: q_ned_frd (w, x, y, z) unit quaternion, body rates in frd, rad/s (None: not known).
+    t_arrival_ns: when the host received it."""
 
     t_ns: int
     t_arrival_ns: int
@@ -171,7 +171,7 @@ class AttitudeSample:
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s (None: not told)."""
+    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s (None: not known)."""
 
     t_ns: int
     t_arrival_ns: int
@@ -187,7 +187,7 @@ class PoseSample:
 
 
 class InvalidCause(Code):
-    """Why a frame says nothing. NONE: it does say something."""
+    """Why a frame is invalid. NONE: it is valid."""
 
     NONE = "", ""
     NO_MEASUREMENT = "no_measurement", "too few pixels hold a measurement"
@@ -202,19 +202,19 @@ class InvalidCause(Code):
 
 
 class PlaneFlags(IntFlag):
-    """What is special about a plane."""
+    """Properties of a plane."""
 
     INFERRED = 1
     """Part of it was never measured: a gap too small to pass was filled."""
     UNKNOWN_BEHIND = 2
-    """Nothing was seen behind it; clear only where a gap was seen through and filled."""
+    """The space behind it was not observed; clear only where a gap was observed to be open and filled."""
     CUT_LEFT = 4
     CUT_RIGHT = 8
     CUT_TOP = 16
     CUT_BOTTOM = 32
-    """The image border cut it there: it may go on."""
+    """The image border cut it there: it may continue."""
     IRREGULAR = 64
-    """Stands for scattered or sloping things by their near side."""
+    """Stands for scattered or sloping surfaces by their near side."""
 
 
 class FreeEnd(IntEnum):
@@ -233,7 +233,7 @@ class Ground:
 
     height_m: camera above it, positive (z of the surface in level_cam); slope_x, slope_y: dz/dx, dz/dy of the fit;
     share: of the measured pixels; blind_beyond_m: forward distance beyond which an obstacle of the minimum height
-    cannot be told from it by this noise (inf: never).
+    cannot be distinguished from it with this noise (inf: never).
     noise_per_m: noise of its height per metre of horizontal range, in metres; what lies closer above it is part of it.
     tolerance_m: nothing closer above it is ever free, at any range.
     seen_from_m, seen_to_m: for each direction of the frame's FreeProfile the horizontal ranges between which it was
@@ -253,11 +253,11 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FreeProfile:
-    """What was seen to be free, per direction and layer of height, in level_cam.
+    """Observed free space, per direction and layer of height, in level_cam.
 
     azimuth_edges_rad: (D + 1,) float32, increasing, clockwise from above; layer_edges_m: (L + 1,) float32 in z (down),
     increasing. free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was
-    seen free in that direction (free_to <= free_from: nothing is known free); end: (D, L) uint8, FreeEnd of free_to_m."""
+    observed to be free in that direction (free_to <= free_from: nothing is); end: (D, L) uint8, FreeEnd of free_to_m."""
 
     azimuth_edges_rad: NDArray[np.float32]
     layer_edges_m: NDArray[np.float32]
@@ -275,15 +275,24 @@ class FreeProfile:
         put(self, "end", readonly(self.end, np.uint8, (d, layers), "end"))
 
     @classmethod
-    def written(
-        cls, *, azimuth_edges_rad: NDArray[np.float32], layer_edges_m: NDArray[np.float32], free_from_m: NDArray[np.float32],
-        free_to_m: NDArray[np.float32], end: NDArray[np.uint8],
-    ) -> FreeProfile:  # fmt: skip
-        """Of arrays that our own kernels have written, which fit; they become read-only."""
+    def from_trusted(
+        cls,
+        *,
+        azimuth_edges_rad: NDArray[np.float32],
+        layer_edges_m: NDArray[np.float32],
+        free_from_m: NDArray[np.float32],
+        free_to_m: NDArray[np.float32],
+        end: NDArray[np.uint8],
+    ) -> FreeProfile:
+        """A profile without checks, of arrays that a kernel has just written; they become read-only."""
         return _unchecked(
-            cls, azimuth_edges_rad=azimuth_edges_rad, layer_edges_m=layer_edges_m, free_from_m=free_from_m,
-            free_to_m=free_to_m, end=end,
-        )  # fmt: skip
+            cls,
+            azimuth_edges_rad=azimuth_edges_rad,
+            layer_edges_m=layer_edges_m,
+            free_from_m=free_from_m,
+            free_to_m=free_to_m,
+            end=end,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -346,7 +355,7 @@ class StripTable:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameModel:
-    """What one depth frame says, in level_cam. `valid = False`: it says nothing, and nothing may be taken as free.
+    """The result of one depth frame, in level_cam. `valid = False`: it holds no information, nothing may be taken as free.
 
     planes: (N, 6) float32 a_x, a_y, b_x, b_y, top, bottom, metres, top < bottom (z down); free space lies on the right
     of a -> b seen from above. support_px: (N,) int32 distinct source pixels; margin_m: (N,) float32, what a consumer
@@ -379,22 +388,46 @@ class FrameModel:
             raise ValueError("planes: top must be less than bottom (z is down)")
 
     @classmethod
-    def written(
-        cls, *, valid: bool, cause: InvalidCause, planes: NDArray[np.float32], support_px: NDArray[np.int32],
-        margin_m: NDArray[np.float32], flags: NDArray[np.uint8], cluster: NDArray[np.int32], prisms: Sequence[Prism],
-        free: FreeProfile, ground: Ground, stats: FrameStats, ke_per_m: float, strips: StripTable | None = None,
-    ) -> FrameModel:  # fmt: skip
-        """Of arrays that our own kernels have written and looked through, which fit; they become read-only. To check them
-        once more takes longer than many a stage."""
+    def from_trusted(
+        cls,
+        *,
+        valid: bool,
+        cause: InvalidCause,
+        planes: NDArray[np.float32],
+        support_px: NDArray[np.int32],
+        margin_m: NDArray[np.float32],
+        flags: NDArray[np.uint8],
+        cluster: NDArray[np.int32],
+        prisms: Sequence[Prism],
+        free: FreeProfile,
+        ground: Ground,
+        stats: FrameStats,
+        ke_per_m: float,
+        strips: StripTable | None = None,
+    ) -> FrameModel:
+        """A model without checks, of arrays that kernels have written and checked; they become read-only. A second check
+        would take longer than many a stage."""
         return _unchecked(
-            cls, valid=valid, cause=cause, planes=planes, support_px=support_px, margin_m=margin_m, flags=flags,
-            cluster=cluster, prisms=prisms, free=free, ground=ground, stats=stats, ke_per_m=ke_per_m, strips=strips,
-        )  # fmt: skip
+            cls,
+            valid=valid,
+            cause=cause,
+            planes=planes,
+            support_px=support_px,
+            margin_m=margin_m,
+            flags=flags,
+            cluster=cluster,
+            prisms=prisms,
+            free=free,
+            ground=ground,
+            stats=stats,
+            ke_per_m=ke_per_m,
+            strips=strips,
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class ExtractorState:
-    """What one frame hands to the next: the ground seed and the noise estimates (nan: none yet).
+    """What one frame passes to the next: height of the ground and noise estimates (nan: none yet).
 
     ke_per_m: noise in use. still_ke_per_m: noise measured over time, from frames between which the camera stood still.
     samples_mm, samples_age: sampled pixels of an earlier frame, little-endian uint16 millimetres (b"": none), and how many

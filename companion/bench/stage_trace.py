@@ -125,7 +125,8 @@ def _is_composite(value: object) -> bool:
 def _is_stage(value: object, host: ModuleType) -> bool:
     """Whether it is a function (compiled or not) of another module of core than the host."""
     module = str(getattr(value, "__module__", ""))
-    return callable(value) and not isinstance(value, type) and module.startswith("core.") and module != host.__name__
+    own = module == host.__name__ and not _of_host(value)
+    return callable(value) and not isinstance(value, type) and module.startswith("core.") and not own
 
 
 def _wrapped(function: Callable[..., Any], name: str, trace: TraceFunction) -> Callable[..., Any]:

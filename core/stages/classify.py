@@ -1,8 +1,7 @@
 """Pixels: measured, unknown or far; flying pixels; and how noisy this frame is.
 
-What comes out is an image of marks like the one that went in: millimetres where something was measured, UNKNOWN_MM or
-FAR_MM elsewhere. Disparity is 1000/mm in float32 wherever it is needed: a division costs less than a table that has to be
-fetched.
+The result is an image of marks: millimetres where a pixel is measured, UNKNOWN_MM or FAR_MM elsewhere. Disparity is
+1000/mm in float32 wherever it is needed: a division costs less than a look-up table.
 """
 
 from __future__ import annotations
@@ -237,10 +236,10 @@ def noise_tiles(
 def measured_ke(
     marks: NDArray[np.uint16], focal_px: float, prior: float, seed: float, still: float, params: Params
 ) -> float:
-    """Noise constant (1/m) that one frame tells, within prior/span..prior*span. seed: in use before; still: measured over
-    time, nan: not yet.
+    """Noise constant (1/m) of one frame, within prior/span..prior*span. seed: in use before; still: measured over time,
+    nan: not yet.
 
-    With a measurement over time that is taken, or more where the image says more and its tiles agree. Without one the
+    A measurement over time is used, or more where the image shows more and its tiles agree. Without one the
     image alone may lower the noise to noise_prior_share of the prior: what is correlated over more pixels than the
     differences span does not show in it."""
     p = params
@@ -264,7 +263,7 @@ def estimate_ke(
     marks: (H, W) uint16 of `classify`. last: nan before the first frame. still: `ExtractorState.still_ke_per_m`. Of the image the lower
     quartile of the tiles is taken: the smoothest parts, since leaves and edges only add. It raises the noise only where tiles
     agree, as those of smooth surfaces do and those of leaves do not. The result stays within prior/span..prior*span and moves in
-    steps of `noise_grid`, so that tables need not be rebuilt each frame. The paper takes ke as known; a wrong one is costly."""
+    steps of `noise_grid`, so that tables need not be rebuilt each frame. The paper takes ke as known; a wrong value adds false planes."""
     if not params.estimate_noise:
         return prior
     seed = last if math.isfinite(last) else prior

@@ -1,8 +1,8 @@
 """The horizontal surface under the camera, found once per frame before any density is counted.
 
 Flat ground fills about as many pixels per kernel width at any range while the obstacle threshold falls with range, so
-left in it becomes an obstacle far away. Ours: votes of steep-free pixel pairs for a height, a check that little lies
-below, a bounded plane fit. None found is said, never assumed.
+left in it becomes an obstacle far away. Here: votes of pixel pairs without a steep surface for a height, a check that little
+lies below, a bounded plane fit. Where none is found none is assumed.
 """
 
 from __future__ import annotations
@@ -30,32 +30,68 @@ _FAR = np.uint16(FAR_MM)
 _CLIMB_MOST = 2.0 / 3.0
 """Of the camera's height: a pair of pixels reaches no farther up. A few centimetres above the ground the least climb of a
 pair would reach over the horizon, and no pair of the ground would vote."""
-# indices of `ground_settings`
-(
-    V_LEAST, V_STEP, V_CLIMB, V_CLIMB_MIN, V_CLIMB_MAX, V_ROWS_MIN, V_ROWS_MAX, V_FLAT, V_SIGMAS, V_FLAT_CAP, V_LEVEL,
-    V_SEED_WEIGHT, V_SEED_STEPS, V_TRIES, V_MIN_SAMPLES, V_MIN_SHARE, V_MAX_HEIGHT,
-    F_SIGMAS, F_TOLERANCE, F_CAP, F_ROUNDS, F_MIN_PX, F_FLOOR, F_MAX_SLOPE, F_PRIOR, F_BELOW, F_BELOW_FULL, F_BELOW_SHARE,
-    F_CAP_SIGMAS, F_RECEDE, F_RECEDE_NOISE,
-) = range(31)  # fmt: skip
+GROUND_SETTINGS = record(
+    ("min_height_m", np.float64),
+    ("max_height_m", np.float64),
+    ("height_step", np.float64),
+    ("pair_climb", np.float64),
+    ("pair_climb_min_m", np.float64),
+    ("pair_climb_max_m", np.float64),
+    ("pair_rows_min", np.float64),
+    ("pair_rows_max", np.float64),
+    ("pair_flat", np.float64),
+    ("pair_sigmas", np.float64),
+    ("pair_flat_cap", np.float64),
+    ("pair_level", np.float64),
+    ("seed_weight", np.float64),
+    ("min_samples", np.float64),
+    ("min_share", np.float64),
+    ("sigmas", np.float64),
+    ("tolerance_m", np.float64),
+    ("cap_m", np.float64),
+    ("fit_sigmas", np.float64),
+    ("fit_min_px", np.float64),
+    ("fit_floor_m", np.float64),
+    ("max_slope", np.float64),
+    ("slope_prior", np.float64),
+    ("below_m", np.float64),
+    ("below_full_m", np.float64),
+    ("max_below_share", np.float64),
+    ("recede_share", np.float64),
+    ("recede_noise", np.float64),
+    ("seed_steps", np.int64),
+    ("tries", np.int64),
+    ("fit_rounds", np.int64),
+)
+"""The parameters of these names with `ground_` before them; pair_rows_min and pair_rows_max: rows between the pixels of a
+pair; cap_m: most that the tolerance is, tolerance_m: at most that."""
+
+POINT = record(
+    ("x", np.float32),
+    ("y", np.float32),
+    ("z", np.float32),
+    ("per_height", np.float32),
+    ("level", np.float32),
+    ("tangent_step", np.float32),
+    ("inverse_step", np.float32),
+)
+"""A sampled pixel: its place in level_cam, m; 1/sigma_h per metre of height; 1 where it voted, else 0; by how much its z/x and
+its 1/x exceed those of the pixel it is paired with, 0 where there is none."""
 
 
-def ground_settings(rows: int, p: Params) -> NDArray[np.float64]:
-    """(31,) float64 for pictures of so many rows, by the V_ and F_ indices."""
+def ground_settings(rows: int, p: Params) -> NDArray[Any]:
+    """(1,) GROUND_SETTINGS for pictures of so many rows."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
-    return np.array(
-        [
-            p.ground_min_height_m, p.ground_height_step, p.ground_pair_climb, p.ground_pair_climb_min_m,
-            p.ground_pair_climb_max_m, p.ground_pair_min_px, rows // p.ground_pair_parts, p.ground_pair_flat,
-            p.ground_pair_sigmas, p.ground_pair_flat_cap, p.ground_pair_level,
-            p.ground_seed_weight, p.ground_seed_steps, p.ground_tries, p.ground_min_samples, p.ground_min_share,
-            p.ground_max_height_m,
-            p.ground_sigmas, min(p.ground_tolerance_m, cap), cap, p.ground_fit_rounds, p.ground_fit_min_px,
-            p.ground_fit_floor_m, p.ground_max_slope, p.ground_slope_prior, p.ground_below_m, p.ground_below_full_m,
-            p.ground_max_below_share, p.ground_fit_sigmas, p.ground_recede_share,
-            p.ground_recede_noise,
-        ],
-        np.float64,
-    )  # fmt: skip
+    derived = {
+        "pair_rows_min": p.ground_pair_min_px,
+        "pair_rows_max": rows // p.ground_pair_parts,
+        "tolerance_m": min(p.ground_tolerance_m, cap),
+        "cap_m": cap,
+    }
+    out = np.zeros(1, GROUND_SETTINGS)
+    for name in GROUND_SETTINGS.names or ():
+        out[name] = derived[name] if name in derived else getattr(p, f"ground_{name}")
+    return out
 
 
 def height_bins(p: Params) -> int:
@@ -73,13 +109,13 @@ def step_of(height_m, bin_step):
 def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
     """Votes for the height of horizontal surfaces; returns (points written, pixels sampled).
 
-    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: `ground_settings`. votes: (bins,)
-    int32 over log height. points: (N, 7) float32 x, y, z of the sampled pixels in level_cam, their 1/sigma_h per metre
-    of height, and 1 where they voted; then what z/x and 1/x are more than those of the pixel they are paired with, 0 where
-    there is none. A pair of pixels in one source column votes when what lies between them climbs
+    marks: (H, W) uint16 of `classify`. R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. tuning: a record of GROUND_SETTINGS. votes: (bins,)
+    int32 over log height. points: (N,) POINT out.
+
+    A pair of pixels in one source column votes when what lies between them climbs
     little of what a wall would show over the same rows."""
     rows, cols = marks.shape
-    least, bin_step = tuning[V_LEAST], tuning[V_STEP]
+    least, bin_step = tuning.min_height_m, tuning.height_step
     bins, lowest = len(votes), step_of(least, bin_step)
     votes[:] = 0
     n = 0
@@ -96,18 +132,17 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             z = (R[2, 0] * xu + R[2, 1] * yv + R[2, 2]) / d
             x = (R[0, 0] * xu + R[0, 1] * yv + R[0, 2]) / d
             if n < points.shape[0]:
-                points[n, 0] = x
-                points[n, 1] = (R[1, 0] * xu + R[1, 1] * yv + R[1, 2]) / d
-                points[n, 2] = z
-                points[n, 3] = d / ke
-                points[n, 4:] = 0.0
+                point = points[n]
+                point.x, point.y, point.z = x, (R[1, 0] * xu + R[1, 1] * yv + R[1, 2]) / d, z
+                point.per_height = d / ke
+                point.level, point.tangent_step, point.inverse_step = 0.0, 0.0, 0.0
                 n += 1
             if z < least or x <= 0.0:
                 continue
             # what a wall would climb over the rows that are looked at
-            climb_min = min(tuning[V_CLIMB_MIN], _CLIMB_MOST * z)
-            climb = min(max(tuning[V_CLIMB] * z, climb_min), tuning[V_CLIMB_MAX])
-            v2 = v - int(max(tuning[V_ROWS_MIN], min(tuning[V_ROWS_MAX], climb * k[1] * d)))
+            climb_min = min(tuning.pair_climb_min_m, _CLIMB_MOST * z)
+            climb = min(max(tuning.pair_climb * z, climb_min), tuning.pair_climb_max_m)
+            v2 = v - int(max(tuning.pair_rows_min, min(tuning.pair_rows_max, climb * k[1] * d)))
             if v2 < 0:
                 continue
             mark = marks[v2, u]
@@ -118,11 +153,11 @@ def vote(marks, R, k, ke, column_step, row_step, tuning, votes, points):
             z2 = (R[2, 0] * xu + R[2, 1] * yv2 + R[2, 2]) / d2
             x2 = (R[0, 0] * xu + R[0, 1] * yv2 + R[0, 2]) / d2
             if x2 > 0.0:
-                points[n - 1, 5], points[n - 1, 6] = z / x - z2 / x2, 1.0 / x - 1.0 / x2
-            noise = tuning[V_SIGMAS] * ke * (z / d + abs(z2) / d2) * 0.5
-            allowed = min(tuning[V_FLAT] * climb + noise, tuning[V_FLAT_CAP] * climb)
-            if abs(z2 - z) < allowed and z2 > tuning[V_LEVEL] * z:
-                points[n - 1, 4] = 1.0
+                points[n - 1].tangent_step, points[n - 1].inverse_step = z / x - z2 / x2, 1.0 / x - 1.0 / x2
+            noise = tuning.pair_sigmas * ke * (z / d + abs(z2) / d2) * 0.5
+            allowed = min(tuning.pair_flat * climb + noise, tuning.pair_flat_cap * climb)
+            if abs(z2 - z) < allowed and z2 > tuning.pair_level * z:
+                points[n - 1].level = 1.0
                 bin_ = step_of(0.5 * (z + z2), bin_step) - lowest
                 if 0 <= bin_ < bins:
                     votes[bin_] += 1
@@ -267,81 +302,83 @@ def bounded_slope(sums, height_off, slope_x, slope_y, prior, limit):
 @inner
 def fit_cap(sigma, tuning):
     """Most that a point of the ground lies off it: what cuts deeper into its noise holds a fit where it began."""
-    return max(tuning[F_CAP], tuning[F_CAP_SIGMAS] * sigma)
+    return max(tuning.cap_m, tuning.fit_sigmas * sigma)
 
 
 @inner
 def fit_ground(points, height, tuning):
     """(seen, height, slope_x, slope_y, share): z = h + sx x + sy y through the points near a height, slopes bounded.
 
-    points: (N, 7) of `vote`. Not seen: too few lie on it, or too much below it, or those on it do not recede from row to
+    points: (N,) POINT of `vote`. Not seen: too few lie on it, or too much below it, or those on it do not recede from row to
     row as it would. share: of the points that lie on it."""
     n = len(points)
     slope_x, slope_y, tolerance_at = 0.0, 0.0, height
-    for _ in range(int(tuning[F_ROUNDS])):
+    for _ in range(tuning.fit_rounds):
         on = 0
         w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         tolerance_at = height
         for i in range(n):
-            if points[i, 4] == 0.0:  # the foot of a wall is near the ground and not level
+            if points[i].level == 0.0:  # the foot of a wall is near the ground and not level
                 continue
-            x, y = np.float64(points[i, 0]), np.float64(points[i, 1])
-            sigma = height / points[i, 3]
-            r = points[i, 2] - (height + slope_x * x + slope_y * y)
-            if abs(r) < min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning)):
+            x, y = np.float64(points[i].x), np.float64(points[i].y)
+            sigma = height / points[i].per_height
+            r = points[i].z - (height + slope_x * x + slope_y * y)
+            if abs(r) < min(max(tuning.sigmas * sigma, tuning.tolerance_m), fit_cap(sigma, tuning)):
                 on += 1
                 # inverse variance of height, sigma_h = ke X h
-                weight = 1.0 / (tuning[F_FLOOR] + sigma) ** 2
+                weight = 1.0 / (tuning.fit_floor_m + sigma) ** 2
                 w, wx, wy, wr = w + weight, wx + weight * x, wy + weight * y, wr + weight * r
                 wxx, wxy, wyy = wxx + weight * x * x, wxy + weight * x * y, wyy + weight * y * y
                 wxr, wyr = wxr + weight * x * r, wyr + weight * y * r
-        if on < max(tuning[F_MIN_PX], tuning[V_MIN_SHARE] * n):
+        if on < max(tuning.fit_min_px, tuning.min_share * n):
             return False, height, slope_x, slope_y, 0.0
         height += wr / w
-        if tuning[F_MAX_SLOPE] > 0.0:
+        if tuning.max_slope > 0.0:
             sums = (w, wx, wy, wr, wxx, wxy, wyy, wxr, wyr)
-            slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, tuning[F_PRIOR], tuning[F_MAX_SLOPE])
-    slack = tuning[F_BELOW] * height / (height + tuning[F_BELOW_FULL])
+            slope_x, slope_y = bounded_slope(sums, wr / w, slope_x, slope_y, tuning.slope_prior, tuning.max_slope)
+    slack = tuning.below_m * height / (height + tuning.below_full_m)
     on, below, recedes, recede = 0, 0, 0.0, 0.0
     for i in range(n):
-        sigma = tolerance_at / points[i, 3]
-        tolerance = min(max(tuning[F_SIGMAS] * sigma, tuning[F_TOLERANCE]), fit_cap(sigma, tuning))
-        r = points[i, 2] - (height + slope_x * points[i, 0] + slope_y * points[i, 1])
+        sigma = tolerance_at / points[i].per_height
+        tolerance = min(max(tuning.sigmas * sigma, tuning.tolerance_m), fit_cap(sigma, tuning))
+        r = points[i].z - (height + slope_x * points[i].x + slope_y * points[i].y)
         below += r > tolerance + slack
         if abs(r) < tolerance:
             on += 1
             # 1/x = (z/x - slopes) / height on the ground, the same in all rows of a wall
-            rows, rise = np.float64(points[i, 5]), np.float64(points[i, 6])
-            if sigma < tuning[F_RECEDE_NOISE] * abs(rows) * points[i, 0]:  # the vote of such a pair is sure
-                rows *= points[i, 4]
+            rows, rise = np.float64(points[i].tangent_step), np.float64(points[i].inverse_step)
+            if sigma < tuning.recede_noise * abs(rows) * points[i].x:  # the vote of such a pair is sure
+                rows *= points[i].level
                 rise = rows / height
             recedes, recede = recedes + rows * rise, recede + rows * rows
-    seen = below <= tuning[F_BELOW_SHARE] * n and height >= tuning[V_LEAST]
-    seen = seen and recedes * height >= tuning[F_RECEDE] * recede
+    seen = below <= tuning.max_below_share * n and height >= tuning.min_height_m
+    seen = seen and recedes * height >= tuning.recede_share * recede
     return seen, height, slope_x, slope_y, on / n
 
 
 @kernel
-def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, votes, points):
+def search_ground(marks, R, k, ke, seed_height, column_step, row_step, settings, votes, points):
     """`fit_ground` at the first height that holds, from the most voted on; arguments as for `vote`."""
+    tuning = settings[0]
     n, sampled = vote(marks, R, k, ke, column_step, row_step, tuning, votes, points)
-    points[n:, 4] = 0.0  # rows of an earlier frame
+    for i in range(n, len(points)):  # rows of an earlier frame
+        points[i].level = 0.0
     bins = len(votes)
     score = np.zeros(bins, np.float64)
     for b in range(bins):
         score[b] = votes[max(b - 1, 0) : b + 2].sum()
-    lowest = step_of(tuning[V_LEAST], tuning[V_STEP])
-    if seed_height > tuning[V_LEAST]:
-        at, reach = step_of(seed_height, tuning[V_STEP]) - lowest, int(tuning[V_SEED_STEPS])
-        score[max(0, at - reach) : at + reach + 1] *= tuning[V_SEED_WEIGHT]
-    tries = int(tuning[V_TRIES]) if sampled >= tuning[V_MIN_SAMPLES] else 0
+    lowest = step_of(tuning.min_height_m, tuning.height_step)
+    if seed_height > tuning.min_height_m:
+        at, reach = step_of(seed_height, tuning.height_step) - lowest, tuning.seed_steps
+        score[max(0, at - reach) : at + reach + 1] *= tuning.seed_weight
+    tries = tuning.tries if sampled >= tuning.min_samples else 0
     for _ in range(tries):
         best = np.argmax(score)
-        if score[best] < tuning[V_MIN_SHARE] * sampled:
+        if score[best] < tuning.min_share * sampled:
             break
-        height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning[V_STEP])
+        height = _STEPS_FROM_M * math.exp((best + lowest + 0.5) * tuning.height_step)
         score[max(0, best - 2) : best + 3] = 0.0  # all sums of three that share a bin with this one
-        if height <= tuning[V_MAX_HEIGHT]:
+        if height <= tuning.max_height_m:
             found = fit_ground(points[:n], height, tuning)
             if found[0]:
                 return found
@@ -350,12 +387,12 @@ def search_ground(marks, R, k, ke, seed_height, column_step, row_step, tuning, v
 
 def find_ground(
     marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, ke: float, seed_height_m: float,
-    params: Params, points: NDArray[np.float32],
+    params: Params, points: NDArray[Any],
 ) -> Ground:  # fmt: skip
     """The ground of one frame, or NO_GROUND.
 
     seed_height_m: height of the last frame's ground (nan: none): its bin and neighbours count more.
-    points: (ground_max_samples, 7) float32 scratch, left for `with_ranges`. The heights are tried from the most voted on; one is taken when
+    points: (ground_max_samples,) POINT scratch, left for `with_ranges`. The heights are tried from the most voted on; one is taken when
     enough pixels lie on it and few below."""
     k, p = info.intrinsics, params
     across, down = p.ground_column_step, p.ground_row_step
@@ -378,15 +415,19 @@ def find_ground(
 def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edges_t, seen_from, seen_to):
     """Nearest and farthest horizontal range at which the ground was measured, for each direction.
 
-    points: (N, 7) of `vote`: the level ones that lie within tolerance + noise x of the plane, no farther than blind.
+    points: (N,) POINT of `vote`: the level ones that lie within tolerance + noise x of the plane, no farther than blind.
     edges_t: (D + 1,) float64 tangents of the directions' edges. seen_from, seen_to: (D,) float32 out, 0: none. A
     direction without a sample between two that have some gets what both have."""
     directions = len(edges_t) - 1
     seen_from[:] = 0.0
     seen_to[:] = 0.0
     for i in range(len(points)):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        if points[i, 4] == 0.0 or x > blind or abs(z - height - slope_x * x - slope_y * y) > max(tolerance, noise * x):
+        x, y, z = np.float64(points[i].x), np.float64(points[i].y), np.float64(points[i].z)
+        if (
+            points[i].level == 0.0
+            or x > blind
+            or abs(z - height - slope_x * x - slope_y * y) > max(tolerance, noise * x)
+        ):
             continue
         d = int(np.searchsorted(edges_t, y / x, side="right")) - 1
         if d < 0 or d >= directions:
@@ -401,7 +442,7 @@ def ground_ranges(points, height, slope_x, slope_y, tolerance, noise, blind, edg
                 seen_from[d], seen_to[d] = near, far
 
 
-def with_ranges(ground: Ground, points: NDArray[np.float32], edges_t: NDArray[np.float64]) -> Ground:
+def with_ranges(ground: Ground, points: NDArray[Any], edges_t: NDArray[np.float64]) -> Ground:
     """The ground with the ranges at which it was measured. points: as `find_ground` left them; edges_t: (D + 1,) tangents
     of the directions of the frame's free-range profile."""
     if not ground.seen:

@@ -1,4 +1,4 @@
-"""Section 4.1, Lemma 1 in exact form: the frame as a gravity-aligned camera would have seen it.
+"""Section 4.1, Lemma 1 in exact form: the frame as a gravity-aligned camera would have measured it.
 
 A pure rotation has no parallax, so every pixel keeps its own measurement and only changes its place: columns become
 truly vertical for any roll and pitch, and Eq. 15 holds as it stands.
@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..buffers import Buffers
 from ..frames import Rotation
 from ..jit import inline_ieee, inner, inner_ieee, inner_inline, kernel
+from ..params import Params
 from ..types import FAR_MM, CameraInfo
-from .view_geometry import ViewGeometry
+from .view_geometry import ViewGeometry, pooled_geometry
 
 Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
-"""Codes of the levelled image: no measurement, free to the maximum, and the least measured value."""
+"""Quantised disparity: no measurement, free up to the maximum range, and the least measured value."""
 _TILE_COLS, _TILE_HIGH, _TILE_ROWS, _TILE_WIDE = 32, 128, 64, 128
 """Cells that are worked on together: their part of the source fits the nearest cache. Those of a column are written in
 one go, so that memory is asked for lines that follow each other. Places are rounded from the first of _TILE_ROWS cells
@@ -27,6 +31,28 @@ _SAME = 1e-9
 """Not tuning: how far numbers of a homography may differ by rounding."""
 _LITTLE_ENDIAN = sys.byteorder == "little"
 _FAR = np.uint16(FAR_MM)
+
+
+class FetchTile(NamedTuple):
+    """Scratch of `fetch_nearest`: seen (_TILE_COLS, 2) int64; at, forward, mark (_TILE_ROWS,) uint32, float32, uint16;
+    four_marks: the same memory as mark, (_TILE_ROWS / 4,) uint64."""
+
+    seen: Any
+    at: Any
+    forward: Any
+    four_marks: Any
+    mark: Any
+
+
+class PoolTile(NamedTuple):
+    """Scratch of `pool_left_over`, (_TILE_WIDE,) each: want uint8, found int32 (one more), mark uint16, cell uint32, code
+    int32."""
+
+    want: Any
+    found: Any
+    mark: Any
+    cell: Any
+    code: Any
 
 
 @inner
@@ -104,17 +130,15 @@ def level_nearest(marks, H, gain, out, picked):
     picked[:] = 0
     seen, at = np.empty((_TILE_COLS, 2), np.int64), np.empty(_TILE_ROWS, np.uint32)
     forward, mark = np.empty(_TILE_ROWS, np.float32), np.empty(_TILE_ROWS // 4, np.uint64)
-    fetch_nearest(
-        marks.shape[0], marks.shape[1], marks.ravel(), H, np.float32(gain), out, picked, seen, at, forward, mark,
-        mark.view(np.uint16),
-    )  # fmt: skip
+    tile = FetchTile(seen, at, forward, mark, mark.view(np.uint16))
+    fetch_nearest(marks.shape[0], marks.shape[1], marks.ravel(), H, np.float32(gain), out, picked, tile)
 
 
 @inner
-def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, seen, at, forward, four_marks, mark):
-    """`level_nearest` of a flat image. Scratch: seen (_TILE_COLS, 2) int64; at, forward, mark (_TILE_ROWS,) uint32, float32,
-    uint16; four_marks: the same memory as mark, (_TILE_ROWS / 4,) uint64."""
+def fetch_nearest(src_rows, src_cols, flat, H, gain, out, picked, tile):
+    """`level_nearest` of a flat image. tile: FetchTile, scratch."""
     cols, rows = out.shape
+    seen, at, forward, four_marks, mark = tile.seen, tile.at, tile.forward, tile.four_marks, tile.mark
     for u0 in range(0, cols, _TILE_COLS):
         wide = min(_TILE_COLS, cols - u0)
         for k in range(wide):
@@ -206,13 +230,14 @@ def level_pool(marks, picked, R, k, window, out):
     mark = np.empty(_TILE_WIDE, np.uint16)
     cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
     cols, rows = out.shape
-    pool_left_over(marks, picked, R, k, window, out.ravel(), cols, rows, want, found, mark, cell, code)
+    pool_left_over(marks, picked, R, k, window, out.ravel(), (cols, rows), PoolTile(want, found, mark, cell, code))
 
 
 @inner_ieee
-def pool_left_over(marks, picked, R, k, window, flat, cols, rows, want, found, mark, cell, code):
-    """`level_pool` on flat codes of (cols, rows). Scratch: want, found (one more), mark, cell, code (_TILE_WIDE,) uint8, int32,
-    uint16, uint32, int32."""
+def pool_left_over(marks, picked, R, k, window, flat, shape, tile):
+    """`level_pool` on flat codes of shape (cols, rows). tile: PoolTile, scratch."""
+    cols, rows = shape
+    want, found, mark, cell, code = tile.want, tile.found, tile.mark, tile.cell, tile.code
     src_rows, src_cols = marks.shape
     f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
     cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
@@ -248,14 +273,15 @@ def pool_left_over(marks, picked, R, k, window, flat, cols, rows, want, found, m
 
 
 @kernel
-def level_into(marks, R, k, f_px, cu, cv, lsb_per_px, H, out, picked):
+def level_into(marks, R, k, view, out, picked):
     """`level_nearest` and `level_pool` together, or `level_as_it_is`. k: (4,) fx, fy, cx, cy."""
     cols, rows = out.shape
-    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(H):
-        level_as_it_is(marks, f_px * lsb_per_px, out.view(np.uint64))
+    gain = view.f_px * view.lsb_per_px
+    if _LITTLE_ENDIAN and rows % 4 == 0 and (rows, cols) == marks.shape and is_as_it_is(view.H):
+        level_as_it_is(marks, gain, out.view(np.uint64))
         return
-    level_nearest(marks, H, f_px * lsb_per_px, out, picked)
-    level_pool(marks, picked, R, k, (f_px, cu, cv, f_px * lsb_per_px), out)
+    level_nearest(marks, view.H, gain, out, picked)
+    level_pool(marks, picked, R, k, (view.f_px, view.cu, view.cv, gain), out)
 
 
 @inner
@@ -268,15 +294,52 @@ def is_as_it_is(H):
     return most < _SAME
 
 
-def level_safe(
-    marks: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, g: ViewGeometry, out: NDArray[np.uint16],
+def fill_level(
+    marks: NDArray[np.uint16],
+    info: CameraInfo,
+    R_level_optical: Rotation,
+    view: ViewGeometry,
+    out: NDArray[np.uint16],
     picked: NDArray[np.uint8],
-) -> None:  # fmt: skip
-    """Fills `out` (cols, rows) uint16 with the codes of the levelled view g. picked: (H * W,) uint8 scratch."""
+) -> None:
+    """Fills `out` (cols, rows) uint16 with the quantised disparity of a levelled view. picked: (H * W,) uint8 scratch."""
     k = info.intrinsics
-    camera = np.array([k.fx, k.fy, k.cx, k.cy])
-    R = np.ascontiguousarray(R_level_optical)
-    level_into(marks, R, camera, g.f_px, g.cu, g.cv, g.lsb_per_px, g.H, out, picked)
+    level_into(marks, np.ascontiguousarray(R_level_optical), np.array([k.fx, k.fy, k.cx, k.cy]), view, out, picked)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelledView:
+    """A frame as a gravity-aligned camera would have measured it.
+
+    codes: (cols, rows) uint16 quantised disparity, or Q_UNKNOWN, Q_FAR, columns pooled by the sampling interval; view: their
+    geometry. exact_codes, exact_view: the same without pooling, by which free space is judged, since pooled columns would
+    hide what is unknown."""
+
+    codes: NDArray[np.uint16]
+    view: ViewGeometry
+    exact_codes: NDArray[np.uint16]
+    exact_view: ViewGeometry
+
+
+def level_view(
+    marks: NDArray[np.uint16],
+    info: CameraInfo,
+    R_level_optical: Rotation,
+    view: ViewGeometry,
+    ke_per_m: float,
+    params: Params,
+    buffers: Buffers,
+) -> LevelledView:
+    """The levelled view of an image (H, W) of `classify`; its arrays lie in `buffers`. view: of `view_geometry`."""
+    codes = buffers("codes", (view.cols, view.rows), np.uint16)
+    fill_level(marks, info, R_level_optical, view, codes, buffers("picked", (marks.size,), np.uint8))
+    step = params.column_step
+    if step == 1:
+        return LevelledView(codes, view, codes, view)
+    apart_px = math.sqrt(2.0) * params.column_agree_sigmas * max(ke_per_m * view.f_px, params.min_sigma_px)
+    pooled = buffers("pooled", (-(-view.cols // step), view.rows), np.uint16)
+    pool_columns(codes, step, int(apart_px * view.lsb_per_px), pooled)
+    return LevelledView(pooled, pooled_geometry(view, step), codes, view)
 
 
 @kernel

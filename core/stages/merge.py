@@ -1,8 +1,7 @@
 """Section 5.3, the merge: pieces that one plane can stand for become one, cheapest pair first (Eq. 17).
 
-All pairs of neighbouring pieces wait by their cost. A pair that comes out with a cost that no longer holds,
-because one of the two has grown since, is weighed again and goes back; so each pair is looked at a few times, whatever
-the order, and moments are added, never summed again.
+All pairs of neighbouring pieces are in a priority queue. A pair whose cost is outdated, because one of the two has grown
+since, is scored again and put back; so each pair is scored a few times at most. Moments are added, never summed again.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ surface have in common, of a camera that smears its edges."""
 
 
 class Piece(NamedTuple):
-    """What the merge knows of a piece, all float64: its line s = a + b*t, tangents, heights and misfit in front; the moments of
+    """Properties of a piece for the merge, all float64: its line s = a + b*t, tangents, heights and misfit in front; the moments of
     its strips; mean and variance of their tangents; one over what a new line may be off them, in 1/x, and that itself;
     distances at both ends."""
 

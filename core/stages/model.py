@@ -21,13 +21,11 @@ _OUTWARD = 1e-6
 """Not tuning: tangent by which outlines grow, so that rounding to float32 takes no ray that runs along an edge."""
 _LEAST_HEIGHT_M = 1e-3
 """Not tuning: a plane's top must differ from its bottom in float32."""
-_INFERRED, _UNKNOWN_BEHIND, _IRREGULAR = (
-    int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BEHIND), int(PlaneFlags.IRREGULAR),
-)  # fmt: skip
-_CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = (
-    int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT), int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM),
-)  # fmt: skip
+_INFERRED, _UNKNOWN_BEHIND = int(PlaneFlags.INFERRED), int(PlaneFlags.UNKNOWN_BEHIND)
+_CUT_LEFT, _CUT_RIGHT = int(PlaneFlags.CUT_LEFT), int(PlaneFlags.CUT_RIGHT)
+_CUT_TOP, _CUT_BOTTOM, _IRREGULAR = int(PlaneFlags.CUT_TOP), int(PlaneFlags.CUT_BOTTOM), int(PlaneFlags.IRREGULAR)
 """The flags as numbers for the kernels."""
+
 PUBLISH_SETTINGS = record(
     ("ground_seen", np.int64),
     ("height_m", np.float64),
@@ -62,42 +60,52 @@ class PublishedPlanes(NamedTuple):
 def blind_model(info: CameraInfo, cause: InvalidCause, params: Params, stats: FrameStats | None = None) -> FrameModel:
     """The invalid model of a frame: nothing in it may be taken as free."""
     return FrameModel(
-        valid=False, cause=cause, planes=np.zeros((0, 6), np.float32), support_px=np.zeros(0, np.int32),
-        margin_m=np.zeros(0, np.float32), flags=np.zeros(0, np.uint8), cluster=np.zeros(0, np.int32), prisms=(),
-        free=empty_profile(params), ground=NO_GROUND, stats=stats or FrameStats(), ke_per_m=info.ke_per_m,
-    )  # fmt: skip
+        valid=False,
+        cause=cause,
+        planes=np.zeros((0, 6), np.float32),
+        support_px=np.zeros(0, np.int32),
+        margin_m=np.zeros(0, np.float32),
+        flags=np.zeros(0, np.uint8),
+        cluster=np.zeros(0, np.int32),
+        prisms=(),
+        free=empty_profile(params),
+        ground=NO_GROUND,
+        stats=stats or FrameStats(),
+        ke_per_m=info.ke_per_m,
+    )
 
 
 def pixel_stats(counts: tuple[int, int, int], size: int, **more: int) -> FrameStats:
-    """Shares of the pixels of one frame from the counts (measured, far, flying) of `classify`, and what else was counted."""
+    """Shares of the pixels of one frame from the counts (measured, far, flying) of `classify`, and other counts."""
     measured, far, flying = counts
     return FrameStats(
-        measured_share=(measured - flying) / size, far_share=far / size,
-        unknown_share=(size - measured - far + flying) / size, flying_px=flying, **more,
-    )  # fmt: skip
+        measured_share=(measured - flying) / size,
+        far_share=far / size,
+        unknown_share=(size - measured - far + flying) / size,
+        flying_px=flying,
+        **more,
+    )
+
+
+def publish_settings(column_t: float, params: Params) -> NDArray[Any]:
+    """(1,) PUBLISH_SETTINGS without the ground and the borders of a frame. column_t: tangent of a column."""
+    frame = dict.fromkeys(("ground_seen", "height_m", "slope_x", "slope_y", "left_t", "right_t"), 0.0)
+    return record_of(PUBLISH_SETTINGS, params, column_t=column_t, **frame)
 
 
 def published_planes(
-    count: int, planes: NDArray[Any], ground: Ground, view: ViewGeometry, params: Params
+    count: int, planes: NDArray[Any], ground: Ground, view: ViewGeometry, params: Params, settings: NDArray[Any]
 ) -> PublishedPlanes | None:
     """The planes to publish; None where one of them is not finite: its place, and what it hides, is not known.
 
     planes: the first `count` of PLANE; those that exist move to the front, and end at the ground at their feet, where they
-    keep min_plane_height_m. a is the left end: from a to b the camera, and so free space, is on the right. The margin is
-    what the near edge still stands out (up to safe_distance_m) and margin_sigmas of the plane's own distance noise, which
-    neighbouring columns share."""
-    p, column_t = params, float(view.lateral[0]) / view.f_px
-    settings = record_of(
-        PUBLISH_SETTINGS,
-        p,
-        ground_seen=ground.seen,
-        height_m=ground.height_m,
-        slope_x=ground.slope_x,
-        slope_y=ground.slope_y,
-        column_t=column_t,
-        left_t=(p.cut_columns - view.cu) * column_t,
-        right_t=(view.cols - 1 - p.cut_columns - view.cu) * column_t,
-    )
+    keep min_plane_height_m. settings: of `publish_settings`; completed here. a is the left end: from a to b the camera,
+    and so free space, is on the right. The margin is what the near edge still stands out (up to safe_distance_m) and
+    margin_sigmas of the plane's own distance noise, which neighbouring columns share."""
+    p, column_t = settings[0], float(view.lateral[0]) / view.f_px
+    p.ground_seen, p.height_m, p.slope_x, p.slope_y = ground.seen, ground.height_m, ground.slope_x, ground.slope_y
+    p.left_t = (params.cut_columns - view.cu) * column_t
+    p.right_t = (view.cols - 1 - params.cut_columns - view.cu) * column_t
     out = PublishedPlanes(
         np.empty((count, 6), np.float32),
         np.empty(count, np.float32),

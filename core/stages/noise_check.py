@@ -1,7 +1,8 @@
 """Noise in a part of the picture: where the pixels of many tiles have nothing to do with their neighbours.
 
 A pixel that measures a surface, however small, has a neighbour on the same surface; pixels of noise agree by chance only. So
-the share of pixels that are alone tells noise from leaves and reeds, whose outlines fly but whose stems go on.
+the share of pixels that are alone distinguishes noise from leaves and reeds, whose outlines are flying pixels but whose
+stems continue.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..params import Params
-from .classify import read_ahead
+from ..types import CameraInfo
+from .classify import measured_mm, read_ahead
 
 _FEWEST_NEIGHBOURS = 3
 """Not tuning: of the four neighbours of a pixel so many must be measured before it is called alone."""
@@ -95,3 +97,24 @@ def noisy_share(depth_mm: NDArray[np.uint16], least_mm: int, greatest_mm: int, k
     count_alone(depth_mm, least_mm, greatest_mm, p.flying_relative, p.flying_sigmas * ke, judged, alone)
     enough = judged >= max(1.0, p.noisy_judged_share * depth_mm.size / judged.size)
     return float(np.count_nonzero(enough & (alone > p.noisy_alone_share * judged)) / judged.size)
+
+
+def is_no_measurement(
+    depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float, counts: tuple[int, int, int], params: Params
+) -> bool:
+    """Whether too few pixels are measured or far, or so many are flying that the rest is no measurement either.
+
+    depth_mm: (H, W); counts: (measured, far, flying) of `classify`. Pure noise has 27 % flying pixels, foliage 0.2 %; flying
+    pixels on ramps are ground close below the camera and do not count. Without this check the merge of such an image would
+    take minutes."""
+    p, (measured, far, flying) = params, counts
+    if (measured - flying) / depth_mm.size + far / depth_mm.size < p.min_measured_share:
+        return True
+    if flying <= min(p.max_flying_share, p.noisy_look_share) * measured:
+        return False
+    limits = measured_mm(info, ke_per_m, p)
+    if flying > p.max_flying_share * measured:
+        scattered = flying_off_ramps(depth_mm, *limits, p.flying_relative, p.flying_sigmas * ke_per_m)
+        if scattered > p.max_flying_share * measured:
+            return True
+    return noisy_share(depth_mm, *limits, ke_per_m, p) > p.max_noisy_share

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..buffers import Buffers
-from ..jit import inner, inner_inline, kernel, record, record_of
-from ..params import Params
+from ..jit import inner, inner_inline, kernel, record
 from .level import Q_UNKNOWN
 from .view_geometry import ViewGeometry
 
@@ -26,9 +25,8 @@ OPENING_SETTINGS = record(
     ("opening_unknown_share", np.float64),
     ("passable_width_m", np.float64),
     ("passable_height_m", np.float64),
-    ("max_range_m", np.float64),
 )
-"""The parameters of the same names, and the camera's maximum range."""
+"""The parameters of the same names."""
 
 
 class OpeningMasks(NamedTuple):
@@ -215,7 +213,7 @@ def layer_of(x, steps_m):
 
 
 @kernel
-def open_masks(codes, strips, n, view, settings, spare, masks, steps_m):
+def open_masks(codes, strips, n, view, settings, max_range_m, spare, masks, steps_m):
     """`nearest_codes`, and of these `open_mask` at the distances opening_first_m * opening_ratio^k.
 
     codes: (cols, rows) uint16; strips: the first n of STRIP; settings: (1,) OPENING_SETTINGS; spare: see `open_mask`. Out:
@@ -230,7 +228,7 @@ def open_masks(codes, strips, n, view, settings, spare, masks, steps_m):
     count_unknown(nearest, total)
     for k in range(masks.shape[0]):
         x = first_m * ratio**k
-        beyond = min(x + ws, max(p.max_range_m, x + p.opening_behind_m))
+        beyond = min(x + ws, max(max_range_m, x + p.opening_behind_m))
         wide = max(1, math.ceil(ws * f / (x * step * cell) - ROUNDING))
         high = max(1, math.ceil(hs * f / (x * cell) - ROUNDING))
         limit = max(int(f * view.lsb_per_px / beyond), 2)
@@ -245,20 +243,20 @@ def find_openings(
     n: int,
     view: ViewGeometry,
     max_range_m: float,
-    params: Params,
+    settings: NDArray[Any],
     buffers: Buffers,
 ) -> OpeningMasks:
     """What the vehicle could fly through, one mask per distance step, up to the maximum range; the masks lie in `buffers`.
 
-    codes: (cols, rows) uint16 of the view; strips: the first n of STRIP. A cell passes at x when nothing in it is nearer than
+    codes: (cols, rows) uint16 of the view; strips: the first n of STRIP; settings: (1,) OPENING_SETTINGS. A cell passes at x when nothing in it is nearer than
     x + Ws; so a niche shallower than the vehicle is wide is no opening."""
-    p, cell = params, params.opening_cell_px
+    p = settings[0]
+    cell = int(p.opening_cell_px)
     shape = -(-view.cols // cell), -(-view.rows // cell)
     layers = 1 + max(0, round(math.log(max_range_m / p.opening_first_m) / math.log(p.opening_ratio)))
     masks, steps_m = buffers("opening_masks", (layers, *shape), np.uint8), np.empty(layers - 1)
     spare = buffers("opening_spare", (2, shape[0] * shape[1]), np.uint8)
-    settings = record_of(OPENING_SETTINGS, p, max_range_m=max_range_m)
-    open_masks(codes, strips, n, view, settings, spare, masks, steps_m)
+    open_masks(codes, strips, n, view, settings, max_range_m, spare, masks, steps_m)
     f_px, column_px = view.f_px, float(view.lateral[0])
     return OpeningMasks(
         masks, steps_m, f_px / column_px / cell, f_px / cell, (view.cu + 0.5) / cell, (view.cv + 0.5) / cell

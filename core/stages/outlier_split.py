@@ -20,7 +20,7 @@ from .planes import distance_at, near_excess_m
 from .segments import is_jump, strip_variance, tangent
 
 STEPS, _STEP_M = 32, 0.05
-"""Not tuning: excesses are told apart in so many steps; what is over counts as the last."""
+"""Not tuning: excesses are counted in so many steps; a greater one counts in the last."""
 _LOOK_BACK = 32
 """Not tuning: new planes, the latest first, that a strip may go on with."""
 

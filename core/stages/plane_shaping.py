@@ -6,18 +6,28 @@ watched one by one: `shape_planes.py_func` is the same in Python (see companion/
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..buffers import Buffers
 from ..jit import inner, kernel
+from ..params import Params
 from .evidence import Evidence, find_evidence
+from .level import LevelledView
 from .merge import MergeBuffers, join_planes, merge_buffers
+from .openings import find_openings
 from .outlier_split import OutlierBuffers, measure_excess, outlier_buffers, outlier_limits, split_outliers
 from .planes import PLANE, compact_planes, measure_planes, planes_from_tracks, shift_to_near_side, widen_planes
 from .refine import close_concavities, drop_covered, extend_to_corners, trim_covered
 from .segments import TRACK, Front, front_buffers, grow
+from .settings import Settings
+from .strip_search import Strips
+
+_MORE_STRIPS = 512
+"""Tables are made for a multiple of so many strips: seldom anew, and hardly larger than the largest frame needs."""
 
 
 @inner
@@ -90,3 +100,47 @@ def shape_planes(strips, n, first_of_column, view, source, settings, rules, open
     drop_covered(count, planes, p.hidden_depth_m, p.hidden_t)
     trim_covered(count, planes, p.hidden_depth_m, evidence)
     return count
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Planes:
+    """The planes of a frame: table PLANE, of which the first `count` are in use; a negative support: hidden."""
+
+    table: NDArray[Any]
+    count: int
+
+
+class PlaneShaper:
+    """Shapes planes from strips. Holds tables and scratch, nothing that outlives a frame."""
+
+    def __init__(self, params: Params, buffers: Buffers) -> None:
+        self._params, self._buffers = params, buffers
+        self._make_room(0)
+
+    def _make_room(self, strips: int) -> None:
+        self._room, self._scratch = strips, plane_buffers(strips, self._params.merge_partners)
+
+    def shape(self, levelled: LevelledView, strips: Strips, source: NDArray[Any], settings: Settings) -> Planes:
+        """Sections 5.2 and 5.3; the planes are valid until the next call. source: (1,) SOURCE."""
+        view, p = levelled.view, self._params
+        if strips.count > self._room:
+            self._make_room(-(-strips.count // _MORE_STRIPS) * _MORE_STRIPS)
+        max_range_m = float(source["max_range_m"][0])
+        openings = find_openings(
+            levelled.codes, strips.table, strips.count, view, max_range_m, settings.openings, self._buffers
+        )
+        cell = p.evidence_cell_px
+        cells = self._buffers("evidence", (-(-view.cols // cell), -(-view.rows // cell)), np.float32)
+        count = shape_planes(
+            strips.table,
+            strips.count,
+            strips.first_of_column,
+            view,
+            source,
+            settings.planes,
+            settings.merge,
+            openings,
+            cells,
+            self._scratch,
+        )
+        return Planes(table=self._scratch.planes, count=int(count))

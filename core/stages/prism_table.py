@@ -1,7 +1,7 @@
-"""All prisms of a frame in tables; a `Prism` is made when somebody asks for it.
+"""All prisms of a frame in tables; a `Prism` is made on access.
 
-A frame has 50 to 80 prisms, and an object of each takes longer than to find them all. Who moves them, counts them or
-writes them down does so with the tables.
+A frame has 50 to 80 prisms, and an object of each takes longer than to find them all. Transforms, counts and
+encoders use the tables.
 """
 
 from __future__ import annotations
@@ -29,10 +29,17 @@ class PrismTable(Sequence[Prism]):
     __slots__ = ("closed", "cluster", "edge_begin", "heights_m", "margin_m", "plane", "vertex_begin", "vertices_m")
 
     def __init__(
-        self, cluster: NDArray[np.int32], heights_m: NDArray[np.float32], closed: NDArray[np.bool_],
-        margin_m: NDArray[np.float32], vertex_begin: NDArray[np.int32], edge_begin: NDArray[np.int32],
-        vertices_m: NDArray[np.float32], plane: NDArray[np.int32],
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        cluster: NDArray[np.int32],
+        heights_m: NDArray[np.float32],
+        closed: NDArray[np.bool_],
+        margin_m: NDArray[np.float32],
+        vertex_begin: NDArray[np.int32],
+        edge_begin: NDArray[np.int32],
+        vertices_m: NDArray[np.float32],
+        plane: NDArray[np.int32],
+    ) -> None:
         n = len(cluster)
         self.cluster = readonly(cluster, np.int32, (n,), "cluster")
         self.closed = readonly(closed, np.bool_, (n,), "closed")
@@ -46,12 +53,19 @@ class PrismTable(Sequence[Prism]):
             raise ValueError("prisms: top must be less than bottom (z is down)")
 
     @classmethod
-    def written(
-        cls, cluster: NDArray[np.int32], heights_m: NDArray[np.float32], closed: NDArray[np.bool_],
-        margin_m: NDArray[np.float32], vertex_begin: NDArray[np.int32], edge_begin: NDArray[np.int32],
-        vertices_m: NDArray[np.float32], plane: NDArray[np.int32],
-    ) -> PrismTable:  # fmt: skip
-        """Of arrays that our own kernels have just written, which fit; they become read-only."""
+    def from_trusted(
+        cls,
+        *,
+        cluster: NDArray[np.int32],
+        heights_m: NDArray[np.float32],
+        closed: NDArray[np.bool_],
+        margin_m: NDArray[np.float32],
+        vertex_begin: NDArray[np.int32],
+        edge_begin: NDArray[np.int32],
+        vertices_m: NDArray[np.float32],
+        plane: NDArray[np.int32],
+    ) -> PrismTable:
+        """A table without checks, of arrays that a kernel has just written; they become read-only."""
         table = object.__new__(cls)
         table.cluster, table.heights_m, table.closed, table.margin_m = cluster, heights_m, closed, margin_m
         table.vertex_begin, table.edge_begin = vertex_begin, edge_begin
@@ -61,7 +75,7 @@ class PrismTable(Sequence[Prism]):
         return table
 
     def moved(self, heights_m: NDArray[np.float32], vertices_m: NDArray[np.float32]) -> PrismTable:
-        """The same prisms in another place, of arrays that our own kernels have just written, which fit; they become
+        """The same prisms in another place, without checks, of arrays that a kernel has just written; they become
         read-only."""
         table = object.__new__(PrismTable)
         table.cluster, table.closed, table.margin_m, table.plane = self.cluster, self.closed, self.margin_m, self.plane
@@ -87,10 +101,14 @@ class PrismTable(Sequence[Prism]):
         k = key % n
         top, bottom = self.heights_m[k].tolist()
         return Prism(
-            cluster=int(self.cluster[k]), top_m=top, bottom_m=bottom, closed=bool(self.closed[k]),
-            margin_m=float(self.margin_m[k]), vertices_m=self.vertices_m[self.vertex_begin[k] : self.vertex_begin[k + 1]],
+            cluster=int(self.cluster[k]),
+            top_m=top,
+            bottom_m=bottom,
+            closed=bool(self.closed[k]),
+            margin_m=float(self.margin_m[k]),
+            vertices_m=self.vertices_m[self.vertex_begin[k] : self.vertex_begin[k + 1]],
             plane=self.plane[self.edge_begin[k] : self.edge_begin[k + 1]],
-        )  # fmt: skip
+        )
 
 
 def prism_table(prisms: Iterable[Prism]) -> PrismTable:
@@ -101,16 +119,16 @@ def prism_table(prisms: Iterable[Prism]) -> PrismTable:
     vertices = [np.zeros((0, 2), np.float32), *(prism.vertices_m for prism in every)]
     edges = [np.zeros(0, np.int32), *(prism.plane for prism in every)]
     return PrismTable(
-        np.array([prism.cluster for prism in every], np.int32),
-        np.array([(prism.top_m, prism.bottom_m) for prism in every], np.float32).reshape(-1, 2),
-        np.array([prism.closed for prism in every], np.bool_),
-        np.array([prism.margin_m for prism in every], np.float32),
-        np.cumsum([len(part) for part in vertices], dtype=np.int32),
-        np.cumsum([len(part) for part in edges], dtype=np.int32),
-        np.concatenate(vertices),
-        np.concatenate(edges),
+        cluster=np.array([prism.cluster for prism in every], np.int32),
+        heights_m=np.array([(prism.top_m, prism.bottom_m) for prism in every], np.float32).reshape(-1, 2),
+        closed=np.array([prism.closed for prism in every], np.bool_),
+        margin_m=np.array([prism.margin_m for prism in every], np.float32),
+        vertex_begin=np.cumsum([len(part) for part in vertices], dtype=np.int32),
+        edge_begin=np.cumsum([len(part) for part in edges], dtype=np.int32),
+        vertices_m=np.concatenate(vertices),
+        plane=np.concatenate(edges),
     )
 
 
 NO_PRISMS = prism_table(())
-"""Of a frame without any."""
+"""The table of a frame without prisms."""

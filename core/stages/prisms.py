@@ -7,6 +7,7 @@ layers would take more room than the planes' own heights, each run of planes wit
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,36 @@ from ..jit import inner, kernel
 from .prism_table import NO_PRISMS, PrismTable
 
 AX, AY, BX, BY, TOP, BOTTOM = range(6)
+"""Columns of the planes of a FrameModel, which are a plain float32 table."""
+
+
+class Group(NamedTuple):
+    """A connected group of planes: members in order from left to right, the cuts between layers, index of each one's top and
+    bottom among the cuts."""
+
+    members: Any
+    cuts: Any
+    first: Any
+    last: Any
+
+
+class Profiles(NamedTuple):
+    """Tables of prisms, out: heights (M, 2) float32 top and bottom, starts (M,) int32 first edge, plane_of (E,) int32 the
+    plane of each edge. Nothing is written where they are full."""
+
+    heights: Any
+    starts: Any
+    plane_of: Any
+
+
+class Outlines(NamedTuple):
+    """Tables of the same prisms, out: vertices (V, 2) float32, greatest margin (M,) float32, cluster (M,) and first vertex
+    (M + 1,) int32."""
+
+    vertices: Any
+    margins: Any
+    clusters: Any
+    begins: Any
 
 
 @kernel
@@ -81,11 +112,11 @@ def same_planes(first, last, a, b):
 
 
 @inner
-def write_layers(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of):
+def write_layers(planes, group, end_m, size, edges, out):
     """Adds the profiles of each layer of a connected group to the tables; returns (prisms, edges).
 
-    Neighbouring layers with the same planes are one. members: in order from left to right; first, last: index of each
-    one's top and bottom among the cuts. Writes nothing where the tables are full."""
+    Neighbouring layers with the same planes are one. group: Group; out: Profiles."""
+    members, cuts, first, last = group.members, group.cuts, group.first, group.last
     begin = 0
     for layer in range(cuts.shape[0] - 1):
         if layer + 2 < cuts.shape[0] and same_planes(first, last, layer, layer + 1):
@@ -95,44 +126,44 @@ def write_layers(planes, members, cuts, first, last, end_m, size, edges, heights
             if not first[k] <= layer < last[k]:
                 continue
             if before < 0 or not meet(planes[before], planes[members[k]], end_m):
-                size = _begin(size, edges, cuts[begin], cuts[layer + 1], heights, starts)
+                size = _begin(size, edges, cuts[begin], cuts[layer + 1], out)
             before = members[k]
-            edges = _add(edges, before, plane_of)
+            edges = _add(edges, before, out)
         begin = layer + 1
     return size, edges
 
 
 @inner
-def write_runs(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of):
-    """Adds runs of meeting planes of the same heights to the tables; returns (prisms, edges)."""
+def write_runs(planes, group, end_m, size, edges, out):
+    """Adds runs of meeting planes of the same heights to the tables; returns (prisms, edges). group: Group; out: Profiles."""
+    members, cuts, first, last = group.members, group.cuts, group.first, group.last
     before = -1
     for k in range(members.shape[0]):
         goes_on = before >= 0 and first[before] == first[k] and last[before] == last[k]
         if not goes_on or not meet(planes[members[before]], planes[members[k]], end_m):
-            size = _begin(size, edges, cuts[first[k]], cuts[last[k]], heights, starts)
+            size = _begin(size, edges, cuts[first[k]], cuts[last[k]], out)
         before = k
-        edges = _add(edges, members[k], plane_of)
+        edges = _add(edges, members[k], out)
     return size, edges
 
 
 @inner
-def _begin(size, edges, top, bottom, heights, starts):
-    if size < heights.shape[0]:
-        heights[size, 0], heights[size, 1], starts[size] = top, bottom, edges
+def _begin(size, edges, top, bottom, out):
+    if size < out.heights.shape[0]:
+        out.heights[size, 0], out.heights[size, 1], out.starts[size] = top, bottom, edges
     return size + 1
 
 
 @inner
-def _add(edges, plane, plane_of):
-    if edges < plane_of.shape[0]:
-        plane_of[edges] = plane
+def _add(edges, plane, out):
+    if edges < out.plane_of.shape[0]:
+        out.plane_of[edges] = plane
     return edges + 1
 
 
 @kernel
-def cut_into_prisms(planes, join_m, end_m, heights, starts, plane_of):
-    """(prisms, edges) of planes (N, 6) float32. heights (M, 2) float32, starts (M,) and plane_of (E,) int32: tables of
-    prisms, out: top and bottom, first edge, plane of each edge.
+def cut_into_prisms(planes, join_m, end_m, out):
+    """(prisms, edges) of planes (N, 6) float32. out: Profiles.
 
     Tops closer than join_m become the highest of them, bottoms the lowest: z is down, so both only ever grow a plane. A
     group is written as layers or as runs, whichever takes fewer vertices and prisms; a group of n planes never takes
@@ -157,25 +188,28 @@ def cut_into_prisms(planes, join_m, end_m, heights, starts, plane_of):
         bottoms = -bottoms
         cuts = np.unique(np.concatenate((tops, bottoms)))
         first, last = np.searchsorted(cuts, tops), np.searchsorted(cuts, bottoms)
-        runs = write_runs(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of)
+        group = Group(members, cuts, first, last)
+        runs = write_runs(planes, group, end_m, size, edges, out)
         if members.shape[0] > 1:
             room = 2 * (runs[0] - size) + runs[1] - edges
-            free = heights[heights.shape[0] :], starts[starts.shape[0] :], plane_of[plane_of.shape[0] :]
-            layers = write_layers(planes, members, cuts, first, last, end_m, size, edges, *free)
+            heights, starts, plane_of = out.heights, out.starts, out.plane_of
+            none = Profiles(heights[heights.shape[0] :], starts[starts.shape[0] :], plane_of[plane_of.shape[0] :])
+            layers = write_layers(planes, group, end_m, size, edges, none)
             if 2 * (layers[0] - size) + layers[1] - edges < room:
-                runs = write_layers(planes, members, cuts, first, last, end_m, size, edges, heights, starts, plane_of)
+                runs = write_layers(planes, group, end_m, size, edges, out)
         size, edges = runs
     return size, edges
 
 
 @inner
-def draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins, clusters, begins):
-    """Vertices (V, 2), greatest margin (N,), cluster (N,) and first vertex (N + 1,) of each of N prisms, out: one vertex
-    before its edges, the left end of its first plane, and the right end of each."""
+def draw_profiles(count, planes, margin_m, cluster, profiles, out):
+    """Fills Outlines of `count` prisms: one vertex before its edges, the left end of its first plane, and the right end of
+    each. profiles: Profiles."""
+    starts, plane_of, vertices, margins = profiles.starts, profiles.plane_of, out.vertices, out.margins
     at = 0
-    for k in range(margins.shape[0]):
+    for k in range(count):
         first = plane_of[starts[k]]
-        clusters[k], begins[k] = cluster[first], at
+        out.clusters[k], out.begins[k] = cluster[first], at
         vertices[at, 0], vertices[at, 1] = planes[first, AX], planes[first, AY]
         at += 1
         most = margin_m[first]
@@ -185,17 +219,16 @@ def draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins
             at += 1
             most = max(most, margin_m[p])
         margins[k] = most
-    begins[margins.shape[0]] = at
+    out.begins[count] = at
 
 
 @kernel
-def write_prisms(
-    planes, margin_m, cluster, join_m, end_m, heights, starts, plane_of, vertices, margins, clusters, begins
-):  # fmt: skip
-    """(prisms, edges): tables of both by `cut_into_prisms` and `draw_profiles`, out, with room for all."""
-    size, edges = cut_into_prisms(planes, join_m, end_m, heights, starts[:-1], plane_of)
+def write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines):
+    """(prisms, edges): `cut_into_prisms` and `draw_profiles`. profiles, outlines: out, with room for all, and one start more."""
+    starts = profiles.starts
+    size, edges = cut_into_prisms(planes, join_m, end_m, Profiles(profiles.heights, starts[:-1], profiles.plane_of))
     starts[size] = edges
-    draw_profiles(planes, margin_m, cluster, starts, plane_of, vertices, margins[:size], clusters, begins)
+    draw_profiles(size, planes, margin_m, cluster, profiles, outlines)
     return size, edges
 
 
@@ -212,10 +245,15 @@ def layered_prisms(
     heights, vertices = np.empty((room, 2), np.float32), np.empty((2 * room, 2), np.float32)
     starts, plane_of, begins = np.empty(room + 1, np.int32), np.empty(room, np.int32), np.empty(room + 1, np.int32)
     margins, clusters = np.empty(room, np.float32), np.empty(room, np.int32)
-    size, edges = write_prisms(
-        planes, margin_m, cluster, join_m, end_m, heights, starts, plane_of, vertices, margins, clusters, begins
+    profiles, outlines = Profiles(heights, starts, plane_of), Outlines(vertices, margins, clusters, begins)
+    size, edges = write_prisms(planes, margin_m, cluster, join_m, end_m, profiles, outlines)
+    return PrismTable.from_trusted(
+        cluster=clusters[:size],
+        heights_m=heights[:size],
+        closed=np.zeros(size, bool),
+        margin_m=margins[:size],
+        vertex_begin=begins[: size + 1],
+        edge_begin=starts[: size + 1],
+        vertices_m=vertices[: edges + size],
+        plane=plane_of[:edges],
     )
-    return PrismTable.written(
-        clusters[:size], heights[:size], np.zeros(size, bool), margins[:size], begins[: size + 1], starts[: size + 1],
-        vertices[: edges + size], plane_of[:edges],
-    )  # fmt: skip

@@ -1,6 +1,6 @@
 """Which rows of a column count: those with a measurement that is neither ground nor below it.
 
-A column is looked at in two ways: row by row, with a mark for each row, where many rows are done at a time; and as a
+A column has two representations: row by row, with a mark for each row, where many rows are done at a time; and as a
 list of the pixels that are open, px: (2, V + 8) int32 with a line for each of ROW and CODE, from top to bottom.
 """
 
@@ -16,7 +16,7 @@ ROW, CODE = range(2)
 """Lines of a list of pixels: their row and their code."""
 NO_PEAK, TAKEN, CLOSED = 253, 254, 255
 """Marks of a row besides the number of the peak that it belongs to: of none; in a strip; not measured, far or ground. Up
-to NO_PEAK a row is open: measured, and nobody has it yet. The greater of two marks is the one that stays."""
+to NO_PEAK a row is open: measured, and in no strip yet. The greater of two marks is the one that stays."""
 
 MAX_TILES = 16
 """Parts of the view that have limits of their own (resolution of a look-up; no result depends on it)."""

@@ -177,7 +177,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
             for q in range(found):
                 m = near[q]
                 track, last = tracks[front_track[m]], strips[front_strip[m]]
-                # a depth jump is another surface, however little a short track knows of its slope
+                # a depth jump is another surface, however uncertain the slope of a short track
                 if is_jump(strip, last, settings) or not heights_go_on(
                     strip.cut, ends.top_m, ends.bottom_m, track, settings.height_step_m
                 ):

@@ -15,6 +15,8 @@ from ..jit import record, record_of
 from ..params import Params
 from .density import BinTable, bin_table
 from .merge_cost import merge_rules
+from .model import publish_settings
+from .openings import OPENING_SETTINGS
 from .plane_settings import plane_settings
 from .strips import PX
 from .view_geometry import ViewGeometry
@@ -77,13 +79,15 @@ class Settings:
     """What the kernels of one view need to know.
 
     valid_for: what it was made of. strips: (1,) STRIP_SETTINGS. bins: of disparity. planes: (1,) PLANE_SETTINGS. merge: (1,)
-    MERGE_RULES."""
+    MERGE_RULES. openings: (1,) OPENING_SETTINGS. publish: (1,) PUBLISH_SETTINGS, whose ground and borders are of the frame."""
 
     valid_for: tuple[float, ...]
     strips: NDArray[Any]
     bins: BinTable
     planes: NDArray[Any]
     merge: NDArray[Any]
+    openings: NDArray[Any]
+    publish: NDArray[Any]
 
 
 def settings_of(
@@ -103,6 +107,8 @@ def settings_of(
         bins=bin_table(view.f_px, view.lsb_per_px, sigma_d_px, p),
         planes=plane_settings(view.f_px, column_px, p, smeared),
         merge=merge_rules(view, ke_per_m, p, smeared),
+        openings=record_of(OPENING_SETTINGS, p),
+        publish=publish_settings(column_px / view.f_px, p),
     )
 
 

@@ -252,6 +252,51 @@ def drop_smeared_edges(
     return seen_to, int(measured), int(far)
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SmearedEdges:
+    """What `remove_smeared_edges` did. active: whether the camera smears its edges, so that ramps were taken out.
+
+    state: the next one, with the counts of edges. free_marks: (H, W) uint16, the image by which free space is judged, see
+    `drop_ramps`. measured, far: pixels taken out that were measured and that were far."""
+
+    active: bool
+    state: ExtractorState
+    free_marks: NDArray[np.uint16]
+    measured: int = 0
+    far: int = 0
+
+    @property
+    def pixels(self) -> int:
+        """All pixels taken out."""
+        return self.measured + self.far
+
+    def remaining(self, counts: tuple[int, int, int]) -> tuple[int, int, int]:
+        """Counts (measured, far, flying) of `classify` without the pixels taken out."""
+        measured, far, flying = counts
+        return measured - self.measured, far - self.far, flying
+
+
+def remove_smeared_edges(
+    state: ExtractorState,
+    depth_mm: NDArray[np.uint16],
+    marks: NDArray[np.uint16],
+    info: CameraInfo,
+    R_level_optical: Rotation,
+    ground: Ground,
+    ke_per_m: float,
+    params: Params,
+    buffers: Buffers,
+) -> SmearedEdges:
+    """Judges the camera by the edges of this frame and the frames before, and takes ramps out of marks (H, W) uint16 where it
+    smears its edges."""
+    limits = ramp_limits(info, ke_per_m, params)
+    after = observe_edges(state, depth_mm, limits, params)
+    if not smears(after, params):
+        return SmearedEdges(active=False, state=after, free_marks=marks)
+    seen_to, measured, far = drop_smeared_edges(depth_mm, marks, info, R_level_optical, ground, limits, params, buffers)
+    return SmearedEdges(active=True, state=after, free_marks=seen_to, measured=measured, far=far)
+
+
 def ground_line(
     info: CameraInfo, R_level_optical: Rotation, ground: Ground, params: Params
 ) -> tuple[NDArray[np.float64], float]:

@@ -117,7 +117,7 @@ def kth_largest(values, n, k):
 @inner_inline
 def add_strip(out, room, u, pixels, support, kind, disparity_px, near_px, sigma_px):
     """Appends a strip. A column that has `room` strips extends its last one instead: from end to end, at the nearer of
-    both distances. Nothing is dropped, and counts.merged says how often that was."""
+    both distances. Nothing is dropped, and counts.merged counts how often that was."""
     n = out.counts.strips
     top, bottom, filled = pixels.top, pixels.bottom, pixels.filled
     if n - out.counts.in_columns_before < room:

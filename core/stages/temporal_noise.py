@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..params import Params
-from ..types import ExtractorState
-from .classify import noise_tiles
+from ..types import CameraInfo, ExtractorState
+from .classify import estimate_ke, measured_mm, noise_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
 """Grid of the sampled pixels: 20 px apart at 640x480, farther than the noise of a D435 is correlated."""
@@ -100,7 +100,7 @@ def observe(
     measured_mm: tuple[int, int],
     params: Params,
 ) -> ExtractorState:
-    """The state after a frame: `still_ke_per_m` with what this frame tells, and the samples a later one is held against.
+    """The state after a frame: `still_ke_per_m` updated by this frame, and the samples that a later one is compared with.
 
     depth_mm, marks: (H, W) uint16, as measured and of `classify`. measured_mm: (least, greatest) that count as measured. Motion
     adds more to differences over time than noise hides from a short step within the image. The samples are `noise_time_frames` old when they are
@@ -120,3 +120,21 @@ def observe(
             memory = p.noise_memory if math.isfinite(ke) else 0.0
             ke = sigma if memory == 0.0 else math.exp(memory * math.log(ke) + (1.0 - memory) * math.log(sigma))
     return replace(state, still_ke_per_m=ke, samples_mm=samples, samples_age=0)
+
+
+def estimate_noise(
+    state: ExtractorState,
+    depth_mm: NDArray[np.uint16],
+    marks: NDArray[np.uint16],
+    info: CameraInfo,
+    ke_per_m: float,
+    params: Params,
+) -> tuple[float, ExtractorState]:
+    """(noise constant ke of this frame, 1/m; the state after it) by `observe` and `estimate_ke`. ke_per_m: used so far."""
+    focal_px = info.intrinsics.fx
+    after = observe(state, depth_mm, marks, focal_px, measured_mm(info, ke_per_m, params), params)
+    # the first measurement over time replaces all estimates before it
+    first = math.isfinite(after.still_ke_per_m) and not math.isfinite(state.still_ke_per_m)
+    last = math.nan if first else state.ke_per_m
+    ke = estimate_ke(marks, focal_px, info.ke_per_m, last, after.still_ke_per_m, params)
+    return ke, replace(after, ke_per_m=ke)

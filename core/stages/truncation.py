@@ -1,8 +1,8 @@
-"""What the range clip took from a surface just before it: the mean of what is left stands too near (ours).
+"""Correction of the range clip: the mean of the pixels left of a surface just before the clip is too near (not in the paper).
 
 Pixels beyond `clear_range_m` are far, not measured (classify.py). Of a surface less than about two sigma before that only
 the nearer part of its noise is left. In disparity that noise is normal and of known size, so what is left is a normal
-distribution cut off at the clip's disparity, and its mean tells the mean of the whole.
+distribution cut off at the clip's disparity, and its mean determines the mean of the whole.
 """
 
 from __future__ import annotations

@@ -21,4 +21,4 @@ def test_a_tapped_call_gives_the_same_model_and_copies_of_what_its_stages_saw() 
     given = calls.of("classify").before[0]
     assert np.array_equal(given, shot.depth_mm[0])
     assert given is not shot.depth_mm[0]
-    assert {"level_safe", "extract_strips", "layered_prisms"} <= set(calls.names())
+    assert {"level_view", "extract_strips", "layered_prisms"} <= set(calls.names())

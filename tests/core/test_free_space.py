@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import free_space as fs
 from core.stages.ground import NO_GROUND
-from core.stages.view_geometry import ViewGeometry
+from core.stages.view_geometry import SOURCE, ViewGeometry
 from core.types import FreeEnd, FreeProfile, Ground
 
 from . import naive
@@ -82,9 +82,9 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     H[2] = right / F, down / F, ahead - right * 11.5 / F - down * 44.5 / F
     g = view(cols=24, rows=rows)._replace(cv=44.5, cu=11.5, H=H)
     ground = Ground(seen=bool(rng.random() < 0.5), height_m=1.3, slope_x=0.02, slope_y=-0.1, blind_beyond_m=7.0)
-    w = fs.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))
+    w = fs.walk_settings(g, ground, clear_m, KE, Params(profile_block_px=asked))[0]
     behind = np.full((3, len(ring_m)), -1, np.int32)
-    fs.codes_behind(F * QUANTUM, 2 * KE, 0.3, ring_m, edges_t, layers, w, behind)
+    fs.codes_behind(ring_m, edges_t, layers, w, behind)
 
     to_source = np.eye(3)  # an image of 40 x 100 pixels that is shifted and turned against the view
     to_source[0, 2], to_source[1] = rng.uniform(0.0, 15.0), [0.3 * rng.standard_normal(), 1.0, rng.uniform(-10.0, 20.0)]
@@ -94,14 +94,16 @@ def test_counting_and_walking_against_every_cell(seed: int) -> None:
     def depth(x: float, ts: np.ndarray, zs: list[float]) -> float:
         return max(ahead * x + right * t * x + down * z for t in ts for z in zs)
 
-    fs.walk_view(codes, 11.5, F, to_source, (40, 100), edges_t, behind, ring_m, layers, w, start, to, end)
+    image = np.array([(40, 100, 1.0, 0.0, clear_m, 20.0)], SOURCE)[0]
+    ranges = fs.FreeRanges(start, to, end)
+    fs.walk_view(codes, g._replace(H=to_source), image, edges_t, behind, ring_m, layers, w, ranges)
     for d in range(3):
         for layer in range(3):
             first, last, why = naive.free_walk(
                 codes, weight, inside, direction, d, layers[layer], layers[layer + 1], ring_m, 44.5, F, block, 0.8,
                 lambda cells, x, zs=layers[layer : layer + 2]: sees_through(cells, x, depth(x, edges_t, zs) / x),
                 lambda x, t=0.5 * (edges_t[d] + edges_t[d + 1]): fs.lowest_clear(t, x, w),
-                lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w[fs.W_LEAST], w[fs.W_BLIND],
+                lambda x, z0, z1, ts=edges_t[d : d + 2]: depth(x, ts, [z0, z1]) <= clear_m, w.least_m, w.blind_beyond_m,
             )  # fmt: skip
             want = (ring_m[first], ring_m[last]) if first >= 0 else (0.0, 0.0)
             assert (start[d, layer], to[d, layer]) == want
@@ -141,7 +143,8 @@ def profile(
     codes: np.ndarray, g: ViewGeometry, ground: Ground = NO_GROUND, clear_m: float = 19.0, **params: float
 ) -> FreeProfile:
     planes = plane_table(room=1)
-    seen = fs.seen_free(codes, g, codes.shape, ground, clear_m, KE, Params(**{**THICK, **params}))
+    source = np.array([(*codes.shape, 1.0, 0.0, clear_m, 20.0)], SOURCE)
+    seen = fs.observe_free(codes, g, source, ground, KE, Params(**{**THICK, **params}))
     return fs.free_profile(seen, 0, planes, np.zeros(0, np.float32))
 
 
@@ -227,12 +230,12 @@ def test_a_ball_between_floor_and_ceiling_fits_into_free_layers() -> None:
 def test_layers_go_down_to_what_can_be_told_from_the_ground() -> None:
     p = Params()
     ground = Ground(seen=True, height_m=2.0, slope_x=0.02, slope_y=-0.01)
-    w = fs.walk_settings(view(), ground, 19.0, 0.005, p)
+    w = fs.walk_settings(view(), ground, 19.0, 0.005, p)[0]
     for t in (0.0, 0.4):
         for x in (1.0, 10.0, 18.0):
             surface = 2.0 + 0.02 * x - 0.01 * t * x
             assert fs.lowest_clear(t, x, w) == pytest.approx(surface - max(0.25, 4 * 0.005 * x * 2.0))
-    assert fs.lowest_clear(0.0, 10.0, fs.walk_settings(view(), NO_GROUND, 19.0, 0.005, p)) > 1e5
+    assert fs.lowest_clear(0.0, 10.0, fs.walk_settings(view(), NO_GROUND, 19.0, 0.005, p)[0]) > 1e5
 
 
 def test_nothing_below_the_ground_is_free() -> None:

@@ -14,6 +14,7 @@ from core.stages import strips as strip_table
 from core.stages.classify import classify, measured_mm
 from core.stages.ground import (
     NO_GROUND,
+    POINT,
     drop_ground_noise,
     find_ground,
     ground_noise_test,
@@ -48,7 +49,7 @@ def ground_image(
 def find(
     depth: np.ndarray, info: CameraInfo, R: np.ndarray, ke: float = 0.0015, seed: float = math.nan, p: Params = P
 ) -> Ground:
-    points = np.zeros((p.ground_max_samples, 7), np.float32)
+    points = np.zeros(p.ground_max_samples, POINT)
     marks = np.empty(depth.shape, np.uint16)
     classify(depth, *measured_mm(info, ke, p), 1e9, 0.0, marks)
     return find_ground(marks, info, R, ke, seed, p, points)
@@ -244,7 +245,7 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
     k, R = info.intrinsics, level(pitch)
     image = rng.integers(1500, 9000, (24, 20)).astype(np.uint16)
     image[rng.random(image.shape) < 0.2] = rng.choice([0, FAR_MM])
-    tuning, points = ground_settings(24, P), np.zeros((P.ground_max_samples, 7), np.float32)
+    tuning, points = ground_settings(24, P)[0], np.zeros(P.ground_max_samples, POINT)
     n, _ = vote(
         image, R, np.array([k.fx, k.fy, k.cx, k.cy]), 0.005, 2, 2, tuning, np.zeros(height_bins(P), np.int32), points
     )
@@ -254,9 +255,9 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
     def place(u: int, v: int) -> np.ndarray:
         return R @ np.array([(u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0]) * (image[v, u] / 1000.0)
 
-    for (u, v), got in zip(at, points[:n].astype(float), strict=True):
+    for (u, v), got in zip(at, points[:n], strict=True):
         x, y, z = place(u, v)
-        assert got[:3] == pytest.approx([x, y, z], rel=1e-5, abs=1e-5)
+        assert [got.x, got.y, got.z] == pytest.approx([x, y, z], rel=1e-5, abs=1e-5)
         want = (0.0, 0.0)
         if z >= P.ground_min_height_m and x > 0.0:
             climb_min = min(P.ground_pair_climb_min_m, 2.0 * z / 3.0)
@@ -265,7 +266,7 @@ def test_the_pairs_of_pixels_against_their_definition(seed: int, pitch: float) -
             if above >= 0 and image[above, u] not in (0, FAR_MM) and place(u, above)[0] > 0.0:
                 x2, _, z2 = place(u, above)
                 want = (z / x - z2 / x2, 1.0 / x - 1.0 / x2)
-        assert got[5:] == pytest.approx(want, rel=1e-3, abs=1e-5)
+        assert (got.tangent_step, got.inverse_step) == pytest.approx(want, rel=1e-3, abs=1e-5)
 
 
 @pytest.mark.nojit

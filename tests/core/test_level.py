@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.level import level_as_it_is, level_nearest, level_safe, pool_columns
+from core.stages.level import fill_level, level_as_it_is, level_nearest, pool_columns
 from core.stages.view_geometry import (
     ViewGeometry,
     outside_source,
@@ -38,7 +38,7 @@ def random_marks(rng: np.random.Generator) -> np.ndarray:
 def levelled(marks: np.ndarray, info: CameraInfo, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, ViewGeometry]:
     g = view_geometry(info, R, P)
     out, picked = np.full((g.cols, g.rows), 7, np.uint16), np.ones(marks.size, np.uint8)
-    level_safe(marks, info, R, g, out, picked)
+    fill_level(marks, info, R, g, out, picked)
     return out, picked.reshape(marks.shape), g
 
 

@@ -10,13 +10,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from core.buffers import Buffers
+from core.jit import record_of
 from core.params import Params
 from core.stages import openings, refine
 from core.stages import planes as pl
 from core.stages import strips as s
 from core.stages.evidence import Evidence
 from core.stages.ground import NO_GROUND
-from core.stages.model import published_planes
+from core.stages.model import PublishedPlanes, publish_settings, published_planes
 from core.stages.openings import OpeningMasks
 from core.stages.plane_settings import plane_settings
 from core.stages.view_geometry import ViewGeometry
@@ -151,17 +152,21 @@ def test_a_rough_strip_is_not_pushed_behind_itself_by_its_neighbours() -> None:
         assert planes[0].front_m == pytest.approx(front, abs=0.01)
 
 
-def test_planes_that_died_are_not_told_and_the_others_keep_their_order() -> None:
+def published(count: int, planes: np.ndarray, ground: Ground = NO_GROUND) -> PublishedPlanes | None:
+    return published_planes(count, planes, ground, view(), P, publish_settings(1.0 / F, P))
+
+
+def test_hidden_planes_are_not_published_and_the_others_keep_their_order() -> None:
     planes = plane_table(*((x, -1.0, x, 1.0, -1.0, 1.0) for x in (5.0, 6.0, 7.0, 8.0)))
     planes["cluster"][:4], planes["support"][:4] = (0, 1, 2, 3), (160, -1, 320, -1)
-    told = published_planes(4, planes, NO_GROUND, view(), P)
+    told = published(4, planes)
     assert told is not None
     rows, margin, flags, support_px, cluster = told
     assert rows[:, 0].tolist() == pytest.approx([5.0, 7.0], abs=1e-4)
     assert (support_px.tolist(), cluster.tolist()) == ([10, 20], [0, 2])
     assert len(margin) == len(flags) == 2
     ground = Ground(seen=True, height_m=0.5)
-    told = published_planes(2, planes, ground, view(), P)
+    told = published(2, planes, ground)
     assert told is not None
     rows = told[0]
     assert rows[:, 5].tolist() == pytest.approx([0.5 + P.ground_tolerance_m] * 2, abs=1e-4)
@@ -171,9 +176,9 @@ def test_planes_that_died_are_not_told_and_the_others_keep_their_order() -> None
 @pytest.mark.parametrize("name", ["a", "b", "t0", "t1", "top_m", "bottom_m", "front_m"])
 def test_where_a_plane_is_not_finite_none_is_published(name: str, number: float) -> None:
     planes = plane_table((5.0, -1.0, 5.0, 1.0, -1.0, 1.0), (7.0, -1.0, 7.0, 1.0, -1.0, 1.0))
-    assert published_planes(2, planes, NO_GROUND, view(), P) is not None
+    assert published(2, planes) is not None
     planes[name][1] = number
-    assert published_planes(2, planes, NO_GROUND, view(), P) is None
+    assert published(2, planes) is None
 
 
 # ---- refine -----------------------------------------------------------------------------------------------------
@@ -417,7 +422,8 @@ def test_the_nearest_object_in_a_cell_against_its_definition(seed: int, cell: in
 
 def masks_of(codes: np.ndarray) -> tuple[OpeningMasks, ViewGeometry]:
     g = view(rows=codes.shape[1], cols=codes.shape[0])
-    return openings.find_openings(codes, np.zeros(1, s.STRIP), 0, g, 20.0, P, Buffers()), g
+    settings = record_of(openings.OPENING_SETTINGS, P)
+    return openings.find_openings(codes, np.zeros(1, s.STRIP), 0, g, 20.0, settings, Buffers()), g
 
 
 def test_an_opening_in_a_wall_is_open_at_the_wall_and_its_frame_is_not() -> None:

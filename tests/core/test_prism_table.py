@@ -47,7 +47,7 @@ def test_a_prism_that_is_not_there(key: int) -> None:
 def made(**changed: np.ndarray) -> PrismTable:
     table = prism_table(PRISMS)
     names = ("cluster", "heights_m", "closed", "margin_m", "vertex_begin", "edge_begin", "vertices_m", "plane")
-    return PrismTable(*(changed.get(name, getattr(table, name)) for name in names))
+    return PrismTable(**{name: changed.get(name, getattr(table, name)) for name in names})
 
 
 def test_wrong_tables_are_refused() -> None:

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core import extractor
 from core.extractor import Extractor
 from core.params import Params
+from core.stages import plane_shaping
 from core.stages.classify import clear_range_m
 from core.stages.plane_shaping import shape_planes
 from core.types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics, InvalidCause
@@ -402,7 +402,7 @@ def test_a_frame_one_of_whose_planes_is_no_numbers_is_blind_and_teaches_nothing(
 
     ex, state = Extractor(Params()), ExtractorState(ground_height_m=1.5, ke_per_m=0.003)
     assert ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), state)[0].valid
-    monkeypatch.setattr(extractor, "shape_planes", spoilt)
+    monkeypatch.setattr(plane_shaping, "shape_planes", spoilt)
     model, after = ex.extract(flat_wall(VIEW, 6.0), VIEW, level(), state)
     assert says_nothing(model, InvalidCause.NON_FINITE)
     assert after == state
