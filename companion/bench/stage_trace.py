@@ -125,7 +125,7 @@ def _is_composite(value: object) -> bool:
 def _is_stage(value: object, host: ModuleType) -> bool:
     """Whether it is a function (compiled or not) of another module of core than the host."""
     module = str(getattr(value, "__module__", ""))
-    own = module == host.__name__ and not _of_host(value)
+    own = module == host.__name__ and not _is_composite(value)
     return callable(value) and not isinstance(value, type) and module.startswith("core.") and not own
 
 
