@@ -164,7 +164,7 @@ def test_decisions_return_unchanged(cutoff):
 
 def test_a_state_returns_unchanged():
     cameras = (
-        ("front", CameraState(ExtractorState(3.25, 0.004, 0.003, b"\x01\x02", 2), START_NS)),
+        ("front", CameraState(ExtractorState(3.25, 0.004, 0.003, b"\x01\x02", 2, 120.5, 7.25), START_NS)),
         ("rear", CameraState(ExtractorState(1.0, 0.1))),
     )
     state = PipelineState(cameras, (attitude(0), attitude(20)), (pose(5),))
