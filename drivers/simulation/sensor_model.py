@@ -141,15 +141,15 @@ def _box_sum(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
 def _smeared(inverse: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     """1/Z (H, W), 0: nothing, as a matcher with a window of `width` px sees it: near surfaces a third of the window larger, steps
     ramps of its width. What borders on nothing keeps its outline, and so do steps above SMEARED_STEP_PER_M."""
-    grown = _greatest(inverse, width // 3)
-    half = width // 2
+    grow, half = width // 3, width // 2
+    grown = _greatest(inverse, grow)
     padded = np.pad(np.where(inverse > 0.0, grown, 0.0), half)
     known = np.pad((inverse > 0.0).astype(np.float64), half)
     size = 2 * half + 1
     total, count = (_box_sum(_box_sum(a, size).T, size).T for a in (padded, known))
     mean = total / np.maximum(count, 1.0)
-    least = -_greatest(np.where(inverse > 0.0, -inverse, -np.inf), half)
-    smooth = _greatest(inverse, half) - least <= SMEARED_STEP_PER_M
+    least = -_greatest(np.where(inverse > 0.0, -inverse, -np.inf), half + grow)
+    smooth = _greatest(inverse, half + grow) - least <= SMEARED_STEP_PER_M
     return np.where((inverse > 0.0) & smooth, mean, inverse)
 
 

@@ -131,3 +131,21 @@ def test_the_default_noise_is_that_of_a_real_camera_and_white_noise_can_be_had()
     blobs = measure(flat(5.0), INFO, SensorModel(ke_per_m=0.005), 1).astype(float)
     assert np.std(flat_white) == pytest.approx(np.std(blobs), rel=0.1)
     assert np.std(np.diff(blobs)) < 0.5 * np.std(np.diff(flat_white))
+
+
+def test_a_smearing_camera_turns_steps_into_ramps_and_keeps_what_borders_on_nothing() -> None:
+    info = camera_info(160, 24, max_range_m=20.0)
+    depth_m = np.full((24, 160), 9.0)
+    depth_m[:, 40:80] = 5.0
+    depth_m[:, 120:] = np.inf
+    inverse = 1000.0 / measure(depth_m, info, SensorModel(smear_px=9.0), 1)[:, :120]
+    sharp = 1000.0 / measure(depth_m, info, SensorModel(), 1)[:, :120]
+    between = (inverse > 1 / 8.8) & (inverse < 1 / 5.1)
+    assert not ((sharp > 1 / 8.8) & (sharp < 1 / 5.1)).any()
+    assert (between.sum(axis=1) >= 12).all(), "two ramps"
+    assert (inverse[:, 40:80] > 1 / 5.01)[:, 2:-2].all(), "the near surface has grown"
+    assert np.all(np.diff(inverse[12, 28:42]) >= 0.0)
+    np.testing.assert_array_equal(measure(depth_m, info, SensorModel(smear_px=9.0), 1)[:, 120:], 0)
+    depth_m[:, 40:80] = 2.0
+    steep = measure(depth_m, info, SensorModel(smear_px=9.0), 1)[:, :120]
+    assert not ((steep > 2100) & (steep < 8900)).any(), "larger steps stay sharp"
