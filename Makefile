@@ -46,8 +46,8 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
 # bounds checks have a cache of their own, since a cached kernel without checks must not be used in their place. Tests that
-# start processes or wait for the clock come last and apart, so that no compiler and no computing test delays them. A file
-# stays with one worker: its tests share what it renders and compiles.
+# start processes or wait for the clock come last and apart, so that no compiler and no computing test delays them; four at a time,
+# since they wait for most of their time. A file stays with one worker: its tests share what it renders and compiles.
 test: lint ## all checks, at most 10 minutes on two cores (15 with an empty kernel cache)
 	@echo "== kernels without the JIT"
 	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
@@ -56,7 +56,7 @@ test: lint ## all checks, at most 10 minutes on two cores (15 with an empty kern
 	@echo "== unit tests"
 	@$(BIN)/pytest -n 2 --dist loadfile -m unit tests
 	@echo "== tests with processes, sockets and the clock"
-	@$(BIN)/pytest -n 2 --dist loadfile -m process tests
+	@$(BIN)/pytest -n 4 --dist loadfile -m process tests
 
 test-versions: $(STAMP) ## Python 3.11 to 3.13, each with the lowest and highest packages (needs the network; ARGS='--only 3.12')
 	@$(BIN)/python .ci/test_versions.py $(ARGS)
@@ -65,7 +65,7 @@ SEED ?= $(shell date +%s)
 nightly: $(STAMP) ## slow tests, and property tests with new examples; SEED=N repeats those of a run
 	@echo "hypothesis seed: $(SEED)"
 	@$(BIN)/pytest -n 2 --hypothesis-profile=nightly --hypothesis-seed=$(SEED) -m "not soak and not vm" tests/core tests/client tests/drivers tests/companion
-	@$(BIN)/pytest -n 2 -m slow tests/benchmarks
+	@$(BIN)/pytest -n 2 -m slow tests/benchmarks tests/system
 
 # What we compare with is large (1.2 GB) and only for the section `peers`; one that has no wheel here is left out.
 $(PEERS): $(STAMP) .ci/constraints-peers.txt

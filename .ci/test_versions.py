@@ -28,7 +28,9 @@ RESOLUTIONS = {"lowest": "lowest-direct", "highest": "highest"}
 """Name -> strategy of `uv pip install`. lowest-direct: the lowest allowed versions of the dependencies that pyproject.toml
 names; the resolver takes the lowest one that has a wheel for the interpreter."""
 TOOLS = ("pytest>=8", "hypothesis>=6.100", "setuptools>=77")
-SUBSET = ("tests/core/test_example.py", "tests/test_golden.py")
+EXAMPLE = "examples/planes_from_depth.py"
+"""Extracts one frame and prints its planes."""
+SUBSET = ("tests/test_golden.py",)
 IMPORT_ALL = """
 import importlib, pkgutil, sys
 optional = {"depthai", "linuxpy", "matplotlib", "foxglove", "ompl"}
@@ -119,6 +121,16 @@ def tested(version: str, resolution: str, folder: Path, uv: Path, arguments: lis
     if imported.returncode != 0:
         return Outcome(version, resolution, "failed", f"cannot be imported:\n{imported.stderr}")
     versions = imported.stdout.strip().splitlines()[-1]
+    one = subprocess.run(
+        [python, EXAMPLE],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment | {"PYTHONPATH": str(ROOT)},
+        cwd=ROOT,
+    )
+    if one.returncode != 0 or " m up, margin " not in one.stdout:
+        return Outcome(version, resolution, "failed", f"{versions}; {EXAMPLE}:\n{one.stdout}{one.stderr}")
     command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *(arguments or SUBSET)]
     passed = subprocess.run(command, env=environment, cwd=ROOT, check=False).returncode == 0
     return Outcome(version, resolution, "passed" if passed else "failed", versions)

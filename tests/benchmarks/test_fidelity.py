@@ -114,6 +114,7 @@ def test_faults_one_by_one() -> None:
     assert off["all"] > off["mismatches"]
 
 
+@pytest.mark.slow
 def test_table_and_json_of_a_small_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "rows.json"
     args = [

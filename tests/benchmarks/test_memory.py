@@ -79,6 +79,7 @@ class Hoarder(Extractor):
         return super().extract(depth, info, R, state, **kwargs)
 
 
+@pytest.mark.slow
 def test_an_extractor_that_keeps_images_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "Extractor", Hoarder)
     shots = shots_of([SIZES[0]], KINDS[-1:])
@@ -101,6 +102,7 @@ class Leaker(Extractor):
         return super().extract(depth, info, R, state, **kwargs)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(in_use_bytes() == 0, reason="this C library does not tell what is in use")
 def test_memory_that_nobody_gives_back_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "Extractor", Leaker)
@@ -146,6 +148,7 @@ def test_the_mix_is_the_same_each_time() -> None:
         np.testing.assert_array_equal(R, R_again)
 
 
+@pytest.mark.slow
 def test_the_section_makes_its_page_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     samples = [Sample(n, 200_000_000, 20_000_000, 480_000, 90_000_000) for n in range(0, 1100, 100)]
     monkeypatch.setattr(page, "measured", lambda frames, every: samples)

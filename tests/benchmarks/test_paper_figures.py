@@ -187,6 +187,7 @@ def test_tables_show_the_printed_figures_beside_ours() -> None:
     assert "2.50 / 2.60 / 2.70" in shown
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn(tmp_path: Path) -> None:
     times = [timed(m, s, k) for m in ("safe", "grid 0.1 m") for s in (1, 4) for k in ("structured", "foliage")]
     tilts = [

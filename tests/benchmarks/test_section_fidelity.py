@@ -117,6 +117,7 @@ def parts() -> dict[str, Part]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quick_look", [True, False])
 def test_the_page_its_pictures_and_its_figures(
     quick_look: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

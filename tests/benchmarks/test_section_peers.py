@@ -120,6 +120,7 @@ def test_sentences_name_those_that_are_better_than_ours() -> None:
     assert f"than ours: {ROUGH_GRID}; nearer" in "\n".join(sentences([OURS, better], TIMES))
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_also_where_a_peer_has_no_model(tmp_path: Path) -> None:
     rows = [OURS, GRID, FINE, TREE, replace(TREE, peer="Open3D planar patches", mean_m=math.inf)]
     noisy = [
@@ -145,6 +146,7 @@ def test_figures_come_from_held_out_seeds_and_quick_is_a_few_of_them() -> None:
         assert {c.seed for c in cases_of_kind} <= set(HELD_OUT_SEEDS)
 
 
+@pytest.mark.slow
 def test_the_whole_page_in_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few: list[Peer] = [Ours("safe"), Grid(0.1), Grid(0.8)]
     small = list(cases(["wall", "trees"], HELD_OUT_SEEDS[:1], ((0, 0),), (0.0015,), width=160))

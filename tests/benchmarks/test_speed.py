@@ -141,6 +141,7 @@ def test_the_reference_workload_is_timed_apart() -> None:
     assert reference.times().cpu() > 0.0
 
 
+@pytest.mark.slow
 def test_the_section_makes_its_page_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole section on tiny images of a few kinds."""
     small, size = (96, 72), (160, 120)

@@ -15,6 +15,8 @@ from companion.pipeline.decode_model import model_from_message
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy, PlacedModel, Space
 
+pytestmark = pytest.mark.process
+
 SOURCE = Path(__file__).resolve().parents[2] / "clients" / "cpp"
 
 

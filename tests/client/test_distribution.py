@@ -24,6 +24,8 @@ from companion.streams.publisher import Publisher, Stream
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = {
     "osape-client": (ROOT / "clients" / "python", ("osape_client",)),

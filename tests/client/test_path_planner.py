@@ -96,6 +96,7 @@ def test_blind_is_nowhere_to_fly(pp: ModuleType) -> None:
         pp.plan(blind, GOAL, BOUNDS)
 
 
+@pytest.mark.slow  # the script's planner is tested above
 def test_the_script_draws_a_path_through_the_window(pp: ModuleType, tmp_path: Path) -> None:
     picture = tmp_path / "path.png"
     command = [sys.executable, ROOT / "examples" / "plan_path.py", "--unknown", "allow", "--goal", "10", "0", "0"]

@@ -29,6 +29,8 @@ from tests.companion.live import free_port, until
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame
 from tests.companion.test_surround import keeper, results, sees
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

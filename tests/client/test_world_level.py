@@ -89,9 +89,9 @@ def test_each_camera_remembers_its_own() -> None:
 
 
 def test_it_is_bounded_whatever_the_rate() -> None:
-    memory = LevelMemory()
+    memory, model = LevelMemory(), ahead()
     for k in range(2000):
-        memory.add("front", ahead(), 0.0, k * NS // 1000)
+        memory.add("front", model, 0.0, k * NS // 1000)
     picture = memory.snapshot(0.0, 2 * NS)
     assert 5 <= len(picture.planes) <= 7
     assert picture.seen_ns.max() == 1999 * NS // 1000

@@ -32,6 +32,8 @@ from osape_client.world.mirror import WorldMirror
 from tests.companion.live import until
 from tests.core.worlds import NS, house, seen, wall
 
+pytestmark = pytest.mark.process
+
 WALLS = np.array([wall(8.0, -4.0, 8.0, 4.0)])
 
 

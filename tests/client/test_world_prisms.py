@@ -89,18 +89,19 @@ def test_inside_as_shapely_says(seed: int) -> None:
     polygon = shapely.Polygon(v)
     at = rng.uniform(-6, 6, (200, 3))
     for point, found in zip(at, inside(solid, at, 0.5), strict=True):
-        expected = polygon.contains(shapely.Point(point[:2])) and -3.5 <= point[2] <= 1.5
+        expected = shapely.contains_xy(polygon, *point[:2]) and -3.5 <= point[2] <= 1.5
         assert found == expected
     to = at + rng.normal(size=at.shape) * 3
     for a, b, found in zip(at, to, way_inside(solid, at, to, 0.3), strict=True):
         s = np.linspace(0, 1, 201)[:, None]
         along = a + s * (b - a)
-        within = np.array([polygon.contains(shapely.Point(p[:2])) and -3.3 <= p[2] <= 1.3 for p in along])
+        z = along[:, 2]
+        within = shapely.contains_xy(polygon, along[:, :2]) & (z >= -3.3) & (z <= 1.3)
         if within[0] or within[-1]:
             assert found
         elif not within.any() and found:
             grown = polygon.buffer(0.1)  # it touches between two of the points
-            assert any(grown.contains(shapely.Point(p[:2])) and -3.5 <= p[2] <= 1.5 for p in along)
+            assert (shapely.contains_xy(grown, along[:, :2]) & (z >= -3.5) & (z <= 1.5)).any()
 
 
 def test_inside_of_a_house_flown_around_is_occupied_its_roof_too() -> None:

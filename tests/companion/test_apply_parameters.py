@@ -25,6 +25,8 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from .live import free_port, until
 from .test_service_avoids import PARAMETERS
 
+pytestmark = pytest.mark.process
+
 BAD = {
     PX4: {"CP_DIST": -1.0, "CP_DELAY": 0.0, "CP_GO_NO_DATA": 1, "MPC_POS_MODE": 1},
     ARDUPILOT: {

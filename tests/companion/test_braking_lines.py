@@ -30,6 +30,8 @@ from drivers.simulation.source import render
 
 from .test_braking import AVOID, CAMERA, MARGIN_M, PARAMS, SENSOR, Flight, ardupilot, facade, px4, speed_after
 
+pytestmark = pytest.mark.process
+
 NS = 1_000_000_000
 FRAME_NS = NS // 8
 LINES = pytest.mark.parametrize(("kind", "line"), [(PX4, "udp"), (ARDUPILOT, "pty")])

@@ -21,6 +21,8 @@ from companion.config.camera import CameraConfig
 from companion.config.service import SupervisorParams
 from core.types import CameraInfo, CameraMount, DepthFrame, Intrinsics
 
+pytestmark = pytest.mark.process
+
 QUICK = SupervisorParams(silent_s=0.3, restart_s=1.0, first_backoff_s=0.0, longest_backoff_s=0.2)
 
 CAMERA = textwrap.dedent("""

@@ -14,6 +14,8 @@ import companion.viewer.live_server as view_live
 from companion.live.prometheus import MetricsServer
 from companion.viewer.live_server import LiveServer
 
+pytestmark = pytest.mark.process
+
 
 class Room:
     """In place of a LivePage."""

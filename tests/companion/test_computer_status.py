@@ -18,6 +18,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, until
 
+pytestmark = pytest.mark.process
+
 STAT = "cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 {0} 0 0 {1} 0 0 0 0 0 0\ncpu1 50 10 10 {1} 20 5 5 0 0 0\nintr 5\n"
 
 

@@ -17,6 +17,8 @@ from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_con
 from companion.demo.live import DemoError, Processes, live_config, toml_of
 from companion.kernels.run_kernels import run_kernels
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

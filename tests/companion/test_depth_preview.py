@@ -16,6 +16,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import until
 
+pytestmark = pytest.mark.process
+
 Context = zmq.Context[zmq.Socket[bytes]]
 
 

@@ -24,6 +24,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .live import PATIENCE_S, Live, flown, free_port
 from .test_service_avoids import PARAMETERS
 
+pytestmark = pytest.mark.process
+
 CONFIG = """
 [[camera]]
 name = "front"

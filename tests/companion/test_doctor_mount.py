@@ -21,6 +21,8 @@ from drivers.simulation.flight_path import VehicleState
 
 from .live import NS, Live
 
+pytestmark = pytest.mark.process
+
 CONFIG = """
 [[camera]]
 name = "front"

@@ -24,6 +24,8 @@ from drivers.logs.reader import McapRecording
 from ..golden import recording_path
 from .recordings import events_of
 
+pytestmark = pytest.mark.process
+
 COMMAND = Path(sys.executable).with_name("companion")
 FRAMES = 10
 
@@ -222,6 +224,7 @@ CALLED = {"level.level_into", "ground.search_ground", "columns.extract_strips", 
 """Some of the kernels that Python calls, which alone are compiled where the others are in the cache."""
 
 
+@pytest.mark.slow
 def test_the_same_bytes_with_fresh_and_with_cached_kernels(flight: Path, prisms: Path, tmp_path: Path) -> None:
     """Every fourth kernel and some more compiled in this very run, beside callers and called ones from the cache; all read
     from the cache that it left; and (the fixture) from that of long ago. All of them compiled anew: the soak below."""

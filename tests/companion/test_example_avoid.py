@@ -12,6 +12,7 @@ import pytest
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "avoid_flight.py"
 
 
+@pytest.mark.slow  # test_braking.py flies the same approaches without a picture
 def test_the_flight_stops_and_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = tmp_path / "avoid.png"
     assert runpy.run_path(str(EXAMPLE))["main"]([str(picture)]) == 0

@@ -33,6 +33,8 @@ from drivers.simulation.flight_path import VehicleState
 from .live import free_port, until
 from .test_obstacle_sender import CAMERA, CLEAR, Sees
 
+pytestmark = pytest.mark.process
+
 NS = 1_000_000_000
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, avoid_margin_m=2.5, remember_s=0.0)
 CLEAR_CM, WALL_CM, PX4_WALL_CM = 1201, 266, 255

@@ -13,6 +13,8 @@ import pytest
 import companion.kernels.jit_cache as jit_cache
 from companion.kernels.jit_cache import VARIABLE, base_of, import_closures, prune, source_key, use_own_cache
 
+pytestmark = pytest.mark.process
+
 CALLER = """
 from numba import njit
 from .inner import inner

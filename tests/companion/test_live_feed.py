@@ -37,6 +37,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .live import until
 from .view_scenes import INFO, model
 
+pytestmark = pytest.mark.process
+
 WALL = [4.0, -1.0, 4.0, 1.0, -0.6, 0.8]
 YAW_RAD = 0.7
 

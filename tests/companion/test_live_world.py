@@ -15,6 +15,8 @@ from tests.core.worlds import seen
 
 from .live import until
 
+pytestmark = pytest.mark.process
+
 HERE = (100.0, 50.0, -2.0)
 
 

@@ -26,6 +26,8 @@ from drivers.simulation.source import camera_info
 
 from .live import until
 
+pytestmark = pytest.mark.process
+
 KEPT_A_FRAME = COLLECT_AT // 3
 
 

@@ -90,6 +90,7 @@ def test_a_gap_is_passed_where_the_vehicle_fits(pp: ModuleType, width: float, pa
 
 
 @pytest.mark.usefixtures("renders")
+@pytest.mark.slow  # the script's planner is tested above
 def test_the_script_plans_through_the_flight_of_a_log(pp: ModuleType, tmp_path: Path) -> None:
     picture = tmp_path / "path.png"
     command = [sys.executable, ROOT / "examples" / "plan_world.py", recording_path("alley"), "-o", picture]

@@ -20,6 +20,8 @@ from drivers.base import BadData, DeviceNotFound
 from osape_client.boot import boot_id
 from osape_client.proto import osape_v1_pb2 as pb
 
+pytestmark = pytest.mark.process
+
 Context = zmq.Context[zmq.Socket[bytes]]
 
 

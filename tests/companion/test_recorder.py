@@ -36,6 +36,8 @@ from drivers.base import Event
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import Rates, SimulatedFlight
 
+pytestmark = pytest.mark.process
+
 SMALL = RecordParams(file_mb=1.0, file_s=600.0, budget_mb=100.0, least_free_mb=1.0)
 
 

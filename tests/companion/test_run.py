@@ -18,6 +18,8 @@ from companion.paths import Folders
 
 from .live import free_port
 
+pytestmark = pytest.mark.process
+
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_it_ends_at_once_when_no_obstacles_are_sent_any_more(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

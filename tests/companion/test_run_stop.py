@@ -14,6 +14,8 @@ import pytest
 
 from .live import PATIENCE_S, ROOT, until
 
+pytestmark = pytest.mark.process
+
 CONFIG = """
 [[camera]]
 name = "front"

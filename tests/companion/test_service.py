@@ -21,6 +21,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
 
+pytestmark = pytest.mark.process
+
 CONFIG = """
 [[camera]]
 name = "front"

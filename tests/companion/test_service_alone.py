@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from companion.autopilot.simulate_autopilot import simulated
 from drivers.logs.reader import McapRecording
 from drivers.simulation.autopilot import ARDUPILOT
@@ -16,6 +18,8 @@ from drivers.simulation.autopilot_link import AutopilotLink, PtyEnd
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, PATIENCE_S, Live, attitude_error_deg, flown, longest_silence_s, sent_hz, until
+
+pytestmark = pytest.mark.process
 
 CAMERA = """
 [[camera]]

@@ -17,6 +17,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import NS, Live, flown, until
 
+pytestmark = pytest.mark.process
+
 CONFIG = """
 [[camera]]
 name = "front"

@@ -19,6 +19,8 @@ from .live import NS, Live, until
 from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
 from .test_service_strangers import WALL_CM
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
 def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from companion.config.loader import Config
 from companion.config.service import RecordParams
 from companion.live.event_queue import EventQueue
@@ -30,6 +32,8 @@ from drivers.simulation.source import camera_info
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .live import Live, flown, until
+
+pytestmark = pytest.mark.process
 
 CONFIG = """
 [[camera]]

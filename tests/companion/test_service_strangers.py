@@ -22,6 +22,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .live import NS, Live, flown, until
 from .test_service_avoids import CONFIG, FRONT, PARAMETERS, Told
 
+pytestmark = pytest.mark.process
+
 WALL_CM = 266
 """Of the policy stop at the simulated autopilot's AVOID_MARGIN of 2.5 m."""
 

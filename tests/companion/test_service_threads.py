@@ -24,7 +24,10 @@ from drivers.mavlink.dialect import dialect
 
 from .live import free_port, until
 
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning"),
+]
 
 
 def broken(*_: object, **__: object) -> None:

@@ -22,6 +22,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .live import Live, flown, free_port, until
 from .test_service_avoids import CONFIG, PARAMETERS, Told
 
+pytestmark = pytest.mark.process
+
 KEY = bytes(range(1, 33))
 
 

@@ -27,6 +27,8 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.transport import parse_address
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).parents[2]
 
 

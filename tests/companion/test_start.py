@@ -8,11 +8,15 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from companion.config.loader import config_of
 from companion.live.event_queue import MAX_ITEMS
 from companion.live.service import Service
 from companion.paths import Folders
 from core.types import AttitudeSample
+
+pytestmark = pytest.mark.process
 
 NOT_NEEDED = (
     "asyncio",

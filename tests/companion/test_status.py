@@ -23,6 +23,8 @@ from companion.streams.publisher import Publisher, Stream
 from osape_client import run_folder as service_run
 from osape_client.proto import osape_v1_pb2 as pb
 
+pytestmark = pytest.mark.process
+
 
 def report() -> pb.Health:
     h = pb.Health(

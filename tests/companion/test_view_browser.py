@@ -15,6 +15,8 @@ from companion.viewer.page import PageBuilder
 from .browser import Browser, opened
 from .view_scenes import blind, frame, tilted
 
+pytestmark = pytest.mark.process
+
 BANNER = "document.getElementById('banner').textContent"
 
 

@@ -26,6 +26,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .live import until
 from .test_live_feed import Told
 
+pytestmark = pytest.mark.process
+
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed (extra foxglove)")
 
 

@@ -20,6 +20,8 @@ import pytest
 from .browser import Browser, Page, opened
 from .live import ROOT, Live, flown
 
+pytestmark = pytest.mark.process
+
 CONFIG = """
 [[camera]]
 name = "front"

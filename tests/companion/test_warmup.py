@@ -17,6 +17,8 @@ import pytest
 import companion.kernels.warmup as warmup
 from companion.cli import main
 
+pytestmark = pytest.mark.process
+
 KERNEL = """
 from numba import njit
 

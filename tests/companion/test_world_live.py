@@ -14,6 +14,8 @@ from osape_client.world.mirror import WorldMirror
 from .live import PATIENCE_S, Live, flown, until
 from .test_service import CONFIG
 
+pytestmark = pytest.mark.process
+
 WORLD = '\n[publish]\nworld = "ipc://{run}/world"\nworld_requests = "ipc://{run}/world-snapshot"\n'
 
 

@@ -23,6 +23,8 @@ from drivers.cameras.frame_channel import (
     slot_bytes,
 )
 
+pytestmark = pytest.mark.process
+
 
 def frame(sequence: int, width: int = 64, height: int = 48) -> DepthFrame:
     depth = np.full((height, width), 1000 + sequence, np.uint16)

@@ -18,6 +18,8 @@ from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 from .test_mavlink_link import free_port, linked, until
 from .test_mavlink_session import NS, Conversation, talk
 
+pytestmark = pytest.mark.process
+
 
 def frame(m: Any, system: int = 1, component: int = 1) -> bytes:
     return bytes(m.pack(dialect.MAVLink(None, system, component)))

@@ -24,6 +24,8 @@ from drivers.mavlink.udp_flood import PER_SOURCE
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, Faults, PtyEnd, UdpEnd
 
+pytestmark = pytest.mark.process
+
 NS, MS = 1_000_000_000, 1_000_000
 Samples = list[AttitudeSample | PoseSample]
 

@@ -17,6 +17,8 @@ from drivers.cameras.oak import OakSettings, OakSource
 
 from .oak_host import HEIGHT, MATRIX, WIDTH, HostLink, depth_message
 
+pytestmark = pytest.mark.process
+
 SETTINGS = OakSettings(camera="front", first_frame_s=3.0, find_s=0.1)
 
 

@@ -15,6 +15,8 @@ from drivers.simulation import autopilot_link as line_module
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd
 
+pytestmark = pytest.mark.process
+
 NS, MS = 1_000_000_000, 1_000_000
 
 

@@ -27,6 +27,8 @@ from .oak_host import HostLink, depth_message
 from .test_v4l2_depth import SETTINGS, FakeStream, buffer
 from .test_zed import CALIBRATION, side_by_side
 
+pytestmark = pytest.mark.process
+
 FRAMES = 4
 Camera = tuple[DepthSource, Callable[[], None]]
 """A source, and what lets its device deliver one more frame."""

@@ -18,6 +18,8 @@ from drivers.simulation.autopilot_link import UdpEnd
 
 from ..companion.live import free_port, until
 
+pytestmark = pytest.mark.process
+
 NS = 1_000_000_000
 BEGIN_NS = 1_000 * NS
 LOGS = ("arducopter462_sitl_50hz", "ardusub411_20hz_timesync", "sample_derived_50hz", "sample_log_small_derived_100hz")

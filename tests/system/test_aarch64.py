@@ -12,6 +12,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / ".ci" / "check_aarch64.py"
 NO_INDEX = 3
 
 
+@pytest.mark.slow  # it needs the network
 def test_every_dependency_has_a_wheel_for_the_boards() -> None:
     done = subprocess.run([sys.executable, str(SCRIPT), "3.11"], capture_output=True, text=True, check=False)
     if done.returncode == NO_INDEX:
