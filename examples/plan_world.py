@@ -55,11 +55,11 @@ def flown(log: Path | None) -> tuple[WorldSpace, np.ndarray]:
     pipeline, world, places = make_pipeline(Config(), flight.cameras), World(), []
     newest_ns = 0
     for _, outputs in process(flight.events(), pipeline, ReplayCounts()):
-        for sight in (observation_of(o) for o in outputs if isinstance(o, PrismsResult)):
-            if sight is not None:
-                world.add(sight)
-                places.append(sight.place_m)
-                newest_ns = sight.t_ns
+        for observation in (observation_of(o) for o in outputs if isinstance(o, PrismsResult)):
+            if observation is not None:
+                world.add(observation)
+                places.append(observation.place_m)
+                newest_ns = observation.t_ns
     return WorldSpace(world.picture(newest_ns)), np.array(places).reshape(-1, 3)
 
 

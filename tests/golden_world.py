@@ -16,7 +16,7 @@ from companion.pipeline.pipeline import PrismsResult
 from companion.replay.replay import make_pipeline, process
 from companion.replay.summary import ReplayCounts
 from core.world.serialize import bytes_of
-from core.world.world import Sight, World
+from core.world.world import Observation, World
 from drivers.logs.reader import McapRecording
 
 from .golden import DATA, STREAMS, Result, made_with, recording_path
@@ -26,20 +26,20 @@ ELSEWHERE = 0.1
 """On another kind of processor: share by which the counts may differ."""
 
 
-def sights_of(path: Path) -> list[Sight]:
+def observations_of(path: Path) -> list[Observation]:
     """What the world takes of a log: its frames with a position."""
     with McapRecording(path) as recording:
         pipeline = make_pipeline(Config(), recording.cameras)
         said = [o for _, outputs in process(recording.events(), pipeline, ReplayCounts()) for o in outputs]
-    sights = [observation_of(o) for o in said if isinstance(o, PrismsResult)]
-    return [s for s in sights if s is not None]
+    observations = [observation_of(o) for o in said if isinstance(o, PrismsResult)]
+    return [s for s in observations if s is not None]
 
 
-def merged(sights: list[Sight]) -> World:
+def merged(observations: list[Observation]) -> World:
     """The world of a flight."""
     world = World()
-    for sight in sights:
-        world.add(sight)
+    for observation in observations:
+        world.add(observation)
     return world
 
 
@@ -55,7 +55,7 @@ def worlds() -> Result:
     """Of each stream: counts, each plane in centimetres with its looks, a digest of all of it."""
     found: Result = {"made_with": made_with()}
     for name in STREAMS:
-        world = merged(sights_of(recording_path(name)))
+        world = merged(observations_of(recording_path(name)))
         numbers = world.numbers()
         picture = world.picture(0 if world.section is None else world.section.newest_ns)
         found[name] = {

@@ -64,9 +64,9 @@ def test_golden_worlds(update_golden: bool, capsys: pytest.CaptureFixture[str]) 
 
 def test_a_log_is_merged_to_the_same_world_bit_for_bit() -> None:
     """Whatever was merged before in the same process; and a frame more or less is another world."""
-    first = golden_world.sights_of(recording_path("alley"))
+    first = golden_world.observations_of(recording_path("alley"))
     world = golden_world.merged(first)
-    again = golden_world.merged(golden_world.sights_of(recording_path("alley")))
+    again = golden_world.merged(golden_world.observations_of(recording_path("alley")))
     assert world.numbers() == again.numbers()
     assert golden_world.world_bytes(world) == golden_world.world_bytes(again)
     assert golden_world.world_bytes(golden_world.merged(first[:-1])) != golden_world.world_bytes(world)

@@ -23,7 +23,7 @@ from companion.pipeline.transform import LevelTransform, transform_model
 from core.extractor import Extractor
 from core.types import ExtractorState, FrameModel
 from core.world.free_grid import CELL_M, SIDE, TALL
-from core.world.world import Sight, World
+from core.world.world import Observation, World
 from drivers.simulation.source import Rendered
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
@@ -84,7 +84,7 @@ def judge_world(seed: int, number: int, extractor: Extractor) -> tuple[Floats, i
     for k, f in enumerate(flown):
         x, y, z = (float(c) for c in f.frame.position_ned_m)
         model = transform_model(f.model, LevelTransform(heading_of(f.frame), (x, y, z)))
-        world.add(Sight(model=model, place_m=(x, y, z), t_ns=(1 + k) * _STEP_NS))
+        world.add(Observation(model=model, place_m=(x, y, z), t_ns=(1 + k) * _STEP_NS))
     valid = sum(f.model.valid for f in flown)
     points = _free_cells(world, (1 + len(flown)) * _STEP_NS)
     if not len(points):

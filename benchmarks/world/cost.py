@@ -17,8 +17,8 @@ from core.params import Params
 from core.types import ExtractorState
 from core.world.params import WorldParams
 from core.world.serialize import SavedSection
-from core.world.snapshot import WorldPicture
-from core.world.world import Sight, World
+from core.world.snapshot import WorldSnapshot
+from core.world.world import Observation, World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
 
@@ -50,14 +50,14 @@ class Asked:
     answers: tuple[float, float, float]
 
 
-def sights(flight: Flight, seed: int, most: int) -> list[Sight]:
+def observations(flight: Flight, seed: int, most: int) -> list[Observation]:
     """The first frames of a flight as the world takes them."""
     extractor, state, out = Extractor(Params()), ExtractorState(), []
     for seen in flown(flight, TRUE, seed, renderings(flight, CONDITION, seed)[:most]):
         model, state = extractor.extract(seen.rendered.depth_mm, seen.rendered.info, seen.R_level_optical, state=state)
         at = (float(seen.place_m[0]), float(seen.place_m[1]), float(seen.place_m[2]))
         out.append(
-            Sight(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns)
+            Observation(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns)
         )
     return out
 
@@ -89,24 +89,24 @@ def saved(planes: int, seed: int) -> SavedSection:
     )  # fmt: skip
 
 
-def costs(frames: Sequence[Sight], rounds: int, sizes: Sequence[int] = SIZES) -> list[Cost]:
+def costs(frames: Sequence[Observation], rounds: int, sizes: Sequence[int] = SIZES) -> list[Cost]:
     """Frames into worlds of each size, taken in turns so that what else the machine does falls on all alike."""
     worlds = []
     for planes in sizes:
         world = World(WorldParams(most_planes=planes + 10_000))
-        world.begin_with((saved(planes, 1),))
+        world.load((saved(planes, 1),))
         worlds.append(world)
     add: list[list[float]] = [[] for _ in sizes]
     changes: list[list[float]] = [[] for _ in sizes]
     for k in range(rounds * len(frames)):
         one = frames[k % len(frames)]
-        sight = Sight(model=one.model, place_m=one.place_m, t_ns=(k + 1) * 100_000_000)
+        observation = Observation(model=one.model, place_m=one.place_m, t_ns=(k + 1) * 100_000_000)
         for n in range(len(sizes)):
             world = worlds[(n + k) % len(sizes)]
             begin = time.thread_time_ns()
-            world.add(sight)
+            world.add(observation)
             middle = time.thread_time_ns()
-            world.changes(sight.t_ns, world.frame - 1)
+            world.changes(observation.t_ns, world.frame - 1)
             end = time.thread_time_ns()
             add[(n + k) % len(sizes)].append(1e-6 * (middle - begin))
             changes[(n + k) % len(sizes)].append(1e-6 * (end - middle))
@@ -135,7 +135,7 @@ def asked(radius_m: float, repeats: int = 5) -> Asked:
     cells = np.array([[x, y, -1] for x in range(-5, 5) for y in range(-5, 5)], np.int32)
     masks = rng.integers(0, 2**63, (len(cells), 256), dtype=np.uint64)
     masks[rng.random(masks.shape) < 0.9] = np.uint64(0xFFFFFFFFFFFFFFFF)
-    picture = WorldPicture(
+    picture = WorldSnapshot(
         section=1, slots=np.arange(PLANES, dtype=np.int32), planes=planes, margin_m=np.full(PLANES, 0.1, np.float32),
         flags=np.zeros(PLANES, np.uint8), hits=np.ones(PLANES, np.int32), seen_ns=np.zeros(PLANES, np.int64),
         blocks=cells, masks=masks,

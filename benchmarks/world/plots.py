@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.paper.plots import SERIES, figure, label
-from benchmarks.world.cost import sights
+from benchmarks.world.cost import observations
 from benchmarks.world.flights import HZ, flights
 from benchmarks.world.truth import Step
 from core.types import Prism
-from core.world.snapshot import WorldPicture
+from core.world.snapshot import WorldSnapshot
 from core.world.world import World
 from osape_client.world.prisms import world_prisms
 
@@ -27,14 +27,14 @@ def draw_growing(path: Path, seed: int) -> None:
     shown = [f for f in flights(seed) if f.name in SHOWN]
     with figure(path, len(shown), len(MOMENTS), 13.0, 3.2 * len(shown)) as axes:
         for row, flight in zip(axes, shown, strict=True):
-            frames = sights(flight, seed, len(flight.way))
+            frames = observations(flight, seed, len(flight.way))
             way = np.array(flight.way)
             low, high = way[:, :2].min(axis=0) - 6.0, way[:, :2].max(axis=0) + 8.0
             world, done = World(), 0
             for ax, share in zip(row, MOMENTS, strict=True):
                 until = max(1, round(share * len(frames)))
-                for sight in frames[done:until]:
-                    world.add(sight)
+                for observation in frames[done:until]:
+                    world.add(observation)
                 done = until
                 picture = world.picture(frames[until - 1].t_ns)
                 draw_world(ax, picture, float(way[until - 1, 2]))
@@ -45,7 +45,7 @@ def draw_growing(path: Path, seed: int) -> None:
                 label(ax, title, "east, m", "north, m")
 
 
-def draw_world(ax: Any, picture: WorldPicture, z_m: float) -> None:
+def draw_world(ax: Any, picture: WorldSnapshot, z_m: float) -> None:
     """A picture of the world from above: free cells at a height, planes, closed solids."""
     free_cells(ax, picture, z_m)
     for prism in world_prisms(picture.planes, picture.margin_m, picture.hits):
@@ -61,7 +61,7 @@ def draw_prism(ax: Any, prism: Prism) -> None:
         ax.fill(prism.vertices_m[:, 1], prism.vertices_m[:, 0], color="#ef9a9a", linewidth=0, alpha=0.6)
 
 
-def free_cells(ax: Any, picture: WorldPicture, z_m: float) -> None:
+def free_cells(ax: Any, picture: WorldSnapshot, z_m: float) -> None:
     """The cells at a height that are known to be free, as an image."""
     layer, bit = int(np.floor(z_m / _CELL_M)) >> 6, int(np.floor(z_m / _CELL_M)) & 63
     for block, mask in zip(picture.blocks.tolist(), picture.masks, strict=True):

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.paper.cases import held_out
 from benchmarks.peers.grid_prisms import CELLS_M
-from benchmarks.world.cost import PLANES, SIZES, WAYS, Asked, Cost, asked, costs, sights
+from benchmarks.world.cost import PLANES, SIZES, WAYS, Asked, Cost, asked, costs, observations
 from benchmarks.world.flights import CONDITION, ESTIMATES, HZ, TRUE, flights, judged, renderings
 from benchmarks.world.message_bytes import OCTOMAP_M, OCTOMAP_STEP, Bytes, measured
 from benchmarks.world.plots import draw_growing, draw_steps
@@ -43,7 +43,7 @@ def section(out: Path, quick: bool) -> str:
                     steps[flight.name] = m.steps
     print("world: cost", file=sys.stderr, flush=True)
     with one_core():
-        frames = sights(flights(seeds[0])[0], seeds[0], 30)
+        frames = observations(flights(seeds[0])[0], seeds[0], 30)
         cost = costs(frames, 3 if quick else 6, SIZES[:3] if quick else SIZES)
         queries = [asked(radius) for radius in RADII_M]
     out.mkdir(parents=True, exist_ok=True)

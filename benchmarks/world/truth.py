@@ -17,7 +17,7 @@ from companion.streams.world_messages import world_message
 from core.extractor import Extractor
 from core.params import Params
 from core.types import ExtractorState
-from core.world.world import Sight, World
+from core.world.world import Observation, World
 from drivers.simulation.source import Rendered
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
@@ -89,7 +89,9 @@ def merged(flight: Flight, estimate: Estimate, seed: int, rendered: list[Rendere
     for k, seen in enumerate(flown(flight, estimate, seed, rendered)):
         model, state = extractor.extract(seen.rendered.depth_mm, seen.rendered.info, seen.R_level_optical, state=state)
         at = (float(seen.place_m[0]), float(seen.place_m[1]), float(seen.place_m[2]))
-        world.add(Sight(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns))
+        world.add(
+            Observation(model=transform_model(model, LevelTransform(seen.heading_rad, at)), place_m=at, t_ns=seen.t_ns)
+        )
         told += len(model.planes)
         now = (0 if world.section is None else world.section.number), world.epoch(seen.t_ns)
         picture = world.picture(seen.t_ns)

@@ -77,15 +77,15 @@ def _run_world_kernels() -> None:
     from core.extractor import Extractor
     from core.params import Params
     from core.world.params import WorldParams
-    from core.world.world import Sight, World
+    from core.world.world import Observation, World
 
     info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
     level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     model, _ = Extractor(Params()).extract(_frame(), info, level)
     world = World(WorldParams(most_planes=1024, most_free_blocks=64))
     for k in range(2):
-        world.add(Sight(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
-    world.begin_with(world.saved())
+        world.add(Observation(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
+    world.load(world.saved())
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

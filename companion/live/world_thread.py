@@ -15,7 +15,7 @@ import numpy as np
 import zmq
 
 from core.world.params import WorldParams
-from core.world.world import Sight, World
+from core.world.world import Observation, World
 from drivers.base import DriverError
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
@@ -117,13 +117,13 @@ class WorldThread:
             self._waiting.clear()
         for result in waiting:
             try:
-                sight = observation_of(result)
+                observation = observation_of(result)
             except ValueError:
                 self.refused += 1
                 continue
-            if sight is not None:
-                self.world.add(sight)
-                self._newest_ns = sight.t_ns
+            if observation is not None:
+                self.world.add(observation)
+                self._newest_ns = observation.t_ns
 
     def _publish_changes(self, now_ns: int) -> None:
         """Publishes the next message of the stream."""
@@ -185,12 +185,12 @@ def open_world(
     return service
 
 
-def observation_of(result: PrismsResult) -> Sight | None:
+def observation_of(result: PrismsResult) -> Observation | None:
     """The observation of a frame for the world; None for an invalid frame or one without a position. Raises ValueError
     for an unusable position."""
     if result.frame != "ned" or result.model is None or result.pose is None or result.transform is None:
         return None
-    return Sight(
+    return Observation(
         model=result.model, place_m=result.transform.translation_m, t_ns=result.t_exposure_ns,
         reset_counter=result.pose.reset_counter,
     )  # fmt: skip

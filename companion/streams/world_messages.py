@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.world.serialize import packed
-from core.world.snapshot import WorldPicture
+from core.world.snapshot import WorldSnapshot
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.world.decode import BLOCK_HEIGHT_M, NO_GROUND_CM, PLANE_RECORD, SCHEMA_VERSION
 
 NS = 1_000_000_000
 
 
-def world_message(picture: WorldPicture, removed: NDArray[np.int32], now_ns: int) -> pb.WorldUpdate:
+def world_message(picture: WorldSnapshot, removed: NDArray[np.int32], now_ns: int) -> pb.WorldUpdate:
     """The message of a picture and of the slots that are empty now; the caller sets the remaining fields."""
     return pb.WorldUpdate(
         schema_version=SCHEMA_VERSION,
@@ -28,7 +28,7 @@ def world_message(picture: WorldPicture, removed: NDArray[np.int32], now_ns: int
     )
 
 
-def plane_records(picture: WorldPicture, now_ns: int) -> bytes:
+def plane_records(picture: WorldSnapshot, now_ns: int) -> bytes:
     """The planes of a picture as PLANE_RECORDs, their ages counted at now_ns."""
     age_s = np.maximum(0, now_ns - picture.seen_ns) // NS
     records = packed(PLANE_RECORD, picture.planes, picture.margin_m, picture.flags, picture.hits, age_s)
@@ -36,7 +36,7 @@ def plane_records(picture: WorldPicture, now_ns: int) -> bytes:
     return records.tobytes()
 
 
-def _packed_ground(picture: WorldPicture) -> bytes:
+def _packed_ground(picture: WorldSnapshot) -> bytes:
     """The ground of a picture's blocks; empty where none is known. Rounded so that it is nowhere lower than it was."""
     if picture.ground is None or np.isnan(picture.ground[:, :, 0]).all():
         return b""

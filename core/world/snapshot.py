@@ -11,7 +11,7 @@ from ..types import readonly
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class WorldPicture:
+class WorldSnapshot:
     """Planes and free space of one section, in ned, metres.
 
     slots: (N,) int32, the number of each plane for as long as it lives; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top,
@@ -46,7 +46,7 @@ class WorldPicture:
             put(self, "ground", readonly(self.ground, np.float32, (b, 256, 2), "ground"))
 
     @classmethod
-    def empty(cls) -> WorldPicture:
+    def empty(cls) -> WorldSnapshot:
         """Nothing is known."""
         return cls(
             section=0, slots=np.zeros(0, np.int32), planes=np.zeros((0, 6), np.float32), margin_m=np.zeros(0, np.float32),

@@ -36,7 +36,7 @@ from .plane_index import (
     empty_tables,
 )
 from .serialize import SavedSection
-from .snapshot import WorldPicture
+from .snapshot import WorldSnapshot
 from .update import looks_of, put_rows, rules_of, see
 
 NS = 1_000_000_000
@@ -45,7 +45,7 @@ FARTHEST_M = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sight:
+class Observation:
     """What one frame says, in ned, and from where. place_m: of the camera; reset_counter: of the position's estimate.
 
     Raises ValueError for a place that is no number, or beyond FARTHEST_M."""
@@ -106,51 +106,53 @@ class World:
         self.counts = WorldCounts()
         self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
 
-    def add(self, sight: Sight) -> None:
+    def add(self, observation: Observation) -> None:
         """Takes one frame in. One that says nothing changes nothing, but that time goes on."""
         self.counts.frames += 1
-        if not sight.model.valid:
+        if not observation.model.valid:
             self.counts.blind += 1
             return
-        section = self._section_for(sight)
+        section = self._section_for(observation)
         tables, free = section.tables, section.free
         tables[7][FRAME] += 1
         free[3][TURN] += 1
         # of several cameras one may be a little behind: an epoch never goes back
-        free[3][NOW] = max(int(free[3][NOW]), sight.t_ns // self._epoch_ns)
-        looks = looks_of(sight.model, sight.place_m, self.params)
-        self.counts.bad_planes += len(sight.model.planes) - len(looks)
-        profile, (x, y, _) = sight.model.free, sight.place_m
+        free[3][NOW] = max(int(free[3][NOW]), observation.t_ns // self._epoch_ns)
+        looks = looks_of(observation.model, observation.place_m, self.params)
+        self.counts.bad_planes += len(observation.model.planes) - len(looks)
+        profile, (x, y, _) = observation.model.free, observation.place_m
         edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
-        plane = ground_plane(sight.model, sight.place_m[2])
+        plane = ground_plane(observation.model, observation.place_m[2])
         near_m, far_m = profile.free_from_m, profile.free_to_m
         if all(np.isfinite(a).all() for a in (edges, layers, near_m, far_m)) and not np.isnan(plane).any():
             see_free(free, x, y, edges, layers, near_m, far_m, plane)
-            self._see_ground(free, sight, edges, plane)
+            self._see_ground(free, observation, edges, plane)
         else:  # such a profile neither frees cells nor shows that a plane is gone
             near_m = far_m = np.zeros_like(near_m)
         see(
-            tables, free, looks, self._rules, sight.t_ns, x, y, sight.model.ke_per_m, edges, layers, near_m, far_m,
+            tables, free, looks, self._rules, observation.t_ns, x, y, observation.model.ke_per_m, edges, layers, near_m, far_m,
             profile.end, plane,
         )  # fmt: skip
-        section.newest_ns = max(section.newest_ns, sight.t_ns)
-        section.place_m = sight.place_m
+        section.newest_ns = max(section.newest_ns, observation.t_ns)
+        section.place_m = observation.place_m
 
-    def _see_ground(self, free: FreeTables, sight: Sight, edges: NDArray[np.float64], plane: GroundPlane) -> None:
-        ground, (x, y, _) = sight.model.ground, sight.place_m
+    def _see_ground(
+        self, free: FreeTables, observation: Observation, edges: NDArray[np.float64], plane: GroundPlane
+    ) -> None:
+        ground, (x, y, _) = observation.model.ground, observation.place_m
         fits = len(ground.seen_from_m) == len(ground.seen_to_m) == len(edges) - 1
         if ground.seen and fits and bool(np.isfinite([*plane, *ground.seen_from_m, *ground.seen_to_m]).all()):
             see_ground(free, x, y, edges, np.array(ground.seen_from_m), np.array(ground.seen_to_m), plane)
 
-    def picture(self, now_ns: int) -> WorldPicture:
+    def picture(self, now_ns: int) -> WorldSnapshot:
         """What is known now, to be asked and drawn. now_ns: free space that is too old by then is left out."""
         return self._picture(now_ns, -1, -1)
 
-    def changes(self, now_ns: int, since: int) -> tuple[WorldPicture, NDArray[np.int32]]:
+    def changes(self, now_ns: int, since: int) -> tuple[WorldSnapshot, NDArray[np.int32]]:
         """(what changed after frame `since` of this section, slots whose planes are gone since). A block is in it whose
         free space changed, but for what merely grew old: at each epoch a picture is due."""
         if self.section is None:
-            return WorldPicture.empty(), np.zeros(0, np.int32)
+            return WorldSnapshot.empty(), np.zeros(0, np.int32)
         ints, state = self.section.tables[3], self.section.tables[7]
         used = ints[: int(state[USED])]
         gone = np.flatnonzero((used[:, CHANGED] > since) & (used[:, HITS] == 0)).astype(np.int32)
@@ -166,14 +168,14 @@ class World:
         newest_ns = 0 if self.section is None else self.section.newest_ns
         return max(now_ns, newest_ns) // self._epoch_ns
 
-    def _picture(self, now_ns: int, frames: int, turns: int) -> WorldPicture:
+    def _picture(self, now_ns: int, frames: int, turns: int) -> WorldSnapshot:
         if self.section is None:
-            return WorldPicture.empty()
+            return WorldSnapshot.empty()
         box, _, floats, ints, seen_ns, _, _, state = self.section.tables
         used = ints[: int(state[USED])]
         slots = np.flatnonzero((used[:, HITS] > 0) & (used[:, CHANGED] > frames)).astype(np.int32)
         blocks, masks, ground = seen_blocks(self.section.free, self.epoch(now_ns), turns)
-        return WorldPicture(
+        return WorldSnapshot(
             section=self.section.number, slots=slots, planes=box[slots], margin_m=floats[slots, MARGIN],
             flags=ints[slots, FLAGS].astype(np.uint8), hits=ints[slots, HITS], seen_ns=seen_ns[slots],
             blocks=blocks, masks=masks, ground=ground,
@@ -183,7 +185,7 @@ class World:
         """All sections, the newest last, to be written (world_saved.bytes_of)."""
         return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
 
-    def begin_with(self, sections: tuple[SavedSection, ...]) -> None:
+    def load(self, sections: tuple[SavedSection, ...]) -> None:
         """Begins a section with the planes of others, what is one being joined; the next frame goes into it. Whoever calls
         vouches that they lie in the frame that is to come (world_saved.moved). Nothing of them is free."""
         self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
@@ -212,18 +214,18 @@ class World:
             }  # fmt: skip
         return found
 
-    def _section_for(self, sight: Sight) -> Section:
+    def _section_for(self, observation: Observation) -> Section:
         section = self.section
         if section is not None and section.vouched:
             section.vouched = False
-            section.begun_ns, section.newest_ns = sight.t_ns, sight.t_ns
-            section.reset_counter, section.place_m = sight.reset_counter, sight.place_m
-            section.tables[4][:] += sight.t_ns
+            section.begun_ns, section.newest_ns = observation.t_ns, observation.t_ns
+            section.reset_counter, section.place_m = observation.reset_counter, observation.place_m
+            section.tables[4][:] += observation.t_ns
             return section
-        why = "first" if section is None else self._jump(section, sight)
+        why = "first" if section is None else self._jump(section, observation)
         if section is not None and not why:
             return section
-        return self._begin(why, sight.t_ns, sight.reset_counter, sight.place_m)
+        return self._begin(why, observation.t_ns, observation.reset_counter, observation.place_m)
 
     def _begin(self, why: str, t_ns: int, reset_counter: int, place_m: tuple[float, float, float]) -> Section:
         """A new section; the one before is kept apart."""
@@ -241,16 +243,16 @@ class World:
         )  # fmt: skip
         return self.section
 
-    def _jump(self, section: Section, sight: Sight) -> str:
+    def _jump(self, section: Section, observation: Observation) -> str:
         """Why a frame cannot stand in the section, in words; empty: it can."""
-        p, dt_s = self.params, (sight.t_ns - section.newest_ns) / NS
-        if sight.reset_counter != section.reset_counter:
+        p, dt_s = self.params, (observation.t_ns - section.newest_ns) / NS
+        if observation.reset_counter != section.reset_counter:
             return "the estimate of the position was reset"
         if dt_s < -p.restart_s:
             return "the clock went back"
         if dt_s > p.jump_gap_s:
             return "there was no position for too long"
-        if math.dist(sight.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
+        if math.dist(observation.place_m, section.place_m) > p.jump_m + p.jump_speed_m_s * abs(dt_s):
             return "the position stepped"
         return ""
 

@@ -23,7 +23,7 @@ OF_THE_SERVICE_ONLY = {"cause", "stats", "ke_per_m", "strips"}
         (osape_client.FreeProfile, core.types.FreeProfile),
         (osape_client.Prism, core.types.Prism),
         (osape_client.CameraModel, core.types.FrameModel),
-        (osape_client.WorldSnapshot, core.world.snapshot.WorldPicture),
+        (osape_client.WorldSnapshot, core.world.snapshot.WorldSnapshot),
     ],
 )
 def test_the_fields_are_those_of_the_algorithm(client: type, service: type) -> None:

@@ -22,8 +22,8 @@ from companion.pipeline.transform import LevelTransform
 from companion.streams.publisher import Publisher, Stream
 from companion.streams.world_messages import world_message
 from core.world.params import WorldParams
-from core.world.snapshot import WorldPicture
-from core.world.world import Sight, World
+from core.world.snapshot import WorldSnapshot
+from core.world.world import Observation, World
 from drivers.base import DriverError
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy
@@ -77,19 +77,19 @@ def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
     return mirror.update(0.1)
 
 
-def result(sight: Sight, frame: str = "ned") -> PrismsResult:
-    pose = PoseAt(sight.place_m, Source.EXACT, 0, sight.reset_counter)
+def result(observation: Observation, frame: str = "ned") -> PrismsResult:
+    pose = PoseAt(observation.place_m, Source.EXACT, 0, observation.reset_counter)
     return PrismsResult(
-        camera="front", sequence=0, t_exposure_ns=sight.t_ns, t_arrival_ns=sight.t_ns, frame=frame, drop=DropCause.NONE,
-        model=sight.model, pose=pose if frame == "ned" else None, transform=LevelTransform(0.0, sight.place_m),
+        camera="front", sequence=0, t_exposure_ns=observation.t_ns, t_arrival_ns=observation.t_ns, frame=frame, drop=DropCause.NONE,
+        model=observation.model, pose=pose if frame == "ned" else None, transform=LevelTransform(0.0, observation.place_m),
     )  # fmt: skip
 
 
 def look(
     speaker: Speaker, walls: np.ndarray = WALLS, heading: float = 0.0, frame: str = "ned", counter: int = 0
 ) -> None:
-    sight = seen(walls, (0.0, 0.0), heading, now(), reset_counter=counter)
-    speaker.service.put(result(sight, frame))
+    observation = seen(walls, (0.0, 0.0), heading, now(), reset_counter=counter)
+    speaker.service.put(result(observation, frame))
 
 
 def same_place(mirror: WorldMirror, world: World) -> bool:
@@ -209,10 +209,10 @@ def test_a_position_that_cannot_be_one_is_refused_and_leaves_nothing_free(speake
     with WorldMirror(*speaker.addresses) as mirror:
         follows = partial(followed, speaker, mirror)
         assert until(follows, 60.0)
-        sight = seen(WALLS, (0.0, 0.0), 0.0, now())
+        observation = seen(WALLS, (0.0, 0.0), 0.0, now())
 
         def broken() -> bool:
-            told = replace(result(sight), transform=LevelTransform(0.0, (1e30, 0.0, 0.0)))
+            told = replace(result(observation), transform=LevelTransform(0.0, (1e30, 0.0, 0.0)))
             speaker.service.put(told)
             return not mirror.update(0.05)
 
@@ -333,7 +333,7 @@ def test_there_and_back_loses_nothing_but_millimetres() -> None:
     assert np.array_equal(blocks, p.blocks)
     assert np.array_equal(masks, p.masks)
     assert len(records_from_message(message)) == len(p.planes)
-    empty = world_message(WorldPicture.empty(), np.zeros(0, np.int32), 0)
+    empty = world_message(WorldSnapshot.empty(), np.zeros(0, np.int32), 0)
     assert len(records_from_message(empty)) == 0
     assert len(blocks_from_message(empty)[0]) == 0
 

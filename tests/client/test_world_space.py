@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.world.snapshot import WorldPicture
+from core.world.snapshot import WorldSnapshot
 from osape_client.query.space import Occupancy
 from osape_client.world.space import CELL_M, WorldSpace
 
@@ -18,7 +18,7 @@ shapely = pytest.importorskip("shapely")
 SEED = st.integers(0, 2**32 - 1)
 
 
-def picture(rng: np.random.Generator, planes: int = 12, free_share: float = 0.97) -> WorldPicture:
+def picture(rng: np.random.Generator, planes: int = 12, free_share: float = 0.97) -> WorldSnapshot:
     """Planes about the origin, and eight blocks about it with a share of their cells free."""
     xy = rng.uniform(-6.0, 6.0, (planes, 4))
     top = rng.uniform(-4.0, 2.0, planes)
@@ -26,14 +26,14 @@ def picture(rng: np.random.Generator, planes: int = 12, free_share: float = 0.97
     blocks = np.array(list(itertools.product((-1, 0), (-1, 0), (-1, 0))), np.int32)
     bits = rng.random((8, 256, 64)) < free_share
     masks = np.packbits(bits, axis=-1, bitorder="little").view(np.uint64)[..., 0]
-    return WorldPicture(
+    return WorldSnapshot(
         section=1, slots=np.arange(planes, dtype=np.int32), planes=rows,
         margin_m=rng.uniform(0, 0.3, planes).astype(np.float32), flags=np.zeros(planes, np.uint8),
         hits=np.ones(planes, np.int32), seen_ns=np.zeros(planes, np.int64), blocks=blocks, masks=masks,
     )  # fmt: skip
 
 
-def cell_free(p: WorldPicture, index: tuple[int, int, int]) -> bool:
+def cell_free(p: WorldSnapshot, index: tuple[int, int, int]) -> bool:
     """One cell, by looking for its block."""
     for block, masks in zip(p.blocks.tolist(), p.masks, strict=True):
         if block == [index[0] >> 4, index[1] >> 4, index[2] >> 6]:
@@ -41,7 +41,7 @@ def cell_free(p: WorldPicture, index: tuple[int, int, int]) -> bool:
     return False
 
 
-def ball_free(p: WorldPicture, at: np.ndarray, radius: float) -> bool:
+def ball_free(p: WorldSnapshot, at: np.ndarray, radius: float) -> bool:
     """Whether every cell that the box around a ball reaches into is free."""
     spans = [range(math.floor((c - radius) / CELL_M), math.floor((c + radius) / CELL_M) + 1) for c in at]
     return all(cell_free(p, index) for index in itertools.product(*spans))
@@ -94,7 +94,7 @@ def test_ways_that_touch_planes_against_shapely() -> None:
     p = picture(rng, planes=40)
     planes = p.planes.copy()
     planes[:, 4], planes[:, 5] = -5.0, 5.0
-    p = WorldPicture(**{n: getattr(p, n) for n in WorldPicture.__slots__} | {"planes": planes})
+    p = WorldSnapshot(**{n: getattr(p, n) for n in WorldSnapshot.__slots__} | {"planes": planes})
     a = np.column_stack([rng.uniform(-7, 7, (400, 2)), np.zeros(400)])
     b = a + np.column_stack([rng.normal(size=(400, 2)), np.zeros(400)])
     answers = WorldSpace(p).segments(a, b, 0.3)
@@ -112,8 +112,8 @@ def test_queries_all_over_are_answered_as_one_by_one() -> None:
     p = picture(rng)
     far = np.array([[40000, -30000, 0], [40000, -30000, 1]], np.int32)
     masks = np.full((2, 256), 0xFFFFFFFFFFFFFFFF, np.uint64)
-    p = WorldPicture(
-        **{n: getattr(p, n) for n in WorldPicture.__slots__}
+    p = WorldSnapshot(
+        **{n: getattr(p, n) for n in WorldSnapshot.__slots__}
         | {"blocks": np.concatenate([p.blocks, far]), "masks": np.concatenate([p.masks, masks])}
     )
     there = np.array([40000 * 8 + 4.0, -30000 * 8 + 4.0, 32.0])
@@ -131,7 +131,7 @@ def test_numbers_that_are_none_are_occupied_and_shapes_are_checked() -> None:
     space = WorldSpace(picture(np.random.default_rng(0)))
     for bad in (math.nan, math.inf):
         assert space.points([[bad, 0, 0]]).tolist() == [Occupancy.OCCUPIED]
-    assert WorldSpace(WorldPicture.empty()).points([[math.nan, 0, 0], [0, 0, 0]]).tolist() == [
+    assert WorldSpace(WorldSnapshot.empty()).points([[math.nan, 0, 0], [0, 0, 0]]).tolist() == [
         Occupancy.OCCUPIED,
         Occupancy.UNKNOWN,
     ]

@@ -12,7 +12,7 @@ from core.extractor import Extractor
 from core.params import Params
 from core.stages.classify import clear_range_m
 from core.types import FAR_MM, CameraInfo, ExtractorState, FrameModel, FreeEnd, Intrinsics
-from core.world.world import Sight, World
+from core.world.world import Observation, World
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.source import Rendered, camera_info, render
 from osape_client.query.space import Occupancy, PlacedModel, Space
@@ -146,13 +146,13 @@ def test_frames_that_measured_an_object_beyond_their_clip_do_not_clear_it(name: 
     extractor = Extractor(Params())
     for i in range(30):
         model, state = extractor.extract(frame.depth_mm, frame.info, frame.R_level_optical, state)
-        world.add(Sight(model=model, place_m=(0.0, 0.0, 0.0), t_ns=(1 + i) * NS // 10))
+        world.add(Observation(model=model, place_m=(0.0, 0.0, 0.0), t_ns=(1 + i) * NS // 10))
     before = WorldSpace(world.picture(3 * NS)).points(points, 0.1)
     assert (before == Occupancy.OCCUPIED).mean() > 0.5
     state = ExtractorState()
     for i in range(60):
         model, state = extractor.extract(frame.depth_mm, info, frame.R_level_optical, state)
-        world.add(Sight(model=model, place_m=(0.0, 0.0, 0.0), t_ns=(31 + i) * NS // 10))
+        world.add(Observation(model=model, place_m=(0.0, 0.0, 0.0), t_ns=(31 + i) * NS // 10))
     after = WorldSpace(world.picture(9 * NS)).points(points, 0.1)
     assert (after == Occupancy.FREE).sum() == 0
     assert (after == Occupancy.OCCUPIED).sum() == (before == Occupancy.OCCUPIED).sum()

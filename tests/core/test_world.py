@@ -10,8 +10,8 @@ import pytest
 
 from core.types import PlaneFlags
 from core.world.params import WorldParams
-from core.world.snapshot import WorldPicture
-from core.world.world import Sight, World
+from core.world.snapshot import WorldSnapshot
+from core.world.world import Observation, World
 from osape_client.query.space import Occupancy
 from osape_client.world.space import WorldSpace
 
@@ -38,7 +38,7 @@ def around(world: World, walls: np.ndarray, *, radius: float = 10.0, frames: int
     return frames * STEP
 
 
-def same(a: WorldPicture, b: WorldPicture) -> bool:
+def same(a: WorldSnapshot, b: WorldSnapshot) -> bool:
     return all(
         np.array_equal(getattr(a, name), getattr(b, name))
         for name in ("slots", "planes", "margin_m", "flags", "hits", "seen_ns", "blocks", "masks")
@@ -247,9 +247,9 @@ def test_a_jump_begins_a_new_section_and_nothing_is_smeared(change: dict, why: s
     world = World(WorldParams(jump_speed_m_s=5.0))
     now = fly(world, walls, 10, speed=0.0)
     assert WorldSpace(world.picture(now)).points([[4, 1, 0]]).tolist() == [Occupancy.FREE]
-    sight = replace(seen(walls + np.array([0.2, 0, 0.2, 0, 0, 0]), (0.0, 0.0), 0.6, now), **change)
-    world.add(sight)
-    p = world.picture(sight.t_ns)
+    observation = replace(seen(walls + np.array([0.2, 0, 0.2, 0, 0, 0]), (0.0, 0.0), 0.6, now), **change)
+    world.add(observation)
+    p = world.picture(observation.t_ns)
     assert p.section == 2
     assert p.planes[0, 0] == pytest.approx(8.2)  # not the mean of both
     assert world.counts.why == {"first": 1, why: 1}
@@ -269,19 +269,19 @@ def test_sections_are_bounded_and_counted() -> None:
 @pytest.mark.parametrize("x", [math.nan, math.inf, -2e6, 1e30])
 def test_a_place_that_cannot_be_one_is_refused(x: float) -> None:
     with pytest.raises(ValueError, match=r"the place of the camera at 5 ns is .*is the autopilot's position right"):
-        Sight(model=blind(0).model, place_m=(x, 0.0, 0.0), t_ns=5)
+        Observation(model=blind(0).model, place_m=(x, 0.0, 0.0), t_ns=5)
 
 
 def test_planes_that_are_no_numbers_are_counted_and_left_out() -> None:
-    sight = seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, 0)
-    rows = np.repeat(sight.model.planes, 3, axis=0)
+    observation = seen(np.array([wall(8.0, -4.0, 8.0, 4.0)]), (0.0, 0.0), 0.0, 0)
+    rows = np.repeat(observation.model.planes, 3, axis=0)
     rows[1, 0], rows[2, 2:4] = np.nan, rows[2, 0:2]
     model = replace(
-        sight.model, planes=rows, support_px=np.ones(3, np.int32), margin_m=np.zeros(3, np.float32),
+        observation.model, planes=rows, support_px=np.ones(3, np.int32), margin_m=np.zeros(3, np.float32),
         flags=np.zeros(3, np.uint8), cluster=np.zeros(3, np.int32),
     )  # fmt: skip
     world = World()
-    world.add(replace(sight, model=model))
+    world.add(replace(observation, model=model))
     assert len(world.picture(0).planes) == 1
     assert world.numbers()["bad_planes"] == 2
 

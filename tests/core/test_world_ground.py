@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from companion.streams.world_messages import world_message
 from core.transformed import turned
 from core.types import Ground
-from core.world.world import Sight, World
+from core.world.world import Observation, World
 from osape_client.query.space import Occupancy
 from osape_client.world.decode import (
     blocks_from_message,
@@ -38,10 +38,10 @@ def flat(height_m: float, *, seen_to_m: float = 12.0, noise_per_m: float = 0.01,
 
 def look(
     t_ns: int, ground: Ground | None, at: tuple[float, float] = (0.0, 0.0), z: float = 0.0, heading: float = 0.0
-) -> Sight:
+) -> Observation:
     """A frame of an empty place whose layers, 3 m below the camera too, are free to 20 m."""
-    sight = seen(np.zeros((0, 6)), at, heading, t_ns, z=z)
-    return sight if ground is None else replace(sight, model=replace(sight.model, ground=ground))
+    observation = seen(np.zeros((0, 6)), at, heading, t_ns, z=z)
+    return observation if ground is None else replace(observation, model=replace(observation.model, ground=ground))
 
 
 def asked(world: World, points: object, radius_m: float = 0.0) -> list[Occupancy]:
@@ -52,10 +52,10 @@ def _now(world: World) -> int:
     return 0 if world.section is None else world.section.newest_ns
 
 
-def merged(*sights: Sight) -> World:
+def merged(*observations: Observation) -> World:
     world = World()
-    for sight in sights:
-        world.add(sight)
+    for observation in observations:
+        world.add(observation)
     return world
 
 
@@ -153,11 +153,11 @@ def test_ground_of_numbers_that_are_none_frees_nothing() -> None:
 @pytest.mark.parametrize("name", ["free_from_m", "free_to_m"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_ranges_that_are_no_numbers_free_nothing(name: str, bad: float) -> None:
-    sight = look(0, flat(2.0))
-    ranges = getattr(sight.model.free, name).copy()
+    observation = look(0, flat(2.0))
+    ranges = getattr(observation.model.free, name).copy()
     ranges[:] = bad
-    free = replace(sight.model.free, **{name: ranges})
-    world = merged(replace(sight, model=replace(sight.model, free=free)))
+    free = replace(observation.model.free, **{name: ranges})
+    world = merged(replace(observation, model=replace(observation.model, free=free)))
     assert Occupancy.FREE not in asked(world, [[6.0, 0.0, z] for z in (0.0, 1.2, 2.4)])
 
 
@@ -222,8 +222,8 @@ def test_what_stands_below_the_ground_or_in_its_noise_is_not_seen_through(ground
     """A layer that the ground cuts is free as a whole, and was judged above the ground only: a low thing that was seen from
     near, or from the street below a roof, is not gone."""
     low = np.array([[6.0, -1.0, 6.0, 1.0, 1.6, 2.2]])  # at 1.6 to 2.2 m below the cameras
-    sights = [seen(low, (0.0, 0.0), 0.0, k * STEP) for k in range(3)]
-    world = merged(*sights)
+    observations = [seen(low, (0.0, 0.0), 0.0, k * STEP) for k in range(3)]
+    world = merged(*observations)
     assert len(world.picture(_now(world)).planes) == 1
     for k in range(30):
         world.add(look((3 + k) * STEP, ground))
@@ -244,8 +244,8 @@ def test_ways_beyond_all_measure_are_answered_and_not_free() -> None:
 # ---- rendered frames ------------------------------------------------------------------------------------------------
 
 
-def in_ned(model, place: tuple[float, float, float], t_ns: int, yaw_rad: float = 0.0) -> Sight:
-    return Sight(model=turned(model, yaw_rad, place), place_m=place, t_ns=t_ns)
+def in_ned(model, place: tuple[float, float, float], t_ns: int, yaw_rad: float = 0.0) -> Observation:
+    return Observation(model=turned(model, yaw_rad, place), place_m=place, t_ns=t_ns)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.04])

@@ -99,7 +99,7 @@ def test_damage_and_what_follows_the_end_are_reported() -> None:
 def test_a_saved_world_goes_on_and_nothing_of_it_is_free() -> None:
     first = flown(house(0.0, 0.0), range(120))
     world = World()
-    world.begin_with(sections_of(bytes_of(first.saved()))[0])
+    world.load(sections_of(bytes_of(first.saved()))[0])
     space = WorldSpace(world.picture(0))
     assert [p.closed for p in space.prisms] == [True]
     assert space.points([[0, 0, 0], [8, 0, 0]], 0.3).tolist() == [Occupancy.OCCUPIED, Occupancy.UNKNOWN]
@@ -119,7 +119,7 @@ def test_two_halves_of_a_house_from_two_frames_are_one(yaw: float) -> None:
     c, s = math.cos(-yaw), math.sin(-yaw)
     back = (-(c * there[0] - s * there[1]), -(s * there[0] + c * there[1]), -there[2])
     world = World()
-    world.begin_with((*one.saved(), moved(second, -yaw, back)))
+    world.load((*one.saved(), moved(second, -yaw, back)))
     p = world.picture(0)
     assert len(p.planes) == 4
     assert [prism.closed for prism in WorldSpace(p).prisms] == [True]

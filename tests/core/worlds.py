@@ -10,7 +10,7 @@ import numpy as np
 from core.params import Params
 from core.stages.model import blind_model
 from core.types import CameraInfo, FreeEnd, FreeProfile, Intrinsics, InvalidCause
-from core.world.world import Sight
+from core.world.world import Observation
 
 INFO = CameraInfo("front", Intrinsics(64, 48, 45.0, 45.0, 31.5, 23.5))
 NS = 1_000_000_000
@@ -22,7 +22,7 @@ DIRECTIONS = 36
 def seen(
     walls: np.ndarray, at: tuple[float, float], heading: float, t_ns: int, *, noise: np.random.Generator | None = None,
     sigma_m: float = 0.03, reset_counter: int = 0, z: float = 0.0, ke: float = 0.001, flags: int = 0, view_deg: float = 80.0,
-) -> Sight:  # fmt: skip
+) -> Observation:  # fmt: skip
     """What a camera at (x, y, z) sees of walls (N, 6): ax, ay, bx, by, top, bottom; free space on the right of a -> b.
 
     A profile of three layers of 2 m; walls taller than those block them. Each wall's visible part is one plane."""
@@ -58,12 +58,14 @@ def seen(
         margin_m=np.full(n, 0.05, np.float32), flags=np.full(n, flags, np.uint8), cluster=np.zeros(n, np.int32),
         free=profile, ke_per_m=ke,
     )  # fmt: skip
-    return Sight(model=model, place_m=(at[0], at[1], z), t_ns=t_ns, reset_counter=reset_counter)
+    return Observation(model=model, place_m=(at[0], at[1], z), t_ns=t_ns, reset_counter=reset_counter)
 
 
-def blind(t_ns: int) -> Sight:
+def blind(t_ns: int) -> Observation:
     """A frame that says nothing."""
-    return Sight(model=blind_model(INFO, InvalidCause.NO_MEASUREMENT, Params()), place_m=(0.0, 0.0, 0.0), t_ns=t_ns)
+    return Observation(
+        model=blind_model(INFO, InvalidCause.NO_MEASUREMENT, Params()), place_m=(0.0, 0.0, 0.0), t_ns=t_ns
+    )
 
 
 def wall(ax: float, ay: float, bx: float, by: float, top: float = -4.0, bottom: float = 4.0) -> list[float]:
