@@ -21,7 +21,6 @@ import shutil
 import sys
 from collections.abc import Collection
 from importlib import metadata
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -48,7 +47,7 @@ _held: list[int] = []
 def use_own_cache() -> Path | None:
     """Sets NUMBA_CACHE_DIR to the directory of the present sources, below its previous value or below the user's cache.
     Returns it; None when nothing was changed: numba is already imported, or no directory can be written."""
-    if "numba" in sys.modules or find_spec("numba") is None:  # a planner client needs no kernels
+    if "numba" in sys.modules:
         return None
     named = os.environ.get(VARIABLE)
     for base in [base_of(Path(named))] if named else _usual_bases():

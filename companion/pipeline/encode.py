@@ -100,9 +100,8 @@ def prisms_bytes(result: PrismsResult) -> bytes:
     for name, value in zip(STATS, _stats(model.stats), strict=True):
         setattr(stats, name, value)
     message.ke_per_m = model.ke_per_m
-    from companion.pipeline.fast_encode import (
-        encode_model,
-    )  # imported late: planner clients, which only decode, have no numba
+    # imported late: compiled code, and commands that only read start without it
+    from companion.pipeline.fast_encode import encode_model
 
     return wire_bytes(message) + encode_model(MODEL_FIELDS, model)  # two concatenated encodings decode as one message
 
