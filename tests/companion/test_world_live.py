@@ -25,11 +25,11 @@ def test_the_live_world_is_mirrored_and_ends_with_the_service(tmp_path: Path, re
         with flown(live), WorldMirror(f"ipc://{tmp_path}/run/world", f"ipc://{tmp_path}/run/world-snapshot") as mirror:
             live.start()
             health = live.ear("health", pb.Health)
-            assert until(lambda: mirror.update(0.2) and len(mirror.space.picture.blocks) > 0, PATIENCE_S), (
+            assert until(lambda: mirror.update(0.2) and len(mirror.space.snapshot.blocks) > 0, PATIENCE_S), (
                 mirror.cause + live.said()
             )
-            assert until(lambda: (mirror.update(0.2), len(mirror.space.picture.planes) >= 4)[1], PATIENCE_S)
-            picture = mirror.space.picture
+            assert until(lambda: (mirror.update(0.2), len(mirror.space.snapshot.planes) >= 4)[1], PATIENCE_S)
+            picture = mirror.space.snapshot
             free = np.unpackbits(picture.masks.view(np.uint8)).sum()
             assert free > 200
             # the middle of each plane is occupied
