@@ -146,7 +146,7 @@ def _choose(
             for d in range(min(disparities, u + 1)):
                 if abs(d - at) > 1:
                     second = min(second, int(t[d]))
-            if best > (1.0 - margin) * second or cost[v, u, at] > most_bits:
+            if best >= (1.0 - margin) * second or cost[v, u, at] > most_bits:
                 continue
             if abs(right_d[v, u - at] - at) > check_px:
                 continue
