@@ -13,7 +13,7 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import cv2
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.fidelity.metrics import missed_rays, rays_of, stops
 from benchmarks.open_air.directions import judge_directions
 from benchmarks.open_air.outlines import OutlineCounts, outline_counts
-from benchmarks.open_air.views import Seen, View, profile_of, see
+from benchmarks.open_air.views import Seen, View, every_match, profile_of, see
 from core.extractor import Extractor
 from core.params import Params
 from drivers.simulation.stereo.sky import SKIES
@@ -105,8 +105,8 @@ def counts_of(seen: Seen) -> Counts:
     depth, _ = stops(model.planes.astype(np.float64), frame.info.intrinsics, frame.R_level_optical)
     stop_m = depth * rays.per_depth
     # an invalid model says nothing: what it does not stop is not missed
-    believed = rays.obstacle & rays.measured & model.valid
-    inside = believed & ~beside_steps(rays.range_m)
+    judged = rays.obstacle & rays.measured & model.valid
+    inside = judged & ~beside_steps(rays.range_m)
     missed = missed_rays(rays, stop_m)
     return Counts(
         views=1,
@@ -120,8 +120,8 @@ def counts_of(seen: Seen) -> Counts:
         called_free=int((directions.truly_free & directions.called_free).sum()),
         closed=int((directions.truly_free & directions.closed).sum()),
         false_stops=directions.false_stops,
-        rays=int(believed.sum()),
-        missed=int((missed & believed).sum()),
+        rays=int(judged.sum()),
+        missed=int((missed & judged).sum()),
         rays_inside=int(inside.sum()),
         missed_inside=int((missed & inside).sum()),
         outlines=outline_counts(seen, rays, stop_m),
@@ -167,7 +167,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--profile", choices=list(PROFILES), default="zed")
-    p.add_argument("--all-matches", action="store_true", help="believe every match: the confidence rules are off")
+    p.add_argument("--all-matches", action="store_true", help="accept every match: the confidence rules are off")
     p.add_argument("--scenes", type=words, default=list(STEREO_SCENES))
     p.add_argument("--skies", type=words, default=["clear", "hazy", "clouds"], help=f"of {', '.join(SKIES)}")
     p.add_argument("--noise", type=words, default=list(NOISES_GREY), help="grey levels")
@@ -200,9 +200,7 @@ def main(arguments: list[str] | None = None) -> int:
     noises = tuple(float(n) for n in a.noise)
     profile = profile_of(a.profile)
     if a.all_matches:
-        profile = replace(
-            profile, match=replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0)
-        )
+        profile = every_match(profile)
     camera, extractor = StereoCamera(profile), Extractor(Params())
     by_scene: dict[str, Counts] = {}
     by_light: dict[str, Counts] = {}

@@ -58,6 +58,12 @@ def profile_of(name: str) -> StereoProfile:
     return PROFILES[name]
 
 
+def every_match(profile: StereoProfile) -> StereoProfile:
+    """The same camera with the confidence rules off."""
+    off = replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0)
+    return replace(profile, match=off)
+
+
 def pose_of(view: View, scene: StereoScene) -> tuple[np.ndarray, np.ndarray]:
     """(R_ned_optical, position_ned_m): a little aside and turned by the seed, so that nothing is met exactly square."""
     rng = np.random.Generator(np.random.PCG64([view.seed, 5]))

@@ -1,4 +1,4 @@
-"""Which pixels of a matched stereo pair deserve belief, from both images and the disparity found. See
+"""Which pixels of a matched stereo pair are accepted, from both images and the disparity found. See
 docs/explanation/stereo-depth.md.
 
 A matcher gives the best disparity there is, also where the images hold nothing but noise: blank sky, blank paint. Here each
@@ -6,14 +6,14 @@ match is tested against what noise could have produced. Only differences of grey
 at the horizontal derivative of both images, the right one taken where the disparity says:
 
 - *correlation*: in a window the two derivatives must agree. Noise of two sensors does not. For texture of variance t and noise
-  of variance n the correlation is t / (t + n): this is the local contrast against the noise, measured where it is used;
+  of variance n the correlation is t / (t + n): this is the local contrast against the noise, measured where it is used.
   Where the texture is strong the correlation must be high: two different textures agree by chance, but not so well;
 - *texture*: the variance of the derivative must exceed that of the noise, which is measured in the pair itself from what differs
   between the two images where they are matched;
 - *period*: where the left image repeats itself along the row, another disparity fits as well;
 - *patch*: what is left must be part of a patch of one surface, single pixels are chance;
 - *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
-  pixels, may belong to that area: they are dropped, but not all that the window reaches, or no outline would be left.
+  pixels may belong to that area: they are dropped, but not all that the window reaches, or no outline would be left.
 
 What fails a rule is no measurement."""
 
@@ -62,7 +62,7 @@ class ConfidenceLimits:
     strong_correlation: the same where the texture is far above the noise. texture: least
     variance of the derivative over that of the noise, 0: off. period: correlation of the left image with itself from which on
     it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off.
-    smear_px: width of the border of believed areas beside unmeasured ones that is dropped, 0: off."""
+    smear_px: width of the border of accepted areas beside unmeasured ones that is dropped, 0: off."""
 
     window_px: int = 7
     correlation: float = 0.7
@@ -171,8 +171,8 @@ def without_smear(disparity: Image, smear_px: int, window_px: int) -> Image:
     return np.where(inner > 0, disparity, np.float32(-1.0))
 
 
-def believed(left: Gray, right: Gray, disparity: Image, limits: ConfidenceLimits) -> Image:
-    """The disparity (H, W) float32 px with -1 where it does not deserve belief. left, right: (H, W) uint8, rectified."""
+def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: ConfidenceLimits) -> Image:
+    """The disparity (H, W) float32 px with -1 where the match is not accepted. left, right: (H, W) uint8, rectified."""
     good = disparity >= 0.0
     if limits.correlation > 0.0 or limits.texture > 0.0:
         s = match_statistics(left, right, disparity, limits.window_px)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.param_field import check, number
 from core.types import UNKNOWN_MM, Intrinsics
 
-from .match_confidence import ConfidenceLimits, believed
+from .match_confidence import ConfidenceLimits, accepted_matches
 from .zed_calibration import StereoCalibration
 
 Gray = NDArray[np.uint8]
@@ -41,7 +41,7 @@ class MatchParams:
         0.0,
         0.99,
         "",
-        "least correlation of both images in the window; lower values believe weaker texture; 0: off",
+        "least correlation of both images in the window; lower values accept weaker texture; 0: off",
     )
     texture: float = number(
         3.0, 0.0, 100.0, "", "least variance of the texture in the window over that of the sensor noise; 0: off"
@@ -53,8 +53,8 @@ class MatchParams:
     strong_correlation: float = number(
         0.85, 0.0, 0.99, "", "the same where the texture is far above the noise; less than correlation: no difference"
     )
-    smear_px: int = number(1, 0, 16, "px", "border of believed areas beside unmeasured ones that is dropped; 0: off")
-    patch_px: int = number(25, 0, 5000, "px", "smaller patches of believed pixels are dropped; 0: off")
+    smear_px: int = number(1, 0, 16, "px", "border of accepted areas beside unmeasured ones that is dropped; 0: off")
+    patch_px: int = number(25, 0, 5000, "px", "smaller patches of accepted pixels are dropped; 0: off")
 
     def __post_init__(self) -> None:
         check("stereo", self)
@@ -93,7 +93,7 @@ class StereoDepth:
         return depth_mm(self.disparity(*self.rectified(left, right)), self.intrinsics.fx, self.baseline_m)
 
     def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
-        """(H, W) float32 px of a rectified pair; negative: no match that deserves belief."""
+        """(H, W) float32 px of a rectified pair; negative: no accepted match."""
         return self._matcher.disparity(left, right)
 
 
@@ -106,8 +106,8 @@ class StereoMatcher:
         self._limits = confidence_limits(self._params)
 
     def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
-        """(H, W) float32 px of a rectified pair; negative: no match that deserves belief."""
-        found = believed(left, right, compute_disparity(self._sgbm, left, right, self._params), self._limits)
+        """(H, W) float32 px of a rectified pair; negative: no accepted match."""
+        found = accepted_matches(left, right, compute_disparity(self._sgbm, left, right, self._params), self._limits)
         edge = self._params.edge_px
         if edge:
             found[:edge], found[-edge:], found[:, :edge], found[:, -edge:] = -1, -1, -1, -1

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from benchmarks.open_air.directions import judge_directions, plane_ranges, truth
 from benchmarks.open_air.false_stops import Counts, counts_of, main
 from benchmarks.open_air.outlines import upright_outline
-from benchmarks.open_air.views import View, profile_of, scene_of, see
+from benchmarks.open_air.views import View, every_match, profile_of, scene_of, see
 from core.extractor import Extractor
 from core.params import Params
 from drivers.simulation.scenes import SceneBuilder
 from drivers.simulation.source import camera_info, render
 from drivers.simulation.stereo.stereo_profiles import StereoCamera, StereoProfile
-
-
-def everything(profile: StereoProfile) -> StereoProfile:
-    """The same camera with every rule off."""
-    off = replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0)
-    return replace(profile, match=off)
 
 
 def counts(view: View, profile: StereoProfile, noises: tuple[float, ...] = (1.0,)) -> Counts:
@@ -71,9 +63,9 @@ def test_a_plane_that_stands_for_a_thing_is_no_false_stop() -> None:
 
 
 def test_an_open_field_under_a_clear_sky_is_not_closed() -> None:
-    """Every match believed, planes stand where nothing is; with the rules on none does."""
+    """Every match accepted, planes stand where nothing is; with the rules on none does."""
     profile = profile_of("zed")
-    before, after = (counts(View(scene="field"), p) for p in (everything(profile), profile))
+    before, after = (counts(View(scene="field"), p) for p in (every_match(profile), profile))
     assert before.directions == after.directions > 20
     assert before.false_stops > 0.1 * before.directions
     assert after.false_stops == 0
@@ -83,7 +75,7 @@ def test_an_open_field_under_a_clear_sky_is_not_closed() -> None:
 
 def test_a_blank_box_keeps_its_outline_in_the_model() -> None:
     profile = profile_of("zed")
-    before, after = (counts(View(scene="container_8m"), p, (0.5, 1.5)) for p in (everything(profile), profile))
+    before, after = (counts(View(scene="container_8m"), p, (0.5, 1.5)) for p in (every_match(profile), profile))
     kept = [sum(o.kept for o in c.outlines) / sum(o.pixels for o in c.outlines) for c in (before, after)]
     assert kept[1] > 0.9 > kept[0]
     assert after.false_stops == 0 < before.false_stops

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.cameras.match_confidence import (
     ConfidenceLimits,
-    believed,
+    accepted_matches,
     derivative,
     match_statistics,
     patches,
@@ -61,7 +61,7 @@ def test_noise_of_a_blank_sky_is_no_depth(noise_grey: float, rule: dict[str, flo
     found = matched(left, right)
     high = np.s_[:112, D:]
     assert np.mean(found[high] > 2.0) > 0.03
-    kept = believed(left, right, found, replace(OFF, **rule, patch_px=20))
+    kept = accepted_matches(left, right, found, replace(OFF, **rule, patch_px=20))
     assert np.mean(kept[high] > 2.0) <= left_over
     assert np.mean(kept[128:, D:] >= 0.0) > 0.95 * np.mean(found[128:, D:] >= 0.0)
 
@@ -74,8 +74,8 @@ def test_texture_that_the_other_image_does_not_show_is_hardly_ever_a_depth() -> 
         views = [cv2.GaussianBlur(rng(seed + i).standard_normal((HEIGHT, WIDTH)), (0, 0), 1.0) for i in range(2)]
         left, right = (noisy(120.0 + 25.0 * view / view.std(), 1.0, seed + 2 + i) for i, view in enumerate(views))
         found = matched(left, right)
-        weak = believed(left, right, found, replace(ALL, strong_correlation=0.0))
-        shares += [np.mean(d >= 0.0) / 6 for d in (found, weak, believed(left, right, found, ALL))]
+        weak = accepted_matches(left, right, found, replace(ALL, strong_correlation=0.0))
+        shares += [np.mean(d >= 0.0) / 6 for d in (found, weak, accepted_matches(left, right, found, ALL))]
     assert shares[0] > 0.01
     assert shares[1] < 0.6 * shares[0]
     assert shares[2] < 0.25 * shares[1]
@@ -91,9 +91,9 @@ def test_a_fence_matches_itself_at_other_disparities() -> None:
     inner = np.s_[20:-20, 80:-40]
     wrong = (found >= 0.0) & (np.abs(found - 20.0) > 2.0)
     assert wrong[inner].mean() > 0.05
-    without = believed(left, right, found, replace(ALL, period=1.0))
+    without = accepted_matches(left, right, found, replace(ALL, period=1.0))
     assert ((without >= 0.0) & (np.abs(without - 20.0) > 2.0))[inner].mean() > 0.01
-    assert not (believed(left, right, found, ALL)[inner] >= 0.0).any()
+    assert not (accepted_matches(left, right, found, ALL)[inner] >= 0.0).any()
 
 
 def test_two_poles_are_no_repetition() -> None:
@@ -127,7 +127,7 @@ def test_a_textured_wall_stays_whole() -> None:
     image = texture(9)
     left, right = noisy(image[:, :WIDTH], 1.0, 10), noisy(image[:, 12 : 12 + WIDTH], 1.0, 11)
     found = matched(left, right)
-    kept = believed(left, right, found, ALL)
+    kept = accepted_matches(left, right, found, ALL)
     inner = np.s_[8:-8, D:-8]
     assert np.mean(np.abs(kept[inner] - 12.0) < 0.5) > 0.98
 
@@ -177,13 +177,13 @@ def test_a_blank_thing_does_not_take_the_depth_of_the_texture_behind_it() -> Non
     found = matched(left, right)
     inside = np.s_[60:100, 60:-20]
     rows = [
-        int((believed(left, right, found, replace(ALL, smear_px=px))[inside] >= 0.0).any(axis=1).sum())
+        int((accepted_matches(left, right, found, replace(ALL, smear_px=px))[inside] >= 0.0).any(axis=1).sum())
         for px in (0, 2, 4)
     ]
     assert rows[0] >= 6
     assert rows[1] <= rows[0] - 3
     assert rows[2] == 0
-    kept = believed(left, right, found, ALL)
+    kept = accepted_matches(left, right, found, ALL)
     assert np.mean(kept[10:54, 60:-20] >= 0.0) > 0.98
 
 
@@ -211,4 +211,4 @@ def test_the_derivative_is_per_pixel_along_the_row() -> None:
 def test_nothing_matched_gives_nothing() -> None:
     left, right = sky(1.0)
     none = np.full(left.shape, -1.0, np.float32)
-    assert np.array_equal(believed(left, right, none, ALL), none)
+    assert np.array_equal(accepted_matches(left, right, none, ALL), none)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from core.types import CameraInfo, CameraMount, Intrinsics
 
-from ...cameras.match_confidence import believed
+from ...cameras.match_confidence import accepted_matches
 from ...cameras.stereo import MatchParams, StereoMatcher, confidence_limits, depth_mm
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
@@ -60,7 +60,7 @@ class StereoProfile:
             census, limits = self.census, confidence_limits(self.match)
             if not self.host_check:
                 return lambda left, right: census_disparity(left, right, census)
-            return lambda left, right: believed(left, right, census_disparity(left, right, census), limits)
+            return lambda left, right: accepted_matches(left, right, census_disparity(left, right, census), limits)
         return StereoMatcher(self.match).disparity
 
 
