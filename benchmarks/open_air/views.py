@@ -60,7 +60,7 @@ def profile_of(name: str) -> StereoProfile:
 
 def every_match(profile: StereoProfile) -> StereoProfile:
     """The same camera with the confidence rules off."""
-    off = replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0)
+    off = replace(profile.match, correlation=0.0, texture=0.0, period=1.0, patch_px=0, smear_px=0, smear_rows=0)
     return replace(profile, match=off)
 
 

@@ -13,7 +13,8 @@ at the horizontal derivative of both images, the right one taken where the dispa
 - *period*: where the left image repeats itself along the row, another disparity fits as well;
 - *patch*: what is left must be part of a patch of one surface, single pixels are chance;
 - *smear*: a window takes the disparity of its strongest edge to all its pixels. Beside an area without measurements the outermost
-  pixels may belong to that area: they are dropped, but not all that the window reaches, or no outline would be left.
+  columns and rows may belong to that area. One column is dropped, an upright edge locates itself. As many rows as the window
+  reaches are dropped: above and below a level edge nothing says to which side the disparity belongs.
 
 What fails a rule is no measurement."""
 
@@ -62,7 +63,7 @@ class ConfidenceLimits:
     strong_correlation: the same where the texture is far above the noise. texture: least
     variance of the derivative over that of the noise, 0: off. period: correlation of the left image with itself from which on
     it repeats, 1: off; period_px: greatest period looked for. patch_px: smaller patches of similar disparity are dropped, 0: off.
-    smear_px: width of the border of accepted areas beside unmeasured ones that is dropped, 0: off."""
+    smear_px, smear_rows: columns and rows of the border of accepted areas beside unmeasured ones that are dropped, 0: off."""
 
     window_px: int = 7
     correlation: float = 0.7
@@ -72,6 +73,7 @@ class ConfidenceLimits:
     period_px: int = 48
     patch_px: int = 25
     smear_px: int = 1
+    smear_rows: int = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -162,13 +164,18 @@ def patches(disparity: Image, patch_px: int, step_px: float) -> Image:
     return np.where(fixed >= 0, disparity, np.float32(-1.0))
 
 
-def without_smear(disparity: Image, smear_px: int, window_px: int) -> Image:
-    """The disparity without the pixels within smear_px of an area without one. Holes narrower than window_px are no area."""
+def without_smear(disparity: Image, smear_px: int, smear_rows: int, window_px: int) -> Image:
+    """The disparity without the pixels within smear_px of an area without one, and of wider areas without those within smear_rows
+    rows. Holes narrower than window_px are no area."""
     found = (disparity >= 0.0).view(np.uint8)
     closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((window_px, window_px), np.uint8))
+    near = np.ones((2 * smear_px + 1, 2 * smear_px + 1), np.uint8)
+    tall = np.ones((2 * max(smear_px, smear_rows) + 1, 2 * smear_px + 1), np.uint8)
     # nothing is known beyond the image's border, and nothing is taken from there
-    inner = cv2.erode(closed, np.ones((2 * smear_px + 1, 2 * smear_px + 1), np.uint8), borderValue=1)
-    return np.where(inner > 0, disparity, np.float32(-1.0))
+    inner = cv2.erode(closed, tall, borderValue=1)
+    # what is lower than the window is no border of an area: the steps of a slanted edge, which are measured
+    low = cv2.erode(closed, near, borderValue=1) & ~cv2.dilate(inner, tall)
+    return np.where((inner | low) > 0, disparity, np.float32(-1.0))
 
 
 def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: ConfidenceLimits) -> Image:
@@ -186,4 +193,6 @@ def accepted_matches(left: Gray, right: Gray, disparity: Image, limits: Confiden
     kept = np.where(good, disparity, np.float32(-1.0))
     if limits.patch_px:
         kept = patches(kept, limits.patch_px, _PATCH_STEP_PX)
-    return without_smear(kept, limits.smear_px, limits.window_px) if limits.smear_px else kept
+    if limits.smear_px or limits.smear_rows:
+        kept = without_smear(kept, limits.smear_px, limits.smear_rows, limits.window_px)
+    return kept

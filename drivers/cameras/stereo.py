@@ -53,7 +53,10 @@ class MatchParams:
     strong_correlation: float = number(
         0.85, 0.0, 0.99, "", "the same where the texture is far above the noise; less than correlation: no difference"
     )
-    smear_px: int = number(1, 0, 16, "px", "border of accepted areas beside unmeasured ones that is dropped; 0: off")
+    smear_px: int = number(
+        1, 0, 16, "px", "columns beside an unmeasured area that are dropped from an accepted one; 0: none"
+    )
+    smear_rows: int = number(4, 0, 16, "px", "rows above and below an unmeasured area that are dropped; 0: none")
     patch_px: int = number(25, 0, 5000, "px", "smaller patches of accepted pixels are dropped; 0: off")
 
     def __post_init__(self) -> None:
@@ -120,6 +123,7 @@ def confidence_limits(params: MatchParams) -> ConfidenceLimits:
         window_px=params.window_px | 1, correlation=params.correlation,
         strong_correlation=params.strong_correlation, texture=params.texture, period=params.period,
         period_px=params.period_px, patch_px=params.patch_px, smear_px=params.smear_px,
+        smear_rows=params.smear_rows,
     )  # fmt: skip
 
 

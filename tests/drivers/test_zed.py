@@ -201,7 +201,7 @@ def test_a_real_pair_gives_plausible_depths(shared_data: Path) -> None:
     depth = depth_mm(stereo.disparity(left, right), 534.04, 0.11998737) / 1000.0
     seen = depth[depth > 0]
     # walls and table top are blank to within the noise: only their borders are measured
-    assert 0.2 * depth.size < len(seen) < 0.3 * depth.size
+    assert 0.15 * depth.size < len(seen) < 0.25 * depth.size
     assert 0.5 < np.percentile(seen, 1) < np.percentile(seen, 99) < 5.0
     bottles = depth[300:420, 480:740]
     assert np.mean(bottles[(bottles > 0)] < 1.2) > 0.8
