@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.autopilot.px4_loop import Px4Loop, Values, stick_at
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Observation, braking_reach_cm, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, braking_reach_cm, policy_of
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory
 from companion.autopilot.polar_histogram import covered, looked_into, scan, too_near_the_edge
 from companion.autopilot.view_free import View
@@ -127,7 +127,7 @@ class Service:
         found = scan([view], AVOID)
         recalled = self._memory.recall(found, [view], Here(0.0, (x, y, -3.0), 1), now_ns)
         vx, vy = (float(c) for c in self._loop.vehicle.velocity_m_s)
-        sight = Observation(found, recalled, BLIND, SEEING, WHOLE, now_ns, self._edge, (vx, vy))
+        sight = ObstacleView(found, recalled, BLIND, SEEING, WHOLE, now_ns, self._edge, (vx, vy))
         self._loop.reach_cm = braking_reach_cm(sight, AVOID)
         return self._blind.values(sight, self._policy, now_ns)
 

@@ -66,7 +66,7 @@ class Policy:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observation:
+class ObstacleView:
     """What there is to tell. scan: of the cameras that see. recalled: remembered obstacles.
 
     blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do, with any part of
@@ -115,7 +115,7 @@ def _px4_wall_m(avoid: AvoidParams, cp_dist_m: float | None) -> float | None:
     return wall_m if 100.0 * wall_m < limits_cm(avoid)[1] - 1 else None
 
 
-def braking_reach_cm(sight: Observation, avoid: AvoidParams) -> NDArray[np.float64]:
+def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams) -> NDArray[np.float64]:
     """(72,) distance within which an obstacle is sent to PX4 although unknown stands beside it. Everywhere that of near
     obstacles; at the edge of the view, where unknown stands for the hull's width, also what the vehicle closes on: PX4 needs it
     to brake. Without a velocity all that is seen there is sent."""
@@ -138,7 +138,7 @@ class BlindPolicy:
         self._all_blind_since_ns: int | None = None
         self._brake_since_ns: int | None = None
 
-    def values(self, sight: Observation, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
+    def values(self, sight: ObstacleView, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
         """(72,) centimetres to send, before the adaptation to single readers; None: nothing may be sent."""
         self._follow(sight, now_ns)
         if policy.name == "brake" and self._within(self._brake_since_ns, now_ns):
@@ -158,12 +158,12 @@ class BlindPolicy:
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
 
-    def _leave_edge(self, values: NDArray[np.uint16], sight: Observation) -> None:
+    def _leave_edge(self, values: NDArray[np.uint16], sight: ObstacleView) -> None:
         """Takes obstacles out of sectors at the edge of the view: PX4 moves into a sector that has any value. They stay where
         they are near, or the vehicle closes on them: then PX4 must brake for them."""
         values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid))] = UNKNOWN
 
-    def _follow(self, sight: Observation, now_ns: int) -> None:
+    def _follow(self, sight: ObstacleView, now_ns: int) -> None:
         """Blindness began with the newest exposure, not when it was noticed."""
         since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
         if sight.seeing.any():
@@ -186,7 +186,7 @@ class BlindPolicy:
         behind = (scan.state == SectorState.UNSEEN) & (scan.distance_m < self._avoid.max_distance_m)
         values[behind] = near_cm(scan.distance_m[behind], self._avoid)
 
-    def _wall(self, values: NDArray[np.uint16], sight: Observation, policy: Policy) -> None:
+    def _wall(self, values: NDArray[np.uint16], sight: ObstacleView, policy: Policy) -> None:
         """Puts the wall into sectors that a camera covers and that were not seen. What one camera sees counts, whatever
         another one does not see. With policy.all_around a wall in any sector puts it into all that are not seen.
 
@@ -201,7 +201,7 @@ class BlindPolicy:
             wanted |= values == UNKNOWN
         values[wanted] = np.minimum(values[wanted], near_cm(wall_m[wanted], self._avoid))
 
-    def _recalled(self, sight: Observation, policy: Policy) -> NDArray[np.uint16]:
+    def _recalled(self, sight: ObstacleView, policy: Policy) -> NDArray[np.uint16]:
         """Remembered obstacles, in centimetres. One outranks a farther wall, and a sector that is not seen.
 
         Where unknown stops the vehicle, a remembered obstacle does not replace it when something nearer may stand before

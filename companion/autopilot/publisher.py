@@ -32,7 +32,7 @@ from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
 from .confirmation import PlaneConfirmation, SeenSectors
 from .distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
-from .failsafe import AutopilotNow, BlindPolicy, Observation, Recovery, braking_reach_cm, policy_of
+from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach_cm, policy_of
 from .free_space_memory import FreeMemory
 from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
 from .obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
@@ -229,7 +229,7 @@ class ObstacleTeller:
         edge = too_near_the_edge([self._looks[c] for c in self._cameras if not causes[c]], self._avoid)
         velocity_m_s = self._velocity_m_s(now_ns)
         on_ground = autopilot.on_ground and low
-        sight = Observation(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s, on_ground)
+        sight = ObstacleView(found, recalled, blind, seeing, whole, self._newest_good_ns, edge, velocity_m_s, on_ground)
         policy = policy_of(self._avoid, autopilot)
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:

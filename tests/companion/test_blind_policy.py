@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Observation, Policy, Recovery, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, Recovery, policy_of
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
 from companion.autopilot.obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, scan
@@ -34,9 +34,9 @@ def sight(
     blind: np.ndarray = NOWHERE,
     seeing: np.ndarray = NOWHERE,
     newest_ns: int | None = 0,
-) -> Observation:
+) -> ObstacleView:
     found = scan([], AVOID) if found is None else found
-    return Observation(found, nothing_remembered(), blind, seeing, seeing & ~EDGES, newest_ns)
+    return ObstacleView(found, nothing_remembered(), blind, seeing, seeing & ~EDGES, newest_ns)
 
 
 def front_seen(*planes: tuple[float, ...]) -> SectorScan:

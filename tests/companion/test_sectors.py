@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Observation, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, policy_of
 from companion.autopilot.obstacle_distance import (
     UNKNOWN,
     clear_cm,
@@ -85,7 +85,7 @@ def message_of(found: SectorScan, avoid: AvoidParams = AVOID, autopilot: str = "
 def told_everywhere(found: SectorScan, autopilot: str) -> Any:
     """The message for an autopilot by its own policy, of cameras that look into a part of every sector."""
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    sight = Observation(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
+    sight = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
     values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, AutopilotNow(kind=autopilot)), 0)
     assert values is not None
     return obstacle_distance_message(for_reader(values, AVOID, autopilot), 0, AVOID)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, Observation, Policy, policy_of
+from companion.autopilot.failsafe import AutopilotNow, BlindPolicy, ObstacleView, Policy, policy_of
 from companion.autopilot.obstacle_distance import (
     ARDUPILOT,
     PX4,
@@ -85,7 +85,7 @@ def looked_at(info: CameraInfo = INFO) -> NDArray[np.uint8]:
 def values_of(found: SectorScan, autopilot: str, blind: NDArray[np.bool_] | None = None) -> NDArray[np.uint16]:
     seeing, whole = covered([looked_at()])
     nowhere = np.zeros(SECTORS, bool)
-    sight = Observation(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
+    sight = ObstacleView(found, nothing_remembered(), nowhere if blind is None else blind, seeing, whole, 0)
     values = BlindPolicy(AVOID).values(sight, policy_of(AVOID, AutopilotNow(kind=autopilot)), 0)
     assert values is not None
     return for_reader(values, AVOID, autopilot)
@@ -212,7 +212,7 @@ def test_a_plane_seen_from_aside_does_not_vouch_for_the_way_of_a_blind_camera() 
     other = replace(INFO, camera="right", mount=CameraMount(yaw_rad=yaw_rad))
     blind, _ = covered([looked_into(front, AVOID)])
     seeing, whole = covered([looked_into(other, AVOID)])
-    sight = Observation(found, nothing_remembered(), blind, seeing, whole, 0)
+    sight = ObstacleView(found, nothing_remembered(), blind, seeing, whole, 0)
     px4 = BlindPolicy(AVOID).values(sight, NOT_KNOWN, 0)
     stop = BlindPolicy(AVOID).values(sight, STOP, 0)
     assert px4 is not None
@@ -247,7 +247,7 @@ def test_where_unknown_means_clear_the_plane_is_better_than_nothing() -> None:
     """At the border of the view no wall stands: there ArduPilot keeps the plane, PX4 is told that nothing is known."""
     found = unseen_behind(5.0)
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
-    border = Observation(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
+    border = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)
     inside = replace(border, whole=everywhere)
     for sight, policy, expected in (
         (border, STOP, 500), (border, NOT_KNOWN, UNKNOWN), (inside, STOP, 212), (inside, NOT_KNOWN, UNKNOWN),
@@ -274,7 +274,7 @@ def test_a_remembered_obstacle_does_not_stand_for_an_unseen_way() -> None:
         recalled = np.full(SECTORS, np.inf)
         recalled[[0, 3, 6]] = distance_m
         remembered = Remembered(recalled, recalled if way_seen else np.full(SECTORS, np.inf))
-        sight = Observation(scanned, remembered, nowhere, looking, looking, 0)
+        sight = ObstacleView(scanned, remembered, nowhere, looking, looking, 0)
         values = BlindPolicy(AVOID).values(sight, NOT_KNOWN, 0)
         assert values is not None
         return [int(values[i]) for i in (0, 3, 6)]
