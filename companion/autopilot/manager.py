@@ -30,7 +30,8 @@ from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
 from .parameter_advice import AutopilotFacts, advice, delay_advice
 from .parameters import WANTED, ParameterReader
-from .publisher import ObstacleSender, ObstacleTeller, Told, seen_ns
+from .publisher import ObstacleTeller, Told, seen_ns
+from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .view_free import RING_M
 

@@ -9,19 +9,16 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical, rotation_from_quaternion, rotation_level_ned
 from core.types import AttitudeSample, CameraInfo, FrameModel, PoseSample
-from drivers.watched_thread import WatchedThread
 
 from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
@@ -31,11 +28,11 @@ from ..pipeline.pipeline import PrismsResult
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
 from .confirmation import PlaneConfirmation, SeenSectors
-from .distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
+from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach_cm, policy_of
 from .free_space_memory import FreeMemory
-from .obstacle_distance import ARDUPILOT, for_reader, obstacle_distance_message
-from .obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
+from .obstacle_distance import for_reader
+from .obstacle_distance_3d import NO_POINTS, other_points
 from .obstacle_memory import Here, ObstacleMemory, Remembered, nothing_remembered
 from .polar_histogram import (
     PARTS,
@@ -310,77 +307,3 @@ def seen_ns(result: PrismsResult) -> int:
 def all_numbers(model: FrameModel) -> bool:
     """Whether the planes can be compared with anything; one that cannot would hide all others."""
     return bool(np.isfinite(model.planes).all() and np.isfinite(model.margin_m).all())
-
-
-def messages_of(told: Told, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
-    """What goes out for a decision: OBSTACLE_DISTANCE or, to ArduPilot where it is switched on, points; DISTANCE_SENSOR."""
-    if told.values is None:
-        return []
-    time_ms = now_ns // 1_000_000
-    if avoid.points and autopilot == ARDUPILOT:
-        points_m = np.concatenate([level_points(told.values, avoid), told.points_m])
-        out = obstacle_points_messages(points_m, time_ms, avoid)
-    else:
-        out = [obstacle_distance_message(told.values, now_ns // 1000, avoid)]
-    for distance_m, orientation in ((told.up_m, UPWARD), (told.down_m, DOWNWARD)):
-        if distance_m is not None and distance_m < avoid.max_distance_m:
-            out.append(distance_sensor_message(distance_m, orientation, time_ms, avoid))
-    return out
-
-
-class ObstacleSender:
-    """Runs a teller on the line, in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
-
-    def __init__(
-        self, teller: ObstacleTeller, avoid: AvoidParams, ask: Callable[[], AutopilotNow], post: Callable[[Any], None]
-    ) -> None:
-        self._teller, self._avoid, self._ask, self._post = teller, avoid, ask, post
-        self._stop = threading.Event()
-        self._thread = WatchedThread(self._run, "obstacles")
-        self._said_last = False
-        self.told: Told | None = None
-        self.sent = 0
-        self.alive_ns = time.monotonic_ns()
-
-    def open(self) -> None:
-        """Starts the thread."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends it. May be called twice. Where an exception has ended the thread, the last decision is sent from here."""
-        self._stop.set()
-        if self._thread.ident is not None:
-            self._thread.join(2.0)
-        if self._thread.failure and not self._said_last:
-            self._said_last = True
-            self._tell(time.monotonic_ns())
-
-    @property
-    def running(self) -> bool:
-        """False once the thread has ended, told or not."""
-        return self._thread.is_alive()
-
-    @property
-    def failure(self) -> str:
-        """The exception that ended the thread, in words; empty: none did."""
-        return self._thread.failure
-
-    def _run(self) -> None:
-        step_ns = round(NS / self._avoid.rate_hz)
-        next_ns = time.monotonic_ns()
-        while not self._stop.wait(max(0.0, (next_ns - time.monotonic_ns()) / NS)):
-            now_ns = time.monotonic_ns()
-            next_ns = max(next_ns + step_ns, now_ns)
-            self._tell(now_ns)
-            self.alive_ns = time.monotonic_ns()
-        self._tell(time.monotonic_ns())  # whoever stops us has said why: the last word is not one of before
-
-    def _tell(self, now_ns: int) -> None:
-        autopilot = self._ask()
-        if not autopilot.kind:  # which policy is right is known only then
-            return
-        self.told = self._teller.decide(autopilot, now_ns)
-        messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
-        for message in messages:
-            self._post(message)
-        self.sent += bool(messages)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
 from companion.autopilot.obstacle_distance_3d import NO_POINTS, level_points, obstacle_points_messages, other_points
-from companion.autopilot.publisher import messages_of
+from companion.autopilot.sender import messages_of
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform

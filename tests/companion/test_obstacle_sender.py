@@ -13,7 +13,8 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.publisher import ObstacleSender, ObstacleTeller, Told
+from companion.autopilot.publisher import ObstacleTeller, Told
+from companion.autopilot.sender import ObstacleSender
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.frames import quaternion_from_euler

@@ -10,7 +10,7 @@ import pytest
 
 from companion.autopilot.distance_sensor import DOWNWARD, UPWARD, Overhead, distance_sensor_message, downward_m
 from companion.autopilot.obstacle_memory import Here
-from companion.autopilot.publisher import messages_of
+from companion.autopilot.sender import messages_of
 from companion.autopilot.view_free import View
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.transform import LevelTransform

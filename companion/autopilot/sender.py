@@ -1,0 +1,95 @@
+"""Sends what an `ObstacleTeller` decides to the autopilot, in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from drivers.watched_thread import WatchedThread
+
+from ..config.avoidance import AvoidParams
+from .distance_sensor import DOWNWARD, UPWARD, distance_sensor_message
+from .failsafe import AutopilotNow
+from .obstacle_distance import ARDUPILOT, obstacle_distance_message
+from .obstacle_distance_3d import level_points, obstacle_points_messages
+from .publisher import ObstacleTeller, Told
+
+NS = 1_000_000_000
+
+
+def messages_of(told: Told, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
+    """The messages of a decision: OBSTACLE_DISTANCE or, to ArduPilot where it is switched on, points; DISTANCE_SENSOR."""
+    if told.values is None:
+        return []
+    time_ms = now_ns // 1_000_000
+    if avoid.points and autopilot == ARDUPILOT:
+        points_m = np.concatenate([level_points(told.values, avoid), told.points_m])
+        out = obstacle_points_messages(points_m, time_ms, avoid)
+    else:
+        out = [obstacle_distance_message(told.values, now_ns // 1000, avoid)]
+    for distance_m, orientation in ((told.up_m, UPWARD), (told.down_m, DOWNWARD)):
+        if distance_m is not None and distance_m < avoid.max_distance_m:
+            out.append(distance_sensor_message(distance_m, orientation, time_ms, avoid))
+    return out
+
+
+class ObstacleSender:
+    """Runs a teller in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
+
+    def __init__(
+        self, teller: ObstacleTeller, avoid: AvoidParams, ask: Callable[[], AutopilotNow], post: Callable[[Any], None]
+    ) -> None:
+        self._teller, self._avoid, self._ask, self._post = teller, avoid, ask, post
+        self._stop = threading.Event()
+        self._thread = WatchedThread(self._run, "obstacles")
+        self._said_last = False
+        self.told: Told | None = None
+        self.sent = 0
+        self.alive_ns = time.monotonic_ns()
+
+    def open(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread. May be called twice. If an exception has ended it, the last decision is sent from here."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+        if self._thread.failure and not self._said_last:
+            self._said_last = True
+            self._tell(time.monotonic_ns())
+
+    @property
+    def running(self) -> bool:
+        """False once the thread has ended, for whatever reason."""
+        return self._thread.is_alive()
+
+    @property
+    def failure(self) -> str:
+        """The exception that ended the thread, in words; empty: none did."""
+        return self._thread.failure
+
+    def _run(self) -> None:
+        step_ns = round(NS / self._avoid.rate_hz)
+        next_ns = time.monotonic_ns()
+        while not self._stop.wait(max(0.0, (next_ns - time.monotonic_ns()) / NS)):
+            now_ns = time.monotonic_ns()
+            next_ns = max(next_ns + step_ns, now_ns)
+            self._tell(now_ns)
+            self.alive_ns = time.monotonic_ns()
+        self._tell(time.monotonic_ns())  # the last message is decided after the stop, with its cause
+
+    def _tell(self, now_ns: int) -> None:
+        autopilot = self._ask()
+        if not autopilot.kind:  # the policy depends on the autopilot
+            return
+        self.told = self._teller.decide(autopilot, now_ns)
+        messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
+        for message in messages:
+            self._post(message)
+        self.sent += bool(messages)
