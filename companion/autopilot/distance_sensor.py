@@ -1,7 +1,7 @@
-"""DISTANCE_SENSOR upward and downward, from the model: what stands over the vehicle, and how far down the ground is.
+"""DISTANCE_SENSOR upward and downward, from the model: the lowest obstacle above the vehicle, and the ground below it.
 
-Upward only what was seen there is told, and remembered, since a camera that looks ahead does not see what it flies
-under. Nothing is ever told to be clear: where nothing is known, nothing is sent.
+Upward, only obstacles that were seen are sent. They are remembered, because a camera that looks ahead does not see what the
+vehicle flies under. Nothing is ever sent as clear.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether the autopilot takes our obstacles: PX4 sends its own map of them back, ArduPilot one DISTANCE_SENSOR a face."""
+"""Whether the autopilot uses our obstacles: PX4 sends its map of them back, ArduPilot one DISTANCE_SENSOR for each face."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .parameter_advice import AutopilotFacts, position_mode_fault
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
-"""So long nothing may come back before it is said."""
+"""Time without an answer before it is reported."""
 SLACK_CM = 60
-"""An echo may be of a message or two ago, at some metres a second."""
+"""An echo may belong to one or two messages before, at some metres per second."""
 FACES = 8
 PX4, ARDUPILOT = "PX4", "ArduPilot"
 CAUSES = {
     PX4: "is CP_DIST above 0, and is MAV_n_MODE of its link Onboard?",
     ARDUPILOT: "is PRX1_TYPE = 2, and was the autopilot restarted since?",
 }
-"""What to look at where nothing that we know of explains it."""
+"""What to check when no known fault explains it."""
 
 
 class EchoCheck:
-    """`sent` with what we send, `take` with what comes, `trouble` for words. Safe to use from several threads."""
+    """`sent` receives what is sent, `take` what arrives, `trouble` gives the text. Safe to use from several threads."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -38,7 +38,7 @@ class EchoCheck:
         self._differs_since_ns: int | None = None
 
     def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
-        """What went out. Only a message with an obstacle brings an answer from both autopilots."""
+        """Values that were sent. Only a message with an obstacle is answered by both autopilots."""
         with self._lock:
             self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < 2 * NS]
             self._sent.append((now_ns, faces_cm(values)))
@@ -62,8 +62,8 @@ class EchoCheck:
                 self._differs_since_ns = now_ns
 
     def trouble(self, kind: str, now_ns: int, cause: str = "") -> str:
-        """Why it seems that our obstacles are not taken; empty while they are, or while there is nothing to judge by.
-        cause: the likely one, in words; empty: none is known."""
+        """Why our obstacles seem not to be used; empty while they are, or while there is nothing to compare. cause: the likely
+        one, in words; empty: none is known."""
         with self._lock:
             waited = self._waits_since_ns is not None and now_ns - self._waits_since_ns > PATIENCE_NS
             if waited and kind in CAUSES:

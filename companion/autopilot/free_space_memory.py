@@ -1,9 +1,8 @@
-"""Free space that was seen before the vehicle leaned: who flies forward leans forward, and the camera then sees the upper
-part of the near space no more. It was seen a moment ago, from farther away or level.
+"""Memory of free space for a leaning vehicle: in forward flight the upper part of the near space leaves the image. It was
+seen a moment before, from farther away or while level.
 
-Cells of a grid in ned hold when they were last seen free. They are asked only for places that no camera looks at now,
-in directions of which cameras see enough at this instant (`seen_share`), and for `remember_free_s`: what is remembered
-completes a view, and is none. Without a position nothing is remembered.
+Cells of a grid in ned hold when they were last seen free. They count only at places outside of all views, in sectors of which
+the cameras see `seen_share` now, and for `remember_free_s`. Without a position nothing is remembered.
 """
 
 from __future__ import annotations

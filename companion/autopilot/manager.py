@@ -1,4 +1,4 @@
-"""All that concerns the autopilot's braking, as one part of the service: what is told, whether it is taken, what is wrong."""
+"""The output to the autopilot as one part of the service: what is sent, whether it is used, and diagnostics."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .flight_modes import mode_trouble
 from .landed import EXTENDED_SYS_STATE, LandedState
 from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
-from .parameter_advice import AutopilotFacts, advice, delay_advice
+from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
 from .publisher import ObstacleTeller, Told, seen_ns
 from .sender import ObstacleSender
@@ -38,16 +38,16 @@ from .view_free import RING_M
 NS = 1_000_000_000
 ECHO_HZ, ASK_FOR_ECHO_NS = 2.0, 10 * NS
 ECHOES = {"PX4": 330, "ArduPilot": 132}
-"""The message that comes back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
+"""The message that the autopilot sends back: OBSTACLE_DISTANCE, DISTANCE_SENSOR."""
 PARAM_VALUE = 22
 READS = frozenset({PARAM_VALUE, AUTOPILOT_VERSION, EXTENDED_SYS_STATE, *ECHOES.values()})
-"""The autopilot's messages that `message` has to be given."""
+"""Ids of the autopilot's messages that `message` needs."""
 SET_MESSAGE_INTERVAL = 511
 PX4_POSITION_MODE = 3
 
 
 class Avoidance:
-    """vehicle: the autopilot that is heard now, None: none. post: sends it a message."""
+    """Obstacle output of one link. vehicle: the autopilot that is heard now, None: none. post: sends a message to it."""
 
     def __init__(
         self,
@@ -61,8 +61,9 @@ class Avoidance:
         last: LastValuesFile | None = None,
         ring_m: float = RING_M,
     ) -> None:
-        """last: values of the autopilot that were read before this start, used until they are read again. ill: why a camera's frames mean nothing though they come, in words. silent: an autopilot in flight that is heard no
-        more, None: none; it is told on, since it may hear us. ring_m: step of the free-range profiles."""
+        """last: values of the autopilot that were read before this start, used until they are read again.
+        ill: why a camera's frames must not be used although they arrive. silent: an autopilot in flight that is no longer heard,
+        None: none; it may still receive. ring_m: step of the free-range profiles."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
@@ -83,19 +84,19 @@ class Avoidance:
         self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
-        """Starts to send, as soon as an autopilot is heard."""
+        """Starts to send as soon as an autopilot is heard."""
         self.sender.open()
 
     def end(self) -> None:
-        """The service stops: from now on all cameras are blind, and an armed vehicle's pilot is told what that means."""
+        """The service stops: all cameras count as blind from now on. If the vehicle is armed, a STATUSTEXT says what follows."""
         self._teller.end("the service stops")
         vehicle = self._vehicle()
         if vehicle is not None and vehicle.armed and not self._end_ns:
             self._end_ns = time.monotonic_ns()
-            self._post(dialect.MAVLink_statustext_message(CRITICAL, last_words(vehicle.autopilot).encode()))
+            self._post(dialect.MAVLink_statustext_message(CRITICAL, shutdown_text(self._facts(vehicle)).encode()))
 
     def close(self) -> None:
-        """Stops; an armed vehicle that would fly on without us is shown the wall for stop_hold_s first. May be called twice."""
+        """Stops. To an armed vehicle the artificial wall is sent for stop_hold_s first. May be called twice."""
         hold_ns = round(self._avoid.stop_hold_s * NS)
         while self._end_ns and time.monotonic_ns() - self._end_ns < hold_ns and self._flies_on():
             time.sleep(0.05)
@@ -104,7 +105,7 @@ class Avoidance:
         self.sender.close()
 
     def _flies_on(self) -> bool:
-        """Whether somebody in flight hears the wall now."""
+        """Whether an armed vehicle is being sent the artificial wall."""
         vehicle = self._vehicle()
         armed = vehicle is not None and vehicle.armed
         sends_wall = self.told is not None and self.told.policy in ("stop", "brake") and self.told.values is not None
@@ -121,7 +122,7 @@ class Avoidance:
         self._teller.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
-        """What a frame said."""
+        """The result of a frame."""
         self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
@@ -170,18 +171,20 @@ class Avoidance:
         return AutopilotFacts(kind=kind, values=values, silent=silent, version=version)
 
     def _notes(self, now_ns: int) -> dict[str, str]:
-        """Topic -> trouble, in words, for the ground station; all topics there are, so that the end of each is told."""
+        """Topic -> fault, in words, for the ground station. All topics are included, so that the end of each is reported."""
         conflicts = self._link.conflicts if self._link is not None else {}
         vehicle = self._vehicle()
         notes = dict.fromkeys(CONFLICT_CODES, "") | conflicts
         for camera, degraded in tuple(self._mount_degraded.items()):
             notes[f"mount {camera}"] = mount_note(camera, degraded)
         notes["signing"] = self._link.signing_trouble if self._link is not None else ""
-        notes["mode"] = (
-            mode_trouble(vehicle, self._facts(vehicle)) if vehicle is not None and vehicle.heartbeat_ns else ""
-        )
+        notes["mode"] = self._mode_text(vehicle) if vehicle is not None else ""
         notes["echo"] = self._echo_trouble(vehicle, now_ns) if vehicle is not None else ""
         return notes
+
+    def _mode_text(self, vehicle: Vehicle) -> str:
+        """Why the flight mode does not protect; empty before the first heartbeat, which tells the mode."""
+        return mode_trouble(vehicle, self._facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
 
     def _echo_trouble(self, vehicle: Vehicle, now_ns: int) -> str:
         if not echoes(vehicle):
@@ -191,8 +194,7 @@ class Avoidance:
         return self._echo.trouble(vehicle.autopilot, now_ns, cause)
 
     def _blind(self) -> dict[str, str]:
-        """Why each camera is blind, in words; empty: it sees. Nothing before the first decision, or without anybody to
-        decide for."""
+        """Why each camera is blind, in words; empty: it is not. No entry before the first decision or without an autopilot."""
         told = self.sender.told
         if told is None or self._vehicle() is None:
             return {}
@@ -210,7 +212,7 @@ class Avoidance:
             (DiagnosticCode.AVOIDANCE_FAULT, told.fault if told is not None else ""),
             *((DiagnosticCode.PARAMETER_ADVICE, text) for text in advised),
             *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.parameters.contradictions(now_ns)),
-            (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, mode_trouble(vehicle, facts)),
+            (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, self._mode_text(vehicle)),
         ]
         if told is not None and told.policy == "stop" and "AVOID_MARGIN" in facts.silent:
             margin_m = self._parameter(vehicle, "AVOID_MARGIN") or self._avoid.avoid_margin_m
@@ -222,8 +224,8 @@ class Avoidance:
         return [Diagnostic(code, "", text) for code, text in texts if text]
 
     def latency(self) -> tuple[LatencyStage, float, float, float] | None:
-        """(stage, p50, p95, p99) in ms: how old the newest exposure of the slowest seeing camera is when obstacles are
-        told; None before there were any."""
+        """(stage, p50, p95, p99) in ms: age of the oldest of the newest exposures of the seeing cameras at the moment
+        of sending; None before there were any."""
         with self._lock:
             return next(iter(self._latencies.percentiles()), None)
 
@@ -233,11 +235,11 @@ class Avoidance:
         return self.sender.told
 
     def hung(self, limit_ns: int) -> bool:
-        """Whether the sender has not gone round for so long, or has ended."""
+        """Whether the sender has not completed a cycle for so long, or has ended."""
         return not self.sender.running or time.monotonic_ns() - self.sender.alive_ns > limit_ns
 
     def _autopilot(self) -> AutopilotNow:
-        self._before_ns = self._exposed_ns.copy()  # the decision that comes knows these at least
+        self._before_ns = self._exposed_ns.copy()  # the next decision uses these or newer ones
         vehicle = self._vehicle() or self._silent()
         if vehicle is None:
             return AutopilotNow()
@@ -293,9 +295,11 @@ def _interval_request(system_id: int, message_id: int) -> Any:
     return dialect.MAVLink_command_long_message(system_id, MAV_COMP_ID_AUTOPILOT1, SET_MESSAGE_INTERVAL, 0, *numbers)
 
 
-def last_words(autopilot: str) -> str:
-    """What becomes of an armed vehicle without us, for the ground station. ArduPilot flies on; PX4 stands in Position mode."""
-    return "OA: stopped, Position mode stands" if autopilot == "PX4" else "OA: stopped, vehicle does not brake"
+def shutdown_text(facts: AutopilotFacts) -> str:
+    """What the vehicle does when the service has ended. ArduPilot flies on; PX4 does not move in Position mode, if that brakes
+    at all."""
+    stands = facts.kind == "PX4" and not position_mode_fault(facts)
+    return "OA: stopped, Position mode stands" if stands else "OA: stopped, vehicle does not brake"
 
 
 def echoes(vehicle: Vehicle) -> bool:

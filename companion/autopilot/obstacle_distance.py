@@ -1,7 +1,7 @@
-"""OBSTACLE_DISTANCE (330): a scan of sectors as numbers that PX4, both its generations, and ArduPilot read rightly.
+"""OBSTACLE_DISTANCE (330): the sectors as values that both generations of PX4 and ArduPilot read correctly.
 
-In centimetres: 65535 nothing known; max + 1 seen clear; an obstacle within min + 1 .. max - 1, since ArduPilot drops what
-lies outside of min .. max and PX4 brakes for values above min only.
+In centimetres: 65535 unknown; max + 1 seen clear; an obstacle within min + 1 .. max - 1, because ArduPilot drops values
+outside of min .. max and PX4 brakes only for values above min.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ def encoded(scan: SectorScan, avoid: AvoidParams) -> NDArray[np.uint16]:
 
 
 def limits_cm(avoid: AvoidParams) -> tuple[int, int]:
-    """min_distance and max_distance. They never change in flight: PX4 holds on to the range it heard first."""
+    """min_distance and max_distance. They must not change in flight: PX4 keeps the range of the first message."""
     return round(100 * avoid.min_distance_m), round(100 * avoid.max_distance_m)
 
 
 def clear_cm(avoid: AvoidParams) -> int:
-    """What a sector that was seen clear is told as."""
+    """Value of a clear sector."""
     return limits_cm(avoid)[1] + 1
 
 
 def always_told_cm(avoid: AvoidParams) -> int:
-    """From the hull: an obstacle no farther than this is told whether the way to it was seen free or not. Before near_m no
-    sector has to be seen, so that there is no way to look at."""
+    """From the hull: an obstacle no farther than this is sent whether the way to it was seen free or not. Nearer than near_m
+    no sector has to be seen free."""
     return round(100 * max(0.0, avoid.near_m - avoid.radius_m))
 
 
@@ -91,9 +91,8 @@ def for_reader(
 
 
 def obstacle_distance_message(values: NDArray[np.uint16], time_us: int, avoid: AvoidParams) -> Any:
-    """The message. values: (72,) uint16, element i centred on i * 5 degrees clockwise from the nose.
-
-    `increment` and `increment_f` say the same: readers differ in which one they take."""
+    """The message. values: (72,) uint16, element i centred on i * 5 degrees clockwise from the nose. `increment` and
+    `increment_f` are equal, because readers differ in which one they use."""
     low, high = limits_cm(avoid)
     return dialect.MAVLink_obstacle_distance_message(
         time_us, SENSOR_UNKNOWN, [int(v) for v in values], 5, low, high, 5.0, 0.0, BODY_FRD

@@ -1,8 +1,8 @@
 """OBSTACLE_DISTANCE_3D (11037): obstacles as points, for ArduPilot alone, which keeps five layers of 30 degrees of height.
 
-The layer in the middle holds just what OBSTACLE_DISTANCE would tell: sectors, remembered obstacles, the wall when blind.
-The layers above and below hold what the cameras see there now, and nothing else: in them ArduPilot takes what is not told
-for clear, as it does without us. A scan is all messages of one time; it counts once the next scan begins.
+The middle layer holds the values of OBSTACLE_DISTANCE: sectors, remembered obstacles, the wall when blind. The layers above
+and below hold only what the cameras see there now; ArduPilot takes the rest of them for clear. A scan is all messages of one
+time; it takes effect when the next scan begins.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FACES, FACE_RAD = 8, math.tau / 8
 PLACES = 65
 _ALONG = np.linspace(0.0, 1.0, PLACES)
 NO_ID = 65535
-"""obstacle_id: nobody follows it."""
+"""obstacle_id: not tracked."""
 NO_POINTS = np.zeros((0, 3))
 
 

@@ -1,8 +1,8 @@
-"""Near obstacles that have left the view: a camera looks over what stands beside the vehicle and below its own image.
+"""Memory of near obstacles that have left the view, such as those beside the vehicle and below the image.
 
-An obstacle is remembered as a point of ned, or, without a position, of level as it was turned since. It is forgotten
-when a camera sees through its place and beside it, and after a while. When the autopilot's estimate of the position jumps,
-comes or goes, it stays where it stood beside the vehicle.
+An obstacle is kept as a point in ned, or, without a position, in level, turned with the heading. It is deleted when a camera
+sees its place and both sides of it free, and after remember_s. When the position estimate jumps, starts or ends, the point
+keeps its place relative to the vehicle.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def nothing_remembered() -> Remembered:
 
 
 class ObstacleMemory:
-    """`recall` with each scan: adds what is seen now and gives what is remembered besides."""
+    """`recall` with each scan: adds the obstacles that are seen now and returns those remembered before."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
@@ -63,7 +63,7 @@ class ObstacleMemory:
         self._place_m = np.zeros(2)
 
     def recall(self, scan: SectorScan, views: Sequence[View], here: Here, now_ns: int) -> Remembered:
-        """What is remembered and not seen now."""
+        """The remembered obstacles."""
         section = (here.position_ned_m is not None, here.section)
         place_m = np.array((here.position_ned_m or (0.0, 0.0, 0.0))[:2])
         if section != self._section:  # another origin: the vehicle has not moved, or hardly

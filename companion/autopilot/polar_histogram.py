@@ -1,4 +1,4 @@
-"""Distances around the vehicle in 72 sectors of 5 degrees, as OBSTACLE_DISTANCE wants them, from the models of cameras.
+"""Distances around the vehicle in 72 sectors of 5 degrees, in the form of OBSTACLE_DISTANCE, from the models of the cameras.
 
 Everything here is in `level` at the moment of sending: origin of frd, x along the vehicle's heading, y right, z down.
 Sector i is centred on i * 5 degrees clockwise from the nose. Each is one of three: an obstacle at a distance, seen to be
@@ -25,9 +25,9 @@ from .view_free import View, ended_by_obstacle, ground_z_m, points_free
 SECTORS = 72
 STEP_RAD = math.tau / SECTORS
 PARTS = 5
-"""Of a sector, one degree each, by which it is told whether a camera looks into all of it."""
+"""Parts of a sector, one degree each: how much of it a camera covers is determined for each."""
 _EDGE_RAD = 1e-3
-"""Not tuning: sectors overlap by so much, so that nothing falls between two of them."""
+"""Overlap of neighbouring sectors, so that nothing falls between two of them. Not a tuning value."""
 SHORT_SIGMAS = 4.0
 """The free-range profile may end before a plane that was seen in full by one of its rings, one step along the ray, and so many
 sigmas of the plane's noise, sigma = ke * range^2."""
@@ -54,7 +54,7 @@ class SectorScan:
 
 
 Recall = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
-"""Which places of level, x, y, z (N,), were seen free before and are looked at by nobody now."""
+"""Which places of level, x, y, z (N,), were seen free before and are in no view now."""
 
 
 def centres_rad() -> NDArray[np.float64]:
@@ -65,7 +65,7 @@ def centres_rad() -> NDArray[np.float64]:
 def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None) -> SectorScan:
     """The nearest obstacle of any view in each sector, and where any view saw the sector free.
 
-    A sector is CLEAR when it was seen free to the farthest distance told, and OBSTACLE when it was seen free to its
+    A sector is CLEAR when it was seen free to the farthest distance sent, and OBSTACLE when it was seen free to its
     nearest plane. Where that cannot be said it is UNSEEN, whatever stands behind: something nearer that was not measured
     may stand before the plane. A plane nearer than near_m is always an OBSTACLE."""
     plane_m, azimuth_rad = np.full(SECTORS, np.inf), centres_rad()
@@ -239,7 +239,7 @@ def looked_into(info: CameraInfo, avoid: AvoidParams, hidden: NDArray[np.bool_] 
     its image that run through the band of height at near_m or farther; by all its rays where none does.
 
     hidden: (H, W) pixels that are never measured. Where they take more than 1 - clear_share of the heights that the image
-    would see, the part is looked into in some of it only: nobody will ever call it clear."""
+    would see, the part is covered in some of it only, and never clear."""
     k, n = info.intrinsics, 257
     u, v = np.linspace(-0.5, k.width - 0.5, n), np.linspace(-0.5, k.height - 0.5, n)
     optical = np.stack([*np.meshgrid((u - k.cx) / k.fx, (v - k.cy) / k.fy), np.ones((n, n))]).reshape(3, -1)

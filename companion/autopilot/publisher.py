@@ -1,8 +1,7 @@
-"""Tells the autopilot of obstacles, 15 times a second, whatever the cameras and the pipeline do.
+"""Decides what is sent to the autopilot, independent of cameras and pipeline.
 
-The thread looks at what the newest frames said and how old they are at the moment of sending. Nothing that another
-thread does or fails to do makes an old word go out as a new one: when nobody hands it anything any more, the exposures
-it holds grow old, and what is sent is what the blind policy says.
+A decision uses the newest frame of each camera and its age at the moment of sending. If no new frame arrives, the exposures
+get too old and the failsafe policy decides: no fault of another thread lets an old result go out as a new one.
 """
 
 from __future__ import annotations
@@ -55,18 +54,18 @@ STANDING_M = 0.8
 """Greatest height of the vehicle's middle above the ground on which it stands."""
 
 EVERYWHERE = np.full((SECTORS, PARTS), Look.WHOLE, np.uint8)
-"""A camera that was never opened may look anywhere: nobody knows."""
+"""View of a camera that was never opened: it may cover any direction."""
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
-"""What numbers may lead to that nobody thought of: then all cameras count as blind, and the thread goes on."""
+"""Errors of the computation after which all cameras count as blind; the thread goes on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Told:
     """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
 
-    policy: name of the failsafe policy. fault: what went wrong in reckoning, in words; empty: nothing.
-    points_m: (N, 3) obstacles above and below the band, where they are told; up_m, down_m: to what stands over the vehicle,
-    and to the ground under it; None: nothing is sent of it."""
+    policy: name of the failsafe policy. fault: error of the computation, in words; empty: none.
+    points_m: (N, 3) obstacles above and below the band, if they are sent; up_m, down_m: distance to the lowest obstacle above
+    the vehicle and to the ground below it; None: not sent."""
 
     t_ns: int
     values: NDArray[np.uint16] | None
@@ -79,8 +78,7 @@ class Told:
 
 
 class ObstacleTeller:
-    """What to send at an instant; without thread, clock or line. `decide` and the others may be called from different
-    threads."""
+    """What to send at an instant, without thread, clock or link. All methods may be called from different threads."""
 
     def __init__(
         self,
@@ -90,8 +88,8 @@ class ObstacleTeller:
         ill: Callable[[str], str] = lambda camera: "",
         ring_m: float = RING_M,
     ) -> None:
-        """ill: why frames of a camera mean nothing though they come (it repeats an old image under new stamps); empty: they
-        do mean something. ring_m: step of the free-range profiles."""
+        """ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
+        empty: they may. ring_m: step of the free-range profiles."""
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
         self._ill, self._ring_m = ill, ring_m
         self._lock = threading.Lock()
@@ -116,10 +114,10 @@ class ObstacleTeller:
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Attitudes and positions, as they come."""
-        self._moved.extend(samples)  # not with the lock: who brings them has a frame to hand on and must not wait
+        self._moved.extend(samples)  # without the lock: the caller must not wait
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
-        """A camera that was opened: where it looks; hidden: pixels that are never measured."""
+        """A camera was opened: the directions it covers. hidden: pixels that are never measured."""
         looks = looked_into(info, self._avoid, hidden)
         with self._lock:
             self._infos[info.camera] = info
@@ -128,7 +126,7 @@ class ObstacleTeller:
             self._confirmation[info.camera] = PlaneConfirmation(self._avoid, k.width * k.height)
 
     def result(self, result: PrismsResult) -> None:
-        """What a frame said, valid or not."""
+        """The result of a frame, valid or not."""
         with self._lock:
             self._newest[result.camera] = result
             self._confirmed.pop(result.camera, None)
@@ -139,7 +137,7 @@ class ObstacleTeller:
                 self._newest_good_ns = max(self._newest_good_ns or 0, seen_ns(result))
 
     def end(self, cause: str) -> None:
-        """From now on nobody sees, and this is why: what the cameras said last goes out no more."""
+        """From now on all cameras count as blind, for this cause."""
         with self._lock:
             self._ended = cause
 
@@ -149,8 +147,8 @@ class ObstacleTeller:
             try:
                 return self._decided(autopilot, now_ns)
             except RECKONING_ERRORS as error:
-                fault = f"the distances around the vehicle cannot be reckoned: {type(error).__name__}: {error}"
-            causes = dict.fromkeys(self._cameras, "nothing can be reckoned from what it sees")
+                fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"
+            causes = dict.fromkeys(self._cameras, "its result cannot be computed with")
             self._recovery.blind(causes)
             return self._told(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
 
@@ -176,7 +174,7 @@ class ObstacleTeller:
             for camera, view in zip(seeing, views, strict=True):
                 self._freed.see(camera, seen_ns(self._newest[camera]), view, here)
             recall = partial(self._freed.free, views, here, now_ns)
-        # without an attitude what is remembered stands where it stood when there was one
+        # without an attitude remembered obstacles stay where they were
         self._last_here = here or self._last_here
         found, recalled = scan([], self._avoid), nothing_remembered()
         if here is not None:
@@ -196,7 +194,7 @@ class ObstacleTeller:
         return self._seen.take(found, exposed_ns, here.heading_rad, now_ns, self._avoid.max_distance_m)
 
     def _with_heights(self, told: Told, views: dict[str, View], here: Here | None, now_ns: int) -> Told:
-        """What is told besides of what stands above and below, where that is switched on. views: of those that see."""
+        """Adds the obstacles above and below, where that is switched on. views: of the seeing cameras."""
         avoid, points_m, up_m, down_m = self._avoid, told.points_m, None, None
         if avoid.points:
             points_m = other_points(list(views.values()), avoid)
@@ -234,7 +232,7 @@ class ObstacleTeller:
         return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
-        """Why a camera is blind at this instant; empty: it sees."""
+        """Why a camera is blind at this instant; empty: it is not."""
         newest = self._newest.get(camera)
         if self._ended:
             return self._ended
@@ -300,10 +298,10 @@ def _sees_ground_below(views: list[View]) -> bool:
 
 
 def seen_ns(result: PrismsResult) -> int:
-    """When the frame was exposed; not after it arrived, whatever its stamp says: the future would never be stale."""
+    """When the frame was exposed, at the latest when it arrived: a stamp in the future would never be stale."""
     return min(result.t_exposure_ns, result.t_arrival_ns)
 
 
 def all_numbers(model: FrameModel) -> bool:
-    """Whether the planes can be compared with anything; one that cannot would hide all others."""
+    """Whether all planes are finite; one that is not would hide all others."""
     return bool(np.isfinite(model.planes).all() and np.isfinite(model.margin_m).all())

@@ -1,4 +1,4 @@
-"""The autopilot's line by the configuration: what is asked for, sent and signed."""
+"""The MAVLink session of the configuration: requested messages, output and signing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ sectors, and eight faces."""
 
 
 def params_of(config: Config) -> MavlinkParams:
-    """Who we are on the line, what we ask for, and how often we tell of obstacles."""
+    """Own ids, requested messages and rate of the obstacle output."""
     a = config.autopilot
     return MavlinkParams(
         system_id=a.system_id, component_id=a.component_id, attitude_hz=a.attitude_hz, position_hz=a.position_hz,

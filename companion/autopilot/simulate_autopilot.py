@@ -1,4 +1,4 @@
-"""`companion simulate-autopilot`: an autopilot that is not there, flying what the simulated cameras see.
+"""`companion simulate-autopilot`: a simulated autopilot for the simulated cameras.
 
 It takes the flight from the same file as `companion run`, and both fly it by the monotonic clock alone: the attitude
 fits the images, whichever of the two is started or restarted when."""

@@ -1,5 +1,5 @@
-"""Others on the line who speak as the autopilot, as us, or tell it of obstacles too. Nobody can keep them from it without
-signatures; they are noticed, so that no vehicle flies with two that contradict each other and nobody knows."""
+"""Detects other senders that use the autopilot's ids or ours, or that also send obstacles. Only signing prevents them;
+without it they are reported."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from .clock_sync import NS
 from .dialect import MAV_COMP_ID_AUTOPILOT1
 
 RECENT_NS = 10 * NS
-"""So long after its last word a stranger is told."""
+"""A conflict is reported for this time after the last message that caused it."""
 OBSTACLES = frozenset({330, 11037})
 """OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
 _SENT, _MOST = 256, 16
 
 
 class ConflictDetector:
-    """`sent` with what we send, `heard` with what comes, `troubles` for words."""
+    """`sent` receives what is sent, `heard` what arrives, `texts` gives the conflicts."""
 
     def __init__(self, component_id: int) -> None:
         self._component = component_id

@@ -1,8 +1,7 @@
-"""A MAVLink session on a line, in a thread of its own: reads, writes, and opens the line again when it is lost.
+"""Runs a MAVLink session in a thread of its own: reads, writes, and opens the link again when it is lost.
 
-To wake for each message costs ten times what its reading takes. Once the clocks are synchronised, messages therefore lie
-for a while and are read together, the last time shortly before a frame is expected; whoever needs the newest, since one has
-come, calls `catch_up`."""
+Waking for each message costs ten times what reading it takes. Once the clocks are synchronised, messages are therefore read
+together, the last time shortly before a frame is expected. `catch_up` reads at once what has arrived."""
 
 from __future__ import annotations
 
@@ -58,7 +57,7 @@ class LinkState:
 
 
 class PollScheduler:
-    """When it will be asked again what lies on the line, by when it was asked the last two times."""
+    """Predicts the next `catch_up` from the last two, to read shortly before it."""
 
     def __init__(self) -> None:
         self._last_ns = self._apart_ns = 0

@@ -1,6 +1,6 @@
-"""Which messages we want how often: asked for, measured, asked for again.
+"""Requests for message rates, repeated when the measured rate is too low.
 
-What counts is the rate that arrives, not the acknowledgement: other stations reset intervals, reboots forget them."""
+The rate that arrives counts, not the acknowledgement: other stations reset intervals, and a reboot clears them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STREAMS = {30: 10, 31: 10, 32: 6, 331: 6}
 
 @dataclass(frozen=True, slots=True)
 class RateRequest:
-    """A message we want. instead_of: asked for only while that other message does not come."""
+    """A wanted message. instead_of: it is requested only while that other message does not arrive."""
 
     message_id: int
     name: str
@@ -34,7 +34,7 @@ class RateRequest:
 
 
 class RateMonitor:
-    """Measures arrivals and says what to ask for."""
+    """Measures the rates that arrive and gives the requests to send."""
 
     def __init__(self, requests: tuple[RateRequest, ...]) -> None:
         self.requests = requests
@@ -65,7 +65,7 @@ class RateMonitor:
             self.knows_intervals = False
 
     def restart(self) -> None:
-        """The autopilot is another one, or has booted: it has forgotten what we asked for."""
+        """The autopilot is another one, or has rebooted: all intervals are requested anew."""
         self._next_ns.clear()
         self._wait_ns.clear()
         self._first_asked_ns.clear()

@@ -7,6 +7,7 @@ import pytest
 from companion.autopilot.feedback_check import likely_cause
 from companion.autopilot.firmware_version import RENEW_NS, TRIES, FirmwareVersion, VersionReader
 from companion.autopilot.flight_modes import Effect, mode_of, mode_trouble
+from companion.autopilot.manager import shutdown_text
 from companion.autopilot.parameter_advice import AutopilotFacts, advice
 from companion.autopilot.parameter_writer import changes
 from companion.autopilot.status_text import MOST_CHARACTERS
@@ -102,3 +103,18 @@ def test_an_autopilot_that_does_not_answer_has_no_version() -> None:
             reader.take(message)
     assert reader.version is None
     assert reader.settled
+
+
+@pytest.mark.parametrize(
+    ("facts", "stands"),
+    [
+        (AutopilotFacts(kind=ARDUPILOT), False),
+        (AutopilotFacts(kind=PX4, values={"MPC_POS_MODE": 4.0}, version=V1_16), True),
+        (AutopilotFacts(kind=PX4, values={"MPC_POS_MODE": 4.0}, version=V1_15), False),
+        (AutopilotFacts(kind=PX4, values={"MPC_POS_MODE": 0.0}), False),
+        (AutopilotFacts(kind="ArduPilot or PX4"), False),
+    ],
+)
+def test_the_text_at_the_end_promises_nothing_that_px4_does_not_do(facts: AutopilotFacts, stands: bool) -> None:
+    assert ("Position mode stands" in shutdown_text(facts)) == stands
+    assert len(shutdown_text(facts)) <= MOST_CHARACTERS
