@@ -114,7 +114,7 @@ class Flight:
 
     def tell(self) -> None:
         """What the service sends at this instant, and what the autopilot makes of it."""
-        told = self.teller.decide(AutopilotNow(kind=self.autopilot, margin_m=MARGIN_M), self.now_ns)
+        told = self.teller.decide(AutopilotNow(kind=self.autopilot, margin_m=MARGIN_M, cp_dist_m=MARGIN_M), self.now_ns)
         self.values, self.blind = told.values, bool(told.blind)
         if told.values is not None:
             self.reader.read(obstacle_distance_message(told.values, self.now_ns // 1000, AVOID), self.now_ns)
