@@ -100,6 +100,12 @@ def _simulated(section: CameraConfig) -> DepthSource:
 
         described = stereo_camera_info(described.intrinsics, section.name)
     info: CameraInfo = section.applied_to(described)
+    plan = flight_plan(section.flight, section.seed)
+    if section.follow:
+        from drivers.simulation.following_camera import FollowingDepthSource, FollowSettings
+
+        settings = FollowSettings(address=section.follow, fps=section.fps, seed=section.seed)
+        return FollowingDepthSource(plan, info, settings, time.monotonic_ns)
     simulation = Simulation(
         fps=section.fps,
         seed=section.seed,
@@ -109,5 +115,5 @@ def _simulated(section: CameraConfig) -> DepthSource:
         render=section.render,
         disparities=section.disparities,
     )
-    flight = EndlessFlight(flight_plan(section.flight, section.seed))
+    flight = EndlessFlight(plan)
     return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

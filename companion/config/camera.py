@@ -69,6 +69,14 @@ class CameraConfig:
         safety=True,
     )
     flight: str = field(default="demo", metadata={"unit": "", "doc": "simulated only: the flight"})
+    follow: str = field(
+        default="",
+        metadata={
+            "unit": "",
+            "doc": "simulated only: a second link to an autopilot, such as udpin:127.0.0.1:14551; the scene of `flight` is then "
+            "rendered at the attitude and position that the autopilot reports (docs/how-to/fly-in-simulation.md)",
+        },
+    )
     device: str = field(
         default="",
         metadata={
