@@ -192,7 +192,7 @@ def flights() -> list[tuple[str, Flight]]:
     ]
     for autopilot, told in (("PX4", "unknown"), ("ArduPilot", "the wall of the policy")):
         blind = Flight(autopilot, yard, dies_at_m=5.0)
-        blind.fly(5.0)
+        blind.fly(6.0)
         text = "silence" if blind.values is None else told
         title = (
             f"{autopilot}, the camera died at {blind.dies_at_m:g} m:\nis told {text}, {abs(blind.speed_m_s):.1f} m/s"

@@ -35,8 +35,8 @@ CLOSING_S = 2.0
 """At the edge of the view PX4 is sent obstacles that the vehicle would reach within this time: it needs them to brake."""
 GROUND_CM = 75
 """On the ground, nearer distances are sent as not seen. ArduPilot refuses to arm with anything nearer than 60 cm."""
-OUTSIDE_CP_DIST_M = 0.05
-"""The wall for PX4 is this much farther than CP_DIST, so that no rounding puts it inside. PX4 v1.15 then creeps at 0.03 m/s."""
+OUTSIDE_CP_DIST_M = 0.02
+"""The wall for PX4 is this much farther than CP_DIST, so that no rounding puts it inside. PX4 v1.15 then creeps at 0.01 m/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

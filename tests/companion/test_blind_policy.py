@@ -58,8 +58,8 @@ STOP, NOT_KNOWN = stop_at(2.0), Policy("unknown")
     ("autopilot", "name", "wall_m", "all_around"),
     [
         (AutopilotNow(kind="PX4"), "unknown", 0.0, False),
-        (AutopilotNow(kind="PX4", cp_dist_m=3.0), "brake", 3.05, True),
-        (AutopilotNow(kind="PX4", cp_dist_m=0.1), "brake", 0.25, True),  # PX4 keeps min_distance at least
+        (AutopilotNow(kind="PX4", cp_dist_m=3.0), "brake", 3.02, True),
+        (AutopilotNow(kind="PX4", cp_dist_m=0.1), "brake", 0.22, True),  # PX4 keeps min_distance at least
         (AutopilotNow(kind="PX4", cp_dist_m=-1.0), "unknown", 0.0, False),  # collision prevention is off
         (AutopilotNow(kind="PX4", cp_dist_m=12.0), "unknown", 0.0, False),  # no room below max_distance_m
         (AutopilotNow(kind="ArduPilot", margin_m=2.0), "stop", 2.121, False),
@@ -67,8 +67,8 @@ STOP, NOT_KNOWN = stop_at(2.0), Policy("unknown")
         (AutopilotNow(kind="autopilot 8"), "stop", 2.121, False),
         (AutopilotNow(), "stop", 2.121, False),
         # contradictory heartbeats: not nearer than CP_DIST, where PX4 v1.16 flies backwards, and not nearer than ArduPilot's
-        (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0), "stop", 3.05, True),
-        (AutopilotNow(kind="ArduPilot or PX4"), "stop", 3.05, True),
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0), "stop", 3.02, True),
+        (AutopilotNow(kind="ArduPilot or PX4"), "stop", 3.02, True),
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0), "stop", 2.121, True),  # it answered as ArduPilot
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, cp_dist_m=3.0), "stop", 5.369, True),
     ],
@@ -81,7 +81,7 @@ def test_policy_by_autopilot(autopilot: AutopilotNow, name: str, wall_m: float, 
     configured = policy_of(replace(AVOID, blind="stop"), autopilot)
     assert configured.name == "stop"
     if autopilot.may_be_px4 and autopilot.cp_dist_m == 3.0:
-        assert configured.wall_m >= 3.05
+        assert configured.wall_m >= 3.02
 
 
 # ---- all blind --------------------------------------------------------------------------------------------------------
@@ -170,7 +170,7 @@ def test_only_sectors_that_blind_cameras_alone_cover_are_filled() -> None:
 
 def test_clear_is_never_told_where_no_camera_looks() -> None:
     everywhere = scan([View(model(free_to_m=13.0), HERE)], AVOID)
-    for policy in (STOP, NOT_KNOWN, Policy("brake", 3.05, True)):
+    for policy in (STOP, NOT_KNOWN, Policy("brake", 3.02, True)):
         values = BlindPolicy(AVOID).values(sight(everywhere, seeing=FRONT), policy, NS)
         assert values is not None
         assert (values[~FRONT] == UNKNOWN).all()
@@ -203,7 +203,7 @@ def test_px4_gets_a_wall_all_around_and_then_nothing() -> None:
     for t_ns in (NS // 3, NS, 2 * NS):
         values = policy.values(sight(blind=FRONT), BRAKE, t_ns)
         assert values is not None
-        assert (values == 305).all()
+        assert (values == 302).all()
     assert policy.values(sight(blind=FRONT), BRAKE, 2 * NS + 1) is None
 
 
@@ -213,7 +213,7 @@ def test_one_of_two_blind_cameras_first_stops_px4_and_then_leaves_it_what_the_ot
     both = sight(front_seen(), blind=right, seeing=FRONT, newest_ns=10 * NS)
     values = policy.values(both, BRAKE, 10 * NS)
     assert values is not None
-    assert (values == 305).all()
+    assert (values == 302).all()
     values = policy.values(both, BRAKE, 12 * NS + 1)
     assert values is not None
     assert (values[right & ~FRONT] == UNKNOWN).all()
@@ -223,7 +223,7 @@ def test_one_of_two_blind_cameras_first_stops_px4_and_then_leaves_it_what_the_ot
     assert again[0] == clear_cm(AVOID)
     values = policy.values(both, BRAKE, 14 * NS)
     assert values is not None
-    assert (values == 305).all()
+    assert (values == 302).all()
 
 
 def test_a_blind_camera_whose_sectors_another_one_sees_does_not_stop_px4() -> None:
@@ -239,8 +239,8 @@ def test_with_contradictory_heartbeats_the_wall_stands_all_around() -> None:
     for t_ns in (NS, 3600 * NS):
         values = BlindPolicy(AVOID).values(sight(blind=FRONT), both, t_ns)
         assert values is not None
-        assert (values >= 304).all()
-        assert (values <= 305).all()
+        assert (values >= 301).all()
+        assert (values <= 302).all()
 
 
 # ---- recovery ---------------------------------------------------------------------------------------------------------

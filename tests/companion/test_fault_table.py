@@ -37,7 +37,7 @@ pytestmark = pytest.mark.process
 
 NS = 1_000_000_000
 AVOID = AvoidParams(radius_m=0.3, max_distance_m=12.0, avoid_margin_m=2.5, remember_s=0.0)
-CLEAR_CM, WALL_CM, PX4_WALL_CM = 1201, 266, 255
+CLEAR_CM, WALL_CM, PX4_WALL_CM = 1201, 266, 252
 FRAME_S = 0.05
 NOISE = Faults(jitter_s=0.003, noise_share=0.1, double_share=0.05)
 

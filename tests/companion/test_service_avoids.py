@@ -86,7 +86,7 @@ class Told:
     def sees(self) -> bool:
         """Whether something ahead was told in the newest message that no policy says."""
         told = self.messages()
-        return bool(told) and any(v not in (65535, 266) for v in (told[-1][1][i] for i in FRONT))
+        return bool(told) and any(v not in (65535, 266, 302) for v in (told[-1][1][i] for i in FRONT))
 
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
@@ -135,7 +135,7 @@ def test_a_dead_camera_is_blind_on_the_wire_in_time(told: Told) -> None:
         if newest_ns + 400_000_000 < t < stopped_ns + NS
     ]
     assert blind
-    allowed = {305} if told.kind == PX4 else {266}
+    allowed = {302} if told.kind == PX4 else {266}
     wrong = [(round((t - newest_ns) / 1e6), values) for t, values in blind if not set(values) <= allowed]
     assert not wrong, wrong[:3]
     assert until(told.sees, 15.0)
@@ -181,7 +181,7 @@ def test_a_service_that_is_stopped_in_flight_says_so_and_leaves_nothing_clear(
             ended_ns = time.monotonic_ns()
         finally:
             live.close()
-        allowed = {305, 65535} if kind == PX4 else {266}  # CP_DIST is read by then, or not
+        allowed = {302, 65535} if kind == PX4 else {266}  # CP_DIST is read by then, or not
         after = [(t, {values[i] for i in FRONT}) for t, values in told.messages() if t > stopped_ns]
         blind = [t for t, values in after if values <= allowed]
         assert blind

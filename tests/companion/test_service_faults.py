@@ -76,7 +76,7 @@ def test_without_an_attitude_that_is_one_nothing_is_clear(told: Told, fault: obj
             for t, values in told.messages()
             if begun_ns + round(1.5 * NS) < t < begun_ns + 3 * NS
         ]
-        allowed = {305, 65535} if told.kind == PX4 else {WALL_CM}  # PX4's wall stands for two seconds
+        allowed = {302, 65535} if told.kind == PX4 else {WALL_CM}  # PX4's wall stands for two seconds
         assert late
         assert [values for _, values in late if not set(values) <= allowed] == []
         assert until(lambda: any(t.startswith("OA: front blind: ") for t in told.texts()))

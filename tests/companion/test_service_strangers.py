@@ -109,7 +109,7 @@ def test_noise_and_other_senders_do_not_change_what_the_autopilot_receives(told:
         assert told.steadily()
         assert until(told.sees)
         late = blind_after(told, 1.0)
-        allowed = {305} if told.kind == PX4 else {WALL_CM}
+        allowed = {302} if told.kind == PX4 else {WALL_CM}
         assert late
         assert [x for x in late if not set(x[1]) <= allowed] == []
     counts = told.health.since(0)[-1].autopilot.counts
@@ -182,7 +182,7 @@ def test_forged_parameters_do_not_move_the_wall(told: Told) -> None:
         assert until(lambda: time.monotonic_ns() > begun_ns + 3 * NS, 10.0)
         late = blind_after(told, 1.0)
         assert late
-        assert {v for _, ahead in late for v in ahead} == ({305} if told.kind == PX4 else {WALL_CM})
+        assert {v for _, ahead in late for v in ahead} == ({302} if told.kind == PX4 else {WALL_CM})
         if told.kind == ARDUPILOT:
             told.health.wait(lambda h: any("AVOID_MARGIN is received as" in t for t in h.troubles), 10.0)
     assert until(told.sees, 20.0)
