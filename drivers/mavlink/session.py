@@ -6,7 +6,7 @@ Nothing but a hello (on lines whose other end waits for one) is sent before the 
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict, deque
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +20,7 @@ from .clock_sync import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .motion import MOTION, MotionDecoder
+from .outbox import OBSTACLE_IDS, Outbox
 from .parser import MAVLINK1, Frame, MessageSplitter
 from .rates import RateMonitor, RateRequest
 from .signing import Signing, for_the_log
@@ -36,9 +37,7 @@ HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
-DISTANCE_SENSOR_ID, STATUSTEXT_ID, OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID = 132, 253, 330, 11037
-_SURROUNDINGS = frozenset({OBSTACLE_DISTANCE_ID, OBSTACLE_DISTANCE_3D_ID})
-_TOLD = _SURROUNDINGS | {DISTANCE_SENSOR_ID}
+STATUSTEXT_ID = 253
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +136,7 @@ class MavlinkSession:
         self._next_heartbeat_ns = 0
         self._heard_ns = 0
         self._clock_restarts = 0
-        self._outbox: deque[Any] = deque(maxlen=256)
+        self._outbox = Outbox()
 
     # ---- in -----------------------------------------------------------------------------------------------------
 
@@ -291,22 +290,17 @@ class MavlinkSession:
     # ---- out ----------------------------------------------------------------------------------------------------
 
     def heard(self, now_ns: int) -> bool:
-        """Whether the autopilot, known by a heartbeat, said anything lately: on a bad line heartbeats alone are soon lost."""
+        """Whether any message of the autopilot arrived lately; on a bad link heartbeats alone are lost too easily."""
         return self.vehicle is not None and now_ns - self._heard_ns < SILENT_NS
 
     def fell_silent(self, now_ns: int) -> bool:
-        """Whether the autopilot was armed when it was heard last: it may fly and hear us on a line that works one way only."""
+        """Whether the autopilot was armed when it was heard last: it may still receive on a link that works one way only."""
         return self.vehicle is not None and self.vehicle.armed and not self.heard(now_ns)
 
     def post(self, message: Any) -> None:
-        """A message to send with the next `due`; without an autopilot that is heard it is dropped and counted, but for
-        obstacles told to one that fell silent. Of distances to obstacles the newest alone waits: after a gap of the line
-        older ones would tell of what is true no more."""
-        if message.get_msgId() in _TOLD and not (self._outbox and _one_scan(self._outbox[-1], message)):
-            waiting = [m for m in self._outbox if not _replaced(m, message)]
-            self._outbox.clear()
-            self._outbox.extend(waiting)
-        self._outbox.append(message)
+        """A message to send with the next `due`. Without an autopilot that is heard it is dropped and counted, except
+        obstacles for one that fell silent in flight."""
+        self._outbox.post(message)
 
     @property
     def has_posted(self) -> bool:
@@ -318,19 +312,17 @@ class MavlinkSession:
         messages: list[Any] = []
         if not self.heard(now_ns):
             unbelieved = self._signing.unbelieved_autopilot(now_ns)
-            kinds = {STATUSTEXT_ID} if unbelieved else _TOLD if self.fell_silent(now_ns) else set()
-            words = [m for m in self._outbox if m.get_msgId() in kinds]
-            self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += len(self._outbox) - len(words)
-            self._outbox.clear()
+            ids = {STATUSTEXT_ID} if unbelieved else OBSTACLE_IDS if self.fell_silent(now_ns) else set()
+            kept, dropped = self._outbox.take_only(ids)
+            self.counts[LinkAnomaly.UNSENT_NO_AUTOPILOT] += dropped
             if (speaks_first or unbelieved) and now_ns >= self._next_heartbeat_ns:
                 messages.append(self._own_heartbeat(now_ns))
-            return [self._pack(m) for m in messages + words]
+            return [self._pack(m) for m in messages + kept]
         assert self.vehicle is not None
         if now_ns >= self._next_heartbeat_ns:
             messages.append(self._own_heartbeat(now_ns))
         messages.extend(self.rates.due(now_ns, self.vehicle.system_id, MAV_COMP_ID_AUTOPILOT1))
-        while self._outbox:
-            messages.append(self._outbox.popleft())
+        messages.extend(self._outbox.take())
         messages.extend(self._timesync.due(now_ns))
         return [self._pack(m) for m in messages]
 
@@ -374,19 +366,6 @@ class MavlinkSession:
             conflicts=self._conflicts.texts(now_ns, self.params.system_id, heard=self.heard(now_ns)),
             signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
         )
-
-
-def _one_scan(a: Any, b: Any) -> bool:
-    """Whether two messages are of one scan of points, which all messages of one time are."""
-    return a.get_msgId() == b.get_msgId() == OBSTACLE_DISTANCE_3D_ID and bool(a.time_boot_ms == b.time_boot_ms)
-
-
-def _replaced(waiting: Any, new: Any) -> bool:
-    """Whether a message tells of obstacles as they were before a new one."""
-    old_id, new_id = waiting.get_msgId(), new.get_msgId()
-    if old_id in _SURROUNDINGS and new_id in _SURROUNDINGS:
-        return not _one_scan(waiting, new)
-    return old_id == new_id == DISTANCE_SENSOR_ID and bool(waiting.orientation == new.orientation)
 
 
 def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
