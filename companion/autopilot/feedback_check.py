@@ -16,7 +16,9 @@ from .parameter_advice import AutopilotFacts, position_mode_fault
 
 NS = 1_000_000_000
 PATIENCE_NS = 5 * NS
-"""Time without an answer before it is reported."""
+"""Time in which obstacles were sent, without an answer, before it is reported."""
+FORGETS_NS, LONGEST_STEP_NS = 10 * NS, NS // 5
+"""The time starts anew when no obstacle was sent for FORGETS_NS; a pause between two messages counts as LONGEST_STEP_NS."""
 SLACK_CM = 60
 """An echo may belong to one or two messages before, at some metres per second."""
 FACES = 8
@@ -34,7 +36,7 @@ class EchoCheck:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._sent: list[tuple[int, list[int]]] = []  # (instant, nearest obstacle of each face), the last two seconds
-        self._waits_since_ns: int | None = None
+        self._waited_ns = self._sent_ns = self._obstacle_ns = 0
         self._differs_since_ns: int | None = None
 
     def sent(self, values: NDArray[np.uint16], clear_cm: int, now_ns: int) -> None:
@@ -42,10 +44,12 @@ class EchoCheck:
         with self._lock:
             self._sent = [(t, faces) for t, faces in self._sent if now_ns - t < 2 * NS]
             self._sent.append((now_ns, faces_cm(values)))
-            if not (values < clear_cm).any():
-                self._waits_since_ns = None
-            elif self._waits_since_ns is None:
-                self._waits_since_ns = now_ns
+            if now_ns - self._obstacle_ns > FORGETS_NS:
+                self._waited_ns = 0
+            if (values < clear_cm).any():  # obstacles may come and go, as at the edge of the view
+                self._waited_ns += min(now_ns - self._sent_ns, LONGEST_STEP_NS)
+                self._obstacle_ns = now_ns
+            self._sent_ns = now_ns
 
     def take(self, message: Any, now_ns: int) -> None:
         """A message of the autopilot."""
@@ -54,7 +58,7 @@ class EchoCheck:
             return
         face, nearest = told
         with self._lock:
-            self._waits_since_ns = now_ns if self._waits_since_ns is not None else None
+            self._waited_ns = 0
             sent = [min(faces) if face is None else faces[face] for _, faces in self._sent]
             if not sent or any(abs(cm - nearest) <= SLACK_CM for cm in sent):
                 self._differs_since_ns = None
@@ -65,8 +69,7 @@ class EchoCheck:
         """Why our obstacles seem not to be used; empty while they are, or while there is nothing to compare. cause: the likely
         one, in words; empty: none is known."""
         with self._lock:
-            waited = self._waits_since_ns is not None and now_ns - self._waits_since_ns > PATIENCE_NS
-            if waited and kind in CAUSES:
+            if self._waited_ns > PATIENCE_NS and kind in CAUSES:
                 return f"the autopilot does not use our obstacles: {cause or CAUSES[kind]}"
             if self._differs_since_ns is not None and now_ns - self._differs_since_ns > PATIENCE_NS:
                 return "the autopilot reports other obstacles than ours: is a second sensor or companion connected?"

@@ -234,6 +234,25 @@ def test_one_that_does_not_is_reported_with_the_likely_cause(kind: str, word: st
 
 
 @pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("deaf", [True, False])
+def test_obstacles_that_come_and_go_are_judged_too(kind: str, deaf: bool) -> None:
+    """Two seconds with an obstacle, one without."""
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=kind, streams={330: 2.0} if kind == PX4 else {132: 2.0}))
+    autopilot.deaf = deaf
+    check = EchoCheck()
+    for step in range(120):
+        now_ns = NS + step * NS // 10
+        values = scene(400 if step % 30 < 20 else None)
+        check.sent(values, clear_cm(AVOID), now_ns)
+        for answer in answers(autopilot, [obstacle_distance_message(values, 0, AVOID)], now_ns):
+            check.take(answer, now_ns)
+    assert bool(check.trouble(kind, 13 * NS)) == deaf
+    for step in range(150):  # and the time starts anew when nothing was there to be sent back
+        check.sent(scene(None), clear_cm(AVOID), 13 * NS + step * NS // 10)
+    assert check.trouble(kind, 28 * NS) == ""
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
 def test_other_obstacles_than_ours_are_reported(kind: str) -> None:
     check = echoed(kind, False, 12.0, scene(400), own=scene(150))
     assert "other obstacles than ours" in check.trouble(kind, NS + 12 * NS)
