@@ -262,7 +262,10 @@ def test_a_vehicle_that_hovers_leaning_has_never_seen_the_upper_half_and_stands(
     flight = Flight(open_field(), px4(), avoid=replace(AVOID, remember_free_s=remember_s))
     flight.lean_rad = (0.0, math.radians(-25.0))
     flight.fly(4.0)
-    assert flight.x_m == 5.0
+    begun_m = flight.x_m
+    assert begun_m < 5.05  # before the camera counts as seeing, the artificial wall stands 2 cm outside CP_DIST
+    flight.fly(4.0)
+    assert flight.x_m == begun_m
 
 
 def test_what_is_remembered_free_ends_with_the_camera_and_with_time() -> None:
