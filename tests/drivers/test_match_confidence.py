@@ -17,7 +17,7 @@ from drivers.cameras.match_confidence import (
     repetitive,
     without_smear,
 )
-from drivers.cameras.stereo import MatchParams, StereoMatcher, disparity_of, matcher
+from drivers.cameras.stereo import MatchParams, StereoMatcher, compute_disparity, matcher
 
 WIDTH, HEIGHT, D = 320, 160, 48
 PARAMS = MatchParams(disparities=D, edge_px=0)
@@ -47,7 +47,7 @@ def sky(noise_grey: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return disparity_of(matcher(PARAMS), left, right, PARAMS)
+    return compute_disparity(matcher(PARAMS), left, right, PARAMS)
 
 
 @pytest.mark.parametrize("noise_grey", [0.5, 1.0, 1.5])
