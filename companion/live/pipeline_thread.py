@@ -18,6 +18,7 @@ from typing import cast
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.watched_thread import WatchedThread
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.recorder import Recorder
 from ..pipeline.encode import prisms_bytes
@@ -28,7 +29,7 @@ from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset
 from ..self_check.mount_yaw import MountYaw, MountYawMonitor
 from .event_queue import EventQueue
-from .health import clock_message
+from .health import clock_message, latency_message
 from .staleness import StalenessMonitor
 
 TAKE_S = 0.1
@@ -113,6 +114,19 @@ class PipelineThread:
     def wait_idle(self, longest_s: float) -> bool:
         """Waits up to `longest_s` until no frame is being processed; returns whether that is the case."""
         return self._idle.wait(longest_s)
+
+    def fill(
+        self, report: pb.Health, latency_to_autopilot: Callable[[], tuple[LatencyStage, float, float, float] | None]
+    ) -> None:
+        """Fills latencies and frame counts of a health report. latency_to_autopilot: called with `lock` held."""
+        with self.lock:
+            latencies = self.latencies.percentiles()
+            if (last := latency_to_autopilot()) is not None:
+                latencies.append(last)
+            report.latencies.extend(latency_message(*percentiles) for percentiles in latencies)
+            report.frames_used = sum(self.used.values())
+            for cause, count in self.dropped.items():
+                report.frames_dropped[cause] = count
 
     def close(self) -> None:
         """Ends the loop. May be called twice. A frame whose processing hangs is recorded."""

@@ -48,7 +48,6 @@ from .health import (
     autopilot_message,
     camera_message,
     diagnostics_of,
-    latency_message,
     new_report,
     recording_message,
     state_of,
@@ -117,8 +116,6 @@ class Service:
         self._next_health_ns = self._next_computer_ns = 0
         self.state: pb.Health.State = pb.Health.STATE_UNKNOWN
 
-    # ---- parts --------------------------------------------------------------------------------------------------------
-
     def _supervisor(self, name: str) -> CameraSupervisor:
         def opened(info: CameraInfo) -> None:
             self.event_queue.put([info])
@@ -176,8 +173,6 @@ class Service:
     def _armed(self) -> bool:
         vehicle = self.session.vehicle if self.session is not None else None
         return vehicle is not None and vehicle.armed
-
-    # ---- life ---------------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """Opens the streams and starts all threads. Cameras and autopilot may be missing; they are retried."""
@@ -249,8 +244,6 @@ class Service:
         """The first required thread that does not respond within `[service] hang_s`, as text; empty: none."""
         timeout_ns = round(self.config.service.hang_s * NS)
         return stalled_part(self.loop, self.link, self.avoidance, self.cameras, time.monotonic_ns(), timeout_ns)
-
-    # ---- what is said ---------------------------------------------------------------------------------------------------
 
     def tick(self) -> None:
         """Publishes blind frames for blind cameras, and the health report once per second and at each change of state."""
@@ -343,16 +336,7 @@ class Service:
             report.autopilot.CopyFrom(autopilot_message(autopilot))
         if self.recorder is not None:
             report.recording.CopyFrom(recording_message(self.recorder.status))
-        with self.loop.lock:
-            reported = self.avoidance.latency() if self.avoidance is not None else None
-            for stage, p50, p95, p99 in [
-                *self.loop.latencies.percentiles(),
-                *([reported] if reported is not None else []),
-            ]:
-                report.latencies.append(latency_message(stage, p50, p95, p99))
-            report.frames_used = sum(self.loop.used.values())
-            for cause, count in self.loop.dropped.items():
-                report.frames_dropped[cause] = count
+        self.loop.fill(report, self.avoidance.latency if self.avoidance is not None else lambda: None)
         report.samples_lost = self.event_queue.lost
         self.machine.fill(report)
         self._send_computer_status(report)
