@@ -51,7 +51,7 @@ def update_golden(request: pytest.FixtureRequest) -> bool:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Recordings that lie beside the checkout and are never part of it; tests that need them say when they are absent."""
+    """Recordings beside the checkout, which are not part of it; tests that need them state when they are missing."""
     folder = CHECKOUT.parent / "shared" / "data"
     if not folder.is_dir():
         pytest.skip("recorded data not present beside the checkout (../shared/data)")

@@ -179,7 +179,7 @@ def load(name: str) -> Result:
 
 
 def differences(golden: Result, now: Result) -> Iterator[str]:
-    """Each field that is not as it should be, in words. Exact where both were made with the same."""
+    """Each field that differs, as text. Exact where both were made with the same processor and packages."""
     exact = golden["made_with"] == now["made_with"]
     if len(golden["frames"]) != len(now["frames"]):
         yield f"frames: {len(golden['frames'])} -> {len(now['frames'])}"
@@ -245,7 +245,7 @@ def plane_words(row: list[Any]) -> str:
 
 
 def totals(result: Result) -> dict[str, int]:
-    """What tells at once whether a model became blinder or louder."""
+    """Summary figures that show whether a model became worse."""
     said = [f for f in result["frames"] if f.get("valid")]
     return {
         "frames": len(result["frames"]),

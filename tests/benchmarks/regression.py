@@ -1,8 +1,8 @@
-"""A few frames with golden figures, so that a change that makes the model blinder or louder is seen.
+"""Golden figures of a few frames, to detect a change that worsens the model.
 
-All figures are better when smaller. A figure may exceed its golden value by a margin: another kind of processor
-rounds otherwise, and a strip more or less moves a share a little. What becomes better is never held against anybody;
-`pytest --update-golden tests/benchmarks/test_regression.py` then sets the mark there."""
+All figures are better when smaller. A figure may exceed its golden value by a margin, since another processor type
+rounds differently. Improvements always pass; `pytest --update-golden tests/benchmarks/test_regression.py` then updates
+the golden values."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ CASES: tuple[Case, ...] = tuple(
 
 
 def _lost(row: Row) -> float:
-    """Share of the thin things' rays that are not kept, each thing counting alike."""
+    """Share of the rays of thin objects that are not kept, equally weighted over objects."""
     if row.family != "thin" or not row.recall:
         return math.nan
     return 1.0 - sum(r.kept for r in row.recall) / len(row.recall)
@@ -102,7 +102,7 @@ def figures(row: Row) -> Figures:
 
 
 def worse(golden: Mapping[str, Figures], now: Mapping[str, Figures]) -> Iterator[str]:
-    """Each figure that is worse than it may be, in words."""
+    """Each figure outside of its margin, as text."""
     if golden.keys() != now.keys():
         yield f"other cases than the golden ones: {', '.join(sorted(golden.keys() ^ now.keys()))}"
     for case in (c for c in golden if c in now):

@@ -1,4 +1,4 @@
-"""The one command: what it is asked for, and that its table and its JSON say the same."""
+"""The command: the requested cases, and equal content of its table and its JSON."""
 
 from __future__ import annotations
 

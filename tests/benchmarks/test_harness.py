@@ -1,4 +1,4 @@
-"""`make bench`: sections become pages, what fails or is missing is told, and the index says what is there."""
+"""`make bench`: sections become pages, failures and missing sections are reported, and the index lists the pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What many rows have in common, on rows made by hand; and what is called free held against truth."""
+"""Summaries of hand-made rows; free space compared with the truth."""
 
 from __future__ import annotations
 

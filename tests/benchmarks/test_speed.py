@@ -1,4 +1,5 @@
-"""The speed page: its tables say what was measured, its goals are judged by the slowest, its frames are what they are called."""
+"""The speed page: its tables contain the measured values, its goals use the slowest frames, and its frames match their
+names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The example of path planning: what is occupied is never entered, what is unknown as told, gaps too narrow not at all."""
+"""The example of path planning: occupied space is never entered, unknown space by its policy, narrow gaps not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Free, occupied, unknown: exact against dense sampling, and never free where nobody looked."""
+"""Free, occupied, unknown: exact queries compared with dense sampling; unobserved space is never free."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The merged world over real sockets: whoever joins late, misses messages or meets a new service is right again; what is not
-fresh is never free."""
+"""The merged world over real sockets: late subscribers, lost messages and a restarted service; outdated space is never
+free."""
 
 from __future__ import annotations
 

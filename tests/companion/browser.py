@@ -1,4 +1,4 @@
-"""A real browser without a screen, spoken to over a pipe (the DevTools protocol): pages opened, asked, pictured."""
+"""A headless browser, controlled over a pipe (DevTools protocol): opens pages, evaluates expressions, takes pictures."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ class Live:
         return self.process.wait(seconds)
 
     def close(self) -> None:
-        """Ends whatever is left, camera processes too."""
+        """Ends all remaining processes, including camera processes."""
         for ear in self._ears:
             ear.close()
         if self.process is None:

@@ -1,4 +1,4 @@
-"""The parts around the sender: parameters in words, the echo, words to the ground station."""
+"""Parts of the obstacle output: texts of parameters, the echo check, texts for the ground station."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NS = 1_000_000_000
 
 
 def answers(autopilot: SimulatedAutopilot, requests: list, now_ns: int) -> list:
-    """What the autopilot says to some messages, decoded from its bytes."""
+    """The autopilot's answers to messages, decoded from bytes."""
     for request in requests:
         autopilot.receive(bytes(request.pack(autopilot._mavlink)), now_ns)
     return MessageSplitter().feed(b"".join(autopilot.due(now_ns)))

@@ -1,4 +1,4 @@
-"""What autopilots are told while cameras are blind, and what they make of it."""
+"""Obstacle output while cameras are blind, and the reaction of the autopilots."""
 
 from __future__ import annotations
 

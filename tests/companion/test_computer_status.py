@@ -1,4 +1,4 @@
-"""ONBOARD_COMPUTER_STATUS: what ground stations are told of this machine, and that they are not unless asked for."""
+"""ONBOARD_COMPUTER_STATUS: the reported values, and that it is sent only where configured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The configuration: shipped files load, mistakes are told all at once, the text in a log gives the same back."""
+"""The configuration: shipped files load, all mistakes are reported at once, and the text in a log gives the same
+configuration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stream of small depth images: made only where somebody listens, of picked pixels, no more often than asked."""
+"""The stream of reduced depth images: sent only with a subscriber, subsampled, at most at the configured rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults recognised by their pattern: when they are reported, when not, and what they say."""
+"""Faults recognised by their pattern: when they are reported, when not, and their texts."""
 
 from __future__ import annotations
 

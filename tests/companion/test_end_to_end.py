@@ -1,4 +1,4 @@
-"""The installed command in processes of its own, from a folder of images to pictures: what it writes, says and returns."""
+"""The installed commands as processes, from a directory of images to pictures: files, output and status."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def companion(*words: str | Path, env: dict[str, str] | None = None, cwd: Path |
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The golden stream `alley` as somebody's folder of depth images."""
+    """The golden stream `alley` as a directory of depth images."""
     path = tmp_path_factory.mktemp("alley")
     (path / "depth").mkdir()
     events = events_of(recording_path("alley"))

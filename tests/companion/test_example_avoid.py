@@ -1,4 +1,4 @@
-"""The example flight stops before its wall, and for both autopilots when its camera dies; its picture is written."""
+"""The example flight stops before its wall for both autopilots when its camera fails; its picture is written."""
 
 from __future__ import annotations
 

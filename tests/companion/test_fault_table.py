@@ -1,8 +1,8 @@
-"""Each fault of the chain over a real line: what the autopilot is told from 0.4 s after the newest good exposure on.
+"""Each fault of the chain over a real link: the output to the autopilot from 0.4 s after the newest good exposure on.
 
-Link, clock, sync, pipeline and sender are the service's, and so is what judges a frozen image; frames and what the
-extractor finds are made up: a field that is clear, the one thing that nobody blind may tell. The table of all faults, with
-the tests of the service as a process, is in docs/explanation/failsafe.md."""
+Link, clock, synchronisation, pipeline, frozen-frame detection and sender are those of the service; frames and their
+obstacles are made up: a clear field, which must never be sent by a blind service. The table of all faults, with the
+tests of the service as a process, is in docs/explanation/failsafe.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each mode makes of what is sent, what is said of it, and that what is sent does not depend on it."""
+"""Flight modes: the effect of the sent obstacles, the texts, and that the sent obstacles do not depend on the mode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Free space that left the view: where it was seen, for a while, and only where nobody looks now."""
+"""Free space that left the view: remembered where it was observed, for a limited time, only where no camera looks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folders of depth PNGs: what comes out, and what is said of everything that can be wrong with one."""
+"""Directories of depth PNGs: the resulting log, and the report of each possible fault."""
 
 from __future__ import annotations
 

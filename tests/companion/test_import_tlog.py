@@ -1,4 +1,4 @@
-"""A telemetry log beside the frames: matched in time, by what the person says or by what both saw."""
+"""A telemetry log beside the frames: matched in time by option or by common motion."""
 
 from __future__ import annotations
 

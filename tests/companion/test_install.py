@@ -1,4 +1,4 @@
-"""`companion install` and `uninstall` in the image of a machine, and what systemd says of the unit.
+"""`companion install` and `uninstall` in the image of a system, and systemd's check of the unit.
 
 The same on a running systemd is in tests/system."""
 

@@ -1,4 +1,5 @@
-"""What a page of `companion view --live` is told, over real sockets and real HTTP; the browser is another file's."""
+"""The responses to the page of `companion view --live`, over real sockets and HTTP; the browser is tested in another
+file."""
 
 from __future__ import annotations
 
@@ -44,7 +45,7 @@ YAW_RAD = 0.7
 
 
 class Told:
-    """A service that says what a test wants."""
+    """A service that publishes given messages."""
 
     def __init__(self, folder: Path) -> None:
         self.streams = Streams(

@@ -1,4 +1,4 @@
-"""Parts of the vehicle in view: unknown, no obstacle, nothing free behind them; and what autopilots are told there."""
+"""Masked parts of the vehicle: unknown, no obstacle, no free space behind them; and the output to autopilots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages: nothing is lost on the way there and back, and the tables cover everything."""
+"""Messages: lossless encoding and decoding, and complete tables."""
 
 from __future__ import annotations
 

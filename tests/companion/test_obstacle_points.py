@@ -1,4 +1,5 @@
-"""Points for ArduPilot's five layers: the middle one is what OBSTACLE_DISTANCE says, nothing near above or below is lost."""
+"""Points for ArduPilot's five layers: the middle one equals OBSTACLE_DISTANCE, and no near obstacle above or below is
+lost."""
 
 from __future__ import annotations
 

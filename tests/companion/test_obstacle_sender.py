@@ -1,4 +1,5 @@
-"""What is on the wire when a link of the chain fails: blind by 0.4 s after the newest exposure, whoever noticed what."""
+"""The output when a link of the chain fails: blind by 0.4 s after the newest exposure, whichever part detects the
+fault."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ WALL = 320
 
 
 class Sees:
-    """An extractor that finds what it is told."""
+    """An extractor that returns given models."""
 
     def __init__(self, found: FrameModel) -> None:
         self.found = found

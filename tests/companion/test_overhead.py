@@ -1,4 +1,4 @@
-"""What stands over the vehicle and how far down the ground is: told where it is known, never as clear."""
+"""Obstacles above the vehicle and the distance of the ground: sent where known, never as clear."""
 
 from __future__ import annotations
 

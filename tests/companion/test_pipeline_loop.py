@@ -87,7 +87,7 @@ def test_garbage_is_collected_between_frames_and_not_in_one() -> None:
 
 
 class Heard(Recorder):
-    """Notes what it is told, in the same list as what is published."""
+    """Records its calls in the same list as the published results."""
 
     def __init__(self, folder: Path, said: list[str]) -> None:
         super().__init__(folder, run_info("live"))

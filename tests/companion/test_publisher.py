@@ -76,7 +76,8 @@ SLEEPER = textwrap.dedent("""
 
 
 def test_a_blocked_subscriber_costs_nothing(tmp_path: Path, context: Context) -> None:
-    """A process that joined and then hangs: publishing goes on at once, and another one gets the newest."""
+    """A subscriber process that stops reading: publishing continues, and another subscriber receives the newest
+    message."""
     stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
     publisher = Publisher(stream, context)
     hung = subprocess.Popen([sys.executable, "-c", SLEEPER, stream.address], stdout=subprocess.PIPE)

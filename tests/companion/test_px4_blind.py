@@ -1,4 +1,4 @@
-"""PX4 in Position mode when the camera dies, both generations: how far it flies on, and that it then stands."""
+"""PX4 in Position mode after a camera failure, both generations: the distance flown until it stops."""
 
 from __future__ import annotations
 

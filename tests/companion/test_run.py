@@ -1,4 +1,4 @@
-"""The loop of `companion run`: it ends, to be started anew, when a part that it cannot do without has ended."""
+"""The main loop of `companion run`: it ends when a required part has ended, so that systemd restarts it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.process
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_it_ends_at_once_when_no_obstacles_are_sent_any_more(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """ArduPilot flies on when the words stop: the sooner the service starts anew, the better."""
+    """ArduPilot flies on without obstacle messages: the restart must be fast."""
     config = Config(
         autopilot=AutopilotConfig(address=f"udpin:127.0.0.1:{free_port()}"),
         avoid=AvoidParams(send=True),

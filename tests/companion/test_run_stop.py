@@ -1,4 +1,4 @@
-"""`companion run` that is told to end while it starts leaves no process behind."""
+"""`companion run` stopped during its start leaves no process behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sectors around the vehicle: nothing near is lost in any direction, and only what was seen free is called clear."""
+"""Sectors around the vehicle: no near obstacle is lost, and only observed free space is clear."""
 
 from __future__ import annotations
 

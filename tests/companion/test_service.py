@@ -1,7 +1,6 @@
-"""The service as a process with one camera and an autopilot over UDP: what goes wrong is said in time, and mended.
+"""The service as a process with one camera and an autopilot over UDP: faults are reported in time and repaired.
 
-Whatever happens in these tests, no frame may be said to be valid that was levelled with a wrong attitude: the fixture
-looks at every one."""
+In all tests no frame may be valid that was levelled with a wrong attitude: the fixture checks every frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The service as a process tells a simulated autopilot of obstacles over UDP, and what when it is blind, and when."""
+"""The service as a process sends obstacles to a simulated autopilot over UDP: content and timing, also while blind."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ FRONT = [*range(66, 72), *range(7)]
 
 
 class Told:
-    """A service, and what its autopilot was told."""
+    """A service, and the obstacle messages that its autopilot received."""
 
     def __init__(self, live: Live, line: AutopilotLink, kind: str) -> None:
         self.live, self.line, self.kind = live, line, kind

@@ -1,4 +1,4 @@
-"""Faults of the autopilot's side and of the line, end to end: what the autopilot is told of obstacles, and when."""
+"""Faults of the autopilot and of the link, end to end: the obstacle output and its timing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The log of a live run: whatever befell it, each of its files replays to the same prisms, bit for bit."""
+"""The log of a live run: after any fault, each of its files replays to the same prisms, bit for bit."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def kinds(path: Path) -> Counter[str]:
 
 
 def checked(live: Live, path: Path) -> dict[str, object]:
-    """What `companion replay --check` says of a log; that it holds nothing which cannot be compared."""
+    """Runs `companion replay --check` on a log and checks that every frame can be compared."""
     done = live.command("replay", str(path), "--check", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)

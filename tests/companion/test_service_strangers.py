@@ -1,4 +1,5 @@
-"""The service as a process while others speak on its line: what the autopilot is told, and when, stays what is safe."""
+"""The service as a process with other senders on its link: the output to the autopilot stays safe in content and
+timing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`companion simulate-autopilot` as a process of its own, on UDP and on a pty, heard by a real link."""
+"""`companion simulate-autopilot` as a process, on UDP and on a pty, received by a real link."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def config_file(folder: Path, address: str = "") -> Path:
 
 @contextmanager
 def flying(*words: str) -> Iterator[dict[str, str]]:
-    """The command as a process; gives what it says of itself."""
+    """The command as a process; returns its JSON output."""
     command = [sys.executable, "-m", "companion", "simulate-autopilot", "--json", *words]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         try:

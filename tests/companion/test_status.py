@@ -1,4 +1,4 @@
-"""The health report in words, and the commands around it."""
+"""The health report as text, and the commands that print it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several cameras as one model: the same place in the world is the same place in it, and a blind camera says so."""
+"""Several cameras as one model: equal places coincide, and a blind camera is marked."""
 
 from __future__ import annotations
 

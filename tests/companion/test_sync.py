@@ -1,4 +1,4 @@
-"""Attitude and position at mid-exposure: against analytic motion, and what happens to odd stamps."""
+"""Attitude and position at mid-exposure: compared with analytic motion, and irregular timestamps."""
 
 from __future__ import annotations
 

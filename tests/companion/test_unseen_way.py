@@ -1,5 +1,5 @@
-"""A plane behind something that was not measured is never told as the nearest obstacle: rendered depth with unmeasured
-regions, the extractor, sectors, messages, and both autopilots' readers."""
+"""A plane behind an unmeasured region is never sent as the nearest obstacle: rendered depth with unmeasured regions,
+the extractor, sectors, messages, and both autopilots' readers."""
 
 from __future__ import annotations
 

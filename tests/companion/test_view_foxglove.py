@@ -1,4 +1,4 @@
-"""The WebSocket for Foxglove's viewer, spoken to as that viewer does."""
+"""The WebSocket server for Foxglove, tested with a client of its protocol."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The page that follows the service, in a real browser, with the service, its camera and `companion view` as processes:
-what is old, blind or cut off never passes for the present."""
+"""The live page in a real browser, with the service, its camera and `companion view` as processes: old, blind or
+interrupted data are never shown as present."""
 
 from __future__ import annotations
 

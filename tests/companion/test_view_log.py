@@ -1,4 +1,4 @@
-"""`companion view` on logs: whole ones, without prisms, damaged, blind in part."""
+"""`companion view` on logs: complete, without prisms, damaged, partly blind."""
 
 from __future__ import annotations
 

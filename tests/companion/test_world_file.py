@@ -1,4 +1,4 @@
-"""Worlds on disk: read back, and what is damaged is told by file and place."""
+"""Worlds in files: read back, and damage reported with file and place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The example of the documentation runs, is as short as it says, and finds its wall."""
+"""The example of the documentation runs, has the documented length, and finds its wall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The filter tells a mount from terrain by turning, and says when it cannot."""
+"""The filter distinguishes a mount error from terrain while the vehicle turns, and reports when it cannot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise in a part of the picture: which pixels are alone, and that such a frame says nothing while leaves do."""
+"""Noise in a part of the image: detected pixels, and that such a frame is invalid while foliage is not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is packed here is what the library reads as the same, and then writes as if it had been told one by one."""
+"""The fast encoding decodes to the same message and, encoded again by the library, to the same content."""
 
 from __future__ import annotations
 

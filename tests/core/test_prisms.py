@@ -1,4 +1,4 @@
-"""Layers: where they are cut, which planes stand in them, and that nothing of a plane is lost."""
+"""Layers: their boundaries, the planes in them, and that no part of a plane is lost."""
 
 from __future__ import annotations
 

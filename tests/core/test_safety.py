@@ -1,4 +1,4 @@
-"""Blind, stale or unknown is never reported as clear; bad input is told, not guessed; nothing depends on history."""
+"""Blind, stale or unknown is never reported as clear; invalid input is reported; results do not depend on history."""
 
 from __future__ import annotations
 

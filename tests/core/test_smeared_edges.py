@@ -1,4 +1,4 @@
-"""Ramps at the edges of things, of cameras that smear them, and of no others, are unmeasured."""
+"""Ramps at edges of objects become unmeasured for cameras that smear edges, and only for those."""
 
 from __future__ import annotations
 

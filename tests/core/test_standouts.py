@@ -1,4 +1,4 @@
-"""What stands out of a plane and is too little to shift it leaves as a plane of its own, and nothing is lost."""
+"""Parts that stand out of a plane and are too small to shift it become planes of their own, and nothing is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data that cross floors refuse what they cannot stand for, and say why."""
+"""Types reject values that they cannot represent, with a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Others on the line: a second companion, somebody who speaks as the autopilot or as us, datagrams of anybody."""
+"""Other senders on the link: a second companion, forged ids of the autopilot or the companion, random datagrams."""
 
 from __future__ import annotations
 

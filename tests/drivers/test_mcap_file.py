@@ -1,4 +1,4 @@
-"""Logs as a source: whole, cut at any byte, corrupt, somebody else's."""
+"""Logs as a source: complete, cut at any byte, corrupt, of other software."""
 
 from __future__ import annotations
 

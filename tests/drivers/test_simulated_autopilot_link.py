@@ -1,4 +1,4 @@
-"""The simulated autopilot sleeps until it has something to say, so that it takes no processor from what is measured."""
+"""The simulated autopilot sleeps until its next message, to leave the processor to what is measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What real autopilots once said, played back: to a session by the recorded stamps, and to the link over UDP as it came."""
+"""Recorded output of real autopilots, played back to a session by the recorded stamps and to the link over UDP."""
 
 from __future__ import annotations
 
