@@ -268,7 +268,7 @@ def test_broken_json_and_nothing_there(tmp_path: Path, capsys: pytest.CaptureFix
     assert imported(folder)[0] == 1
     assert "nested too deeply" in capsys.readouterr().err
     assert imported(tmp_path / "none")[0] == 1
-    assert "there is nothing" in capsys.readouterr().err
+    assert "does not exist" in capsys.readouterr().err
     (folder / "frames.csv").write_text(HEADING + "\n")
     (folder / "intrinsics.json").unlink()
     assert imported(folder)[0] == 1

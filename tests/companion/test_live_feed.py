@@ -279,7 +279,7 @@ def test_an_old_exposure_is_blind_however_fresh_the_message(told: Told, page: Li
     def old() -> bool:
         told.health()
         told.frame(age_ns=900_000_000)
-        return "its newest exposure is 0.9 s old" in news(page)["cameras"][0]["blind"]
+        return "the newest frame is 0.9 s old" in news(page)["cameras"][0]["blind"]
 
     assert until(old)
 
@@ -304,7 +304,7 @@ def test_numbers_that_do_not_fit_are_blind(told: Told, page: LivePage) -> None:
 def test_foreign_bytes_are_named_and_have_no_effect(told: Told, page: LivePage) -> None:
     shown(told, page)
     told.nonsense()
-    assert until(lambda: any("no PrismsFrame" in line for line in news(page)["service"]["missing"]))
+    assert until(lambda: any("cannot be decoded as PrismsFrame" in line for line in news(page)["service"]["missing"]))
     assert shown(told, page)["frames"]
 
 
