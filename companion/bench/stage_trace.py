@@ -20,6 +20,7 @@ HOSTS: Final = ("core.extractor", "core.stages.strip_search", "core.stages.plane
 
 STAGE_OF_MODULE: Final[dict[str, str]] = {
     "classify": "classify, flying pixels",
+    "noise_check": "classify, flying pixels",
     "level": "level",
     "temporal_noise": "noise estimate",
     "view_geometry": "level",
@@ -48,7 +49,6 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
 
 STAGE_OF_FUNCTION: Final[dict[str, str]] = {
     "depth_to_mm": "depth to millimetres",
-    "estimate_ke": "noise estimate",
 }
 """Functions with a stage of their own within their module."""
 
