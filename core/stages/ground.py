@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,14 +32,16 @@ _CLIMB_MOST = 2.0 / 3.0
 """Of the camera's height: a pair of pixels reaches no farther up. A few centimetres above the ground the least climb of a
 pair would reach over the horizon, and no pair of the ground would vote."""
 GROUND_SETTINGS = record(
+    ("pair_rows_min", np.float64),
+    ("pair_rows_max", np.float64),
+    ("tolerance_m", np.float64),
+    ("cap_m", np.float64),
     ("min_height_m", np.float64),
     ("max_height_m", np.float64),
     ("height_step", np.float64),
     ("pair_climb", np.float64),
     ("pair_climb_min_m", np.float64),
     ("pair_climb_max_m", np.float64),
-    ("pair_rows_min", np.float64),
-    ("pair_rows_max", np.float64),
     ("pair_flat", np.float64),
     ("pair_sigmas", np.float64),
     ("pair_flat_cap", np.float64),
@@ -47,8 +50,6 @@ GROUND_SETTINGS = record(
     ("min_samples", np.float64),
     ("min_share", np.float64),
     ("sigmas", np.float64),
-    ("tolerance_m", np.float64),
-    ("cap_m", np.float64),
     ("fit_sigmas", np.float64),
     ("fit_min_px", np.float64),
     ("fit_floor_m", np.float64),
@@ -63,8 +64,9 @@ GROUND_SETTINGS = record(
     ("tries", np.int64),
     ("fit_rounds", np.int64),
 )
-"""The parameters of these names with `ground_` before them; pair_rows_min and pair_rows_max: rows between the pixels of a
-pair; cap_m: most that the tolerance is, tolerance_m: at most that."""
+"""pair_rows_min and pair_rows_max: rows between the pixels of a pair; cap_m: most that the tolerance is, tolerance_m: at most
+that. All others are the parameters of these names with `ground_` before them."""
+_named_parameters = attrgetter(*(f"ground_{name}" for name in (GROUND_SETTINGS.names or ())[4:]))
 
 POINT = record(
     ("x", np.float32),
@@ -82,15 +84,9 @@ its 1/x exceed those of the pixel it is paired with, 0 where there is none."""
 def ground_settings(rows: int, p: Params) -> NDArray[Any]:
     """(1,) GROUND_SETTINGS for pictures of so many rows."""
     cap = p.ground_tolerance_cap * p.min_obstacle_height_m
-    derived = {
-        "pair_rows_min": p.ground_pair_min_px,
-        "pair_rows_max": rows // p.ground_pair_parts,
-        "tolerance_m": min(p.ground_tolerance_m, cap),
-        "cap_m": cap,
-    }
+    derived = p.ground_pair_min_px, rows // p.ground_pair_parts, min(p.ground_tolerance_m, cap), cap
     out = np.zeros(1, GROUND_SETTINGS)
-    for name in GROUND_SETTINGS.names or ():
-        out[name] = derived[name] if name in derived else getattr(p, f"ground_{name}")
+    out[0] = (*derived, *_named_parameters(p))
     return out
 
 

@@ -102,10 +102,11 @@ def published_planes(
     keep min_plane_height_m. settings: of `publish_settings`; completed here. a is the left end: from a to b the camera,
     and so free space, is on the right. The margin is what the near edge still stands out (up to safe_distance_m) and
     margin_sigmas of the plane's own distance noise, which neighbouring columns share."""
-    p, column_t = settings[0], float(view.lateral[0]) / view.f_px
-    p.ground_seen, p.height_m, p.slope_x, p.slope_y = ground.seen, ground.height_m, ground.slope_x, ground.slope_y
-    p.left_t = (params.cut_columns - view.cu) * column_t
-    p.right_t = (view.cols - 1 - params.cut_columns - view.cu) * column_t
+    column_t = float(view.lateral[0]) / view.f_px
+    settings["ground_seen"], settings["height_m"] = ground.seen, ground.height_m
+    settings["slope_x"], settings["slope_y"] = ground.slope_x, ground.slope_y
+    settings["left_t"] = (params.cut_columns - view.cu) * column_t
+    settings["right_t"] = (view.cols - 1 - params.cut_columns - view.cu) * column_t
     out = PublishedPlanes(
         np.empty((count, 6), np.float32),
         np.empty(count, np.float32),

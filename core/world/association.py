@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inner
+import numpy as np
+
+from ..jit import inner, record
 from ..types import PlaneFlags
 from .free_grid import any_free
 from .plane_index import (
@@ -35,21 +37,39 @@ from .plane_index import (
     W,
     X,
     Y,
-    hang,
-    link,
+    insert,
     new_slot,
+    remove,
     seen_again,
-    take_out,
+    set_links,
 )
 
 REFUSED = 2.0
-# what a plane is to be weighed against: columns of the looks (N, 10) float64
+# columns of the observations (N, 10) float64, after the box of the plane
 O_MARGIN, O_WEIGHT, O_SIGMA, O_FLAGS = 6, 7, 8, 9
-# indices of the rules (see world.rules_of)
-(
-    R_COS, R_GAP, R_JOIN, R_SIGMAS, R_CAP, R_CORNER, R_SHORT, R_LONGEST, R_MEMORY, R_AFTER, R_HIT, R_BEHIND,
-    R_CLEAR_SIGMAS, R_SHARE, R_STEP, R_POSE, R_TRUST,
-) = range(17)  # fmt: skip
+WORLD_RULES = record(
+    ("turn_cos", np.float64),
+    ("gap_m", np.float64),
+    ("join_m", np.float64),
+    ("join_sigmas", np.float64),
+    ("noise_cap_m", np.float64),
+    ("corner_m", np.float64),
+    ("short_m", np.float64),
+    ("longest_m", np.float64),
+    ("memory_frames", np.float64),
+    ("free_evidence_limit", np.float64),
+    ("free_evidence_per_hit", np.float64),
+    ("behind_m", np.float64),
+    ("free_evidence_sigmas", np.float64),
+    ("free_evidence_share", np.float64),
+    ("step_m", np.float64),
+    ("pose_sigma_m", np.float64),
+    ("free_evidence_limit_extra", np.float64),
+)
+"""Rules of the merged world, see `update.rules_of`. turn_cos: cosine of plane_angle_deg; gap_m: passable_width_m; join_m,
+join_sigmas, noise_cap_m, corner_m: how far off a line, and how empty a corner, joined planes may be; short_m, longest_m:
+lengths of planes; memory_frames: observations that count; free_evidence_limit to free_evidence_limit_extra: when an observed part is removed."""
+
 _GAP_POINTS = 3
 """Not tuning: a gap is asked for free space at so many places along it and so many heights."""
 _OVER = int(PlaneFlags.IRREGULAR) | int(PlaneFlags.UNKNOWN_BEHIND)
@@ -121,25 +141,25 @@ def joined(a, b, m, sigma, rules):
     la, lb = length_of(a[0], a[1], a[2], a[3]), length_of(b[0], b[1], b[2], b[3])
     uax, uay, ubx, uby = (a[2] - a[0]) / la, (a[3] - a[1]) / la, (b[2] - b[0]) / lb, (b[3] - b[1]) / lb
     facing = uax * ubx + uay * uby
-    if facing <= 0.0 or (min(la, lb) > rules[R_SHORT] and facing < rules[R_COS]):
+    if facing <= 0.0 or (min(la, lb) > rules.short_m and facing < rules.turn_cos):
         return no
     ux, uy = (uax, uay) if la >= lb else (ubx, uby)
-    x, y, dx, dy = line_of(m, ux, uy, rules[R_COS])
+    x, y, dx, dy = line_of(m, ux, uy, rules.turn_cos)
     a0, a1 = (a[0] - x) * dx + (a[1] - y) * dy, (a[2] - x) * dx + (a[3] - y) * dy
     b0, b1 = (b[0] - x) * dx + (b[1] - y) * dy, (b[2] - x) * dx + (b[3] - y) * dy
     begin, end = min(a0, b0), max(a1, b1)
     gap = max(0.0, max(b0 - a1, a0 - b1))
-    if gap >= rules[R_GAP] or end - begin > rules[R_LONGEST]:
+    if gap >= rules.gap_m or end - begin > rules.longest_m:
         return no
     off = 0.0
     for k in range(2):
         off = max(off, abs((a[2 * k + 1] - y) * dx - (a[2 * k] - x) * dy))
         off = max(off, abs((b[2 * k + 1] - y) * dx - (b[2 * k] - x) * dy))
-    off /= rules[R_JOIN] + min(rules[R_SIGMAS] * sigma, rules[R_CAP])
-    corner = corner_cost(a0, a1, a[4], a[5], b0, b1, b[4], b[5], rules[R_CORNER])
+    off /= rules.join_m + min(rules.join_sigmas * sigma, rules.noise_cap_m)
+    corner = corner_cost(a0, a1, a[4], a[5], b0, b1, b[4], b[5], rules.corner_m)
     if off >= 1.0 or corner >= 1.0:
         return no
-    cost = 0.5 * off + 0.3 * gap / rules[R_GAP] + 0.2 * corner
+    cost = 0.5 * off + 0.3 * gap / rules.gap_m + 0.2 * corner
     return cost, x + begin * dx, y + begin * dy, x + end * dx, y + end * dy, gap
 
 
@@ -147,7 +167,7 @@ def joined(a, b, m, sigma, rules):
 def stays_open(free, a, b, flags, gap, rules):
     """Whether the gap between two boxes stays open: it is wide, and seen free anywhere at the heights of both, or beside
     scattered things (flags of either): of leaves nobody knows what goes on where they end."""
-    if gap <= rules[R_CORNER]:
+    if gap <= rules.corner_m:
         return False
     if flags & _IRREGULAR:
         return True
@@ -217,62 +237,69 @@ def put_box(tables, i, ax, ay, bx, by, top, bottom):
         back = ((float(box[i, AX]) - ax) * (bx - ax) + (float(box[i, AY]) - ay) * (by - ay)) / length
         floats[i, FROM] += back
         floats[i, TO] += back
-    link(tables, i, False)
+    set_links(tables, i, False)
     box[i, AX], box[i, AY], box[i, BX], box[i, BY] = ax, ay, bx, by
     box[i, TOP], box[i, BOTTOM] = top, bottom
     ints[i, CHANGED] = tables[7][FRAME]
-    hang(tables, i)
+    insert(tables, i)
 
 
 @inner
-def look_box(looks, j):
+def observation_box(observations, j):
     """The six numbers of a look."""
-    return looks[j, 0], looks[j, 1], looks[j, 2], looks[j, 3], looks[j, 4], looks[j, 5]
+    return (
+        observations[j, 0],
+        observations[j, 1],
+        observations[j, 2],
+        observations[j, 3],
+        observations[j, 4],
+        observations[j, 5],
+    )
 
 
 @inner
-def new_plane(tables, looks, j, t_ns):
+def new_plane(tables, observations, j, t_ns):
     """A slot for what was seen for the first time; the look's weight is of each metre."""
     i = new_slot(tables, t_ns)
     moments, floats, ints = tables[1], tables[2], tables[3]
-    a = look_box(looks, j)
+    a = observation_box(observations, j)
     floats[i, ANCHOR_X], floats[i, ANCHOR_Y] = 0.5 * (a[0] + a[2]), 0.5 * (a[1] + a[3])
-    floats[i, MARGIN], ints[i, FLAGS] = looks[j, O_MARGIN], int(looks[j, O_FLAGS])
+    floats[i, MARGIN], ints[i, FLAGS] = observations[j, O_MARGIN], int(observations[j, O_FLAGS])
     a = shifted(a, float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y]))
     m = segment_moments(
-        a[0], a[1], a[2], a[3], looks[j, O_WEIGHT] * length_of(a[0], a[1], a[2], a[3]), looks[j, O_SIGMA]
+        a[0], a[1], a[2], a[3], observations[j, O_WEIGHT] * length_of(a[0], a[1], a[2], a[3]), observations[j, O_SIGMA]
     )
     for c in range(6):
         moments[i, c] = m[c]
-    a = look_box(looks, j)
+    a = observation_box(observations, j)
     put_box(tables, i, a[0], a[1], a[2], a[3], a[4], a[5])
     return i
 
 
 @inner
-def weigh_look(tables, i, looks, j, rules):
+def score_observation(tables, i, observations, j, rules):
     """`joined` of slot i and look j, ends counted from the slot's anchor, and the share that the slot's past keeps."""
     floats = tables[2]
     x, y = float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y])
-    a, b = shifted(box_of(tables[0], i), x, y), shifted(look_box(looks, j), x, y)
+    a, b = shifted(box_of(tables[0], i), x, y), shifted(observation_box(observations, j), x, y)
     length = length_of(b[0], b[1], b[2], b[3])
-    n = segment_moments(b[0], b[1], b[2], b[3], looks[j, O_WEIGHT] * length, looks[j, O_SIGMA])
+    n = segment_moments(b[0], b[1], b[2], b[3], observations[j, O_WEIGHT] * length, observations[j, O_SIGMA])
     past = moments_of(tables, i, x, y)
     # per metre, or a small new piece of a long wall would count for nothing
-    most = rules[R_MEMORY] * looks[j, O_WEIGHT] * length_of(a[0], a[1], a[2], a[3])
+    most = rules.memory_frames * observations[j, O_WEIGHT] * length_of(a[0], a[1], a[2], a[3])
     share = min(1.0, most / past[0])
-    return joined(a, b, together(past, n, share), looks[j, O_SIGMA], rules), share
+    return joined(a, b, together(past, n, share), observations[j, O_SIGMA], rules), share
 
 
 @inner
-def take_look(tables, i, looks, j, found, share, rules, t_ns):
+def add_observation(tables, i, observations, j, found, share, rules, t_ns):
     """Slot i takes look j in. found: the `joined` of both."""
     moments, floats, ints = tables[1], tables[2], tables[3]
     x, y = float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y])
-    seen = look_box(looks, j)
+    seen = observation_box(observations, j)
     b = shifted(seen, x, y)
-    weight = looks[j, O_WEIGHT] * length_of(b[0], b[1], b[2], b[3])
-    n = segment_moments(b[0], b[1], b[2], b[3], weight, looks[j, O_SIGMA])
+    weight = observations[j, O_WEIGHT] * length_of(b[0], b[1], b[2], b[3])
+    n = segment_moments(b[0], b[1], b[2], b[3], weight, observations[j, O_SIGMA])
     m = together(moments_of(tables, i, x, y), n, share)
     part = weight / m[0]
     for c in range(6):
@@ -280,11 +307,11 @@ def take_look(tables, i, looks, j, found, share, rules, t_ns):
     length = length_of(found[1], found[2], found[3], found[4])
     nx, ny = -(found[4] - found[2]) / length, (found[3] - found[1]) / length  # to the right of a -> b: the free side
     ahead = max((b[0] - found[1]) * nx + (b[1] - found[2]) * ny, (b[2] - found[1]) * nx + (b[3] - found[2]) * ny)
-    mean = (1.0 - part) * float(floats[i, MARGIN]) + part * looks[j, O_MARGIN]
+    mean = (1.0 - part) * float(floats[i, MARGIN]) + part * observations[j, O_MARGIN]
     floats[i, MARGIN] = max(mean, ahead)  # nothing seen lies before the plane and its margin
-    flags = int(looks[j, O_FLAGS])
+    flags = int(observations[j, O_FLAGS])
     measured = flags & _INFERRED == 0 and length_of(b[0], b[1], b[2], b[3]) >= _WHOLE * length
-    inferred = found[5] > rules[R_CORNER] or ((ints[i, FLAGS] | flags) & _INFERRED != 0 and not measured)
+    inferred = found[5] > rules.corner_m or ((ints[i, FLAGS] | flags) & _INFERRED != 0 and not measured)
     ints[i, FLAGS] = joined_flags(ints[i, FLAGS], flags, inferred)
     a = box_of(tables[0], i)
     put_box(tables, i, found[1] + x, found[2] + y, found[3] + x, found[4] + y, min(a[4], seen[4]), max(a[5], seen[5]))
@@ -310,11 +337,11 @@ def forget_looks_through(tables, i, seen, rules):
     dx, dy = (a[2] - a[0]) / length, (a[3] - a[1]) / length
     s0, s1 = (seen[0] - a[0]) * dx + (seen[1] - a[1]) * dy, (seen[2] - a[0]) * dx + (seen[3] - a[1]) * dy
     if min(s1, float(floats[i, TO])) > max(s0, float(floats[i, FROM])):
-        ints[i, CLEARS] = max(0, ints[i, CLEARS] - int(rules[R_HIT]))
+        ints[i, CLEARS] = max(0, ints[i, CLEARS] - int(rules.free_evidence_per_hit))
 
 
 @inner
-def weigh_planes(tables, i, k, rules):
+def score_planes(tables, i, k, rules):
     """`joined` of slots i and k, ends counted from the anchor of i."""
     floats = tables[2]
     x, y = float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y])
@@ -324,7 +351,7 @@ def weigh_planes(tables, i, k, rules):
 
 
 @inner
-def take_plane(tables, i, k, found, rules):
+def absorb_plane(tables, i, k, found, rules):
     """Slot i takes slot k in, which is then empty."""
     moments, floats, ints, state = tables[1], tables[2], tables[3], tables[7]
     x, y = float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y])
@@ -333,11 +360,11 @@ def take_plane(tables, i, k, found, rules):
         moments[i, c] = m[c]
     a, b = box_of(tables[0], i), box_of(tables[0], k)
     floats[i, MARGIN] = max(floats[i, MARGIN], floats[k, MARGIN])
-    inferred = found[5] > rules[R_CORNER] or (ints[i, FLAGS] | ints[k, FLAGS]) & _INFERRED != 0
+    inferred = found[5] > rules.corner_m or (ints[i, FLAGS] | ints[k, FLAGS]) & _INFERRED != 0
     ints[i, FLAGS] = joined_flags(ints[i, FLAGS], ints[k, FLAGS], inferred)
     ints[i, HITS] = max(ints[i, HITS], ints[k, HITS])
     ints[i, CLEARS] = 0
-    link(tables, k, False)
-    take_out(tables, k)
+    set_links(tables, k, False)
+    remove(tables, k)
     state[JOINED] += 1
     put_box(tables, i, found[1] + x, found[2] + y, found[3] + x, found[4] + y, min(a[4], b[4]), max(a[5], b[5]))

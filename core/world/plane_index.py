@@ -1,6 +1,6 @@
 """The table of a world's planes and its index in space: what a frame costs does not depend on how many planes there are.
 
-Planes live in slots of tables of fixed size. Each hangs in the lists of the squares of ground that it crosses; squares
+Planes live in slots of tables of fixed size. Each is in the lists of the squares of ground that it crosses; squares
 share lists by a hash, which gives a few planes too many to look at and never one too few. A ring holds the slots in the
 order in which they were last seen: where the tables are full, the one not seen longest goes.
 """
@@ -17,7 +17,7 @@ from ..jit import inner
 SQUARE_M = 8.0
 """Not tuning: side of a square; a frame sees some dozen of them."""
 _EDGE_M = 1e-3
-"""Not tuning: more than float32 rounds by; a plane hangs in a square that it nearly touches."""
+"""Not tuning: more than float32 rounds by; a plane is in the list of a square that it nearly touches."""
 _LINKS = 4
 """Links for each slot: long planes take more than one."""
 NONE = -1
@@ -70,8 +70,8 @@ def bucket(ix, iy, size):
 
 
 @inner
-def link(tables, i, add):
-    """Hangs slot i into the lists of its squares (add), or takes it out of them; False: there are no links left."""
+def set_links(tables, i, add):
+    """Adds slot i to the lists of its squares (add), or removes it from them; False: there are no links left."""
     box, _moments, _floats, _ints, _seen, heads, links, state = tables
     x0, y0, x1, y1 = float(box[i, AX]), float(box[i, AY]), float(box[i, BX]), float(box[i, BY])
     if x1 < x0:
@@ -121,7 +121,7 @@ def unhook(heads, links, state, head, i):
 
 
 @inner
-def out_of_ring(tables, i):
+def lru_remove(tables, i):
     """Takes slot i out of the ring of last looks."""
     ints, state = tables[3], tables[7]
     older, newer = ints[i, OLDER], ints[i, NEWER]
@@ -136,7 +136,7 @@ def out_of_ring(tables, i):
 
 
 @inner
-def into_ring(tables, i):
+def lru_insert(tables, i):
     """Puts slot i at the newest end of the ring."""
     ints, state = tables[3], tables[7]
     ints[i, OLDER], ints[i, NEWER] = state[NEWEST], NONE
@@ -150,8 +150,8 @@ def into_ring(tables, i):
 @inner
 def seen_again(tables, i, t_ns):
     """Slot i was seen: it goes last."""
-    out_of_ring(tables, i)
-    into_ring(tables, i)
+    lru_remove(tables, i)
+    lru_insert(tables, i)
     tables[4][i] = t_ns
 
 
@@ -171,19 +171,19 @@ def new_slot(tables, t_ns):
     for c in range(ints.shape[1]):
         ints[i, c] = 0
     ints[i, HITS] = 1
-    into_ring(tables, i)
+    lru_insert(tables, i)
     tables[4][i] = t_ns
     return i
 
 
 @inner
-def hang(tables, i):
+def insert(tables, i):
     """Slot i into the lists of its squares; where links are out, planes not seen longest go until there are some."""
     state = tables[7]
     for _ in range(tables[3].shape[0]):
-        if link(tables, i, True):
+        if set_links(tables, i, True):
             return
-        link(tables, i, False)
+        set_links(tables, i, False)
         if state[OLDEST] == i:
             return  # alone it does not fit: it is longer than any plane may be
         drop_oldest(tables)
@@ -194,16 +194,16 @@ def drop_oldest(tables):
     """Makes room."""
     state = tables[7]
     i = state[OLDEST]
-    link(tables, i, False)
-    take_out(tables, i)
+    set_links(tables, i, False)
+    remove(tables, i)
     state[DROPPED] += 1
 
 
 @inner
-def take_out(tables, i):
+def remove(tables, i):
     """Empties slot i, whose links are gone already."""
     ints, state = tables[3], tables[7]
-    out_of_ring(tables, i)
+    lru_remove(tables, i)
     ints[i, HITS], ints[i, CHANGED] = 0, state[FRAME]
     ints[i, NEWER] = state[FREE_SLOT]
     state[FREE_SLOT] = i

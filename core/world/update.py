@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, kernel
+from ..jit import inner, kernel, record_of
 from ..types import FrameModel
 from .association import (
     O_FLAGS,
-    R_GAP,
+    WORLD_RULES,
+    absorb_plane,
+    add_observation,
     box_of,
-    look_box,
     moved_moments,
     new_plane,
+    observation_box,
     put_box,
+    score_observation,
+    score_planes,
     stays_open,
-    take_look,
-    take_plane,
-    weigh_look,
-    weigh_planes,
 )
 from .free_grid import stand_in
 from .params import WorldParams
 from .plane_index import ANCHOR_X, ANCHOR_Y, FLAGS, HITS, MARGIN, Tables, gather, new_slot
-from .removal import cut_cleared, look_through
+from .removal import count_clear_view, cut_cleared
 
 _LEAST_M = 0.01
 """Not tuning: a plane shorter than this has no direction."""
@@ -36,19 +37,21 @@ _JOINS = 4
 """Not tuning: neighbours that one plane may take in at one frame; others follow with the next."""
 
 
-def rules_of(p: WorldParams) -> NDArray[np.float64]:
-    """(17,) float64 by the R_ indices of world_join."""
-    return np.array(
-        [
-            math.cos(math.radians(p.plane_angle_deg)), p.passable_width_m, p.join_m, p.join_sigmas, p.join_noise_cap_m,
-            p.join_corner_m, p.short_m, p.longest_m, p.memory_frames, p.free_evidence_limit, p.free_evidence_per_hit,
-            p.free_evidence_behind_m, p.free_evidence_sigmas, p.free_evidence_share, p.free_evidence_step_m, p.pose_sigma_m,
-            p.free_evidence_limit_extra,
-        ]
-    )  # fmt: skip
+def rules_of(p: WorldParams) -> NDArray[Any]:
+    """(1,) WORLD_RULES."""
+    return record_of(
+        WORLD_RULES,
+        p,
+        turn_cos=math.cos(math.radians(p.plane_angle_deg)),
+        gap_m=p.passable_width_m,
+        noise_cap_m=p.join_noise_cap_m,
+        corner_m=p.join_corner_m,
+        behind_m=p.free_evidence_behind_m,
+        step_m=p.free_evidence_step_m,
+    )
 
 
-def looks_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldParams) -> NDArray[np.float64]:
+def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldParams) -> NDArray[np.float64]:
     """(N, 10) float64: box, margin, weight of each metre, noise, flags of the planes of a frame in the world's frame.
 
     Planes with a number that is none, and those without a length, are left out. Weight is inverse variance: of the noise
@@ -67,30 +70,30 @@ def looks_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldPar
 
 
 @inner
-def see_planes(tables, free, looks, rules, t_ns, near, touched):
+def add_observations(tables, free, observations, rules, t_ns, near, touched):
     """Each look into the plane that it fits best, or into a new one; returns how many slots stand in touched."""
     box, ints = tables[0], tables[3]
-    grow, count = rules[R_GAP], 0
-    for j in range(looks.shape[0]):
-        b = look_box(looks, j)
+    grow, count = rules.gap_m, 0
+    for j in range(observations.shape[0]):
+        b = observation_box(observations, j)
         n = gather(
             tables, min(b[0], b[2]) - grow, min(b[1], b[3]) - grow, max(b[0], b[2]) + grow, max(b[1], b[3]) + grow,
             b[4], b[5], near,
         )  # fmt: skip
         best, best_cost = -1, 1.0
         for m in range(n):
-            found, _share = weigh_look(tables, near[m], looks, j, rules)
+            found, _share = score_observation(tables, near[m], observations, j, rules)
             if not found[0] < best_cost:
                 continue
-            flags = ints[near[m], FLAGS] | int(looks[j, O_FLAGS])
+            flags = ints[near[m], FLAGS] | int(observations[j, O_FLAGS])
             if stays_open(free, box_of(box, near[m]), b, flags, found[5], rules):
                 continue
             best, best_cost = near[m], found[0]
         if best >= 0 and ints[best, HITS] > 0:
-            found, share = weigh_look(tables, best, looks, j, rules)
-            take_look(tables, best, looks, j, found, share, rules, t_ns)
+            found, share = score_observation(tables, best, observations, j, rules)
+            add_observation(tables, best, observations, j, found, share, rules, t_ns)
         else:
-            best = new_plane(tables, looks, j, t_ns)
+            best = new_plane(tables, observations, j, t_ns)
         touched[count] = best
         count += 1
     return count
@@ -100,7 +103,7 @@ def see_planes(tables, free, looks, rules, t_ns, near, touched):
 def join_neighbours(tables, free, i, rules, near):
     """Slot i takes in the neighbours that are one with it by now."""
     box, ints = tables[0], tables[3]
-    grow = rules[R_GAP]
+    grow = rules.gap_m
     for _ in range(_JOINS):
         if ints[i, HITS] == 0:
             return
@@ -113,7 +116,7 @@ def join_neighbours(tables, free, i, rules, near):
         for m in range(n):
             if near[m] == i:
                 continue
-            found = weigh_planes(tables, i, near[m], rules)
+            found = score_planes(tables, i, near[m], rules)
             if not found[0] < best_cost:
                 continue
             if stays_open(free, a, box_of(box, near[m]), ints[near[m], FLAGS] | ints[i, FLAGS], found[5], rules):
@@ -121,27 +124,28 @@ def join_neighbours(tables, free, i, rules, near):
             best, best_cost = near[m], found[0]
         if best < 0:
             break
-        take_plane(tables, i, best, weigh_planes(tables, i, best, rules), rules)
+        absorb_plane(tables, i, best, score_planes(tables, i, best, rules), rules)
 
 
 @kernel
-def see(tables, free, looks, rules, t_ns, x, y, ke, edges, layers, near_m, far_m, end, plane):
-    """One frame's looks (N, 10), and its profile seen from (x, y); edges, layers float64, the rest as in FreeProfile.
-    plane: GroundPlane."""
-    near, touched = np.empty(_NEAR, np.int32), np.empty(looks.shape[0], np.int32)
-    count = see_planes(tables, free, looks, rules, t_ns, near, touched)
-    for j in range(looks.shape[0]):
-        b = look_box(looks, j)
+def add_frame(tables, free, observations, settings, t_ns, view):
+    """One frame's observations (N, 10), and its free profile. settings: (1,) WORLD_RULES; view: FrameView."""
+    rules = settings[0]
+    near, touched = np.empty(_NEAR, np.int32), np.empty(observations.shape[0], np.int32)
+    count = add_observations(tables, free, observations, rules, t_ns, near, touched)
+    for j in range(observations.shape[0]):
+        b = observation_box(observations, j)
         stand_in(free, b[0], b[1], b[2], b[3], b[4], b[5])
     for k in range(count):
         join_neighbours(tables, free, touched[k], rules, near)
+    x, y, layers = view.x_m, view.y_m, view.layers_m
     reach = 0.0
-    for d in range(far_m.shape[0]):
-        for k in range(far_m.shape[1]):
-            reach = max(reach, far_m[d, k])
+    for d in range(view.far_m.shape[0]):
+        for k in range(view.far_m.shape[1]):
+            reach = max(reach, view.far_m[d, k])
     n = gather(tables, x - reach, y - reach, x + reach, y + reach, layers[0], layers[layers.shape[0] - 1], near)
     for m in range(n):
-        look_through(tables, near[m], x, y, ke, rules, edges, layers, near_m, far_m, end, plane)
+        count_clear_view(tables, near[m], rules, view)
     for m in range(n):
         cut_cleared(tables, near[m], rules)
 
@@ -152,11 +156,11 @@ def table_bytes(tables: Tables) -> int:
 
 
 @kernel
-def put_rows(tables, free, box, moments, margin, flags, hits, seen_ns, rules, join):
+def put_rows(tables, free, box, moments, margin, flags, hits, seen_ns, settings, join):
     """Planes of a saved world into slots, oldest first; join: those that are one with what is there are joined.
 
     box (N, 6) float64; moments (N, 6) float64 about the middle of each; the rest (N,)."""
-    near = np.empty(_NEAR, np.int32)
+    rules, near = settings[0], np.empty(_NEAR, np.int32)
     for k in range(box.shape[0]):
         i = new_slot(tables, seen_ns[k])
         floats, ints = tables[2], tables[3]

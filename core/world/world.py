@@ -35,9 +35,10 @@ from .plane_index import (
     Tables,
     empty_tables,
 )
+from .removal import FrameView
 from .serialize import SavedSection
 from .snapshot import WorldSnapshot
-from .update import looks_of, put_rows, rules_of, see
+from .update import add_frame, observations_of, put_rows, rules_of
 
 NS = 1_000_000_000
 FARTHEST_M = 1e6
@@ -107,7 +108,7 @@ class World:
         self._epoch_ns = round(0.5 * self.params.free_age_s * NS)
 
     def add(self, observation: Observation) -> None:
-        """Takes one frame in. One that says nothing changes nothing, but that time goes on."""
+        """Adds one frame. An invalid one changes nothing but the time."""
         self.counts.frames += 1
         if not observation.model.valid:
             self.counts.blind += 1
@@ -118,8 +119,8 @@ class World:
         free[3][TURN] += 1
         # of several cameras one may be a little behind: an epoch never goes back
         free[3][NOW] = max(int(free[3][NOW]), observation.t_ns // self._epoch_ns)
-        looks = looks_of(observation.model, observation.place_m, self.params)
-        self.counts.bad_planes += len(observation.model.planes) - len(looks)
+        observations = observations_of(observation.model, observation.place_m, self.params)
+        self.counts.bad_planes += len(observation.model.planes) - len(observations)
         profile, (x, y, _) = observation.model.free, observation.place_m
         edges, layers = profile.azimuth_edges_rad.astype(np.float64), profile.layer_edges_m.astype(np.float64)
         plane = ground_plane(observation.model, observation.place_m[2])
@@ -129,10 +130,9 @@ class World:
             self._see_ground(free, observation, edges, plane)
         else:  # such a profile neither frees cells nor shows that a plane is gone
             near_m = far_m = np.zeros_like(near_m)
-        see(
-            tables, free, looks, self._rules, observation.t_ns, x, y, observation.model.ke_per_m, edges, layers, near_m, far_m,
-            profile.end, plane,
-        )  # fmt: skip
+        ke, end = observation.model.ke_per_m, profile.end
+        view = FrameView(float(x), float(y), float(ke), edges, layers, near_m, far_m, end, plane)
+        add_frame(tables, free, observations, self._rules, observation.t_ns, view)
         section.newest_ns = max(section.newest_ns, observation.t_ns)
         section.place_m = observation.place_m
 

@@ -16,11 +16,11 @@ from core.world.plane_index import (
     OVERFLOW,
     empty_tables,
     gather,
-    hang,
-    link,
+    insert,
     new_slot,
     plane_bytes,
-    take_out,
+    remove,
+    set_links,
 )
 
 pytestmark = pytest.mark.nojit
@@ -32,14 +32,14 @@ def put(tables, row, t_ns):
     i = new_slot(tables, t_ns)
     for c in range(6):
         tables[0][i, c] = row[c]
-    hang(tables, i)
+    insert(tables, i)
     return i
 
 
 @kernel
-def remove(tables, i):
-    link(tables, i, False)
-    take_out(tables, i)
+def drop(tables, i):
+    set_links(tables, i, False)
+    remove(tables, i)
 
 
 def planes(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -73,7 +73,7 @@ def test_found_by_place_as_by_looking_at_all(seed: int) -> None:
         slots.append(put(tables, row, k))
     alive = np.ones(len(rows), bool)
     for k in rng.choice(len(rows), 40, replace=False):
-        remove(tables, slots[k])
+        drop(tables, slots[k])
         alive[k] = False
     assert tables[7][LIVE] == alive.sum()
     out = np.empty(256, np.int32)
