@@ -4,7 +4,7 @@ Both images are first reduced to a small grid of mean inverse depth. A cell of t
 motion and compared with the second grid; the motion that explains the differences best is found by Gauss-Newton steps
 with Cauchy weights. Rotation and translation are separated by the depth: the rotational flow does not depend on it, the
 translational flow is proportional to the inverse depth. Directions that the scene does not determine (the heading above
-a plain without anything on it) keep the guess, and the returned information matrix says so.
+a plain without anything on it) keep the guess, as the returned information matrix shows.
 
 Model: a point with ray r = (x, y, 1) and inverse depth d in the first camera lies in the second along q = R r + d t, with
 the inverse depth d / q_z. Noise of the inverse depth is constant (sigma_Z = ke Z^2), and the interpolation between

@@ -1,7 +1,7 @@
-"""Whether a camera is mounted as the configuration says, judged frame by frame from what it measures.
+"""Check, frame by frame, whether a camera is mounted as configured.
 
 A mount that is wrong in roll or pitch makes level ground appear inclined and vertical walls lean. Terrain inclines the ground
-too. Two things tell them apart: walls (core/self_check/mount_cues.py), and turning (core/self_check/mount_filter.py). While neither does, a large
+too. Two cues separate them: walls (core/self_check/mount_cues.py), and turning (core/self_check/mount_filter.py). While neither does, a large
 apparent slope makes frames invalid: whatever is reported as free would hold under one explanation only.
 """
 
@@ -66,7 +66,7 @@ class MountVerdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MountState:
-    """What one frame hands to the next. t_ns: of the newest measurement; None: there was none. ground: it found a surface that
+    """The state that one frame passes to the next. t_ns: of the newest measurement; None: there was none. ground: it found a surface that
     may be the ground; slope_rad: the apparent slope of the newest such surface. confirmations: measurements in a row that estimate
     an error; residual_rad: mean residual of the slope, north and east."""
 

@@ -1,4 +1,4 @@
-"""What one frame says about the camera's mount: the apparent slope of the ground, and whether walls lean with it.
+"""Cues of one frame about the camera's mount: the apparent slope of the ground, and whether walls lean with it.
 
 A wrong mount inclines everything that is measured by the same angle. Terrain inclines the ground and leaves walls vertical.
 """

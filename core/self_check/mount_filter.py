@@ -1,11 +1,11 @@
-"""The error of the mount and the slope of the terrain, told apart by a Kalman filter as the vehicle turns.
+"""The error of the mount and the slope of the terrain, separated by a Kalman filter as the vehicle turns.
 
 State: delta (3), the small rotation in frd from the configured to the true mount, and terrain (2), the inclination of the
 ground north and east. The apparent slope in a heading's level axes is, to first order,
 
     s = terrain turned into these axes + (omega_y, -omega_x),   omega = R_level_frd delta
 
-so delta turns with the vehicle and the terrain does not. At one heading only their sum is known, which the covariance says.
+so delta turns with the vehicle and the terrain does not. At one heading only their sum is known, as the covariance shows.
 The terrain changes as a random walk; a measurement that fits badly makes the terrain less certain, not the mount.
 """
 

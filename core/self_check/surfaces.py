@@ -36,7 +36,7 @@ MAX_ROUGHNESS = 3.0
 FINAL_ROUGHNESS = 1.5
 """And in the last round of a fit: patches that hold the foot of a wall beside the ground would incline it."""
 RELATIVE_ROUGHNESS = 0.01
-"""And this much of the inverse depth, whatever the noise is told to be."""
+"""And this much of the inverse depth, whatever the configured noise."""
 
 # columns of the table of patches: moments of the fit (count, x, y, xx, xy, yy, q, xq, yq, qq), then its solution and residual
 M_N, M_X, M_Y, M_XX, M_XY, M_YY, M_Q, M_XQ, M_YQ, M_QQ, W_X, W_Y, W_Z, RMS = range(14)

@@ -77,7 +77,7 @@ _OVER = int(PlaneFlags.IRREGULAR) | int(PlaneFlags.UNKNOWN_BEHIND)
 _INFERRED = int(PlaneFlags.INFERRED)
 _IRREGULAR = int(PlaneFlags.IRREGULAR)
 _WHOLE = 0.9
-"""Not tuning: a look onto so much of a plane has measured all of it."""
+"""Not tuning: an observation of so much of a plane has measured all of it."""
 _TINY = 1e-9
 
 
@@ -166,7 +166,7 @@ def joined(a, b, m, sigma, rules):
 @inner
 def stays_open(free, a, b, flags, gap, rules):
     """Whether the gap between two boxes stays open: it is wide, and seen free anywhere at the heights of both, or beside
-    scattered things (flags of either): of leaves nobody knows what goes on where they end."""
+    scattered things (flags of either): the extent of leaves beyond their ends is unknown."""
     if gap <= rules.corner_m:
         return False
     if flags & _IRREGULAR:
@@ -246,7 +246,7 @@ def put_box(tables, i, ax, ay, bx, by, top, bottom):
 
 @inner
 def observation_box(observations, j):
-    """The six numbers of a look."""
+    """The six numbers of an observation."""
     return (
         observations[j, 0],
         observations[j, 1],
@@ -259,7 +259,7 @@ def observation_box(observations, j):
 
 @inner
 def new_plane(tables, observations, j, t_ns):
-    """A slot for what was seen for the first time; the look's weight is of each metre."""
+    """A slot for a plane observed for the first time; the weight of the observation is per metre."""
     i = new_slot(tables, t_ns)
     moments, floats, ints = tables[1], tables[2], tables[3]
     a = observation_box(observations, j)
@@ -278,7 +278,7 @@ def new_plane(tables, observations, j, t_ns):
 
 @inner
 def score_observation(tables, i, observations, j, rules):
-    """`joined` of slot i and look j, ends counted from the slot's anchor, and the share that the slot's past keeps."""
+    """`joined` of slot i and observation j, ends counted from the slot's anchor, and the share that the slot's past keeps."""
     floats = tables[2]
     x, y = float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y])
     a, b = shifted(box_of(tables[0], i), x, y), shifted(observation_box(observations, j), x, y)
@@ -293,7 +293,7 @@ def score_observation(tables, i, observations, j, rules):
 
 @inner
 def add_observation(tables, i, observations, j, found, share, rules, t_ns):
-    """Slot i takes look j in. found: the `joined` of both."""
+    """Adds observation j to slot i. found: the `joined` of both."""
     moments, floats, ints = tables[1], tables[2], tables[3]
     x, y = float(floats[i, ANCHOR_X]), float(floats[i, ANCHOR_Y])
     seen = observation_box(observations, j)
@@ -322,13 +322,13 @@ def add_observation(tables, i, observations, j, found, share, rules, t_ns):
 
 @inner
 def joined_flags(a, b, inferred):
-    """Flags of two planes that are one; inferred: it covers something that nobody measured."""
+    """Flags of two planes that are one; inferred: it covers something that was not measured."""
     return ((a & b) & ~_OVER) | ((a | b) & _OVER) | (_INFERRED if inferred else 0)
 
 
 @inner
 def forget_looks_through(tables, i, seen, rules):
-    """A look onto the part of slot i that others looked through takes some of those back."""
+    """An observation of the part of slot i that others observed as clear cancels some of those."""
     box, floats, ints = tables[0], tables[2], tables[3]
     if ints[i, CLEARS] == 0:
         return

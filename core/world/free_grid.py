@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..jit import inner, kernel
 
 CELL_M = 0.5
-"""Side and height of a cell; docs/research/world-notes.md tells what other sizes keep and cost."""
+"""Side and height of a cell; docs/research/world-notes.md compares other sizes."""
 SIDE, TALL = 16, 64
 """Columns along each side of a block, cells in a column: a block is 8 x 8 x 32 m and takes 4 KiB."""
 _HALF_M = CELL_M * 0.7072

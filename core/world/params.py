@@ -23,10 +23,10 @@ class WorldParams:
     short_m: float = number(1.0, 0.0, 5.0, "m", "shorter planes have no angle of their own: a half turn of facing")
     longest_m: float = number(100.0, 5.0, 400.0, "m", "no joined plane is longer")
 
-    # How much an observation weighs
+    # Weight of an observation
     pose_sigma_m: float = critical(0.1, 0.0, 5.0, "m", "error of the position and attitude, common to one frame")
     memory_frames: float = critical(
-        40.0, 1.0, 10000.0, "", "what was seen before weighs at most so many times a new look: drift is followed"
+        40.0, 1.0, 10000.0, "", "earlier observations weigh at most so many times a new one, so that drift is followed"
     )
 
     # What goes again

@@ -35,8 +35,8 @@ Tables = tuple[
     NDArray[np.int32], NDArray[np.int32], NDArray[np.int64],
 ]  # fmt: skip
 """box (P, 6) float32: ax, ay, bx, by, top, bottom, metres; moments (P, 6) float64: weight, x, y, xx, xy, yy about the
-anchor; floats (P, 5) float32: anchor, margin, the part seen through (metres from a); ints (P, 7) int32: looks onto it (0:
-an empty slot), looks through it, flags, ring, marks; seen_ns (P,) int64; heads (H,) int32; links (L, 2) int32: slot, next;
+anchor; floats (P, 5) float32: anchor, margin, the part observed as clear (metres from a); ints (P, 7) int32: observations (0:
+an empty slot), observations as clear, flags, LRU list, marks; seen_ns (P,) int64; heads (H,) int32; links (L, 2) int32: slot, next;
 state (13,) int64."""
 
 
@@ -122,7 +122,7 @@ def unhook(heads, links, state, head, i):
 
 @inner
 def lru_remove(tables, i):
-    """Takes slot i out of the ring of last looks."""
+    """Removes slot i from the LRU list."""
     ints, state = tables[3], tables[7]
     older, newer = ints[i, OLDER], ints[i, NEWER]
     if older == NONE:

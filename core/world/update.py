@@ -1,4 +1,4 @@
-"""One frame into the world: what it saw free, what it saw again, what is new, what it looks through."""
+"""Adds one frame to the world: observed free space, planes observed again, new planes, and planes observed to be clear."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .removal import count_clear_view, cut_cleared
 _LEAST_M = 0.01
 """Not tuning: a plane shorter than this has no direction."""
 _NEAR = 4096
-"""Planes looked at for one plane, or for the view of one frame; more are counted as overflow."""
+"""Planes considered for one plane, or for the view of one frame; more are counted as overflow."""
 _JOINS = 4
 """Not tuning: neighbours that one plane may take in at one frame; others follow with the next."""
 
@@ -71,7 +71,7 @@ def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: W
 
 @inner
 def add_observations(tables, free, observations, rules, t_ns, near, touched):
-    """Each look into the plane that it fits best, or into a new one; returns how many slots stand in touched."""
+    """Adds each observation to the plane that it fits best, or makes a new one; returns how many slots are in `touched`."""
     box, ints = tables[0], tables[3]
     grow, count = rules.gap_m, 0
     for j in range(observations.shape[0]):

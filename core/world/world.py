@@ -42,12 +42,12 @@ from .update import add_frame, observations_of, put_rows, rules_of
 
 NS = 1_000_000_000
 FARTHEST_M = 1e6
-"""Not tuning: farther from the origin float32 resolves no centimetres; an estimate that says so is broken."""
+"""Not tuning: farther from the origin float32 resolves no centimetres; an estimate beyond it is wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """What one frame says, in ned, and from where. place_m: of the camera; reset_counter: of the position's estimate.
+    """The model of one frame in ned, and the place of its camera. place_m: of the camera; reset_counter: of the position's estimate.
 
     Raises ValueError for a place that is no number, or beyond FARTHEST_M."""
 
@@ -86,7 +86,7 @@ class Section:
 
 @dataclass(slots=True)
 class WorldCounts:
-    """What happened. blind: frames that said nothing; bad_planes: planes with numbers that are none, or no length."""
+    """Counts. blind: invalid frames; bad_planes: planes that are not finite, or without a length."""
 
     frames: int = 0
     blind: int = 0
@@ -150,7 +150,7 @@ class World:
 
     def changes(self, now_ns: int, since: int) -> tuple[WorldSnapshot, NDArray[np.int32]]:
         """(what changed after frame `since` of this section, slots whose planes are gone since). A block is in it whose
-        free space changed, but for what merely grew old: at each epoch a picture is due."""
+        free space changed, but not those that only aged: a full picture is due at each epoch."""
         if self.section is None:
             return WorldSnapshot.empty(), np.zeros(0, np.int32)
         ints, state = self.section.tables[3], self.section.tables[7]

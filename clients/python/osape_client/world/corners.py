@@ -45,7 +45,7 @@ class Around:
 
 def followers(planes: Floats, hits: NDArray[np.int32] | None = None) -> Around:
     """The follower of each plane (N, 6) a_x, a_y, b_x, b_y, top, bottom; at most one follows, and is followed by, each.
-    hits: (N,) looks onto each; None: alike.
+    hits: (N,) observations of each; None: equal.
 
     Of several those that are larger and were seen more often go first, then those that run past each other most: of planes
     that touch something round these are the neighbours."""

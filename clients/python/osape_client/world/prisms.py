@@ -23,7 +23,7 @@ LAYER_JOIN_M = 0.25
 def world_prisms(
     planes: NDArray[np.float32], margin_m: NDArray[np.float32], hits: NDArray[np.int32] | None = None
 ) -> tuple[Prism, ...]:
-    """The prisms of a world's planes, hits: looks onto each; each plane stands in every layer of its chain that it reaches into."""
+    """The prisms of a world's planes, hits: observations of each; each plane stands in every layer of its chain that it reaches into."""
     rows = planes.astype(np.float64)
     found: list[Prism] = []
     around = followers(rows, hits)
