@@ -2,8 +2,8 @@
 
 Numba counts references to every array that a compiled function takes, at each call, by atomic operations. For a small
 function this costs more than its work. `inner` leaves the counting out: such a function may take arrays and slices of
-them, but it neither makes nor returns an array (`table[i] = table[j]` of a two-dimensional table makes one: see
-`copy_row`), and calls no function that does. The compiler rejects the former, a test the latter.
+them, but it neither makes nor returns an array (`table[i] = table[j]` of a two-dimensional table makes one; of a table of
+records it does not), and calls no function that does. The compiler rejects the former, a test the latter.
 
 A loop over an image is vectorised only where each iteration reads the same memory: in `a[i] if c else b` the element is
 read only where c holds, which AVX-512 alone can do for bytes and words. On other processors such a loop runs pixel by
@@ -44,10 +44,3 @@ def record_of(dtype: np.dtype[Any], parameters: Any, **derived: Any) -> NDArray[
     for name in dtype.names or ():
         out[name] = derived[name] if name in derived else getattr(parameters, name)
     return out
-
-
-@inner
-def copy_row(table, to, row):
-    """Copies row `row` of a table (N, C) to row `to`."""
-    for c in range(table.shape[1]):
-        table[to, c] = table[row, c]

@@ -183,5 +183,5 @@ def test_a_kind_that_is_too_slow_is_left_out_at_larger_sizes_and_reported(monkey
 def test_stages_prints_its_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert stages_main(["--runs", "3", "--width", "160"]) == 0
     said = capsys.readouterr().out
-    assert "160x120, ke 0.0015, mode safe, one thread" in said
+    assert "160x120, ke 0.0015, one thread" in said
     assert "| merge |" in said

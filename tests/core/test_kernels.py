@@ -11,7 +11,7 @@ import pytest
 from numba.core import errors
 
 import core
-from core.jit import copy_row, inner
+from core.jit import inner, kernel, record, record_of
 
 FILES = sorted(Path(core.__path__[0]).rglob("*.py"))
 
@@ -60,9 +60,28 @@ def test_inner_functions_cannot_make_or_return_arrays() -> None:
         inner(part).compile((numba.float64[::1],))
 
 
+RECORD = record(("x", np.float64), ("n", np.int32))
+
+
+@kernel
+def moved(table, to, row):
+    table[to] = table[row]
+    table[to].n += 1
+    return table[to].x
+
+
 @pytest.mark.nojit
-def test_copied_rows_are_those_of_the_table() -> None:
-    table = np.arange(12.0).reshape(4, 3)
-    copy_row(table, 2, 0)
-    copy_row(table, 3, 3)
-    np.testing.assert_array_equal(table, [[0, 1, 2], [3, 4, 5], [0, 1, 2], [9, 10, 11]])
+def test_records_give_their_fields_as_attributes_and_are_copied_as_a_whole() -> None:
+    table = np.zeros(3, RECORD)
+    table["x"], table["n"] = [1.5, 2.5, 3.5], [1, 2, 3]
+    assert moved(table, 0, 2) == 3.5
+    assert table.tolist() == [(3.5, 4), (2.5, 2), (3.5, 3)]
+
+
+class Measures:
+    x = 7.0
+
+
+@pytest.mark.nojit
+def test_a_record_of_parameters_takes_what_is_derived_first() -> None:
+    assert record_of(RECORD, Measures(), n=3).tolist() == [(7.0, 3)]
