@@ -184,7 +184,7 @@ def growth_per_10k(samples: Sequence[Sample], figure: Callable[[Sample], int]) -
 def shots_of(
     sizes: Sequence[tuple[int, int]], kinds: Sequence[Kind] = KINDS, images: int = IMAGES
 ) -> list[FrameSequence]:
-    """Footage of every kind at each size, but for those that take too long; half of the kinds noisier."""
+    """Return frame sequences of every kind at each size, except the slow ones; half of the kinds have more noise."""
     wanted = [k for k in kinds if k.name not in LEFT_OUT]
     return [kind_sequence(k, size, 0.005 if i % 2 else 0.0015, images) for size in sizes for i, k in enumerate(wanted)]
 

@@ -154,7 +154,7 @@ def test_images_are_flown_in_turn_and_each_hands_on_to_the_next() -> None:
     assert len(recorder.depths) > 6 + 2, "some are for warming up"
     assert all(image is shot.depth_mm[i % 3] for i, image in enumerate(recorder.depths))
     assert all(a is b for a, b in zip(recorder.given[1:], recorder.handed_on[:-1], strict=True))
-    with pytest.raises(ValueError, match="no image"):
+    with pytest.raises(ValueError, match="at least one image"):
         FrameSequence(name="a", info=shot.info, R_level_optical=shot.R_level_optical, depth_mm=())
 
 
