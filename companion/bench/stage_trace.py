@@ -21,6 +21,7 @@ HOSTS: Final = ("core.extractor", "core.stages.strip_search", "core.stages.plane
 STAGE_OF_MODULE: Final[dict[str, str]] = {
     "classify": "classify, flying pixels",
     "noise_check": "classify, flying pixels",
+    "smeared_edges": "classify, flying pixels",
     "level": "level",
     "temporal_noise": "noise estimate",
     "view_geometry": "level",

@@ -26,7 +26,7 @@ class WorldParams:
     # Weight of an observation
     pose_sigma_m: float = critical(0.1, 0.0, 5.0, "m", "error of the position and attitude, common to one frame")
     memory_frames: float = critical(
-        40.0, 1.0, 10000.0, "", "earlier observations weigh at most so many times a new one, so that drift is followed"
+        40.0, 1.0, 10000.0, "", "earlier observations count at most as so many new ones, so that drift is followed"
     )
 
     # What goes again

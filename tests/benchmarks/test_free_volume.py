@@ -140,7 +140,7 @@ def test_the_model_s_ground_bounds_a_ray_as_the_profile_does() -> None:
         (lo,), (hi,) = above_ground(
             ground, np.array([azimuth]), np.array([z]), np.array([1.0]), np.array([12.0]), KE, p
         )  # fmt: skip
-        w = walk_settings(g, ground, 12.0, KE, p)
+        w = walk_settings(g, ground, 12.0, KE, p)[0]
         for r in rng.uniform(1.0, 12.0, 20):
             above = z < lowest_clear(math.tan(azimuth), r * math.cos(azimuth), w)
             assert above == (lo <= r <= hi)

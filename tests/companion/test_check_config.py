@@ -136,7 +136,7 @@ def test_paper_mode_is_refused_by_every_command(tmp_path: Path, capsys: pytest.C
     errors.append(str(refused.value))
     for error in errors:
         assert str(path) in error
-        assert '[expert] mode = "paper" is not available any more' in error
+        assert '[extractor] mode = "paper" is not available any more' in error
         assert "Remove the line" in error
 
 

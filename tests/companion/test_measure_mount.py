@@ -66,7 +66,7 @@ def test_too_little_turning_is_refused() -> None:
 
 def test_no_ground_is_refused() -> None:
     finding = finding_of(measured(by_hand(120.0, scene="no_ground"), TRUE))
-    assert "ground in 0 of" in finding.text
+    assert "ground in only 0 of" in finding.text
     assert not finding.lines
 
 

@@ -344,10 +344,11 @@ def test_beyond_where_the_ground_may_hide_an_obstacle_its_layer_is_unknown() -> 
     blind = model.ground.blind_beyond_m
     assert blind == pytest.approx(7.5, rel=0.1)
     f = model.free
-    feet = [i for i in range(7) if f.layer_edges_m[i] < 4.0 <= f.layer_edges_m[i + 1]]
+    edges = f.layer_edges_m
+    feet = [i for i in range(len(edges) - 1) if edges[i] < 3.5 <= edges[i + 1]]  # the lowest layer above the tolerance
     ahead = np.abs(0.5 * (f.azimuth_edges_rad[1:] + f.azimuth_edges_rad[:-1])) < 0.3
     assert (f.free_to_m[ahead][:, feet] <= blind / math.cos(0.32)).all()
     assert (f.free_to_m[ahead][:, feet] > 5.0).any()
     assert (f.end[ahead][:, feet] == FreeEnd.UNKNOWN).any()
-    above = [i for i in range(7) if f.layer_edges_m[i] < 1.0 <= f.layer_edges_m[i + 1]]
+    above = [i for i in range(len(edges) - 1) if edges[i] < 1.0 <= edges[i + 1]]
     assert (f.free_to_m[ahead][:, above] > 10.0).all()
