@@ -61,7 +61,7 @@ def flying(
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
         monkeypatch.setenv(name, str(tmp_path / name))
-    monkeypatch.setattr(doctor, "machine_findings", lambda config: iter(()))
+    monkeypatch.setattr(doctor, "computer_findings", lambda config: iter(()))
 
 
 def answering(words: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,7 +129,7 @@ def test_to_an_armed_vehicle_nothing_is_written(kind: str, tmp_path: Path, capsy
         assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "6"]) == 1
         assert sets(line) == []
     (said,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "apply"]
-    assert "ARMED" in said["words"]
+    assert "ARMED" in said["text"]
 
 
 def steps(config: Path, agreed: Callable[[list[Change]], bool], patience_s: float = 10.0) -> list[tuple[bool, str]]:
@@ -189,7 +189,7 @@ def test_a_pending_restart_is_never_as_it_should_be(tmp_path: Path, capsys: pyte
     with flying(ARDUPILOT, tmp_path, bad, proximity_started=False) as (line, config):
         assert main(["doctor", "-c", str(config), "--apply", "--yes", "--json", "--patience", "8"]) == 1
         found = json.loads(capsys.readouterr().out)["findings"]
-        assert [f["part"] for f in found if "restart the autopilot:" in f["words"]] == ["apply", "parameters"]
+        assert [f["part"] for f in found if "restart the autopilot:" in f["text"]] == ["apply", "parameters"]
         assert main(["doctor", "-c", str(config), "--patience", "8"]) == 1
         said = capsys.readouterr().out
         assert "restart the autopilot" in said

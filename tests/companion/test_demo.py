@@ -93,7 +93,7 @@ def processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Processes:
 def test_a_process_that_ends_unexpectedly_is_reported_with_its_output(processes: Processes) -> None:
     processes.start("service", "fails")
     next(iter(processes._processes.values())).wait(20.0)
-    with pytest.raises(DemoError, match="the service ended by itself with status 1\nno camera"):
+    with pytest.raises(DemoError, match="the service ended unexpectedly with status 1\nno camera"):
         processes.check()
     with pytest.raises(DemoError, match="the service ended with status 1\nno camera"):
         processes.end("service")

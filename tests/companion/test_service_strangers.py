@@ -150,7 +150,7 @@ def test_a_second_companion_is_reported_to_people_and_ours_goes_on(told: Told) -
             lambda h: any("component 197 sends obstacles to the autopilot" in t for t in h.troubles), 10.0
         )
         assert health.state == pb.Health.STATE_DEGRADED
-        assert until(lambda: "OA: component 197 sends obstacles to the autopilot too" in told.texts(), 30.0)
+        assert until(lambda: "OA: component 197 sends obstacles to the autopilot" in told.texts(), 30.0)
         begun_ns = time.monotonic_ns()
         assert until(lambda: len([t for t, _ in told.messages() if t > begun_ns]) > 20, 30.0)
         assert until(told.sees)

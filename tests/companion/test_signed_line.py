@@ -143,8 +143,8 @@ def test_the_doctor_says_how_it_is_signed(
         main(["doctor", "-c", str(config), "--json", "--patience", "7"])
     said = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["part"] == "signing"]
     assert len(said) == 1
-    assert said[0]["good"] == good
-    assert word in said[0]["words"]
+    assert said[0]["ok"] == good
+    assert word in said[0]["text"]
 
 
 def test_keys_of_signatures_by_command(

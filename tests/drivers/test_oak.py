@@ -102,7 +102,7 @@ def test_frames_that_cannot_be_used_name_the_cause(changes: dict[str, object], w
 
 def test_without_a_device_the_cause_and_the_remedy_are_reported_soon() -> None:
     begun = time.monotonic()
-    with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(there: none\); check the cable"):
+    with pytest.raises(DeviceNotFound, match=r"no OAK device 19443010 \(available: none\); check the cable"):
         OakSource(OakSettings(camera="front", device="19443010", find_s=0.1)).open()
     assert time.monotonic() - begun < 30.0  # the library alone would wait, and then raise something else
 
