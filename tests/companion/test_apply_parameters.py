@@ -204,7 +204,7 @@ def test_without_an_autopilot_or_beside_the_service_nothing_is_written(
 ) -> None:
     with flying(PX4, tmp_path, BAD[PX4]) as (line, config):
         line.change(lambda a: setattr(a, "silent", True))
-        assert "no heartbeat" in steps(config, lambda wanted: True, 1.0)[0][1]
+        assert "heartbeat" in steps(config, lambda wanted: True, 1.0)[0][1]
         monkeypatch.setattr(doctor, "running_service", lambda config, patience_s: [])
         main(["doctor", "-c", str(config), "--apply", "--yes", "--json"])
         assert sets(line) == []
