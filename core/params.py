@@ -139,7 +139,10 @@ class Params:
     smear_min_edges: float = number(
         60.0, 1.0, 10000.0, "", "a frame with fewer edges in every fourth row, at 480 rows, does not count for that"
     )
-    smear_memory: float = number(0.9, 0.0, 0.999, "", "share of the mean number of edges that is kept at each frame")
+    smear_memory: float = number(0.9, 0.5, 0.999, "", "share of the judgement so far that is kept at each frame")
+    smear_min_frames: int = number(
+        5, 2, 30, "frames", "frames with enough edges before a camera can be judged to smear"
+    )
     smear_footprint_px: float = number(
         2.0,
         0.0,

@@ -432,7 +432,7 @@ class ExtractorState:
     ke_per_m: noise in use. still_ke_per_m: noise measured over time, from frames between which the camera stood still.
     samples_mm, samples_age: sampled pixels of an earlier frame, little-endian uint16 millimetres (b"": none), and how many
     frames ago that was; see `temporal_noise`.
-    edge_ramps, edge_steps: mean number of edges in a frame that are smeared and that are not; see `smeared_edges`."""
+    edge_ramps, edge_steps: weighted shares of edges that are smeared and that are not; see `observe_edges`."""
 
     ground_height_m: float = math.nan
     ke_per_m: float = math.nan

@@ -4,10 +4,11 @@ A stereo matcher compares windows of pixels. Where a window holds two surfaces, 
 depth image) deliver a disparity between both, so that a step of the scene becomes a ramp 10 to 40 px wide. Each pixel of
 it is plausible by itself and the same from frame to frame, but nothing stands there. Such pixels become unknown.
 
-A ramp is told from a surface seen at a slant by three things. It is so steep that a surface which continued it would pass
-close by the camera. It is narrow: a surface comes nearer still with the same slope of 1/Z over many pixels. And a camera that
-smears has hardly any edge without a ramp. The last is judged first, from the edges of this frame and of those before: a
-camera with sharp edges keeps all its pixels.
+Three conditions separate a ramp from a surface seen at a slant. It is so steep that a surface which continued it would pass
+close by the camera. It is narrow: the depth beyond its near end is known and does not continue the slope of 1/Z. Where that
+depth is unknown (a hole, the border of the image), the pixel is kept and is no evidence. And a camera that smears has hardly
+any edge without a ramp. The last is judged first, from the edges of several frames: until then, and for a camera whose edges
+are judged to be sharp, all pixels stay.
 """
 
 from __future__ import annotations
@@ -65,7 +66,9 @@ def ramp_limits(info: CameraInfo, ke_per_m: float, params: Params) -> RampLimits
 
 @inner_inline
 def on_ramp(left, middle, right, far_left, far_right, least, relative, straight):
-    """Whether the middle of five values of 1/Z (1/m; 0: far, negative: unknown) lies on a ramp; see `RampLimits`."""
+    """Whether the middle of five values of 1/Z (1/m; 0: far, negative: unknown) lies on a ramp; see `RampLimits`.
+
+    Where 1/Z beyond the near end is unknown, a surface at a slant looks the same: that is no ramp."""
     low, high = min(left, right), max(left, right)
     step = max(least, relative * middle)
     beyond = far_left if left > right else far_right
@@ -73,6 +76,7 @@ def on_ramp(left, middle, right, far_left, far_right, least, relative, straight)
         (low >= np.float32(0.0))
         & (middle - low > step)
         & (high - middle > step)
+        & (beyond >= np.float32(0.0))
         & (beyond - middle <= straight * (high - middle))
     )
 
@@ -95,7 +99,7 @@ def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
     """(ramps, steps) along every row_step-th row of depth_mm (H, W) uint16.
 
     A ramp is a run of pixels `on_ramp`. A step is a change from one pixel to the next that is as large as that of the least
-    ramp from end to end."""
+    ramp from end to end; one of both may be far."""
     rows, cols = depth_mm.shape
     line = np.full(cols + 2 * reach, np.float32(-1.0), np.float32)
     on = np.zeros(cols + 1, np.uint8)
@@ -113,7 +117,7 @@ def count_edges(depth_mm, row_step, span, reach, least, relative, straight):
         for u in range(cols):
             a, b = middle[u], following[u]
             low, high = min(a, b), max(a, b)
-            sharp = (low > np.float32(0.0)) & (high - low > np.float32(2.0) * max(least, relative * low))
+            sharp = (low >= np.float32(0.0)) & (high - low > np.float32(2.0) * max(least, relative * low))
             row_steps = np.int32(row_steps + np.int32(sharp))
             row_ramps = np.int32(row_ramps + np.int32(on[u + 1] & ~on[u] & np.uint8(1)))
         ramps += row_ramps
@@ -202,9 +206,10 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
 def observe_edges(
     state: ExtractorState, depth_mm: NDArray[np.uint16], limits: RampLimits, params: Params
 ) -> ExtractorState:
-    """The state after a frame: `edge_ramps` and `edge_steps`, means over the frames, of which the past keeps smear_memory.
+    """The state after a frame: `edge_ramps` and `edge_steps`, the shares of ramps and of steps among the edges of each frame,
+    summed up with weights that fall by smear_memory from a frame to the one before.
 
-    A frame with few edges is no evidence and changes nothing."""
+    After n frames both together are 1 - smear_memory ** n. A frame with few edges is no evidence and changes nothing."""
     p = params
     counts = count_edges(
         depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
@@ -212,17 +217,20 @@ def observe_edges(
     ramps, steps = map(int, counts)
     if ramps + steps < p.smear_min_edges * depth_mm.shape[0] / 480:
         return state
-    memory = p.smear_memory if state.edge_ramps + state.edge_steps > 0.0 else 0.0
+    memory, weight = p.smear_memory, (1.0 - p.smear_memory) / (ramps + steps)
     return replace(
         state,
-        edge_ramps=memory * state.edge_ramps + (1.0 - memory) * ramps,
-        edge_steps=memory * state.edge_steps + (1.0 - memory) * steps,
+        edge_ramps=memory * state.edge_ramps + weight * ramps,
+        edge_steps=memory * state.edge_steps + weight * steps,
     )
 
 
 def smears(state: ExtractorState, params: Params) -> bool:
-    """Whether the camera smears its edges, by those counted so far; without any it does not."""
+    """Whether the camera smears its edges, by those of at least smear_min_frames frames; with fewer it does not."""
     edges = state.edge_ramps + state.edge_steps
+    # The half frame keeps rounding out of the comparison.
+    if edges <= 1.0 - params.smear_memory ** (params.smear_min_frames - 0.5):
+        return False
     return state.edge_ramps > params.smear_min_share * edges
 
 

@@ -13,15 +13,25 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL
 from core.params import Params
 from core.stages.classify import classify, measured_mm
-from core.stages.smeared_edges import RampLimits, drop_smeared_edges, observe_edges, ramp_limits, smears
+from core.stages.smeared_edges import (
+    RampLimits,
+    count_edges,
+    drop_smeared_edges,
+    observe_edges,
+    ramp_limits,
+    smears,
+)
 from core.types import FAR_MM, CameraInfo, ExtractorState, Ground, Intrinsics
 from drivers.simulation.sensor_model import SensorModel, measure
 
 P = Params()
 KE = 0.0037
 INFO = CameraInfo("front", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5), max_range_m=20.0, ke_per_m=KE)
+WIDE = replace(INFO, intrinsics=Intrinsics(640, 120, 450.0, 450.0, 319.5, 59.5))
 SMEARED = SensorModel(ke_per_m=0.0005, smear_px=3.0)
 SHARP = replace(SMEARED, smear_px=0.0)
+JUDGED = ExtractorState(edge_ramps=1.0)
+"""Of a camera that has smeared all its edges for long."""
 NO_GROUND = Ground(seen=False)
 Depth = NDArray[np.uint16]
 Metres = NDArray[np.float64]
@@ -30,7 +40,7 @@ pytestmark = pytest.mark.nojit
 
 
 def limits(info: CameraInfo = INFO) -> RampLimits:
-    return ramp_limits(info, KE, P)
+    return ramp_limits(info, info.ke_per_m or KE, P)
 
 
 def stripes(near_m: float = 5.0, far_m: float = 9.0, info: CameraInfo = INFO) -> Metres:
@@ -144,10 +154,10 @@ def test_the_tops_of_things_stay(below_m: float) -> None:
 def test_a_camera_is_judged_by_its_edges() -> None:
     for sensor, expected in ((SMEARED, True), (SHARP, False)):
         state = ExtractorState()
-        for frame in range(3):
+        for frame in range(P.smear_min_frames):
             state = observe_edges(state, measure(stripes(), INFO, sensor, 1, frame), limits(), P)
-            assert smears(state, P) is expected
             assert state.edge_ramps + state.edge_steps > 0.0
+        assert smears(state, P) is expected
 
 
 def test_a_frame_without_edges_is_no_evidence() -> None:
@@ -158,7 +168,7 @@ def test_a_frame_without_edges_is_no_evidence() -> None:
 
 
 def test_a_few_sharp_frames_do_not_turn_the_verdict_and_many_do() -> None:
-    state = observe_edges(ExtractorState(), measure(stripes(), INFO, SMEARED, 1), limits(), P)
+    state = observe_edges(JUDGED, measure(stripes(), INFO, SMEARED, 1), limits(), P)
     sharp = measure(stripes(), INFO, SHARP, 1)
     verdicts = []
     for _ in range(30):
@@ -170,7 +180,7 @@ def test_a_few_sharp_frames_do_not_turn_the_verdict_and_many_do() -> None:
 
 def test_the_extractor_drops_ramps_of_a_camera_that_smears_and_reports_them() -> None:
     extractor = Extractor(P)
-    smeared, _ = extractor.extract(measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL)
+    smeared, _ = extractor.extract(measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL, JUDGED)
     sharp, _ = extractor.extract(measure(stripes(), INFO, SHARP, 1), INFO, R_CAMFRD_OPTICAL)
     never, _ = Extractor(replace(P, smear_min_share=1.0)).extract(
         measure(stripes(), INFO, SMEARED, 1), INFO, R_CAMFRD_OPTICAL
@@ -186,9 +196,69 @@ def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ra
     gone, _ = dropped(depth)
     solid = np.where(gone, 5000, depth).astype(np.uint16)
     p = replace(P, profile_layer_m=0.5)
-    state = observe_edges(ExtractorState(), depth, limits(), P)
+    state = observe_edges(JUDGED, depth, limits(), P)
     free = Extractor(p).extract(depth, INFO, R_CAMFRD_OPTICAL, state)[0].free
     bound = Extractor(replace(p, smear_min_share=1.0)).extract(solid, INFO, R_CAMFRD_OPTICAL)[0].free
     assert free.free_to_m.max() > 3.0
     excess = (free.free_to_m - free.free_from_m).clip(0.0) - (bound.free_to_m - bound.free_from_m).clip(0.0)
     assert excess.max() <= p.profile_ring_m
+
+
+def grazing_wall(offset_m: float, nearest_m: float) -> Depth:
+    """A wall offset_m to the right, seen by a sharp camera, before another across at 16 m; unmeasured nearer than nearest_m."""
+    info = WIDE
+    aside = (np.arange(info.intrinsics.width) - info.intrinsics.cx) / info.intrinsics.fx
+    depth_m = np.full(aside.shape, 16.0)
+    depth_m[aside > 0.0] = np.minimum(offset_m / aside[aside > 0.0], 16.0)
+    depth = measure(np.repeat(depth_m[None, :], 120, axis=0), info, SHARP, 1)
+    depth[depth < 1000.0 * nearest_m] = 0
+    return depth
+
+
+@pytest.mark.parametrize("offset_m", [0.5, 0.7, 0.95])
+@pytest.mark.parametrize("nearest_m", [4.0, 6.0, 8.0])
+def test_a_wall_at_a_slant_beside_a_hole_is_neither_evidence_nor_dropped(offset_m: float, nearest_m: float) -> None:
+    """Where the depth beyond the near end is unknown, a surface and a ramp look the same."""
+    depth = grazing_wall(offset_m, nearest_m)
+    low_noise = replace(WIDE, ke_per_m=0.002)
+    ramps, steps = count_edges_of(depth, low_noise)
+    assert ramps <= 0.1 * steps or ramps + steps < P.smear_min_edges * 120 / 480
+    state = ExtractorState()
+    for _ in range(2 * P.smear_min_frames):
+        state = observe_edges(state, depth, limits(low_noise), P)
+    assert not smears(state, P)
+    assert not dropped(depth, info=low_noise)[0].any()
+
+
+def test_the_extractor_keeps_a_wall_at_a_slant_beside_a_hole() -> None:
+    depth = grazing_wall(0.7, 5.0)
+    extractor, state = Extractor(P), ExtractorState()
+    for _ in range(2):
+        model, state = extractor.extract(depth, replace(WIDE, ke_per_m=0.002), R_CAMFRD_OPTICAL, state)
+        assert model.stats.smeared_px == 0
+        assert not smears(state, P)
+
+
+def count_edges_of(depth: Depth, info: CameraInfo) -> tuple[int, int]:
+    """(ramps, steps) of an image."""
+    edges = ramp_limits(info, info.ke_per_m or KE, P)
+    ramps, steps = count_edges(
+        depth, 4, edges.span_px, edges.reach_px, edges.judged_per_m, edges.relative, edges.straight
+    )
+    return int(ramps), int(steps)
+
+
+def test_sharp_edges_before_the_sky_are_steps() -> None:
+    depth = np.full((120, 160), FAR_MM, np.uint16)
+    for pole in range(12):
+        depth[:, 8 + 12 * pole : 12 + 12 * pole] = 4000
+    assert count_edges_of(depth, INFO) == (0, 2 * 12 * 30)
+
+
+def test_one_frame_is_not_enough_to_take_ramps_out() -> None:
+    depth, state, verdicts = measure(stripes(), INFO, SMEARED, 1), ExtractorState(), []
+    for _ in range(P.smear_min_frames + 1):
+        state = observe_edges(state, depth, limits(), P)
+        verdicts.append(smears(state, P))
+    assert P.smear_min_frames > 1
+    assert verdicts == [False] * (P.smear_min_frames - 1) + [True, True]
