@@ -5,10 +5,11 @@ Three policies, by what the autopilot does:
 - `stop`, for ArduPilot and unknown autopilots. ArduPilot flies on when it gets "unknown", "clear" or nothing. It is sent an
   artificial wall in every sector that a blind camera should cover, for as long as the camera is blind. Its fence then comes to
   AVOID_MARGIN: there ArduPilot was measured to hold its position. Nearer, it backs away without end; farther, it creeps on.
-- `brake`, for PX4 once CP_DIST is known: an artificial wall just outside CP_DIST in all 72 sectors for `silence_s`, then
-  "unknown" in the sectors of the blind cameras, or nothing at all when all cameras are blind, which makes PX4 change to Hold.
+- `brake`, for PX4 once CP_DIST is known: an artificial wall just outside CP_DIST in all 72 sectors for `silence_s` after any
+  sector became blind, then "unknown" in the sectors of the blind cameras, or nothing at all when all cameras are blind, which makes PX4 change to Hold.
   PX4 v1.16 coasts when it has no data (13 m from 5 m/s); before a wall at CP_DIST it brakes. A wall nearer than CP_DIST makes
   v1.16 fly backwards, and a wall in front alone lets it slide sideways, so the wall is never nearer and stands all around.
+  For this time it also replaces nearer obstacles that other cameras see, for the same reason.
 - `unknown`, for PX4 while CP_DIST is not known: 65535 in the sectors of blind cameras, then nothing when all are blind.
 """
 
@@ -131,17 +132,20 @@ def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams) -> NDArray[np.floa
 
 
 class BlindPolicy:
-    """`values` for each message. It keeps since when all cameras, and since when any camera, is blind."""
+    """`values` for each message. It keeps since when all cameras, and since when each sector, is blind."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid
         self._all_blind_since_ns: int | None = None
-        self._brake_since_ns: int | None = None
+        self._sector_blind = np.zeros(SECTORS, np.bool_)
+        self._sector_since_ns = np.zeros(SECTORS, np.int64)
+        self._seeing = np.zeros(SECTORS, np.bool_)
+        self._policy_name = ""
 
     def values(self, sight: ObstacleView, policy: Policy, now_ns: int) -> NDArray[np.uint16] | None:
         """(72,) centimetres to send, before the adaptation to single readers; None: nothing may be sent."""
-        self._follow(sight, now_ns)
-        if policy.name == "brake" and self._within(self._brake_since_ns, now_ns):
+        self._follow(sight, policy, now_ns)
+        if policy.name == "brake" and self._brakes(now_ns):
             return np.full(SECTORS, _wall_cm(policy), np.uint16)
         values = encoded(sight.scan, self._avoid)
         values[~sight.seeing & (values == clear_cm(self._avoid))] = UNKNOWN
@@ -154,7 +158,9 @@ class BlindPolicy:
         if policy.name != "stop":
             self._leave_edge(values, sight)
         if sight.on_ground:
-            values[values < GROUND_CM] = _wall_cm(policy) if policy.name == "stop" else UNKNOWN
+            # no value above the farthest obstacle: it would mean clear
+            farthest_cm = clear_cm(self._avoid) - 2
+            values[values < GROUND_CM] = min(_wall_cm(policy), farthest_cm) if policy.name == "stop" else UNKNOWN
         silent = self._all_blind_since_ns is not None and not self._within(self._all_blind_since_ns, now_ns)
         return None if silent and policy.name != "stop" else values
 
@@ -163,18 +169,27 @@ class BlindPolicy:
         they are near, or the vehicle closes on them: then PX4 must brake for them."""
         values[sight.edge & sight.seeing & (values > braking_reach_cm(sight, self._avoid))] = UNKNOWN
 
-    def _follow(self, sight: ObstacleView, now_ns: int) -> None:
-        """Blindness began with the newest exposure, not when it was noticed."""
+    def _follow(self, sight: ObstacleView, policy: Policy, now_ns: int) -> None:
+        """Blindness began with the newest exposure, not when it was noticed. The time is kept for each sector, because a
+        camera may fail while another one has long been blind. It starts anew when the last camera that saw a part of the
+        sector fails, and when the policy changes to brake: PX4 was not sent the wall before."""
         since_ns = now_ns if sight.newest_ns is None else sight.newest_ns
         if sight.seeing.any():
             self._all_blind_since_ns = None
         elif self._all_blind_since_ns is None:
             self._all_blind_since_ns = since_ns
-        if not (sight.blind & ~sight.whole).any():
-            self._brake_since_ns = None
-        elif self._brake_since_ns is None:
-            # of several cameras another one may have been exposed just now
-            self._brake_since_ns = now_ns if sight.seeing.any() else since_ns
+        blind = sight.blind & ~sight.whole
+        begins = blind & (~self._sector_blind | (self._seeing & ~sight.seeing))
+        # of several cameras another one may have been exposed just now
+        self._sector_since_ns[begins] = now_ns if sight.seeing.any() else since_ns
+        if policy.name == "brake" and self._policy_name not in ("", "brake"):
+            self._sector_since_ns[blind] = now_ns
+        self._sector_blind, self._seeing, self._policy_name = blind, sight.seeing.copy(), policy.name
+
+    def _brakes(self, now_ns: int) -> bool:
+        """Whether any sector that is blind became so within silence_s."""
+        since_ns = self._sector_since_ns[self._sector_blind]
+        return bool((now_ns - since_ns <= self._avoid.silence_s * NS).any())
 
     def _within(self, since_ns: int | None, now_ns: int) -> bool:
         """Whether silence_s have not passed yet since an instant."""

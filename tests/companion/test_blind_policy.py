@@ -322,3 +322,69 @@ def test_a_clear_field_stops_ardupilot_in_no_face_that_the_camera_looks_into() -
     vehicle = ArduPilotReader()
     vehicle.read(obstacle_distance_message(values, 0, AVOID), NS)
     assert all(vehicle.room_m(d, NS) == math.inf for d in range(360))
+
+
+# ---- policy brake: since when each sector is blind ----------------------------------------------------------------------
+
+REAR = np.roll(FRONT, 36)
+BRAKE = Policy("brake", 3.02, all_around=True)
+
+
+def test_a_camera_that_fails_while_another_is_long_blind_brakes_px4() -> None:
+    policy = BlindPolicy(AVOID)
+    for t_ns in range(0, 60 * NS, NS // 10):
+        front = policy.values(sight(front_seen(), blind=REAR, seeing=FRONT, newest_ns=t_ns), BRAKE, t_ns)
+    assert front is not None
+    assert front[0] == clear_cm(AVOID), "the time of the rear camera's wall is over"
+    for t_ns in range(60 * NS, 62 * NS, NS // 10):
+        walls = policy.values(sight(blind=FRONT | REAR, newest_ns=60 * NS), BRAKE, t_ns)
+        assert walls is not None
+        assert (walls == 302).all()
+    assert policy.values(sight(blind=FRONT | REAR, newest_ns=60 * NS), BRAKE, 62 * NS + 1) is None
+
+
+def test_the_last_of_two_cameras_on_the_same_sectors_brakes_px4() -> None:
+    policy = BlindPolicy(AVOID)
+    half = replace(sight(front_seen(), blind=FRONT, seeing=FRONT), whole=NOWHERE)
+    policy.values(half, BRAKE, 0)
+    seen = policy.values(replace(half, newest_ns=60 * NS), BRAKE, 60 * NS)
+    assert seen is not None
+    assert not (seen == 302).all()
+    walls = policy.values(sight(blind=FRONT, newest_ns=60 * NS), BRAKE, 60 * NS + NS // 10)
+    assert walls is not None
+    assert (walls == 302).all()
+
+
+def test_a_change_to_policy_brake_starts_the_time_of_the_wall() -> None:
+    policy = BlindPolicy(AVOID)
+    blind = sight(blind=FRONT, newest_ns=0)
+    policy.values(blind, NOT_KNOWN, NS // 10)
+    assert policy.values(blind, NOT_KNOWN, 30 * NS) is None
+    for t_ns in (31 * NS, 33 * NS):
+        walls = policy.values(blind, BRAKE, t_ns)
+        assert walls is not None
+        assert (walls == 302).all()
+    assert policy.values(blind, BRAKE, 33 * NS + 1) is None
+
+
+def test_px4_brakes_before_the_wall_even_where_another_camera_sees_something_nearer() -> None:
+    """A value nearer than CP_DIST makes v1.16 fly backwards, possibly into the direction that is blind."""
+    near = sight(front_seen(wall_at(0.0, 1.5)), blind=REAR, seeing=FRONT)
+    policy = BlindPolicy(AVOID)
+    walls = policy.values(near, BRAKE, NS)
+    assert walls is not None
+    assert (walls == 302).all()
+    after = policy.values(near, BRAKE, 4 * NS)
+    assert after is not None
+    assert after[0] == 120
+
+
+@pytest.mark.parametrize("blind", [FRONT, NOWHERE])
+def test_on_the_ground_the_wall_for_a_wide_margin_is_not_clear(blind: np.ndarray) -> None:
+    avoid = replace(AVOID, max_distance_m=5.0)
+    wide = policy_of(avoid, AutopilotNow(kind="ArduPilot", margin_m=5.0))
+    assert 100 * wide.wall_m > clear_cm(avoid)
+    near = replace(sight(front_seen(wall_at(0.0, 0.6)), seeing=FRONT, blind=blind), on_ground=True)
+    values = BlindPolicy(avoid).values(near, wide, NS)
+    assert values is not None
+    assert values[0] == clear_cm(avoid) - 2
