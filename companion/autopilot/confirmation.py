@@ -5,8 +5,8 @@ frames before a bare wall. Sent at once and remembered, each of them stops the v
 backwards from one nearer than CP_DIST. A plane of few pixels is therefore used only if a plane was found at its place in one
 of the FRAMES frames before. It costs a thin obstacle one frame; a plane of more pixels is used at once.
 
-The same holds for free space: a mismatch ends it in one direction of one frame. A sector that a single frame does not see stays
-as the frame before saw it, until a second frame does not see it either.
+The same holds for free space: a mismatch ends it in one direction of one frame. A sector that one frame does not see, after
+SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ LONGEST_NS = NS // 2
 """Older frames confirm nothing."""
 PLACE_M = 0.3
 SIGMAS = 4.0
-UNKNOWN_WAY_M = 0.5
-"""Without a position: the vehicle may have moved by so much from one frame to the next."""
+GREATEST_SPEED_M_S = 20.0
+"""Without a position or velocity: the vehicle, or what it sees, may move this fast. Faster than a multicopter flies in the modes
+in which autopilots avoid obstacles. A greater value confirms planes at more places: it sends more, never less."""
 FULL_IMAGE_PX = 320 * 240
 """`confirm_px` is meant for an image of so many pixels; it grows with the image."""
 
@@ -112,7 +113,7 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
     if not len(frame.ends_m) or planes.fixed != frame.fixed:
         return False
     if not planes.fixed:
-        slack_m += UNKNOWN_WAY_M
+        slack_m += GREATEST_SPEED_M_S * (planes.t_ns - frame.t_ns) / NS
     middle = 0.5 * (planes.ends_m[i, :2] + planes.ends_m[i, 2:])
     half_m = 0.5 * float(np.hypot(*(planes.ends_m[i, 2:] - planes.ends_m[i, :2])))
     a, along = frame.ends_m[:, :2], frame.ends_m[:, 2:] - frame.ends_m[:, :2]
@@ -122,37 +123,72 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
     return bool((distance <= slack_m + half_m).any())
 
 
-class SeenSectors:
-    """`take` each scan: keeps a sector that a single frame does not see as it was seen before."""
+SEEN_FRAMES = 3
+"""So many frames in a row must see a sector before it is kept through one frame that does not."""
+KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
+"""A sector is kept for so many intervals of the frames since it was last seen, and never longer than this time."""
 
-    def __init__(self, stale_ns: int) -> None:
-        """stale_ns: what was seen longer ago is not kept."""
-        self._stale_ns = stale_ns
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectorSight:
+    """What a scan was made from. exposed_ns: (72,) exposure of the newest frame that covers each sector, 0: none. blind: (72,)
+    sectors of which a blind camera covers any part. heading_rad: of the vehicle, clockwise from north. speed_m_s: horizontal;
+    None: not known. now_ns: instant of the decision."""
+
+    exposed_ns: NDArray[np.int64]
+    blind: NDArray[np.bool_]
+    heading_rad: float
+    speed_m_s: float | None
+    now_ns: int
+
+
+class SeenSectors:
+    """`take` each scan: a sector that one frame does not see is used as it was before, for this frame alone."""
+
+    def __init__(self, avoid: AvoidParams) -> None:
+        """avoid: confirm_px = 0 switches this off; obstacles from max_distance_m on are not sent."""
+        self._avoid = avoid
         self._distance_m, self._free_m = np.full(SECTORS, np.inf), np.zeros(SECTORS)
         self._heading_rad = np.zeros(SECTORS)
+        self._frame_ns = np.zeros(SECTORS, np.int64)
+        self._interval_ns = np.zeros(SECTORS, np.int64)
+        self._in_a_row = np.zeros(SECTORS, np.int64)
+        self._seen_exposed_ns = np.zeros(SECTORS, np.int64)
         self._seen_ns = np.zeros(SECTORS, np.int64)
-        self._lost_ns = np.zeros(SECTORS, np.int64)
+        self._kept_frame_ns = np.zeros(SECTORS, np.int64)
 
-    def take(
-        self, found: SectorScan, exposed_ns: NDArray[np.int64], heading: float, now_ns: int, farthest_m: float
-    ) -> SectorScan:
-        """The scan to use. exposed_ns: (72,) exposure of the newest frame that covers each sector, 0: none. heading: of the
-        vehicle, clockwise from north, rad; a sector is not kept once the vehicle has turned by half of its width.
-        farthest_m: obstacles from there on are not sent."""
+    def take(self, found: SectorScan, sight: SectorSight) -> SectorScan:
+        """The scan to use. A sector is not kept once the vehicle has turned by half of its width. Its distances are shortened by
+        the way that the vehicle may have moved since the decision that saw it."""
         seen = found.state != SectorState.UNSEEN
-        turned = np.abs(np.remainder(heading - self._heading_rad + np.pi, math.tau) - np.pi)
-        self._lost_ns = np.where(seen, 0, np.where(self._lost_ns == 0, exposed_ns, self._lost_ns))
-        kept = ~seen & (exposed_ns > 0) & (self._lost_ns == exposed_ns) & (turned < 0.5 * STEP_RAD)
-        kept &= (self._seen_ns > 0) & (now_ns - self._seen_ns <= self._stale_ns)
-        distance_m = np.where(kept, np.minimum(found.distance_m, self._distance_m), found.distance_m)
-        state = np.where(distance_m < farthest_m, SectorState.OBSTACLE, SectorState.CLEAR)
+        kept = self._kept(seen, sight)
+        speed_m_s = GREATEST_SPEED_M_S if sight.speed_m_s is None else sight.speed_m_s
+        way_m = speed_m_s * (sight.now_ns - self._seen_ns) / NS
+        before_m = np.maximum(0.0, self._distance_m - way_m)
+        distance_m = np.where(kept, np.minimum(found.distance_m, before_m), found.distance_m)
+        free_m = np.where(kept, np.maximum(0.0, self._free_m - way_m), found.free_m)
+        state = np.where(distance_m < self._avoid.max_distance_m, SectorState.OBSTACLE, SectorState.CLEAR)
         self._distance_m = np.where(seen, found.distance_m, self._distance_m)
         self._free_m = np.where(seen, found.free_m, self._free_m)
-        self._heading_rad = np.where(seen, heading, self._heading_rad)
-        self._seen_ns = np.where(seen, exposed_ns, self._seen_ns)
-        return SectorScan(
-            np.where(kept, state, found.state).astype(np.uint8),
-            distance_m,
-            np.where(kept, self._free_m, found.free_m),
-            found.azimuth_rad,
-        )
+        self._heading_rad = np.where(seen, sight.heading_rad, self._heading_rad)
+        self._seen_exposed_ns = np.where(seen, sight.exposed_ns, self._seen_exposed_ns)
+        self._seen_ns = np.where(seen, sight.now_ns, self._seen_ns)
+        return SectorScan(np.where(kept, state, found.state).astype(np.uint8), distance_m, free_m, found.azimuth_rad)
+
+    def _kept(self, seen: NDArray[np.bool_], sight: SectorSight) -> NDArray[np.bool_]:
+        """(72,) unseen sectors that are used as they were. Follows the frames; a decision may use a frame a second time."""
+        exposed_ns = sight.exposed_ns
+        limit_ns = np.minimum(LONGEST_KEPT_NS, KEPT_FRAMES * self._interval_ns)
+        lost = ~seen & (self._in_a_row >= SEEN_FRAMES)
+        self._kept_frame_ns = np.where(seen, 0, np.where(lost, exposed_ns, self._kept_frame_ns))
+        since_frame_ns = exposed_ns - self._frame_ns
+        new = since_frame_ns > 0
+        in_a_row = np.where(since_frame_ns <= LONGEST_KEPT_NS, self._in_a_row, 0) + 1  # a missing frame did not see it
+        self._in_a_row = np.where(seen & ~sight.blind, np.where(new, in_a_row, self._in_a_row), 0)
+        self._interval_ns = np.where(seen & new, since_frame_ns, self._interval_ns)
+        self._frame_ns = exposed_ns.copy()
+        turned = np.abs(np.remainder(sight.heading_rad - self._heading_rad + np.pi, math.tau) - np.pi)
+        kept: NDArray[np.bool_] = ~seen & ~sight.blind & (exposed_ns > 0) & (self._kept_frame_ns == exposed_ns)
+        kept &= turned < 0.5 * STEP_RAD
+        kept &= (sight.now_ns - self._seen_ns <= limit_ns) & (exposed_ns - self._seen_exposed_ns <= limit_ns)
+        return kept & (self._avoid.confirm_px > 0)

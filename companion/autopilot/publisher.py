@@ -26,7 +26,7 @@ from ..pipeline.multi_camera import compose, transform_to_level
 from ..pipeline.pipeline import PrismsResult
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
-from .confirmation import PlaneConfirmation, SeenSectors
+from .confirmation import PlaneConfirmation, SectorSight, SeenSectors
 from .distance_sensor import Overhead, downward_m
 from .failsafe import AutopilotNow, BlindPolicy, ObstacleView, Recovery, braking_reach_cm, policy_of
 from .free_space_memory import FreeMemory
@@ -98,7 +98,7 @@ class ObstacleTeller:
         self._newest: dict[str, PrismsResult] = {}
         self._confirmation: dict[str, PlaneConfirmation] = {}
         self._confirmed: dict[str, PrismsResult] = {}
-        self._seen = SeenSectors(self._stale_ns)
+        self._seen = SeenSectors(avoid)
         self._infos: dict[str, CameraInfo] = {}
         self._looks: dict[str, NDArray[np.uint8]] = {}
         self._last_here: Here | None = None
@@ -178,20 +178,27 @@ class ObstacleTeller:
         self._last_here = here or self._last_here
         found, recalled = scan([], self._avoid), nothing_remembered()
         if here is not None:
-            found = self._scan(seeing, views, recall, here, now_ns)
+            found = self._scan(causes, views, recall, here, now_ns)
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
         told = self._told(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
         return self._with_heights(told, dict(zip(seeing, views, strict=False)), here, now_ns)
 
-    def _scan(self, seeing: list[str], views: list[View], recall: Recall | None, here: Here, now_ns: int) -> SectorScan:
-        """The sectors; those that a single frame does not see stay as they were."""
+    def _scan(
+        self, causes: dict[str, str], views: list[View], recall: Recall | None, here: Here, now_ns: int
+    ) -> SectorScan:
+        """The sectors. One that a single frame does not see may stay as it was, where no camera that covers it is blind.
+        causes: why each camera is blind, empty where it is not."""
         exposed_ns = np.zeros(SECTORS, np.int64)
-        for camera in seeing:
-            covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
-            exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
+        for camera in self._cameras:
+            if not causes[camera]:
+                covers = (self._looks[camera] > Look.NOTHING).any(axis=1)
+                exposed_ns[covers] = np.maximum(exposed_ns[covers], seen_ns(self._newest[camera]))
+        blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
+        velocity_m_s = self._velocity_m_s(now_ns)
+        speed_m_s = None if velocity_m_s is None else math.hypot(*velocity_m_s)
         found = scan(views, self._avoid, recall)
-        return self._seen.take(found, exposed_ns, here.heading_rad, now_ns, self._avoid.max_distance_m)
+        return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, now_ns))
 
     def _with_heights(self, told: Told, views: dict[str, View], here: Here | None, now_ns: int) -> Told:
         """Adds the obstacles above and below, where that is switched on. views: of the seeing cameras."""

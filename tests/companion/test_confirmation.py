@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from benchmarks.autopilot.phantoms import hover
+from companion.autopilot.confirmation import SectorSight, SeenSectors
 from companion.autopilot.obstacle_distance import UNKNOWN
-from core.types import FrameModel
+from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
+from companion.autopilot.publisher import ObstacleTeller
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from core.types import AttitudeSample, FrameModel
 
-from .test_obstacle_sender import ARDUPILOT, AVOID, CLEAR, PX4, Chain
+from .test_obstacle_sender import ARDUPILOT, AVOID, CAMERA, CLEAR, NS, PX4, Chain, Sees, frame
 from .test_sectors import model, wall_at
 
 CLEAR_CM = 1201
@@ -109,6 +113,147 @@ def test_a_sector_that_one_frame_does_not_see_stays_as_it_was(autopilot: object,
         assert chain.ahead(autopilot) == unseen
 
 
+@pytest.mark.parametrize(("autopilot", "unseen"), [(PX4, UNKNOWN), (ARDUPILOT, 370)])
+def test_a_sector_that_every_second_frame_does_not_see_is_unseen_from_the_second_loss_on(
+    autopilot: object, unseen: int
+) -> None:
+    chain = seeing()
+    one_frame(chain, BLOCKED)
+    assert chain.ahead(autopilot) == CLEAR_CM
+    for _ in range(5):
+        one_frame(chain, CLEAR)
+        assert chain.ahead(autopilot) == CLEAR_CM
+        one_frame(chain, BLOCKED)
+        assert chain.ahead(autopilot) == unseen
+
+
+def test_a_sector_is_kept_again_after_three_frames_that_saw_it() -> None:
+    chain = seeing()
+    one_frame(chain, BLOCKED)
+    for frames, ahead in ((2, UNKNOWN), (3, CLEAR_CM)):
+        for _ in range(frames):
+            one_frame(chain, CLEAR)
+        one_frame(chain, BLOCKED)
+        assert chain.ahead() == ahead
+
+
+def test_a_kept_sector_is_gone_when_no_further_frame_comes() -> None:
+    chain = seeing()
+    one_frame(chain, BLOCKED)
+    assert chain.ahead() == CLEAR_CM
+    chain.fly(0.04, frames=False)
+    assert chain.ahead() == CLEAR_CM
+    chain.fly(0.02, frames=False)
+    assert chain.ahead() == UNKNOWN, "160 ms after it was last seen"
+    assert not chain.told().blind
+
+
+def test_a_sector_is_not_kept_after_a_missing_frame() -> None:
+    chain = seeing()
+    chain.fly(0.1, frames=False)
+    one_frame(chain, BLOCKED)
+    assert chain.ahead() == UNKNOWN
+
+
+def test_confirm_px_0_keeps_nothing() -> None:
+    chain = Chain(CLEAR, replace(AVOID, confirm_px=0))
+    for _ in range(10):
+        one_frame(chain, CLEAR)
+    one_frame(chain, BLOCKED)
+    assert chain.ahead() == UNKNOWN
+
+
+def scan_of(state: SectorState, distance_m: float = np.inf) -> SectorScan:
+    whole = np.full(SECTORS, state, np.uint8)
+    return SectorScan(whole, np.full(SECTORS, distance_m), np.full(SECTORS, 12.0), centres_rad())
+
+
+def taken(
+    lost: dict[str, object], distance_m: float = np.inf, speed_m_s: float | None = 0.0, frames: int = 5
+) -> SectorScan:
+    """Frames at 10 Hz that see all sectors, then one that sees none. lost: what differs in its SectorSight."""
+    kept, nowhere = SeenSectors(AVOID), np.zeros(SECTORS, np.bool_)
+    state = SectorState.CLEAR if distance_m == np.inf else SectorState.OBSTACLE
+    for n in range(1, frames + 1):
+        t_ns = n * NS // 10
+        before = SectorSight(np.full(SECTORS, t_ns), nowhere, 0.0, speed_m_s, t_ns)
+        kept.take(scan_of(state, distance_m), before)
+    t_ns = (frames + 1) * NS // 10
+    now = SectorSight(np.full(SECTORS, t_ns), nowhere, 0.0, speed_m_s, t_ns)
+    return kept.take(scan_of(SectorState.UNSEEN), replace(now, **lost))
+
+
+def test_a_sector_that_a_blind_camera_covers_is_not_kept() -> None:
+    blind = np.arange(SECTORS) < 3
+    state = taken({"blind": blind}).state
+    assert (state[blind] == SectorState.UNSEEN).all()
+    assert (state[~blind] == SectorState.CLEAR).all()
+
+
+@pytest.mark.parametrize(("frames", "state"), [(2, SectorState.UNSEEN), (3, SectorState.CLEAR)])
+def test_a_sector_is_kept_only_after_three_frames(frames: int, state: SectorState) -> None:
+    assert (taken({}, frames=frames).state == state).all()
+
+
+@pytest.mark.parametrize(("speed_m_s", "left_m"), [(0.0, 5.0), (8.0, 4.2), (None, 3.0)])
+def test_a_kept_distance_is_shortened_by_the_way_flown(speed_m_s: float | None, left_m: float) -> None:
+    """Without a velocity by the greatest plausible speed, 20 m/s."""
+    assert taken({}, 5.0, speed_m_s).distance_m == pytest.approx(left_m)
+
+
+def test_a_camera_that_goes_blind_ends_what_it_shares_with_another_one() -> None:
+    both = TwoCameras()
+    both.fly(10, CLEAR, CLEAR)
+    assert both.ahead() == CLEAR_CM
+    both.fly(1, None, BLOCKED)
+    assert both.ahead() != CLEAR_CM
+
+
+class TwoCameras:
+    """Two cameras that look into the same sectors, each with frames at 10 Hz. No attitude is missing, the vehicle hovers."""
+
+    def __init__(self) -> None:
+        self.sees = {name: Sees(CLEAR) for name in ("a", "b")}
+        self.infos = tuple(replace(CAMERA, camera=name) for name in self.sees)
+        self.pipeline = Pipeline(self.infos, lambda info: self.sees[info.camera])
+        self.teller = ObstacleTeller(AVOID, tuple(self.sees), 0.3)
+        for info in self.infos:
+            self.teller.announce(info)
+        self.now_ns, self.sequence = 10 * NS, 0
+
+    def fly(self, frames: int, *found: FrameModel | None) -> None:
+        """found: of each camera; None: its frames are not valid."""
+        for _ in range(frames):
+            self.now_ns += NS // 10
+            self.sequence += 1
+            sample = AttitudeSample(self.now_ns, self.now_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            self.pipeline.handle(sample)
+            self.teller.samples([sample])
+            for (name, sees), shown in zip(self.sees.items(), found, strict=True):
+                sees.found = replace(CLEAR, valid=False) if shown is None else shown
+                image = replace(frame(self.sequence, self.now_ns, self.now_ns), camera=name)
+                for output in self.pipeline.handle(image):
+                    if isinstance(output, PrismsResult):
+                        self.teller.result(output)
+            self.ahead()
+
+    def ahead(self) -> int:
+        values = self.teller.decide(PX4, self.now_ns).values
+        assert values is not None
+        return int(values[0])
+
+
+def test_a_thin_pole_that_is_approached_without_a_position_is_sent_from_the_second_frame_on() -> None:
+    chain = Chain(CLEAR)
+    for _ in range(10):
+        one_frame(chain, CLEAR)
+    for n in range(3):
+        distance_m = 6.0 - 1.2 * n  # 12 m/s at 10 Hz
+        one_frame(chain, pole(distance_m, 3))
+        expected = CLEAR_CM if n == 0 else pytest.approx(100 * (distance_m - 0.3), abs=2)
+        assert chain.ahead() == expected
+
+
 def test_a_sector_that_was_never_seen_is_not_seen() -> None:
     chain = Chain(BLOCKED)
     for _ in range(8):
@@ -133,4 +278,5 @@ def test_what_was_seen_is_not_kept_when_the_vehicle_turns() -> None:
 def test_a_hover_before_a_bare_wall_sends_nothing_near() -> None:
     """The typical camera of 320x240 pixels. Without confirmation the memory makes half of all messages of 2 % of the frames."""
     assert hover(100, 0).near > 20
-    assert hover(100, 8).near == 0
+    assert hover(100, 8, "PX4").near == 0
+    assert hover(100, 8).near <= 2, "the artificial wall, where two frames near each other do not see a sector"
