@@ -29,12 +29,10 @@ class MatchParams:
     )
     block_px: int = number(5, 1, 15, "px", "side of the matched block, odd")
     uniqueness: int = number(8, 0, 50, "%", "the best match must be better than the next by so much")
-    check_px: int = number(1, 0, 8, "px", "margin of the best match over the next, percent")
-    speckle_px: int = number(
-        120, 0, 5000, "px", "largest difference between left-to-right and right-to-left disparity, px"
-    )
-    speckle_range: int = number(2, 1, 32, "px", "smaller patches are removed, px")
-    edge_px: int = number(4, 0, 64, "px", "disparity step within one patch")
+    check_px: int = number(1, 0, 8, "px", "largest difference between left-to-right and right-to-left disparity")
+    speckle_px: int = number(120, 0, 5000, "px", "smaller patches are removed")
+    speckle_range: int = number(2, 1, 32, "px", "disparity step within one patch")
+    edge_px: int = number(4, 0, 64, "px", "border of the rectified image that is not used")
     window_px: int = number(7, 3, 31, "px", "side of the window in which a match is tested, odd")
     correlation: float = number(
         0.7,
@@ -64,7 +62,7 @@ class MatchParams:
 
 
 class StereoDepth:
-    """border of the rectified image that is not used, px"""
+    """Depth of raw pairs of one calibration. Not for two threads at once."""
 
     def __init__(self, calibration: StereoCalibration, params: MatchParams | None = None) -> None:
         c, self._params = calibration, params or MatchParams()
