@@ -43,12 +43,14 @@ OUTSIDE_CP_DIST_M = 0.02
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotNow:
     """What is known of the autopilot. kind: "" before it was heard; both names while heartbeats contradict each other.
-    margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not read. on_ground: it says that the vehicle stands on the ground."""
+    margin_m: AVOID_MARGIN, cp_dist_m: CP_DIST, None: not known. margin_is_read: False: margin_m is kept from the last start,
+    when it may have been another vehicle. on_ground: it says that the vehicle stands on the ground."""
 
     kind: str = ""
     margin_m: float | None = None
     cp_dist_m: float | None = None
     on_ground: bool = False
+    margin_is_read: bool = True
 
     @property
     def may_be_px4(self) -> bool:
@@ -103,7 +105,7 @@ def policy_of(avoid: AvoidParams, autopilot: AutopilotNow) -> Policy:
     outside_m = px4_m if px4_m is not None else avoid.cp_dist_m + OUTSIDE_CP_DIST_M
     if autopilot.kind == PX4:
         return Policy("stop", outside_m, all_around=True)
-    if px4_m is None and autopilot.margin_m is not None:
+    if px4_m is None and autopilot.margin_m is not None and autopilot.margin_is_read:
         return Policy("stop", ardupilot_m, all_around=True)  # PX4 has no AVOID_MARGIN that could have been read
     return Policy("stop", max(ardupilot_m, outside_m), all_around=True)
 

@@ -65,9 +65,9 @@ class LastValuesFile:
         if self._file is None or (self._writing is not None and self._writing.is_alive()):
             return
         old = self.of(new.kind, new.system_id)
-        known = {name: value for name, value in new.parameters.items() if name in KEPT}
-        merged = LastValues(new.kind, new.system_id, new.version or old.version, dict(old.parameters) | known)
-        if merged == self._kept or merged == LastValues(new.kind, new.system_id):
+        parameters = _believed(dict(old.parameters) | dict(new.parameters))
+        merged = LastValues(new.kind, new.system_id, new.version or old.version, parameters)
+        if merged == old:
             return
         self._kept = merged
         self._writing = WatchedThread(_write, "last values", (self._file, merged))
@@ -79,18 +79,21 @@ class LastValuesFile:
             self._writing.join(0.5)
 
 
+def _believed(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Those of KEPT with a value in its range. CP_DIST = -1 means that collision prevention is off: nothing is kept then."""
+    return {n: v for n, v in parameters.items() if math.isfinite(v) and 0.0 < v <= KEPT.get(n, 0.0)}
+
+
 def _read(file: Path) -> LastValues | None:
-    """Content of the file; None where there is none, or none that this module wrote."""
+    """Content of the file, without parameters that are not believed; None where there is none, or none that this module wrote."""
     try:
         with file.open("rb") as stream:
             kept = json.loads(stream.read(_MOST_BYTES))
         version = None if kept["version"] is None else FirmwareVersion(*(int(n) for n in kept["version"]))
         parameters = {str(name): float(value) for name, value in kept["parameters"].items()}
-        found = LastValues(str(kept["autopilot"]), int(kept["system_id"]), version, parameters)
+        return LastValues(str(kept["autopilot"]), int(kept["system_id"]), version, _believed(parameters))
     except (OSError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
         return None
-    good = all(math.isfinite(v) and 0.0 < v <= KEPT.get(name, 0.0) for name, v in parameters.items())
-    return found if good else None
 
 
 def _write(file: Path, kept: LastValues) -> None:

@@ -221,6 +221,11 @@ class Avoidance:
                 "autopilot's value"
             )
             texts.append((DiagnosticCode.AVOID_MARGIN_UNKNOWN, text))
+        if told is not None and told.policy == "brake" and self.parameters.value("CP_DIST") is None:
+            cp_dist_m = self._parameter(vehicle, "CP_DIST")
+            if cp_dist_m is not None:
+                text = f"CP_DIST was not read yet: the artificial wall is placed for {cp_dist_m:g} m of the last start"
+                texts.append((DiagnosticCode.PARAMETER_ADVICE, text))
         return [Diagnostic(code, "", text) for code, text in texts if text]
 
     def latency(self) -> tuple[LatencyStage, float, float, float] | None:
@@ -245,7 +250,14 @@ class Avoidance:
             return AutopilotNow()
         margin_m, cp_dist_m = (self._parameter(vehicle, name) for name in ("AVOID_MARGIN", "CP_DIST"))
         on_ground = self._landed.on_ground(vehicle, time.monotonic_ns())
-        return AutopilotNow(kind=vehicle.autopilot, margin_m=margin_m, cp_dist_m=cp_dist_m, on_ground=on_ground)
+        margin_is_read = self.parameters.value("AVOID_MARGIN") is not None
+        return AutopilotNow(
+            kind=vehicle.autopilot,
+            margin_m=margin_m,
+            cp_dist_m=cp_dist_m,
+            on_ground=on_ground,
+            margin_is_read=margin_is_read,
+        )
 
     def _parameter(self, vehicle: Vehicle, name: str) -> float | None:
         """A parameter as it is read now, else as it was read before this start; None: never."""

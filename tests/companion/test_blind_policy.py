@@ -70,6 +70,9 @@ STOP, NOT_KNOWN = stop_at(2.0), Policy("unknown")
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, cp_dist_m=3.0), "stop", 3.02, True),
         (AutopilotNow(kind="ArduPilot or PX4"), "stop", 3.02, True),
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0), "stop", 2.121, True),  # it answered as ArduPilot
+        # kept from the last start: it may have been another vehicle
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=2.0, margin_is_read=False), "stop", 3.02, True),
+        (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, margin_is_read=False), "stop", 5.369, True),
         (AutopilotNow(kind="ArduPilot or PX4", margin_m=5.0, cp_dist_m=3.0), "stop", 5.369, True),
     ],
 )

@@ -17,11 +17,11 @@ from drivers.mavlink.session import Vehicle
 NS = 1_000_000_000
 
 
-def avoidance(folder: Path, system_id: int = 1) -> Avoidance:
+def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Avoidance:
     def ignore(message: Any) -> None:
         pass
 
-    vehicle = Vehicle(system_id, "ArduPilot", 2, True, 5, 0)
+    vehicle = Vehicle(system_id, kind, 2, True, 5, 0)
     return Avoidance(
         AvoidParams(send=True, avoid_margin_m=2.0),
         ("front",),
@@ -74,8 +74,7 @@ GOOD = b'{"autopilot": "PX4", "system_id": 1, "version": [1, 16, 0], "parameters
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"{", b"[" * 900, b"3", b"\xff\xfe", GOOD.replace(b"3}", b"NaN}"), GOOD.replace(b"3}", b"-3}"),
-        GOOD.replace(b"CP_DIST", b"OTHER"), GOOD.replace(b"1, \"v", b"1e999, \"v"), GOOD.replace(b"[1, 16, 0]", b"16"),
+        b"", b"{", b"[" * 900, b"3", b"\xff\xfe", GOOD.replace(b"1, \"v", b"1e999, \"v"), GOOD.replace(b"[1, 16, 0]", b"16"),
         GOOD.replace(b'{"CP_DIST": 3}', b"3"),
     ],
 )  # fmt: skip
@@ -107,3 +106,48 @@ def test_a_value_that_was_not_read_yet_keeps_the_last_one(tmp_path: Path) -> Non
     second.keep(LastValues("PX4", 1, FirmwareVersion(1, 16, 1)))
     second.close()
     assert LastValuesFile(tmp_path).of("PX4", 1) == LastValues("PX4", 1, FirmwareVersion(1, 16, 1), {"CP_DIST": 3.0})
+
+
+@pytest.mark.parametrize(
+    "content", [GOOD.replace(b"3}", b"NaN}"), GOOD.replace(b"3}", b"-3}"), GOOD.replace(b"CP_DIST", b"OTHER")]
+)
+def test_a_value_of_the_file_that_cannot_be_is_dropped_and_the_rest_is_used(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / NAME).write_bytes(content)
+    assert LastValuesFile(tmp_path).of("PX4", 1) == LastValues("PX4", 1, FirmwareVersion(1, 16))
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, 101.0])
+def test_a_value_without_use_is_not_kept_and_ends_the_one_before(tmp_path: Path, value: float) -> None:
+    first = LastValuesFile(tmp_path)
+    first.keep(LastValues("PX4", 1, FirmwareVersion(1, 16), {"CP_DIST": 3.0}))
+    first.close()
+    first.keep(LastValues("PX4", 1, FirmwareVersion(1, 16), {"CP_DIST": value}))
+    first.close()
+    assert LastValuesFile(tmp_path).of("PX4", 1) == LastValues("PX4", 1, FirmwareVersion(1, 16))
+
+
+def test_a_value_without_use_ends_the_one_before_although_nothing_else_is_known(tmp_path: Path) -> None:
+    first = LastValuesFile(tmp_path)
+    for value in (3.0, -1.0):
+        first.keep(LastValues("PX4", 1, None, {"CP_DIST": value}))
+        first.close()
+    assert LastValuesFile(tmp_path).of("PX4", 1).parameters == {}
+
+
+def test_a_kept_margin_does_not_say_which_autopilot_it_is(tmp_path: Path) -> None:
+    first = avoidance(tmp_path)
+    told_margin(first, 2.0)
+    first._last.close()
+    assert nearest_wall_m(avoidance(tmp_path, kind="ArduPilot or PX4")) > 3.0, "outside the configured cp_dist_m"
+
+
+def test_a_kept_cp_dist_is_used_and_reported_until_it_is_read(tmp_path: Path) -> None:
+    (tmp_path / NAME).write_bytes(GOOD)
+    part = avoidance(tmp_path, kind="PX4")
+    part.tick(NS)
+    part.sender.told = part._teller.decide(part._autopilot(), NS)
+    assert part.sender.told.policy == "brake"
+    assert [d.text for d in part.diagnostics(NS) if "CP_DIST" in d.text and "last start" in d.text]
+    for k in range(20):
+        part.parameters.take(dialect.MAVLink_param_value_message(b"CP_DIST", 3.0, 9, 1, 0), NS + k * NS // 10)
+    assert not [d.text for d in part.diagnostics(4 * NS) if "last start" in d.text]
