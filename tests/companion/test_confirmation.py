@@ -279,4 +279,4 @@ def test_a_hover_before_a_bare_wall_sends_nothing_near() -> None:
     """The typical camera of 320x240 pixels. Without confirmation the memory makes half of all messages of 2 % of the frames."""
     assert hover(100, 0).near > 20
     assert hover(100, 8, "PX4").near == 0
-    assert hover(100, 8).near <= 2, "the artificial wall, where two frames near each other do not see a sector"
+    assert hover(100, 8).near <= 2, "sectors that were not kept: the end of the free space, or the wall"
