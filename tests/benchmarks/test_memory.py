@@ -44,12 +44,13 @@ BLOCKS = 250
 
 def test_a_few_hundred_frames_leave_nothing_behind() -> None:
     shots = shots_of([SIZES[0]], images=1)
-    samples = watch(every_frame(shots), mixed_frames(shots, []), QUICK_FRAMES, QUICK_FRAMES // 4)
-    first, last = samples[0], samples[-1]
-    assert [s.frames for s in samples] == [0, 75, 150, 225, 300]
+    samples = watch(every_frame(shots), mixed_frames(shots, []), 2 * QUICK_FRAMES, QUICK_FRAMES // 2)
+    first, warm, last = samples[0], samples[2], samples[-1]
+    assert [s.frames for s in samples] == [0, 150, 300, 450, 600]
     assert 0 < last.held <= (1.0 + HELD_SHARE) * first.held
     assert last.resident - first.resident < QUICK_RESIDENT
-    assert last.blocks - first.blocks < BLOCKS
+    # calls of kernels with records keep up to 450 blocks, most of them since the first frames: a leak goes on after them
+    assert last.blocks - warm.blocks < BLOCKS
 
 
 @pytest.mark.soak
@@ -64,7 +65,7 @@ def test_many_frames_leave_nothing_behind() -> None:
     assert sum(rises) - sum(steps) <= HELD_SHARE * samples[0].held, words
     beside = [s.in_use - s.held for s in samples]
     assert max(beside) - beside[0] < IN_USE, words
-    assert samples[-1].blocks - samples[0].blocks < BLOCKS, words
+    assert samples[-1].blocks - samples[1].blocks < BLOCKS, words
 
 
 class Hoarder(Extractor):
