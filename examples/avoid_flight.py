@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, clear_cm, obstacle_distance_message
-from companion.autopilot.publisher import ObstacleTeller
+from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
@@ -76,8 +76,8 @@ class Flight:
         px4 = self.autopilot == "PX4"
         self.reader = Px4Reader(cp_dist_m=MARGIN_M) if px4 else ArduPilotReader(margin_m=MARGIN_M)
         self.pipeline = Pipeline((CAMERA,), lambda info: Extractor())
-        self.teller = ObstacleTeller(AVOID, (CAMERA.camera,), stale_s=0.3)
-        self.teller.announce(CAMERA)
+        self.builder = ObstacleReportBuilder(AVOID, (CAMERA.camera,), stale_s=0.3)
+        self.builder.announce(CAMERA)
 
     def fly(self, seconds: float) -> None:
         """Steps of 20 ms; a frame and a message in every fifth."""
@@ -90,11 +90,11 @@ class Flight:
             ]
             for sample in samples:
                 self.pipeline.handle(sample)
-            self.teller.samples(samples)
+            self.builder.samples(samples)
             if step % 5 == 0:
                 if self.x_m < self.dies_at_m:
                     self.see(position)
-                self.tell()
+                self.send()
             self.move(0.02)
 
     def see(self, position_ned_m: tuple[float, float, float]) -> None:
@@ -110,14 +110,16 @@ class Flight:
         )
         for output in self.pipeline.handle(frame):
             if isinstance(output, PrismsResult):
-                self.teller.result(output)
+                self.builder.result(output)
 
-    def tell(self) -> None:
+    def send(self) -> None:
         """What the service sends at this instant, and what the autopilot makes of it."""
-        told = self.teller.decide(AutopilotNow(kind=self.autopilot, margin_m=MARGIN_M, cp_dist_m=MARGIN_M), self.now_ns)
-        self.values, self.blind = told.values, bool(told.blind)
-        if told.values is not None:
-            self.reader.read(obstacle_distance_message(told.values, self.now_ns // 1000, AVOID), self.now_ns)
+        report = self.builder.decide(
+            AutopilotNow(kind=self.autopilot, margin_m=MARGIN_M, cp_dist_m=MARGIN_M), self.now_ns
+        )
+        self.values, self.blind = report.values, bool(report.blind)
+        if report.values is not None:
+            self.reader.read(obstacle_distance_message(report.values, self.now_ns // 1000, AVOID), self.now_ns)
 
     def move(self, dt_s: float) -> None:
         """PX4: as fast as it can stop within the room that it believes in; ArduPilot: as one was measured."""
@@ -190,12 +192,12 @@ def flights() -> list[tuple[str, Flight]]:
         (f"On the way,\n{under_way.speed_m_s:.1f} m/s", under_way),
         (f"PX4 with CP_DIST = {MARGIN_M:g} m\nstands {20.0 - stands.x_m:.1f} m before the wall", stands),
     ]
-    for autopilot, told in (("PX4", "unknown"), ("ArduPilot", "the wall of the policy")):
+    for autopilot, sent in (("PX4", "unknown"), ("ArduPilot", "the wall of the policy")):
         blind = Flight(autopilot, yard, dies_at_m=5.0)
         blind.fly(6.0)
-        text = "silence" if blind.values is None else told
+        text = "silence" if blind.values is None else sent
         title = (
-            f"{autopilot}, the camera died at {blind.dies_at_m:g} m:\nis told {text}, {abs(blind.speed_m_s):.1f} m/s"
+            f"{autopilot}, the camera died at {blind.dies_at_m:g} m:\nis sent {text}, {abs(blind.speed_m_s):.1f} m/s"
         )
         moments.append((title, blind))
     return moments

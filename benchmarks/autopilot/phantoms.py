@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.autopilot.failsafe import AutopilotNow
-from companion.autopilot.publisher import ObstacleTeller
+from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
@@ -52,8 +52,8 @@ def hover(frames: int, confirm_px: int, kind: str = "ArduPilot", wall_m: float =
     avoid = AvoidParams(confirm_px=confirm_px, avoid_margin_m=2.0)
     scene, extractor = bare_wall(wall_m), Extractor()
     pipeline = Pipeline((CAMERA,), lambda info: extractor)
-    teller = ObstacleTeller(avoid, (CAMERA.camera,), 0.3)
-    teller.announce(CAMERA)
+    builder = ObstacleReportBuilder(avoid, (CAMERA.camera,), 0.3)
+    builder.announce(CAMERA)
     now_ns, weak, messages, near = 100 * NS, 0, 0, 0
     for n in range(frames):
         now_ns += FRAME_NS
@@ -62,16 +62,16 @@ def hover(frames: int, confirm_px: int, kind: str = "ArduPilot", wall_m: float =
             PoseSample(now_ns, now_ns, (0.0, 0.0, -HEIGHT_M), (0.0, 0.0, 0.0)),
         ):
             pipeline.handle(sample)
-            teller.samples([sample])
+            builder.samples([sample])
         seen = render(scene, CAMERA, position_ned_m=(0.0, 0.0, -HEIGHT_M), sensor=SENSOR, seed=seed, frame=n)
         frame = DepthFrame(
             camera=CAMERA.camera, sequence=n, t_exposure_ns=now_ns, t_arrival_ns=now_ns, depth_mm=seen.depth_mm
         )
         for output in pipeline.handle(frame):
             if isinstance(output, PrismsResult):
-                teller.result(output)
+                builder.result(output)
                 weak += output.model is not None and _has_near(output.model.planes)
-        values = teller.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
+        values = builder.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
         if n >= 10 and values is not None:  # after the start
             messages += 1
             near += bool((values < 100.0 * NEAR_M).any())

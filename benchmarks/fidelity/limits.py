@@ -119,8 +119,8 @@ def height_table(data: Figures) -> str:
 
 def source(data: Figures) -> str:
     """Where the tables come from."""
-    told = data["measured"]
-    return f"Measured by `{told['command']}`, {told['date']}, commit {told['commit']}."
+    run = data["measured"]
+    return f"Measured by `{run['command']}`, {run['date']}, commit {run['commit']}."
 
 
 BLOCKS: Final[Mapping[str, Callable[[Figures], str]]] = {

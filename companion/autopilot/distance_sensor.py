@@ -29,7 +29,7 @@ MOST = 4096
 
 
 class Overhead:
-    """The undersides of planes, in ned, for as long as the autopilot tells a position."""
+    """The undersides of planes, in ned, while the autopilot reports a position."""
 
     def __init__(self, avoid: AvoidParams) -> None:
         self._avoid = avoid

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.avoidance import AvoidParams
-from .obstacle_distance import PX4, UNKNOWN, always_told_cm, clear_cm, encoded, limits_cm, near_cm
+from .obstacle_distance import PX4, UNKNOWN, always_sent_cm, clear_cm, encoded, limits_cm, near_cm
 from .obstacle_memory import Remembered
 from .polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 
@@ -70,7 +70,7 @@ class Policy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObstacleView:
-    """What there is to tell. scan: of the cameras that see. recalled: remembered obstacles.
+    """Input of a decision. scan: of the cameras that see. recalled: remembered obstacles.
 
     blind, seeing: (72,) the sectors that blind cameras should look into, and those that seeing ones do, with any part of
     them; whole: (72,) those that seeing ones look into all of.
@@ -122,7 +122,7 @@ def braking_reach_cm(sight: ObstacleView, avoid: AvoidParams) -> NDArray[np.floa
     """(72,) distance within which an obstacle is sent to PX4 although unknown stands beside it. Everywhere that of near
     obstacles; at the edge of the view, where unknown stands for the hull's width, also what the vehicle closes on: PX4 needs it
     to brake. Without a velocity all that is seen there is sent."""
-    near_cm = np.full(SECTORS, float(always_told_cm(avoid)))
+    near_cm = np.full(SECTORS, float(always_sent_cm(avoid)))
     unseen = (sight.scan.state == SectorState.UNSEEN) & ~sight.edge
     beside = sight.edge | np.roll(sight.edge, 1) | np.roll(sight.edge, -1)
     at_edge = beside & ~(unseen | np.roll(unseen, 1) | np.roll(unseen, -1))
@@ -236,7 +236,7 @@ class BlindPolicy:
         out[known] = near_cm(way_seen_m[known], self._avoid)
         # beside a sector's own obstacle or clear, the nearest counts whatever is known of the way to it
         return np.where(
-            (nearest <= always_told_cm(self._avoid)) | (sight.scan.state != SectorState.UNSEEN), nearest, out
+            (nearest <= always_sent_cm(self._avoid)) | (sight.scan.state != SectorState.UNSEEN), nearest, out
         )
 
 

@@ -53,10 +53,10 @@ class EchoCheck:
 
     def take(self, message: Any, now_ns: int) -> None:
         """A message of the autopilot."""
-        told = nearest_told(message)
-        if told is None:
+        nearest_echoed = nearest_sent(message)
+        if nearest_echoed is None:
             return
-        face, nearest = told
+        face, nearest = nearest_echoed
         with self._lock:
             self._waited_ns = 0
             sent = [min(faces) if face is None else faces[face] for _, faces in self._sent]
@@ -93,8 +93,8 @@ def likely_cause(vehicle: Vehicle, facts: AutopilotFacts, signing_trouble: str) 
     return ""
 
 
-def nearest_told(message: Any) -> tuple[int | None, int] | None:
-    """(face, nearest obstacle in cm) of an echo, face None: of all; None: the message is none, or tells of none."""
+def nearest_sent(message: Any) -> tuple[int | None, int] | None:
+    """(face, nearest obstacle in cm) of an echo, face None: of all; None: the message is no echo, or holds no obstacle."""
     if message.get_type() == "OBSTACLE_DISTANCE":
         known = [int(v) for v in message.distances if v != UNKNOWN and v < message.max_distance]
         return (None, min(known)) if known else None

@@ -19,7 +19,7 @@ from .view_free import View, in_image, points_free
 
 NS = 1_000_000_000
 LEAST_APART_NS = NS // 10
-"""Between two frames of a camera that are taken in: more would cost more and tell the same."""
+"""Least time between two frames of a camera that are used: more frames cost time and add nothing."""
 SLACK_M = 1.0
 """The grid reaches so far beyond what is asked for, since the vehicle moves and climbs."""
 NEVER = -math.inf

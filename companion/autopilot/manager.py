@@ -30,7 +30,7 @@ from .last_values import LastValues, LastValuesFile
 from .obstacle_distance import clear_cm
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
-from .publisher import ObstacleTeller, Told, seen_ns
+from .publisher import ObstacleReport, ObstacleReportBuilder, seen_ns
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .view_free import RING_M
@@ -79,9 +79,9 @@ class Avoidance:
         self._texts = StatusTexts()
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
-        self._counted: Told | None = None
-        self._teller = ObstacleTeller(avoid, cameras, stale_s, ill, ring_m)
-        self.sender = ObstacleSender(self._teller, avoid, self._autopilot, self._send)
+        self._counted: ObstacleReport | None = None
+        self._builder = ObstacleReportBuilder(avoid, cameras, stale_s, ill, ring_m)
+        self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
         """Starts to send as soon as an autopilot is heard."""
@@ -89,7 +89,7 @@ class Avoidance:
 
     def end(self) -> None:
         """The service stops: all cameras count as blind from now on. If the vehicle is armed, a STATUSTEXT says what follows."""
-        self._teller.end("the service stops")
+        self._builder.end("the service stops")
         vehicle = self._vehicle()
         if vehicle is not None and vehicle.armed and not self._end_ns:
             self._end_ns = time.monotonic_ns()
@@ -108,25 +108,27 @@ class Avoidance:
         """Whether an armed vehicle is being sent the artificial wall."""
         vehicle = self._vehicle()
         armed = vehicle is not None and vehicle.armed
-        sends_wall = self.told is not None and self.told.policy in ("stop", "brake") and self.told.values is not None
+        sends_wall = (
+            self.report is not None and self.report.policy in ("stop", "brake") and self.report.values is not None
+        )
         return armed and self.sender.running and sends_wall
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
     def samples(self, samples: list[AttitudeSample | PoseSample]) -> None:
         """Attitudes and positions of the autopilot, as they come."""
-        self._teller.samples(samples)
+        self._builder.samples(samples)
 
     def announce(self, info: CameraInfo, hidden: Mask | None = None) -> None:
         """A camera that was opened, and which of its pixels are never measured."""
-        self._teller.announce(info, hidden)
+        self._builder.announce(info, hidden)
 
     def result(self, result: PrismsResult) -> None:
         """The result of a frame."""
         self._exposed_ns[result.camera] = seen_ns(result)
         if result.mount is not None:
             self._mount_degraded[result.camera] = result.mount.verdict is MountVerdict.DEGRADED
-        self._teller.result(result)
+        self._builder.result(result)
 
     def message(self, message: Any, arrival_ns: int) -> None:
         """A message of the autopilot, of READS."""
@@ -138,8 +140,8 @@ class Avoidance:
     # ---- out --------------------------------------------------------------------------------------------------------
 
     def tick(self, now_ns: int, link: LinkStatus | None = None) -> None:
-        """Asks for parameters and tells people what has changed; ten times a second or so. link: what is known of the
-        line; an autopilot that is not believed for its signatures is told that, and nothing else."""
+        """Requests parameters and sends STATUSTEXT of changes; about ten times per second. link: what is known of the
+        link; an autopilot whose signatures are not accepted is sent only a notice of that."""
         self._link = link or self._link
         text = self._texts.due(self._blind(), now_ns, self._notes(now_ns))
         if text is not None:
@@ -183,7 +185,7 @@ class Avoidance:
         return notes
 
     def _mode_text(self, vehicle: Vehicle) -> str:
-        """Why the flight mode does not protect; empty before the first heartbeat, which tells the mode."""
+        """Why the flight mode does not protect; empty before the first heartbeat, which holds the mode."""
         return mode_trouble(vehicle, self._facts(vehicle)) if vehicle.heartbeat_ns > 0 else ""
 
     def _echo_trouble(self, vehicle: Vehicle, now_ns: int) -> str:
@@ -195,33 +197,33 @@ class Avoidance:
 
     def _blind(self) -> dict[str, str]:
         """Why each camera is blind, in words; empty: it is not. No entry before the first decision or without an autopilot."""
-        told = self.sender.told
-        if told is None or self._vehicle() is None:
+        report = self.sender.report
+        if report is None or self._vehicle() is None:
             return {}
-        return {c: told.blind.get(c, "") for c in self._cameras}
+        return {c: report.blind.get(c, "") for c in self._cameras}
 
     def diagnostics(self, now_ns: int) -> list[Diagnostic]:
         """What keeps the vehicle from braking."""
         vehicle = self._vehicle()
         if vehicle is None:
             return []
-        facts, told = self._facts(vehicle), self.told
+        facts, report = self._facts(vehicle), self.report
         advised = advice(facts, self._avoid) + delay_advice(facts, self.latency())
         texts = [
             (DiagnosticCode.OBSTACLES_NOT_ACCEPTED, self._echo_trouble(vehicle, now_ns)),
-            (DiagnosticCode.AVOIDANCE_FAULT, told.fault if told is not None else ""),
+            (DiagnosticCode.AVOIDANCE_FAULT, report.fault if report is not None else ""),
             *((DiagnosticCode.PARAMETER_ADVICE, text) for text in advised),
             *((DiagnosticCode.PARAMETER_CONTRADICTION, text) for text in self.parameters.contradictions(now_ns)),
             (DiagnosticCode.FLIGHT_MODE_UNPROTECTED, self._mode_text(vehicle)),
         ]
-        if told is not None and told.policy == "stop" and "AVOID_MARGIN" in facts.silent:
+        if report is not None and report.policy == "stop" and "AVOID_MARGIN" in facts.silent:
             margin_m = self._parameter(vehicle, "AVOID_MARGIN") or self._avoid.avoid_margin_m
             text = (
                 f"AVOID_MARGIN was not read: the artificial wall is placed for {margin_m:g} m; set [avoid] avoid_margin_m to the "
                 "autopilot's value"
             )
             texts.append((DiagnosticCode.AVOID_MARGIN_UNKNOWN, text))
-        if told is not None and told.policy == "brake" and self.parameters.value("CP_DIST") is None:
+        if report is not None and report.policy == "brake" and self.parameters.value("CP_DIST") is None:
             cp_dist_m = self._parameter(vehicle, "CP_DIST")
             if cp_dist_m is not None:
                 text = f"CP_DIST was not read yet: the artificial wall is placed for {cp_dist_m:g} m of the last start"
@@ -235,9 +237,9 @@ class Avoidance:
             return next(iter(self._latencies.percentiles()), None)
 
     @property
-    def told(self) -> Told | None:
+    def report(self) -> ObstacleReport | None:
         """The newest decision."""
-        return self.sender.told
+        return self.sender.report
 
     def hung(self, limit_ns: int) -> bool:
         """Whether the sender has not completed a cycle for so long, or has ended."""
@@ -265,11 +267,11 @@ class Avoidance:
         return self._last.of(vehicle.autopilot, vehicle.system_id).parameters.get(name) if read is None else read
 
     def _send(self, message: Any) -> None:
-        told = self.sender.told  # may go out as many messages
-        if told is not None and told.values is not None and told is not self._counted:
-            self._counted = told
-            self._echo.sent(told.values, clear_cm(self._avoid), told.t_ns)
-            seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in told.blind]
+        report = self.sender.report  # may go out as many messages
+        if report is not None and report.values is not None and report is not self._counted:
+            self._counted = report
+            self._echo.sent(report.values, clear_cm(self._avoid), report.t_ns)
+            seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in report.blind]
             if seeing:
                 with self._lock:
                     self._latencies.add(LatencyStage.EXPOSURE_TO_AUTOPILOT, time.monotonic_ns() - min(seeing))
@@ -283,7 +285,7 @@ def avoidance_of(
     link: MavlinkLink,
     last: LastValuesFile,
 ) -> Avoidance:
-    """What tells the autopilot of this line of obstacles. last: what was read from it before this start."""
+    """The part of the service that sends obstacles to the autopilot of this link. last: values read before this start."""
 
     def heard() -> Vehicle | None:
         return session.vehicle if session.heard(time.monotonic_ns()) else None

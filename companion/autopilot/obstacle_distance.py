@@ -42,7 +42,7 @@ def clear_cm(avoid: AvoidParams) -> int:
     return limits_cm(avoid)[1] + 1
 
 
-def always_told_cm(avoid: AvoidParams) -> int:
+def always_sent_cm(avoid: AvoidParams) -> int:
     """From the hull: an obstacle no farther than this is sent whether the way to it was seen free or not. Nearer than near_m
     no sector has to be seen free."""
     return round(100 * max(0.0, avoid.near_m - avoid.radius_m))
@@ -85,7 +85,7 @@ def for_reader(
     unknown; None: only a near one."""
     clear = clear_cm(avoid)
     if autopilot != ARDUPILOT:
-        near = always_told_cm(avoid) if reach_cm is None else reach_cm
+        near = always_sent_cm(avoid) if reach_cm is None else reach_cm
         values = for_coarse_bins(values, clear, near if autopilot == PX4 else clear)
     return values if autopilot == PX4 else for_front_face(values, clear)
 

@@ -34,10 +34,10 @@ NO_POINTS = np.zeros((0, 3))
 
 
 def level_points(values: NDArray[np.uint16], avoid: AvoidParams) -> NDArray[np.float64]:
-    """(N, 3) metres, one point for each sector that is told as an obstacle. values: (72,) cm of OBSTACLE_DISTANCE."""
-    told = values < clear_cm(avoid)
-    distance_m, azimuth = values[told] / 100.0, centres_rad()[told]
-    return np.column_stack([distance_m * np.cos(azimuth), distance_m * np.sin(azimuth), np.zeros(told.sum())])
+    """(N, 3) metres, one point for each sector that holds an obstacle. values: (72,) cm of OBSTACLE_DISTANCE."""
+    occupied = values < clear_cm(avoid)
+    distance_m, azimuth = values[occupied] / 100.0, centres_rad()[occupied]
+    return np.column_stack([distance_m * np.cos(azimuth), distance_m * np.sin(azimuth), np.zeros(occupied.sum())])
 
 
 def other_points(views: Sequence[View], avoid: AvoidParams) -> NDArray[np.float64]:

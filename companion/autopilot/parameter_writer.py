@@ -112,7 +112,7 @@ class ParameterWriter:
         self._config, self._patience_s = config, patience_s
         self._reader, self._version = ParameterReader(), VersionReader()
         self._lock = threading.Lock()
-        self._told: dict[str, tuple[float, int]] = {}
+        self._received: dict[str, tuple[float, int]] = {}
         self._armed_ns: int | None = None
         self._signing = signing_of(config.autopilot, folders().state)
         session = MavlinkSession(params_of(config), on_message=self._take, signing=self._signing)
@@ -158,16 +158,16 @@ class ParameterWriter:
         for _ in range(TRIES):
             _, system = self._writable()
             with self._lock:
-                kind_of_number = self._told[change.name][1]
+                kind_of_number = self._received[change.name][1]
             self._link.post(self._set(change, kind_of_number, system))
             time.sleep(0.2)
             with self._lock:
-                del self._told[change.name]  # what counts is what it tells when it is asked again
+                del self._received[change.name]  # the answer to the next request decides
             name = change.name.encode()
             self._link.post(dialect.MAVLink_param_request_read_message(system, MAV_COMP_ID_AUTOPILOT1, name, -1))
             answer = self._answer(change.name)
             with self._lock:
-                self._told.setdefault(change.name, (change.now, kind_of_number))
+                self._received.setdefault(change.name, (change.now, kind_of_number))
             if answer is not None and abs(answer - change.to) < 1e-4:
                 return ""
             value = change.now if answer is None else answer
@@ -177,8 +177,8 @@ class ParameterWriter:
         end_s = time.monotonic() + ANSWER_S
         while time.monotonic() < end_s:
             with self._lock:
-                if name in self._told:
-                    return self._told[name][0]
+                if name in self._received:
+                    return self._received[name][0]
             time.sleep(0.02)
         return None
 
@@ -198,7 +198,7 @@ class ParameterWriter:
         if message.get_type() == "PARAM_VALUE":
             with self._lock:
                 value = value_of(message, self._reader.kind)
-                self._told[str(message.param_id)] = (value, int(message.param_type))
+                self._received[str(message.param_id)] = (value, int(message.param_type))
 
     def _writable(self) -> tuple[str, int]:
         """The autopilot's kind and system id. Raises ValueError where nothing may be written to it."""

@@ -131,7 +131,7 @@ def seen_free(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(free_m, seen), each (72,): how far along each sector it was seen free, and whether that reaches as far as it must,
     for a share `clear_share` of the sector's rays and of the height of the band: to the plane, or to the farthest distance
-    told where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
+    that is sent, where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
 
     Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
     view calls it free; rays start at the vehicle, views at their cameras. Sectors of which the views themselves see

@@ -60,7 +60,7 @@ RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Told:
+class ObstacleReport:
     """The newest decision. values: (72,) cm that were sent, None: silence. blind: why each blind camera is, in words.
 
     policy: name of the failsafe policy. fault: error of the computation, in words; empty: none.
@@ -77,7 +77,7 @@ class Told:
     down_m: float | None = None
 
 
-class ObstacleTeller:
+class ObstacleReportBuilder:
     """What to send at an instant, without thread, clock or link. All methods may be called from different threads."""
 
     def __init__(
@@ -141,7 +141,7 @@ class ObstacleTeller:
         with self._lock:
             self._ended = cause
 
-    def decide(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+    def decide(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         """What to send now."""
         with self._lock:
             try:
@@ -150,9 +150,9 @@ class ObstacleTeller:
                 fault = f"the distances around the vehicle cannot be computed: {type(error).__name__}: {error}"
             causes = dict.fromkeys(self._cameras, "its result cannot be computed with")
             self._recovery.blind(causes)
-            return self._told(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
+            return self._report(autopilot, now_ns, causes, scan([], self._avoid), nothing_remembered(), fault)
 
-    def _decided(self, autopilot: AutopilotNow, now_ns: int) -> Told:
+    def _decided(self, autopilot: AutopilotNow, now_ns: int) -> ObstacleReport:
         while self._moved:
             sample = self._moved.popleft()
             if isinstance(sample, AttitudeSample):
@@ -181,8 +181,8 @@ class ObstacleTeller:
             found = self._scan(causes, views, recall, here, now_ns)
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
-        told = self._told(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
-        return self._with_heights(told, dict(zip(seeing, views, strict=False)), here, now_ns)
+        report = self._report(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
+        return self._with_heights(report, dict(zip(seeing, views, strict=False)), here, now_ns)
 
     def _scan(
         self, causes: dict[str, str], views: list[View], recall: Recall | None, here: Here, now_ns: int
@@ -200,9 +200,11 @@ class ObstacleTeller:
         found = scan(views, self._avoid, recall)
         return self._seen.take(found, SectorSight(exposed_ns, blind, here.heading_rad, speed_m_s, now_ns))
 
-    def _with_heights(self, told: Told, views: dict[str, View], here: Here | None, now_ns: int) -> Told:
+    def _with_heights(
+        self, report: ObstacleReport, views: dict[str, View], here: Here | None, now_ns: int
+    ) -> ObstacleReport:
         """Adds the obstacles above and below, where that is switched on. views: of the seeing cameras."""
-        avoid, points_m, up_m, down_m = self._avoid, told.points_m, None, None
+        avoid, points_m, up_m, down_m = self._avoid, report.points_m, None, None
         if avoid.points:
             points_m = other_points(list(views.values()), avoid)
         if avoid.upward and here is not None:
@@ -213,9 +215,9 @@ class ObstacleTeller:
             up_m = self._overhead.upward_m(here, now_ns)
         if avoid.downward:
             down_m = downward_m(list(views.values()))
-        return replace(told, points_m=points_m, up_m=up_m, down_m=down_m)
+        return replace(report, points_m=points_m, up_m=up_m, down_m=down_m)
 
-    def _told(
+    def _report(
         self,
         autopilot: AutopilotNow,
         now_ns: int,
@@ -224,7 +226,7 @@ class ObstacleTeller:
         recalled: Remembered,
         fault: str = "",
         low: bool = True,
-    ) -> Told:
+    ) -> ObstacleReport:
         """low: no camera sees the ground farther below than it is when the vehicle stands on it."""
         blind, _ = covered([self._looks.get(c, EVERYWHERE) for c in self._cameras if causes[c]])
         seeing, whole = covered([self._looks[c] for c in self._cameras if not causes[c]])
@@ -236,7 +238,7 @@ class ObstacleTeller:
         values = self._policy.values(sight, policy, now_ns)
         if values is not None:
             values = for_reader(values, self._avoid, autopilot.kind, braking_reach_cm(sight, self._avoid))
-        return Told(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
+        return ObstacleReport(now_ns, values, {c: why for c, why in causes.items() if why}, policy.name, fault)
 
     def _cause(self, camera: str, here: Here | None, now_ns: int) -> str:
         """Why a camera is blind at this instant; empty: it is not."""

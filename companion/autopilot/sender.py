@@ -1,4 +1,4 @@
-"""Sends what an `ObstacleTeller` decides to the autopilot, in a thread of its own."""
+"""Sends what an `ObstacleReportBuilder` decides to the autopilot, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -16,38 +16,42 @@ from .distance_sensor import DOWNWARD, UPWARD, distance_sensor_message
 from .failsafe import AutopilotNow
 from .obstacle_distance import ARDUPILOT, obstacle_distance_message
 from .obstacle_distance_3d import level_points, obstacle_points_messages
-from .publisher import ObstacleTeller, Told
+from .publisher import ObstacleReport, ObstacleReportBuilder
 
 NS = 1_000_000_000
 
 
-def messages_of(told: Told, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
+def messages_of(report: ObstacleReport, autopilot: str, avoid: AvoidParams, now_ns: int) -> list[Any]:
     """The messages of a decision: OBSTACLE_DISTANCE or, to ArduPilot where it is switched on, points; DISTANCE_SENSOR."""
-    if told.values is None:
+    if report.values is None:
         return []
     time_ms = now_ns // 1_000_000
     if avoid.points and autopilot == ARDUPILOT:
-        points_m = np.concatenate([level_points(told.values, avoid), told.points_m])
+        points_m = np.concatenate([level_points(report.values, avoid), report.points_m])
         out = obstacle_points_messages(points_m, time_ms, avoid)
     else:
-        out = [obstacle_distance_message(told.values, now_ns // 1000, avoid)]
-    for distance_m, orientation in ((told.up_m, UPWARD), (told.down_m, DOWNWARD)):
+        out = [obstacle_distance_message(report.values, now_ns // 1000, avoid)]
+    for distance_m, orientation in ((report.up_m, UPWARD), (report.down_m, DOWNWARD)):
         if distance_m is not None and distance_m < avoid.max_distance_m:
             out.append(distance_sensor_message(distance_m, orientation, time_ms, avoid))
     return out
 
 
 class ObstacleSender:
-    """Runs a teller in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
+    """Runs a builder in a thread of its own. ask: what is known of the autopilot; post: sends a message."""
 
     def __init__(
-        self, teller: ObstacleTeller, avoid: AvoidParams, ask: Callable[[], AutopilotNow], post: Callable[[Any], None]
+        self,
+        builder: ObstacleReportBuilder,
+        avoid: AvoidParams,
+        ask: Callable[[], AutopilotNow],
+        post: Callable[[Any], None],
     ) -> None:
-        self._teller, self._avoid, self._ask, self._post = teller, avoid, ask, post
+        self._builder, self._avoid, self._ask, self._post = builder, avoid, ask, post
         self._stop = threading.Event()
         self._thread = WatchedThread(self._run, "obstacles")
-        self._said_last = False
-        self.told: Told | None = None
+        self._sent_last = False
+        self.report: ObstacleReport | None = None
         self.sent = 0
         self.alive_ns = time.monotonic_ns()
 
@@ -60,9 +64,9 @@ class ObstacleSender:
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
-        if self._thread.failure and not self._said_last:
-            self._said_last = True
-            self._tell(time.monotonic_ns())
+        if self._thread.failure and not self._sent_last:
+            self._sent_last = True
+            self._send(time.monotonic_ns())
 
     @property
     def running(self) -> bool:
@@ -80,16 +84,16 @@ class ObstacleSender:
         while not self._stop.wait(max(0.0, (next_ns - time.monotonic_ns()) / NS)):
             now_ns = time.monotonic_ns()
             next_ns = max(next_ns + step_ns, now_ns)
-            self._tell(now_ns)
+            self._send(now_ns)
             self.alive_ns = time.monotonic_ns()
-        self._tell(time.monotonic_ns())  # the last message is decided after the stop, with its cause
+        self._send(time.monotonic_ns())  # the last message is decided after the stop, with its cause
 
-    def _tell(self, now_ns: int) -> None:
+    def _send(self, now_ns: int) -> None:
         autopilot = self._ask()
         if not autopilot.kind:  # the policy depends on the autopilot
             return
-        self.told = self._teller.decide(autopilot, now_ns)
-        messages = messages_of(self.told, autopilot.kind, self._avoid, now_ns)
+        self.report = self._builder.decide(autopilot, now_ns)
+        messages = messages_of(self.report, autopilot.kind, self._avoid, now_ns)
         for message in messages:
             self._post(message)
         self.sent += bool(messages)

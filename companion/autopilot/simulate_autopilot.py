@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
     ):
         link = _link(address, end)
         try:
-            _tell(args, flight, str(link or end.device) if isinstance(end, PtyEnd) else address)
+            _print_address(args, flight, str(link or end.device) if isinstance(end, PtyEnd) else address)
             stop.wait()
         finally:
             if link is not None:
@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(args: argparse.Namespace, flight: EndlessFlight, line: str) -> None:
+def _print_address(args: argparse.Namespace, flight: EndlessFlight, line: str) -> None:
     if args.json:
         print_json({"autopilot": args.kind, "flight": flight.plan.name, "line": line})
     else:

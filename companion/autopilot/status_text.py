@@ -18,7 +18,7 @@ class StatusTexts:
     """`due` with the state of each camera. A state that comes and goes within two seconds is sent once, as it ends."""
 
     def __init__(self) -> None:
-        self._told: dict[str, bool] = {}
+        self._sent: dict[str, bool] = {}
         self._noted: dict[str, str] = {}
         self._begun_ns: int | None = None
         self._last_ns: int | None = None
@@ -33,12 +33,12 @@ class StatusTexts:
             return None
         for camera, cause in blind.items():
             is_blind = bool(cause)
-            if camera not in self._told and (not is_blind or now_ns - self._begun_ns < OPENING_NS):
+            if camera not in self._sent and (not is_blind or now_ns - self._begun_ns < OPENING_NS):
                 if not is_blind:
-                    self._told[camera] = False
+                    self._sent[camera] = False
                 continue
-            if self._told.get(camera) != is_blind:
-                self._told[camera], self._last_ns = is_blind, now_ns
+            if self._sent.get(camera) != is_blind:
+                self._sent[camera], self._last_ns = is_blind, now_ns
                 text = f"OA: {camera} blind: {cause}" if is_blind else f"OA: {camera} recovered"
                 return dialect.MAVLink_statustext_message(CRITICAL if is_blind else INFO, shortened(text).encode())
         return self._note(notes or {}, now_ns)

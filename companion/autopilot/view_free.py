@@ -155,9 +155,9 @@ def ended_by_obstacle(
     """(N,) whether the profile's free range ends before each place because an obstacle was measured there, or the place
     belongs to the measured ground. x, y, z: (N,).
 
-    Where a free range begins and ends so, its pixels were measured: what may stand there is known, and told as a plane.
+    Where a free range begins and ends so, its pixels were measured: an obstacle there is known and is a plane of the model.
     Where none begins although an obstacle was measured, pixels are missing; unless no ring before that obstacle has its
-    whole layer in the image, in which case the profile cannot tell. share: (N,) of the range to the place, where the last
+    whole layer in the image, in which case the profile does not decide. share: (N,) of the range to the place, where the last
     such ring may lie; 1 is the place itself."""
     out = np.zeros(len(x), bool)
     if not view.model.valid:

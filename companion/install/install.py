@@ -155,7 +155,7 @@ def check_permissions(paths: InstallPaths) -> None:
 def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json: bool) -> None:
     """Prints the steps, then runs them. Raises InstallError and OSError; finished steps are not undone."""
     if as_json:
-        told = [{"step": s.words, "already": s.done} for s in steps]
+        listed = [{"step": s.words, "already": s.done} for s in steps]
     else:
         for step in steps:
             print_line(f"{'already' if step.done else 'would' if dry_run else 'will'}: {step.words}")
@@ -167,7 +167,7 @@ def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json
                 if not as_json:
                     print_line(f"done: {step.words}")
     if as_json:
-        print_json({"dry_run": dry_run, "steps": told})
+        print_json({"dry_run": dry_run, "steps": listed})
 
 
 def _warm_up(paths: InstallPaths) -> Any:

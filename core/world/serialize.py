@@ -2,7 +2,7 @@
 
 Coordinates are centimetres as integers, ends counted from the plane's middle; moments are float32 about it. Rounding makes
 no plane lower than it was. Parts of a file carry their length and a checksum, so that of a file cut or damaged anywhere the
-whole parts are read, and where it ends is told. Free space is not saved: what was free then is not known to be free now.
+whole parts are read, and the place where it ends is reported. Free space is not saved: what was free then is not known to be free now.
 """
 
 from __future__ import annotations

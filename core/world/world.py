@@ -1,7 +1,7 @@
 """The merged world: what all frames of a flight say together.
 
 Planes and free space in ned, as the autopilot's estimate has it. Where that estimate jumps, a new section begins; the one
-before is kept apart, for it cannot be told where it lies now. Without a position there is no such frame: then there is
+before is kept apart, because its place in the new frame is unknown. Without a position there is no such frame: then there is
 the newest frame and a short memory (osape_client/world/level_memory.py).
 """
 

@@ -62,7 +62,7 @@ def link_budget(
     signed: bool = False,
     obstacles: tuple[int, ...] = (OBSTACLES,),
 ) -> LinkBudget:
-    """The budget of a line. obstacles_hz: how often we tell of obstacles, 0: never; obstacles: the payloads of one time;
+    """The budget of a link. obstacles_hz: how often obstacles are sent, 0: never; obstacles: the payloads of one time;
     line: bytes a second."""
     around = FRAME + (SIGNATURE if signed else 0)
     attitude_bytes = ATTITUDE + around

@@ -54,7 +54,7 @@ class ConflictDetector:
 
     def kind(self, kind: str, now_ns: int) -> str:
         """What to call an autopilot whose heartbeat says `kind`: both names while heartbeats contradict each other, so that
-        it is told what is safe for either."""
+        it is sent what is safe for either."""
         if self._kind and kind != self._kind:
             self._contradiction_ns, self._contradicting = now_ns, " or ".join(sorted({kind, self._kind}))
         self._kind = kind

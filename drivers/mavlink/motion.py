@@ -36,8 +36,8 @@ BODY_FRAMES = frozenset({8, 12})
 class MotionDecoder:
     """Turns ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED and ODOMETRY into samples.
 
-    `counts`: messages that were refused, by cause. Of two kinds that tell the same the better one is taken: the
-    quaternion (no gimbal lock) and ODOMETRY (it tells when the estimate jumped)."""
+    `counts`: messages that were refused, by cause. Of two kinds with the same content the better one is used: the
+    quaternion (no gimbal lock) and ODOMETRY (it reports jumps of the estimate)."""
 
     def __init__(self, clock: ClockFilter) -> None:
         self._clock = clock

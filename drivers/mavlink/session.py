@@ -79,7 +79,7 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkStatus:
-    """What the health report tells of the link. Rates in Hz over two seconds; ages of None: never."""
+    """What the health report holds about the link. Rates in Hz over two seconds; ages of None: never."""
 
     vehicle: Vehicle | None
     clock: ClockEstimate
@@ -144,7 +144,7 @@ class MavlinkSession:
         self, chunks: list[Chunk], sources: Sequence[Source] | None = None
     ) -> list[AttitudeSample | PoseSample]:
         """The samples in what arrived, in its order. sources: who sent each chunk, None: one for all; half a message of one
-        must not swallow the whole ones of another. `last_chunk` then tells in which of the chunks the autopilot spoke last,
+        must not swallow the whole ones of another. `last_chunk` then states in which chunk the autopilot sent last,
         None: in none."""
         samples: list[AttitudeSample | PoseSample] = []
         self.last_chunk = None
@@ -342,7 +342,7 @@ class MavlinkSession:
         self._conflicts.sent(data)
         return data
 
-    # ---- what is told of it -------------------------------------------------------------------------------------
+    # ---- status -------------------------------------------------------------------------------------------------
 
     def budget(self, bytes_per_s: float | None) -> LinkBudget | None:
         """What is asked for and sent against what a line carries; None for a line without a bound."""
@@ -372,8 +372,8 @@ def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool 
     """What a conversation with these parameters needs of a line; None for a line without a bound."""
     if bytes_per_s is None:
         return None
-    told = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
-    told += (FACE,) * params.distance_sensors
+    payloads = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
+    payloads += (FACE,) * params.distance_sensors
     return link_budget(
-        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=told
+        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=payloads
     )

@@ -4,7 +4,7 @@ The library signs and checks too, with two faults that are kept out here. Its ti
 not the time: here each packet gets one of `SigningClock`. And it notes the timestamp of a packet before it looks at its
 signature, so that one forged packet with a far timestamp locks out all true ones: here the signature comes first.
 
-With a key only what is signed with it is believed. An autopilot that is not believed is still told that we are there:
+With a key only messages signed with it are accepted. An autopilot that is not accepted is still sent our heartbeat:
 it may have been off for long and hold an old time, and learns ours by our signed heartbeat.
 """
 
@@ -78,13 +78,13 @@ class Signing:
     def believes(self, message: Any, arrival_ns: int, vehicle: int = 0) -> bool:
         """Whether a message may count. Those that may not are counted. vehicle: the system id of ours; 0: any may be it."""
         if self._key is None and not _signed(message.get_msgbuf()):
-            return True  # and tells nobody anything who has no key
+            return True  # an unsigned heartbeat reveals nothing
         verdict = self._verdict(message)
         believed = self._key is None or verdict not in NOT_BELIEVED
         if not believed:
             self.counts[ANOMALIES[verdict]] += 1
         system = message.get_srcSystem()
-        # without a key only a heartbeat makes an autopilot known, and nobody can be told before
+        # without a key an autopilot is known by its heartbeat only; before it there is no receiver
         counts = verdict is not Verdict.UNCHECKED or message.get_msgId() == HEARTBEAT_ID
         if counts and message.get_srcComponent() == MAV_COMP_ID_AUTOPILOT1 and vehicle in (0, system):
             if verdict is Verdict.GOOD and not self._recent(verdict, arrival_ns):
@@ -122,7 +122,7 @@ class Signing:
         encoder.signing.timestamp = self._clock.next()
 
     def unbelieved_autopilot(self, now_ns: int) -> bool:
-        """Whether an autopilot speaks that is not believed: it is told that we are there, and nothing else."""
+        """Whether an autopilot sends that is not accepted: it is sent our heartbeat only."""
         return self._key is not None and any(self._recent(v, now_ns) for v in NOT_BELIEVED)
 
     # ---- what is said of it -----------------------------------------------------------------------------------------

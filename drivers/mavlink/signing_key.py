@@ -37,7 +37,7 @@ class SigningKey:
 
 def load_key(path: Path) -> SigningKey:
     """The key in a file: 64 hexadecimal digits, or 32 bytes. Raises DeviceNotFound and BadData, also for a file that
-    others can read; what is in it is never told."""
+    others can read; its content is never printed."""
     try:
         mode = path.stat().st_mode
         content = path.read_bytes()

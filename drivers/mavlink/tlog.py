@@ -25,7 +25,7 @@ _MARK = re.compile(b"[\xfd\xfe]")
 MAX_DRIFT = 200e-6
 """Crystals differ by up to about 75 ppm: a fitted drift beyond this is noise, and the drift is then taken as 0."""
 DRIFT_SPAN_MS = 30_000
-"""Over less than this a drift cannot be told from the 1 ms resolution of time_boot_ms."""
+"""Over less than this a drift cannot be distinguished from the 1 ms resolution of time_boot_ms."""
 TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
 STRANGE_US = 10_000_000
 """A record stamp this far from where the others of its boot put it is damaged: it has no checksum."""

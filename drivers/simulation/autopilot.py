@@ -87,7 +87,7 @@ class FirmwareProfile:
 class SimulatedAutopilot:
     """`receive` what the companion sent, `due` for what to send. Local instants are the companion's monotonic ns.
 
-    parameters: name -> value, told when asked for and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
+    parameters: name -> value, sent when requested and when set, but those in `stubborn` stay (PX4 puts whole numbers, here
     ints, into the float's bytes). received: the good messages that came, newest last; dropped: those whose signature was
     not taken; obstacles: what it makes of OBSTACLE_DISTANCE, which it sends back when asked for it; obstacle_times_ns: when
     each came; layers, heights: what it makes of points and of distances up and down. deaf: it takes none of them;
@@ -171,7 +171,7 @@ class SimulatedAutopilot:
                 self.heights.read(message, now_ns)
 
     def _layers_of(self, fence: ArduPilotReader) -> ArduPilotLayers:
-        """Those that tell this fence."""
+        """The layers of height of this fence."""
         self.layers = self.layers or ArduPilotLayers(fence)
         return self.layers
 
@@ -220,7 +220,7 @@ class SimulatedAutopilot:
         self._answer(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.parameters), index))
 
     def _set_parameter(self, message: Any) -> None:
-        """Takes a value and tells the parameter, as it then is."""
+        """Takes a value and sends the parameter with its new value."""
         name, value = message.param_id, float(message.param_value)
         if name not in self.parameters:
             return

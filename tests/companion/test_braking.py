@@ -10,7 +10,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
-from companion.autopilot.publisher import ObstacleTeller
+from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
@@ -74,8 +74,8 @@ class Flight:
     def __post_init__(self) -> None:
         extractor = Extractor(self.params)
         self.pipeline = Pipeline((CAMERA,), lambda info: extractor)
-        self.teller = ObstacleTeller(self.avoid, ("front",), 0.3)
-        self.teller.announce(CAMERA)
+        self.builder = ObstacleReportBuilder(self.avoid, ("front",), 0.3)
+        self.builder.announce(CAMERA)
         px4 = isinstance(self.reader, Px4Reader)
         self.autopilot = (
             AutopilotNow(kind="PX4", cp_dist_m=MARGIN_M) if px4 else AutopilotNow(kind="ArduPilot", margin_m=MARGIN_M)
@@ -93,11 +93,11 @@ class Flight:
             if self.x_m < self.silent_at_m:
                 for sample in samples:
                     self.pipeline.handle(sample)
-                self.teller.samples(samples)
+                self.builder.samples(samples)
             if step % 5 == 0:
                 if self.x_m < self.dies_at_m:
                     self._see(step // 5, position)
-                told = self.teller.decide(self.autopilot, self.now_ns)
+                told = self.builder.decide(self.autopilot, self.now_ns)
                 if told.values is not None:
                     self.reader.read(obstacle_distance_message(told.values, 0, self.avoid), self.now_ns)
             self._move(0.02)
@@ -117,7 +117,7 @@ class Flight:
         )
         for output in self.pipeline.handle(frame):
             if isinstance(output, PrismsResult):
-                self.teller.result(output)
+                self.builder.result(output)
 
     def _move(self, dt_s: float) -> None:
         self.speed_m_s = speed_after(self.reader, self.speed_m_s, self.now_ns, dt_s)

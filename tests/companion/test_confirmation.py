@@ -11,7 +11,7 @@ from benchmarks.autopilot.phantoms import hover
 from companion.autopilot.confirmation import SectorSight, SeenSectors
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
-from companion.autopilot.publisher import ObstacleTeller
+from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.types import AttitudeSample, FrameModel
 
@@ -216,9 +216,9 @@ class TwoCameras:
         self.sees = {name: Sees(CLEAR) for name in ("a", "b")}
         self.infos = tuple(replace(CAMERA, camera=name) for name in self.sees)
         self.pipeline = Pipeline(self.infos, lambda info: self.sees[info.camera])
-        self.teller = ObstacleTeller(AVOID, tuple(self.sees), 0.3)
+        self.builder = ObstacleReportBuilder(AVOID, tuple(self.sees), 0.3)
         for info in self.infos:
-            self.teller.announce(info)
+            self.builder.announce(info)
         self.now_ns, self.sequence = 10 * NS, 0
 
     def fly(self, frames: int, *found: FrameModel | None) -> None:
@@ -228,17 +228,17 @@ class TwoCameras:
             self.sequence += 1
             sample = AttitudeSample(self.now_ns, self.now_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
             self.pipeline.handle(sample)
-            self.teller.samples([sample])
+            self.builder.samples([sample])
             for (name, sees), shown in zip(self.sees.items(), found, strict=True):
                 sees.found = replace(CLEAR, valid=False) if shown is None else shown
                 image = replace(frame(self.sequence, self.now_ns, self.now_ns), camera=name)
                 for output in self.pipeline.handle(image):
                     if isinstance(output, PrismsResult):
-                        self.teller.result(output)
+                        self.builder.result(output)
             self.ahead()
 
     def ahead(self) -> int:
-        values = self.teller.decide(PX4, self.now_ns).values
+        values = self.builder.decide(PX4, self.now_ns).values
         assert values is not None
         return int(values[0])
 

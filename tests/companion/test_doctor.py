@@ -196,11 +196,11 @@ def test_a_service_that_starts_is_waited_for_and_one_that_is_well_is_believed(
             while not over.wait(0.05):
                 publisher.publish(next(reports))
 
-        teller = threading.Thread(target=tell)
-        teller.start()
+        builder = threading.Thread(target=tell)
+        builder.start()
         assert main(["doctor", "-c", str(live.config), "--patience", str(PATIENCE_S)]) == 0
         over.set()
-        teller.join()
+        builder.join()
         publisher.close()
     said = capsys.readouterr().out
     assert "ok  service: running: OK" in said

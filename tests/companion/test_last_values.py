@@ -42,7 +42,7 @@ def told_margin(part: Avoidance, value: float) -> None:
 
 def nearest_wall_m(part: Avoidance) -> float:
     """Of the very first decision."""
-    told = part._teller.decide(part._autopilot(), 10 * NS)
+    told = part._builder.decide(part._autopilot(), 10 * NS)
     assert told.values is not None
     return float(told.values.min()) / 100.0
 
@@ -145,8 +145,8 @@ def test_a_kept_cp_dist_is_used_and_reported_until_it_is_read(tmp_path: Path) ->
     (tmp_path / NAME).write_bytes(GOOD)
     part = avoidance(tmp_path, kind="PX4")
     part.tick(NS)
-    part.sender.told = part._teller.decide(part._autopilot(), NS)
-    assert part.sender.told.policy == "brake"
+    part.sender.report = part._builder.decide(part._autopilot(), NS)
+    assert part.sender.report.policy == "brake"
     assert [d.text for d in part.diagnostics(NS) if "CP_DIST" in d.text and "last start" in d.text]
     for k in range(20):
         part.parameters.take(dialect.MAVLink_param_value_message(b"CP_DIST", 3.0, 9, 1, 0), NS + k * NS // 10)

@@ -11,7 +11,7 @@ import pytest
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.polar_histogram import Look, SectorState, looked_into, scan
-from companion.autopilot.publisher import ObstacleTeller
+from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.cameras.masks import apply_mask, configured_mask, polygons, unmeasured_mask
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
@@ -38,7 +38,7 @@ def section(masks: str = "", **more: object) -> CameraConfig:
 
 def flown(
     masks: str = "", unmatched_left_px: int | None = None, arm: bool = True
-) -> tuple[ObstacleTeller, PrismsResult, int]:
+) -> tuple[ObstacleReportBuilder, PrismsResult, int]:
     """A second of frames of an open field with an arm of the vehicle 0.5 m away in the image."""
     b = SceneBuilder("field")
     b.ground()
@@ -46,14 +46,14 @@ def flown(
     scene = b.build()
     camera = section(masks, unmatched_left_px=unmatched_left_px)
     pipeline = Pipeline((INFO,), lambda info: Extractor(), mask=lambda info: configured_mask(camera, info))
-    teller = ObstacleTeller(AVOID, ("front",), 0.3)
-    teller.announce(INFO, unmeasured_mask(camera, INFO))
+    builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
+    builder.announce(INFO, unmeasured_mask(camera, INFO))
     result, now_ns = None, 0
     for n in range(1, 11):
         now_ns = n * 100 * MS
         sample = AttitudeSample(now_ns, now_ns, quaternion_from_euler(0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         pipeline.handle(sample)
-        teller.samples([sample])
+        builder.samples([sample])
         sensor = SensorModel(ke_per_m=0.0015, sky_is_far=True)
         depth = render(scene, INFO, position_ned_m=(0.0, 0.0, -1.5), sensor=sensor, seed=3, frame=n).depth_mm.copy()
         if arm:
@@ -64,45 +64,45 @@ def flown(
         for output in pipeline.handle(frame):
             if isinstance(output, PrismsResult):
                 result = output
-                teller.result(output)
+                builder.result(output)
     assert result is not None
-    return teller, result, now_ns
+    return builder, result, now_ns
 
 
-def told(teller: ObstacleTeller, kind: str, now_ns: int) -> np.ndarray:
-    values = teller.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
+def told(builder: ObstacleReportBuilder, kind: str, now_ns: int) -> np.ndarray:
+    values = builder.decide(AutopilotNow(kind=kind, margin_m=2.0), now_ns).values
     assert values is not None
     return values
 
 
 def test_an_arm_is_an_obstacle_until_it_is_masked_and_then_unknown() -> None:
-    teller, _, now_ns = flown()
+    builder, _, now_ns = flown()
     left = [65, 66, 67]  # 35 to 25 degrees to the left
-    assert (told(teller, "PX4", now_ns)[left] < 100).any()
-    teller, result, now_ns = flown(ARM)
-    values = told(teller, "PX4", now_ns)
+    assert (told(builder, "PX4", now_ns)[left] < 100).any()
+    builder, result, now_ns = flown(ARM)
+    values = told(builder, "PX4", now_ns)
     assert (values >= 1001).all()  # no obstacle anywhere
     assert (values[left] == UNKNOWN).all()  # but nothing is clear behind the arm
     assert (values[0:4] == 1001).all()
-    view = teller._view(result, teller._last_here)
+    view = builder._view(result, builder._last_here)
     assert scan([view], AVOID).state[66] == SectorState.UNSEEN
 
 
 def test_behind_a_mask_no_wall_stands_for_ever_and_in_a_blind_view_it_does() -> None:
     """Of the masked sectors nobody would ever say that they are clear: they count as looked into by nobody. When the camera
     is blind, what is seen of them below the arm is gone too."""
-    teller, _, now_ns = flown(ARM)
-    values = told(teller, "ArduPilot", now_ns)
+    builder, _, now_ns = flown(ARM)
+    values = told(builder, "ArduPilot", now_ns)
     assert (values[65:68] == UNKNOWN).all()
     assert (values[0:6] == 1001).all()
-    late = told(teller, "ArduPilot", now_ns + 500 * MS)
+    late = told(builder, "ArduPilot", now_ns + 500 * MS)
     assert (late[65:68] == 212).all()
     assert (late[0:6] == 212).all()
 
 
 def test_unmatched_columns_stand_in_nobodys_way() -> None:
-    teller, _, now_ns = flown(unmatched_left_px=40, arm=False)
-    values = told(teller, "ArduPilot", now_ns)
+    builder, _, now_ns = flown(unmatched_left_px=40, arm=False)
+    values = told(builder, "ArduPilot", now_ns)
     assert (values[65:68] == UNKNOWN).all()
     assert (values[0:6] == 1001).all()
     walls, _, now_ns = flown(unmatched_left_px=None, arm=True)

@@ -14,7 +14,7 @@ import pytest
 
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_message
-from companion.autopilot.publisher import ObstacleTeller, Told
+from companion.autopilot.publisher import ObstacleReport, ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.config.avoidance import AvoidParams
 from companion.pipeline.pipeline import Pipeline, PrismsResult
@@ -49,13 +49,13 @@ class Sees:
 
 
 class Chain:
-    """Frames at 10 Hz and attitudes at 100 Hz through the pipeline to a teller, in time that the test makes."""
+    """Frames at 10 Hz and attitudes at 100 Hz through the pipeline to a builder, in time that the test makes."""
 
     def __init__(self, found: FrameModel, avoid: AvoidParams = AVOID) -> None:
         self.sees = Sees(found)
         self.pipeline = Pipeline((CAMERA,), lambda info: self.sees)
-        self.teller = ObstacleTeller(avoid, ("front",), 0.3)
-        self.teller.announce(CAMERA)
+        self.builder = ObstacleReportBuilder(avoid, ("front",), 0.3)
+        self.builder.announce(CAMERA)
         self.now_ns, self.sequence, self.yaw_rad = 10 * NS, 0, 0.0
         self.position: tuple[float, float, float] | None = None
         self.speed = (0.0, 0.0, 0.0)
@@ -74,15 +74,15 @@ class Chain:
                     samples.append(PoseSample(self.now_ns, self.now_ns, self.position, self.speed, 1))
                 for sample in samples:
                     self.pipeline.handle(sample)
-                self.teller.samples(samples)
+                self.builder.samples(samples)
             if frames and self.now_ns // (10 * MS) % 10 == 0:
                 self.sequence += 1
                 for output in self.pipeline.handle(frame(self.sequence, self.now_ns, self.now_ns)):
                     if isinstance(output, PrismsResult) and deliver:
-                        self.teller.result(output)
+                        self.builder.result(output)
 
-    def told(self, autopilot: AutopilotNow = PX4) -> Told:
-        return self.teller.decide(autopilot, self.now_ns)
+    def told(self, autopilot: AutopilotNow = PX4) -> ObstacleReport:
+        return self.builder.decide(autopilot, self.now_ns)
 
     def ahead(self, autopilot: AutopilotNow = PX4) -> int | None:
         values = self.told(autopilot).values
@@ -141,8 +141,8 @@ def test_blind_is_on_the_wire_by_0_4_s_for_both_autopilots(fault: str, found: Fr
 def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps_are_new() -> None:
     chain = Chain(CLEAR)
     frozen = {"front": ""}
-    chain.teller = ObstacleTeller(AVOID, ("front",), 0.3, lambda camera: frozen[camera])
-    chain.teller.announce(CAMERA)
+    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3, lambda camera: frozen[camera])
+    chain.builder.announce(CAMERA)
     chain.fly(1.0)
     assert chain.ahead(PX4) == 1201
     frozen["front"] = "frozen: the same image 5 times in a row"
@@ -160,11 +160,11 @@ def test_the_last_word_of_one_that_is_stopped_is_blind() -> None:
     chain = Chain(CLEAR)
     chain.now_ns = time.monotonic_ns() - NS
     posted: list[Any] = []
-    sender = ObstacleSender(chain.teller, AVOID, lambda: PX4, posted.append)
+    sender = ObstacleSender(chain.builder, AVOID, lambda: PX4, posted.append)
     chain.fly(1.0)
     sender.open()
     assert until(lambda: posted)
-    chain.teller.end("the service stops")
+    chain.builder.end("the service stops")
     sender.close()
     assert set(posted[-1].distances) == {UNKNOWN}
     assert not sender.running
@@ -231,15 +231,15 @@ def test_without_a_position_the_turn_alone_is_taken_into_account() -> None:
 
 
 def test_a_camera_that_was_never_described_may_look_anywhere() -> None:
-    teller = ObstacleTeller(AVOID, ("front",), 0.3)
-    values = teller.decide(ARDUPILOT, NS).values
+    builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
+    values = builder.decide(ARDUPILOT, NS).values
     assert values is not None
     assert (values == WALL).all()
 
 
 def test_frames_of_a_camera_that_was_never_described_make_nothing_clear() -> None:
     chain = Chain(CLEAR)
-    chain.teller = ObstacleTeller(AVOID, ("front",), 0.3)
+    chain.builder = ObstacleReportBuilder(AVOID, ("front",), 0.3)
     chain.fly(1.0)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
@@ -284,11 +284,11 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         found = replace(found, planes=planes)
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    good = chain.teller._newest["front"]
-    chain.teller.result(replace(good, model=found))  # none of ours, which the pipeline refuses
+    good = chain.builder._newest["front"]
+    chain.builder.result(replace(good, model=found))  # none of ours, which the pipeline refuses
     assert chain.ahead(PX4) == UNKNOWN
     assert "not finite" in chain.told().blind["front"]
-    chain.teller.result(good)
+    chain.builder.result(good)
     chain.sees.found = found
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -296,7 +296,7 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
         assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
     assert "not finite" in chain.told().blind["front"]
-    result = chain.teller._newest["front"]
+    result = chain.builder._newest["front"]
     assert not result.valid
     assert result.model is not None
     assert not (result.model.free.free_to_m > 0.0).any()
@@ -305,10 +305,10 @@ def test_planes_that_are_no_numbers_hide_nothing(place: int | str, value: float)
 def test_a_frame_stamped_in_the_future_ages_from_its_arrival() -> None:
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    pipeline_result = chain.teller._newest["front"]
+    pipeline_result = chain.builder._newest["front"]
     for k in range(3):
         late = chain.now_ns + 100 * MS * k
-        chain.teller.result(replace(pipeline_result, t_exposure_ns=late + 3600 * NS, t_arrival_ns=late))
+        chain.builder.result(replace(pipeline_result, t_exposure_ns=late + 3600 * NS, t_arrival_ns=late))
     chain.fly(0.6, frames=False)
     assert chain.ahead(PX4) == UNKNOWN
     assert chain.ahead(ARDUPILOT) == WALL
@@ -329,7 +329,7 @@ def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> 
     """Whatever goes wrong, both autopilots are told of blindness, and good frames end it."""
     chain = Chain(CLEAR)
     chain.fly(1.0)
-    chain.teller.result(replace(chain.teller._newest["front"], transform=None))
+    chain.builder.result(replace(chain.builder._newest["front"], transform=None))
     told = chain.told(PX4)
     assert "cannot be computed" in told.fault
     assert told.values is not None
@@ -344,11 +344,11 @@ def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> 
 
 def test_a_blind_camera_fills_only_what_it_alone_covers() -> None:
     right = replace(CAMERA, camera="right", mount=CameraMount(yaw_rad=math.radians(60.0)))
-    teller = ObstacleTeller(AVOID, ("front", "right"), 0.3)
+    builder = ObstacleReportBuilder(AVOID, ("front", "right"), 0.3)
     chain = Chain(CLEAR)
-    chain.teller = teller
-    teller.announce(CAMERA)
-    teller.announce(right)
+    chain.builder = builder
+    builder.announce(CAMERA)
+    builder.announce(right)
     chain.fly(1.0)
     values = chain.told(ARDUPILOT).values
     assert values is not None

@@ -137,7 +137,7 @@ def test_the_service_ends_with_the_cause_and_the_autopilot_receives_blindness(
     service = service_in(tmp_path)
     with served(service) as status:
         autopilot = Autopilot(service)
-        assert until(lambda: service.avoidance is not None and service.avoidance.told is not None)
+        assert until(lambda: service.avoidance is not None and service.avoidance.report is not None)
         inject(service)
         assert until(lambda: status == [1])
         assert name in caplog.text

@@ -3,7 +3,7 @@ simulated autopilot.
 
 Proximity: eight faces of 45 degrees, the nearest value of each counts; 0, 65535 and what lies outside of min..max is
 nothing there. Between two faces, 22.5 degrees beside their middles, stands a corner at the nearer one's distance; the
-fence of simple avoidance is the lines between neighbouring corners. So a wall told in one face comes nearer in its
+fence of simple avoidance is the lines between neighbouring corners. So a wall received in one face comes nearer in its
 middle (by the cosine of 22.5 degrees) and closes the faces beside it as a cup does; that of two faces closes the one
 between them. Each face is smoothed by a low pass, PRX_FILT, 0.25 Hz as delivered.
 """
@@ -61,12 +61,12 @@ class ArduPilotReader:
     ) -> None:
         self.one_pass, self.margin_m = one_pass, margin_m
         self.filter_hz, self.slides, self.backs_up = filter_hz, slides, backs_up
-        self._told_m: list[float] = [math.inf] * FACES
+        self._received_m: list[float] = [math.inf] * FACES
         self._smooth_m: list[float] = [math.inf] * FACES
         self._at_ns: list[int | None] = [None] * FACES
         self._newest_ns: int | None = None
 
-    # ---- what it was told ---------------------------------------------------------------------------------------------
+    # ---- received values ----------------------------------------------------------------------------------------------
 
     def read(self, message: Any, now_ns: int) -> None:
         """Takes a message; its frame is ignored."""
@@ -86,9 +86,9 @@ class ArduPilotReader:
         self.take_faces(faces, now_ns)
 
     def take_faces(self, faces_m: list[float], now_ns: int) -> None:
-        """The nearest of each face, as one message or scan told them; inf: nothing there."""
+        """The nearest of each face, as one message or scan reported them; inf: nothing there."""
         self._newest_ns = now_ns
-        self._told_m = faces_m
+        self._received_m = faces_m
         for face, told_m in enumerate(faces_m):
             if math.isfinite(told_m):
                 self._smooth_m[face] = self._smoothed(face, told_m, now_ns)
@@ -107,8 +107,8 @@ class ArduPilotReader:
         return self._newest_ns is not None and now_ns - self._newest_ns <= STALE_NS
 
     def faces_m(self, now_ns: int) -> list[float]:
-        """Distance of each face as it was told; inf: none, which to it is the same as clear."""
-        return list(self._told_m) if self.healthy(now_ns) else [math.inf] * FACES
+        """Distance of each face as received; inf: none, which to it is the same as clear."""
+        return list(self._received_m) if self.healthy(now_ns) else [math.inf] * FACES
 
     # ---- the fence ----------------------------------------------------------------------------------------------------
 
@@ -117,8 +117,8 @@ class ArduPilotReader:
         if not self.healthy(now_ns):
             return []
         d = [
-            smooth if math.isfinite(told) else math.inf
-            for smooth, told in zip(self._smooth_m, self._told_m, strict=True)
+            smooth if math.isfinite(received) else math.inf
+            for smooth, received in zip(self._smooth_m, self._received_m, strict=True)
         ]
         corners = [_corner(k, _corner_m(d, k)) for k in range(FACES)]
         lines = []

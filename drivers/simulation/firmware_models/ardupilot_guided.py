@@ -48,7 +48,7 @@ def sqrt_speed_m_s(distance_m: float, gain: float, acceleration: float) -> float
 
 @dataclass(slots=True)
 class GuidedVehicle:
-    """`target` as the companion or the ground station sends it, `step` at 400 Hz. distance_m: to the wall, as it is told."""
+    """`target` as the companion or the ground station sends it, `step` at 400 Hz. distance_m: to the wall, as received."""
 
     params: GuidedParams
     distance_m: float

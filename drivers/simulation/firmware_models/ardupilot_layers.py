@@ -64,7 +64,7 @@ class ArduPilotLayers:
 
 
 class ArduPilotHeights:
-    """The distances up and down that it was told; each counts for half a second, whatever was meant by its absence."""
+    """The distances up and down that were received; each counts for half a second, whatever was meant by its absence."""
 
     def __init__(self) -> None:
         self._told: dict[int, tuple[float, int]] = {}
@@ -78,7 +78,7 @@ class ArduPilotHeights:
         return self._fresh(UPWARD, now_ns)
 
     def down_m(self, now_ns: int) -> float | None:
-        """To the ground, as its rangefinder would tell."""
+        """To the ground, as its rangefinder would measure it."""
         return self._fresh(DOWNWARD, now_ns)
 
     def _fresh(self, orientation: int, now_ns: int) -> float | None:
