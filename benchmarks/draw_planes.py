@@ -240,6 +240,6 @@ def draw_free(figure: Any, frame: Rendered, calls: Calls, model: FrameModel) -> 
         ax.plot([ay, by], [ax_, bx], color="black", lw=1.3 if inside else 0.4)
     ax.legend(fontsize=7, loc="lower left")
     low, high = free.layer_edges_m[layer], free.layer_edges_m[layer + 1]
-    _above(ax, f"green: seen free {-high:+.0f}..{-low:+.0f} m about the camera's height; grey: unknown; black: planes")
+    _above(ax, f"green: seen free {-high:+.1f}..{-low:+.1f} m about the camera's height; grey: unknown; black: planes")
     ax.set_xlim(-13, 13)
     ax.set_ylim(0, 21)

@@ -162,7 +162,7 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         (Patch(facecolor=FREE_COLOR), f"free at camera height ({layer})" if layer else "no free profile"),
         (Patch(facecolor=tuple(0.35 * c + 0.65 for c in UNKNOWN_COLOR)), "unknown"),
         (Line2D([], [], color="#1565c0", linewidth=1.1, linestyle="-."), "field of view"),
-        (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacles are detected up to here"),
+        (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacle range"),
     ]
     if inferred(model.flags).any():
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))
