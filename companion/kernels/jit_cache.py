@@ -97,11 +97,17 @@ def seed(base: Path, folder: Path, root: Path) -> None:
 
 
 def import_closures(root: Path) -> dict[str, str]:
-    """Hash per module (`core.stages.level`): its own source, and the syntax trees without docstrings of all kernel
-    files it imports."""
-    files = {".".join(path.relative_to(root).with_suffix("").parts): path for path in _kernel_files(root)}
+    """Hash per module (`core.stages.level`): its own source, the syntax trees without docstrings of all kernel files it
+    imports, and the names of all named tuples. numba's index of a kernel refers to the classes of its arguments, which
+    other modules may define: it cannot be read when one of them was moved or removed."""
+    files = {_module_name(path.relative_to(root)): path for path in _kernel_files(root)}
     trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
-    imports = {name: _imported(tree, name, files.keys()) - _NOT_IN_KERNELS for name, tree in trees.items()}
+    packages = {name for name, path in files.items() if path.stem == "__init__"}
+    imports = {
+        name: _imported(tree, name if name in packages else name.rpartition(".")[0], files.keys()) - _NOT_IN_KERNELS
+        for name, tree in trees.items()
+    }
+    tuples = sorted(f"{name}.{c}" for name, tree in trees.items() for c in _named_tuples(tree))
     dumped = {name: ast.dump(tree) for name, tree in trees.items()}
     version = metadata.version("numba")
     closures = {}
@@ -111,7 +117,9 @@ def import_closures(root: Path) -> dict[str, str]:
             new = imports[todo.pop()] - reached
             reached |= new
             todo += new
-        text = "\n".join([version, files[name].read_text(), *(dumped[other] for other in sorted(reached - {name}))])
+        text = "\n".join(
+            [version, *tuples, files[name].read_text(), *(dumped[other] for other in sorted(reached - {name}))]
+        )
         closures[name] = hashlib.sha256(text.encode()).hexdigest()[:16]
     return closures
 
@@ -128,9 +136,20 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
     return tree
 
 
-def _imported(tree: ast.Module, name: str, known: Collection[str]) -> set[str]:
-    """The known modules that a module imports, by any form of import."""
-    parents, found = name.split(".")[:-1], set()
+def _named_tuples(tree: ast.Module) -> list[str]:
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    return [c.name for c in classes if any(isinstance(b, ast.Name) and b.id == "NamedTuple" for b in c.bases)]
+
+
+def _module_name(path: Path) -> str:
+    """`core.stages.level`; of `core/types/__init__.py` the package, `core.types`."""
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _imported(tree: ast.Module, package: str, known: Collection[str]) -> set[str]:
+    """The known modules that a module of a package imports, by any form of import."""
+    parents, found = package.split("."), set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}

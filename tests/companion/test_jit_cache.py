@@ -135,6 +135,45 @@ def test_modules_of_the_same_name_in_two_packages_are_distinguished(tmp_path: Pa
     assert python(run, cache) == "31"
 
 
+MAKER = """
+from typing import Any, NamedTuple
+
+class Pair(NamedTuple):
+    a: Any
+    b: Any
+"""
+SUM = """
+from numba import njit
+
+@njit(cache=True)
+def total(pair):
+    return pair.a + pair.b
+"""
+
+
+def test_kernels_whose_arguments_are_of_a_class_that_moved_are_compiled_again(tmp_path: Path) -> None:
+    """numba's index of a kernel names the classes of its arguments; it cannot be read once one of them is elsewhere."""
+    root, cache = sources(tmp_path / "project", factor=2), tmp_path / "cache"
+    (root / "core" / "sum.py").write_text(SUM)
+    (root / "core" / "here.py").write_text(MAKER)
+    run = KEYED.format(root=str(root)) + f"import sys\nsys.path.insert(0, {str(root)!r})\nfrom core.sum import total\n"
+    assert python(run + "from core.here import Pair; print(total(Pair(1, 2)))", cache) == "3"
+    (root / "core" / "here.py").rename(root / "core" / "there.py")
+    assert python(run + "from core.there import Pair; print(total(Pair(1, 2)))", cache) == "3"
+
+
+def test_an_import_from_a_package_is_part_of_the_closure(tmp_path: Path) -> None:
+    root = sources(tmp_path / "project", factor=2)
+    (root / "core" / "types").mkdir()
+    (root / "core" / "types" / "__init__.py").write_text("from .inputs import FAR")
+    (root / "core" / "types" / "inputs.py").write_text("FAR = 1\n")
+    (root / "core" / "outer.py").write_text("from .types import FAR\n")
+    before = import_closures(root)
+    (root / "core" / "types" / "inputs.py").write_text("FAR = 2\n")
+    changed = {name for name, key in import_closures(root).items() if before[name] != key}
+    assert changed == {"core.types.inputs", "core.types", "core.outer"}
+
+
 def test_every_kernel_module_has_an_import_closure() -> None:
     closures = import_closures(jit_cache.ROOT)
     assert {"core.stages.free_space", "core.extractor", "drivers.simulation.ray_caster"} <= closures.keys()
