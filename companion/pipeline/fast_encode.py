@@ -6,20 +6,38 @@ same."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from core.jit import inner
-from core.stages.prism_table import NO_PRISMS, prism_table
-from core.types import FrameModel
+from core.jit import inner, record
+from core.stages.prism_table import NO_PRISMS, PrismTable, prism_table
+from core.types import FrameModel, FreeProfile
 
-# indices into `fields`: of the enclosing message, of planes, of a prism, of the free ranges
-(
-    PLANES, PRISMS, FREE,
-    CORNERS, PLANE_MARGIN, SUPPORT, FLAGS, PLANE_CLUSTER,
-    CLUSTER, TOP, BOTTOM, CLOSED, MARGIN, VERTICES, EDGES,
-    AZIMUTHS, LAYERS, FREE_FROM, FREE_TO, END,
-) = range(20)  # fmt: skip
+FIELD_NUMBERS = record(
+    ("planes", np.uint8),
+    ("prisms", np.uint8),
+    ("free", np.uint8),
+    ("plane_corners", np.uint8),
+    ("plane_margin", np.uint8),
+    ("plane_support", np.uint8),
+    ("plane_flags", np.uint8),
+    ("plane_cluster", np.uint8),
+    ("prism_cluster", np.uint8),
+    ("prism_top", np.uint8),
+    ("prism_bottom", np.uint8),
+    ("prism_closed", np.uint8),
+    ("prism_margin", np.uint8),
+    ("prism_vertices", np.uint8),
+    ("prism_planes", np.uint8),
+    ("free_azimuths", np.uint8),
+    ("free_layers", np.uint8),
+    ("free_from", np.uint8),
+    ("free_to", np.uint8),
+    ("free_end", np.uint8),
+)
+"""Field numbers, each 1 to 15: of the enclosing message, of planes, of a prism, of the free ranges."""
 _VARINT, _BYTES, _FLOAT = 0, 2, 5
 """Wire types: a field's key is 8 * number + wire type."""
 _HEAD_BYTES = 64
@@ -31,35 +49,76 @@ _MAX_VARINT_BYTES = 5
 """Largest size of an encoded 32-bit integer."""
 
 
+class PlaneArrays(NamedTuple):
+    """The planes of a FrameModel: the arrays of these names."""
+
+    planes: NDArray[np.float32]
+    margin_m: NDArray[np.float32]
+    support_px: NDArray[np.int32]
+    flags: NDArray[np.uint8]
+    cluster: NDArray[np.int32]
+
+
+class PrismArrays(NamedTuple):
+    """The arrays of a PrismTable."""
+
+    cluster: NDArray[np.int32]
+    heights_m: NDArray[np.float32]
+    closed: NDArray[np.bool_]
+    margin_m: NDArray[np.float32]
+    vertex_begin: NDArray[np.int32]
+    edge_begin: NDArray[np.int32]
+    vertices_m: NDArray[np.float32]
+    plane: NDArray[np.int32]
+
+
+class FreeArrays(NamedTuple):
+    """The arrays of a FreeProfile."""
+
+    azimuth_edges_rad: NDArray[np.float32]
+    layer_edges_m: NDArray[np.float32]
+    free_from_m: NDArray[np.float32]
+    free_to_m: NDArray[np.float32]
+    end: NDArray[np.uint8]
+
+
 def encode_model(fields: NDArray[np.uint8], model: FrameModel) -> bytes:
-    """Encodes planes, prisms and free ranges. fields: (20,) uint8, the field numbers by the indices above, each 1 to
-    15."""
+    """Encodes planes, prisms and free ranges. fields: (20,) uint8, the field numbers in the order of FIELD_NUMBERS."""
     table, free = prism_table(model.prisms) if len(model.prisms) else NO_PRISMS, model.free
     planes, ranges = len(model.planes), free.free_from_m.size
     floats = 7 * planes + len(free.azimuth_edges_rad) + len(free.layer_edges_m) + 2 * ranges
     prisms = _HEAD_BYTES * len(table) + 8 * len(table.vertices_m) + _MAX_VARINT_BYTES * len(table.plane)
     out = np.empty(4 * _HEAD_BYTES + 4 * floats + 3 * _MAX_VARINT_BYTES * planes + ranges + prisms, np.uint8)
-    size = write_model(
-        fields, model.planes, model.margin_m, model.support_px, model.flags, model.cluster, table.cluster, table.heights_m,
-        table.closed, table.margin_m, table.vertex_begin, table.edge_begin, table.vertices_m, table.plane,
-        free.azimuth_edges_rad, free.layer_edges_m, free.free_from_m, free.free_to_m, free.end, out,
-    )  # fmt: skip
+    size = write_model(fields.view(FIELD_NUMBERS), _plane_arrays(model), _prism_arrays(table), _free_arrays(free), out)
     return out[:size].tobytes()
 
 
-@inner
-def write_model(
-    fields, planes, plane_margin, support_px, flags, plane_cluster, cluster, heights, closed, margin, vertex_begin, edge_begin,
-    vertices, plane, azimuths, layers, free_from, free_to, end, out,
-):  # fmt: skip
-    """The kernel of `encode_model`: writes to `out` and returns the number of bytes."""
-    at = _write_planes(fields, planes, plane_margin, support_px, flags, plane_cluster, out)
-    at = _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out, at)
-    return _write_free(fields, azimuths, layers, free_from, free_to, end, out, at)
+def _plane_arrays(m: FrameModel) -> PlaneArrays:
+    return PlaneArrays(m.planes, m.margin_m, m.support_px, m.flags, m.cluster)
+
+
+def _prism_arrays(t: PrismTable) -> PrismArrays:
+    return PrismArrays(
+        t.cluster, t.heights_m, t.closed, t.margin_m, t.vertex_begin, t.edge_begin, t.vertices_m, t.plane
+    )
+
+
+def _free_arrays(f: FreeProfile) -> FreeArrays:
+    return FreeArrays(f.azimuth_edges_rad, f.layer_edges_m, f.free_from_m, f.free_to_m, f.end)
 
 
 @inner
-def _write_planes(fields, planes, margin, support_px, flags, cluster, out):
+def write_model(fields, planes, prisms, free, out):
+    """The kernel of `encode_model`: writes PlaneArrays, PrismArrays and FreeArrays to `out`, returns the number of bytes."""
+    numbers = fields[0]
+    at = _write_planes(numbers, planes, out)
+    at = _write_prisms(numbers, prisms, out, at)
+    return _write_free(numbers, free, out, at)
+
+
+@inner
+def _write_planes(numbers, arrays, out):
+    planes, support_px, flags, cluster = arrays.planes, arrays.support_px, arrays.flags, arrays.cluster
     n = planes.shape[0]
     sizes = (0, 0, 0)
     for k in range(n):
@@ -71,67 +130,71 @@ def _write_planes(fields, planes, margin, support_px, flags, cluster, out):
     inside = 5
     for size in (24 * n, 4 * n, sizes[0], sizes[1], sizes[2]):
         inside += _length(size) + size
-    at = _tag_and_length(out, 0, fields[PLANES], inside)
-    at = _tag_and_length(out, at, fields[CORNERS], 24 * n)
+    at = _tag_and_length(out, 0, numbers.planes, inside)
+    at = _tag_and_length(out, at, numbers.plane_corners, 24 * n)
     for k in range(n):
         at = _floats(out, at, planes[k])
-    at = _floats(out, _tag_and_length(out, at, fields[PLANE_MARGIN], 4 * n), margin)
-    at = _tag_and_length(out, at, fields[SUPPORT], sizes[0])
+    at = _floats(out, _tag_and_length(out, at, numbers.plane_margin, 4 * n), arrays.margin_m)
+    at = _tag_and_length(out, at, numbers.plane_support, sizes[0])
     for k in range(n):
         at = _varint(out, at, _unsigned(support_px[k]))
-    at = _tag_and_length(out, at, fields[FLAGS], sizes[1])
+    at = _tag_and_length(out, at, numbers.plane_flags, sizes[1])
     for k in range(n):
         at = _varint(out, at, _unsigned(flags[k]))
-    at = _tag_and_length(out, at, fields[PLANE_CLUSTER], sizes[2])
+    at = _tag_and_length(out, at, numbers.plane_cluster, sizes[2])
     for k in range(n):
         at = _varint(out, at, _unsigned(cluster[k]))
     return at
 
 
 @inner
-def _write_prisms(fields, cluster, heights, closed, margin, vertex_begin, edge_begin, vertices, plane, out, at):
+def _write_prisms(numbers, prisms, out, at):
+    cluster, heights, vertices, plane = prisms.cluster, prisms.heights_m, prisms.vertices_m, prisms.plane
+    vertex_begin, edge_begin = prisms.vertex_begin, prisms.edge_begin
     for k in range(cluster.shape[0]):
         packed = 0
         for e in range(edge_begin[k], edge_begin[k + 1]):
             packed += _length(_unsigned(plane[e]))
         corners = 8 * (vertex_begin[k + 1] - vertex_begin[k])
         inside = _FIXED + _length(_unsigned(cluster[k])) + _length(corners) + corners + _length(packed) + packed
-        at = _tag_and_length(out, at, fields[PRISMS], inside)
-        out[at] = 8 * fields[CLUSTER] + _VARINT
+        at = _tag_and_length(out, at, numbers.prisms, inside)
+        out[at] = 8 * numbers.prism_cluster + _VARINT
         at = _varint(out, at + 1, _unsigned(cluster[k]))
-        out[at] = 8 * fields[TOP] + _FLOAT
+        out[at] = 8 * numbers.prism_top + _FLOAT
         at = _float(out, at + 1, heights[k, 0])
-        out[at] = 8 * fields[BOTTOM] + _FLOAT
+        out[at] = 8 * numbers.prism_bottom + _FLOAT
         at = _float(out, at + 1, heights[k, 1])
-        out[at], out[at + 1] = 8 * fields[CLOSED] + _VARINT, closed[k]
-        out[at + 2] = 8 * fields[MARGIN] + _FLOAT
-        at = _float(out, at + 3, margin[k])
-        at = _tag_and_length(out, at, fields[VERTICES], corners)
+        out[at], out[at + 1] = 8 * numbers.prism_closed + _VARINT, prisms.closed[k]
+        out[at + 2] = 8 * numbers.prism_margin + _FLOAT
+        at = _float(out, at + 3, prisms.margin_m[k])
+        at = _tag_and_length(out, at, numbers.prism_vertices, corners)
         for v in range(vertex_begin[k], vertex_begin[k + 1]):
             at = _floats(out, at, vertices[v])
-        at = _tag_and_length(out, at, fields[EDGES], packed)
+        at = _tag_and_length(out, at, numbers.prism_planes, packed)
         for e in range(edge_begin[k], edge_begin[k + 1]):
             at = _varint(out, at, _unsigned(plane[e]))
     return at
 
 
 @inner
-def _write_free(fields, azimuths, layers, free_from, free_to, end, out, at):
+def _write_free(numbers, free, out, at):
+    azimuths, layers, end = free.azimuth_edges_rad, free.layer_edges_m, free.end
+    free_from, free_to = free.free_from_m, free.free_to_m
     count = end.shape[0] * end.shape[1]
     sizes = (4 * azimuths.shape[0], 4 * layers.shape[0], 4 * count, 4 * count, count)
     inside = 5
     for size in sizes:
         inside += _length(size) + size
-    at = _tag_and_length(out, at, fields[FREE], inside)
-    at = _floats(out, _tag_and_length(out, at, fields[AZIMUTHS], sizes[0]), azimuths)
-    at = _floats(out, _tag_and_length(out, at, fields[LAYERS], sizes[1]), layers)
-    at = _tag_and_length(out, at, fields[FREE_FROM], sizes[2])
+    at = _tag_and_length(out, at, numbers.free, inside)
+    at = _floats(out, _tag_and_length(out, at, numbers.free_azimuths, sizes[0]), azimuths)
+    at = _floats(out, _tag_and_length(out, at, numbers.free_layers, sizes[1]), layers)
+    at = _tag_and_length(out, at, numbers.free_from, sizes[2])
     for d in range(free_from.shape[0]):
         at = _floats(out, at, free_from[d])
-    at = _tag_and_length(out, at, fields[FREE_TO], sizes[3])
+    at = _tag_and_length(out, at, numbers.free_to, sizes[3])
     for d in range(free_to.shape[0]):
         at = _floats(out, at, free_to[d])
-    at = _tag_and_length(out, at, fields[END], sizes[4])
+    at = _tag_and_length(out, at, numbers.free_end, sizes[4])
     for d in range(end.shape[0]):
         for layer in range(end.shape[1]):
             out[at] = end[d, layer]

@@ -166,11 +166,8 @@ def join_planes(count, room, planes, parent, rules, settings, evidence, openings
             if apart(planes[i], planes[j], rules.gap_m):
                 continue
             version = age[i] + age[j]
-            if known != version and known != -2 - version:
-                slot = (i * 7919 + j) % scored.shape[0]
-                if scored[slot, 0] == i and scored[slot, 1] == j and scored[slot, 2] == version:
-                    continue  # the same two have been scored as they are: refused, or waiting already
-                scored[slot, 0], scored[slot, 1], scored[slot, 2] = i, j, version
+            if known != version and known != -2 - version and was_scored(scored, i, j, version):
+                continue
             now, a, b = pair_cost(of_piece(traits, i), of_piece(traits, j), rules)
             if known != version:
                 known = -2 - version
@@ -190,6 +187,18 @@ def join_planes(count, room, planes, parent, rules, settings, evidence, openings
             joined += 1
         if joined == before:
             break
+
+
+@inner_inline
+def was_scored(scored, i, j, version):
+    """Whether planes i and j have been scored at this version: they were refused, or wait in the queue. Notes them if not.
+
+    scored: (_SLOTS, 3) int64, the pairs scored last."""
+    slot = (i * 7919 + j) % scored.shape[0]
+    if scored[slot, 0] == i and scored[slot, 1] == j and scored[slot, 2] == version:
+        return True
+    scored[slot, 0], scored[slot, 1], scored[slot, 2] = i, j, version
+    return False
 
 
 @inner

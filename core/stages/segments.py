@@ -142,7 +142,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
     count, size = 0, 0
     front_track, front_strip, front_top = front.track, front.strip, front.top_row
     front_bottom, front_cluster, touches, near = front.bottom_row, front.cluster, front.touches, front.near
-    masks, f, rough_m = openings.masks, view.f_px, settings.roughness_m
+    f, rough_m = view.f_px, settings.roughness_m
     prior = 1.0 / (settings.link_slope_px * settings.link_slope_px)
     rough_prior = 1.0 / (settings.rough_slope_px * settings.rough_slope_px)
     for u in range(view.cols):
@@ -155,17 +155,7 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
             d = strip.disparity_px
             t, s = (u - view.cu) / f * view.lateral[(top + bottom) // 2], d / f
             variance = strip_variance(d, strip.sigma_px, f, rough_m)
-            ends = StripEnds(
-                strip.top_m,
-                strip.bottom_m,
-                s,
-                strip.cut,
-                layer_of(1.0 / s, openings.steps_m),
-                cell_of(t, openings.across, openings.cu, masks.shape[1]),
-                cell_of(strip.top_m * s, openings.down, openings.cv, masks.shape[2]),
-                cell_of(strip.bottom_m * s, openings.down, openings.cv, masks.shape[2]),
-                settings.opening_edge_px / d,
-            )
+            ends = _ends_of(strip, t, s, settings.opening_edge_px / d, openings)
             # two steps without a branch, which the processor could not predict
             for m in range(size):
                 touches[m] = (top <= front_bottom[m]) & (front_top[m] <= bottom) & (front_cluster[m] == cluster)
@@ -195,12 +185,10 @@ def grow(strips, view, first_of_column, settings, openings, tracks, front):
             k = front_track[best]
             front_strip[best], front_top[best] = i, BEYOND
             strip.track = k
-            track = tracks[k]
-            track.last_t = t
+            _reach(tracks[k], t, ends)
             if strip.kind != SMOOTH:
-                track.prior = rough_prior
-            _reach(track, ends.top_m, ends.bottom_m, strip.cut)
-            _add_to_line(track, t, s, 1.0 / variance)
+                tracks[k].prior = rough_prior
+            _add_to_line(tracks[k], t, s, 1.0 / variance)
     return count
 
 
@@ -237,13 +225,31 @@ def _over_opening(ends, track, openings):
 
 
 @inner_inline
-def _reach(track, top_m, bottom_m, cut):
-    """Makes the heights of a track reach those of its new strip; an end cut by the image's border is a bound only."""
-    track.top_min_m, track.bottom_max_m = min(track.top_min_m, top_m), max(track.bottom_max_m, bottom_m)
-    if not cut & CUT_TOP:
-        track.top_max_m = max(track.top_max_m, top_m)
-    if not cut & CUT_BOTTOM:
-        track.bottom_min_m = min(track.bottom_min_m, bottom_m)
+def _ends_of(strip, t, s, edge_m, openings):
+    """StripEnds of a strip at tangent t with s = 1/x; edge_m: opening_edge_px at its distance."""
+    masks = openings.masks
+    return StripEnds(
+        strip.top_m,
+        strip.bottom_m,
+        s,
+        strip.cut,
+        layer_of(1.0 / s, openings.steps_m),
+        cell_of(t, openings.across, openings.cu, masks.shape[1]),
+        cell_of(strip.top_m * s, openings.down, openings.cv, masks.shape[2]),
+        cell_of(strip.bottom_m * s, openings.down, openings.cv, masks.shape[2]),
+        edge_m,
+    )
+
+
+@inner_inline
+def _reach(track, t, ends):
+    """Makes a track reach tangent t and the heights of its new strip; an end cut by the image's border is a bound only."""
+    track.last_t = t
+    track.top_min_m, track.bottom_max_m = min(track.top_min_m, ends.top_m), max(track.bottom_max_m, ends.bottom_m)
+    if not ends.cut & CUT_TOP:
+        track.top_max_m = max(track.top_max_m, ends.top_m)
+    if not ends.cut & CUT_BOTTOM:
+        track.bottom_min_m = min(track.bottom_min_m, ends.bottom_m)
 
 
 @inner

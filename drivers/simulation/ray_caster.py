@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -193,22 +193,27 @@ def _to_optical(kind: int, q: Floats, R: Floats, origin: Floats, out: Floats) ->
             out[6] = q[6]
 
 
+class _Solids(NamedTuple):
+    """Tables of `cast_rays`, with the half-spaces in optical."""
+
+    kinds: NDArray[np.int32]
+    rows: Floats
+    corners: Floats
+    halfspaces: Floats
+
+
+class _Pinhole(NamedTuple):
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
 @_kernel
-def _cast(
-    kinds: NDArray[np.int32],
-    rows: Floats,
-    corners: Floats,
-    halfspaces: Floats,
-    R: Floats,
-    origin: Floats,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    z: Floats,
-    which: NDArray[np.int32],
-) -> None:
+def _cast(solids: _Solids, camera: _Pinhole, R: Floats, origin: Floats, z: Floats, which: NDArray[np.int32]) -> None:
     """Nearest depth and index of the solid for each pixel, into z (H, W) float64 and which (H, W) int32."""
+    kinds, rows, corners, halfspaces = solids.kinds, solids.rows, solids.corners, solids.halfspaces
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     height, width = z.shape
     bounds, q, box = np.empty(4, np.int64), np.empty(ROW), np.empty((8, 3))
     for s in range(kinds.shape[0]):
@@ -271,5 +276,6 @@ def cast_rays(
     local = np.empty((len(halfspaces), 4))
     local[:, :3] = halfspaces[:, :3] @ R
     local[:, 3] = halfspaces[:, 3] - halfspaces[:, :3] @ origin
-    _cast(np.array(kinds), np.array(rows), np.array(corners), local, R, origin, k.fx, k.fy, k.cx, k.cy, z, which)
+    solids = _Solids(np.array(kinds), np.array(rows), np.array(corners), local)
+    _cast(solids, _Pinhole(k.fx, k.fy, k.cx, k.cy), R, origin, z, which)
     return z, which

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,13 +83,43 @@ def _dots(x: float, y: float, z: float, projector: Floats, footprint_m: float, d
     return projector[3] / (r * r) * max(0.0, 1.0 + 2.0 * value)
 
 
+class _Rays(NamedTuple):
+    """Hits of the rays of a view: depth z and solid `which` (H, W); k: fx, fy, cx, cy; R_ned_optical; origin in ned."""
+
+    z: Floats
+    which: NDArray[np.int32]
+    k: Floats
+    R_ned_optical: Floats
+    origin_m: Floats
+
+
+class _Solids(NamedTuple):
+    """Solids of a scene; material_of: (S,) row of `materials`."""
+
+    kinds: NDArray[np.int32]
+    rows: Floats
+    halfspaces: Floats
+    material_of: NDArray[np.int32]
+    materials: Floats
+
+
+class _Lighting(NamedTuple):
+    """Rows of the sky, the projector and its dots; glare: whether it is rendered."""
+
+    sky: Floats
+    fog_per_m: float
+    seed: int
+    projector: Floats
+    dots: Floats
+    glare: bool
+
+
 @kernel
-def _shade(
-    z: Floats, which: NDArray[np.int32], k: Floats, R: Floats, origin: Floats, kinds: NDArray[np.int32], rows: Floats,
-    halfspaces: Floats, material_of: NDArray[np.int32], materials: Floats, sky: Floats, fog_per_m: float, seed: int,
-    projector: Floats, dots: Floats, glare: bool, out: NDArray[np.float32],
-) -> None:  # fmt: skip
-    """Brightness of each ray -> out (H, W). k: fx, fy, cx, cy; R = R_ned_optical; material_of: (S,) row of `materials`."""
+def _shade(rays: _Rays, solids: _Solids, light: _Lighting, out: NDArray[np.float32]) -> None:
+    """Brightness of each ray -> out (H, W)."""
+    z, which, k, R, origin = rays.z, rays.which, rays.k, rays.R_ned_optical, rays.origin_m
+    kinds, rows, material_of, materials = solids.kinds, solids.rows, solids.material_of, solids.materials
+    sky, fog_per_m, seed, projector = light.sky, light.fog_per_m, light.seed, light.projector
     n = np.empty(3)
     pixel = 1.0 / k[0]
     fog = sky[0]
@@ -107,7 +138,7 @@ def _shade(
             else:
                 depth = z[v, u]
                 x, y, h = origin[0] + depth * dx, origin[1] + depth * dy, origin[2] + depth * dz
-                _normal(kinds[s], rows[s], halfspaces, x, y, h, n)
+                _normal(kinds[s], rows[s], solids.halfspaces, x, y, h, n)
                 facing = abs(n[0] * dx + n[1] * dy + n[2] * dz) / norm
                 # rows of both views see a slanted surface at the same places: the filter follows its finer side
                 footprint = depth * pixel / math.sqrt(max(facing, 0.25))
@@ -125,11 +156,11 @@ def _shade(
                     lit = abs(sky[6])
                 value = albedo * (sky[8] + (1.0 - sky[8]) * lit)
                 if projector[3] > 0.0:
-                    value += albedo * _dots(x, y, h, projector, footprint, dots)
+                    value += albedo * _dots(x, y, h, projector, footprint, light.dots)
                 if fog_per_m > 0.0:
                     clear = math.exp(-fog_per_m * depth * norm)
                     value = clear * value + (1.0 - clear) * fog
-            if glare:
+            if light.glare:
                 value += glare_radiance(dx / norm, dy / norm, dz / norm, sky)
             out[v, u] = value
 
@@ -171,9 +202,9 @@ def radiance(
         pitch = light.projector.pitch_rad
         dots = Material(albedo=1.0, contrast=0.6, coarse_m=pitch, fine_m=pitch).row()
     out = np.empty(z.shape, np.float32)
-    _shade(
-        z, which, np.array([k.fx, k.fy, k.cx, k.cy]), R, origin, np.array(s.kinds), np.array(s.rows),
-        np.array(s.halfspaces), np.ascontiguousarray(surfaces.material_of, np.int32), materials, light.sky.row(),
-        light.fog_per_m, light.seed, projector, dots, glare and light.sky.glare > 0.0, out,
-    )  # fmt: skip
+    rays = _Rays(z, which, np.array([k.fx, k.fy, k.cx, k.cy]), R, origin)
+    material_of = np.ascontiguousarray(surfaces.material_of, np.int32)
+    solids = _Solids(np.array(s.kinds), np.array(s.rows), np.array(s.halfspaces), material_of, materials)
+    glare = glare and light.sky.glare > 0.0
+    _shade(rays, solids, _Lighting(light.sky.row(), light.fog_per_m, light.seed, projector, dots, glare), out)
     return out, which
