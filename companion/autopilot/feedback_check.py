@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mavlink.ardupilot_faces import face_of
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 from .obstacle_distance import UNKNOWN
 from .parameter_advice import AutopilotFacts, position_mode_fault

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 from .parameter_advice import AutopilotFacts, position_mode_fault
 

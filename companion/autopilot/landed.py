@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 NS: Final = 1_000_000_000
 EXTENDED_SYS_STATE: Final = 245

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 from drivers.watched_thread import WatchedThread
 
 from .firmware_version import FirmwareVersion

@@ -11,7 +11,8 @@ from core.self_check.mount_check import MountVerdict
 from core.types import AttitudeSample, CameraInfo, PoseSample
 from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import LinkStatus, MavlinkSession, Vehicle
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 
 from ..cameras.masks import Mask
 from ..cameras.supervisor import CameraCondition, CameraSupervisor

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drivers.mavlink.session import MavlinkParams
+from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.signing import Signing
 from drivers.mavlink.signing_clock import SigningClock
 from drivers.mavlink.signing_key import load_key

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.logs import codec as wire
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.link import LinkState
-from drivers.mavlink.session import LinkStatus
+from drivers.mavlink.session_types import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.conflict_codes import conflict_diagnostics

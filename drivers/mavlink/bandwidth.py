@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from .session_types import MavlinkParams
+
 SLOW_BAUD = 230_400
 BITS_PER_BYTE = 10
 """8 bits, start and stop."""
@@ -74,4 +76,15 @@ def link_budget(
         line=line,
         attitude_hz=attitude_hz,
         attitude_bytes=attitude_bytes,
+    )
+
+
+def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
+    """What a conversation with these parameters needs of a line; None for a line without a bound."""
+    if bytes_per_s is None:
+        return None
+    payloads = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
+    payloads += (FACE,) * params.distance_sensors
+    return link_budget(
+        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=payloads
     )

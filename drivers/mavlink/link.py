@@ -18,7 +18,8 @@ from ..base import DriverError
 from ..watched_thread import WatchedThread
 from .anomalies import LinkAnomaly
 from .bandwidth import LinkBudget
-from .session import LinkStatus, MavlinkSession
+from .session import MavlinkSession
+from .session_types import LinkStatus
 from .transport import Address, Chunk, Transport, open_transport
 
 NS = 1_000_000_000

@@ -8,21 +8,20 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
-from core.param_field import check, number
 from core.types import AttitudeSample, PoseSample
 
 from .anomalies import LinkAnomaly
-from .bandwidth import FACE, OBSTACLES, POINT, LinkBudget, link_budget
-from .clock_sync import NS, ClockEstimate, ClockFilter, ClockParams, ClockSource
+from .bandwidth import LinkBudget, budget_of
+from .clock_sync import NS, ClockFilter, ClockParams, ClockSource
 from .conflicts import ConflictDetector
 from .dialect import MAV_AUTOPILOT_INVALID, MAV_COMP_ID_AUTOPILOT1, dialect
 from .motion import MOTION, MotionDecoder
 from .outbox import OBSTACLE_IDS, Outbox
 from .parser import MAVLINK1, Frame, MessageSplitter
-from .rates import RateMonitor, RateRequest
+from .rates import RateMonitor
+from .session_types import ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID, LinkStatus, MavlinkParams, Vehicle
 from .signing import Signing, for_the_log
 from .timesync import TimeSync
 from .transport import Chunk, Source
@@ -34,65 +33,9 @@ AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 SILENT_NS = 3 * NS
 """An autopilot that said nothing for this long is gone; another one may take its place."""
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
-ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
 STATUSTEXT_ID = 253
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MavlinkParams:
-    """Who we are and what we ask for. Raises ValueError naming the field, its value and its range."""
-
-    system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
-    component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
-    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
-    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
-    obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
-    obstacle_points: int = number(0, 0, 104, "", "as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around")
-    distance_sensors: int = number(0, 0, 2, "", "and so many DISTANCE_SENSOR with them")
-
-    def __post_init__(self) -> None:
-        check("mavlink", self)
-
-    def rate_requests(self) -> tuple[RateRequest, ...]:
-        """The messages we ask for."""
-        return (
-            RateRequest(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
-            RateRequest(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
-            RateRequest(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Vehicle:
-    """The autopilot we listen to, by its newest heartbeat. heartbeat_ns: 0, none was received since the start."""
-
-    system_id: int
-    autopilot: str
-    vehicle_type: int
-    armed: bool
-    custom_mode: int
-    heartbeat_ns: int
-    mavlink_1: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkStatus:
-    """What the health report holds about the link. Rates in Hz over two seconds; ages of None: never."""
-
-    vehicle: Vehicle | None
-    clock: ClockEstimate
-    clock_restarts: int
-    attitude_hz: float
-    position_hz: float
-    received: int
-    counts: dict[str, int]
-    signed: bool = False
-    """The autopilot's messages are signed with our key."""
-    signing_trouble: str = ""
-    conflicts: dict[str, str] = field(default_factory=dict)
-    """Topic -> what is wrong with others on the line, in words."""
 
 
 class MavlinkSession:
@@ -366,14 +309,3 @@ class MavlinkSession:
             conflicts=self._conflicts.texts(now_ns, self.params.system_id, heard=self.heard(now_ns)),
             signing_trouble=self._signing.trouble(now_ns, answered=self._timesync.answers(now_ns)),
         )
-
-
-def budget_of(params: MavlinkParams, bytes_per_s: float | None, *, signed: bool = False) -> LinkBudget | None:
-    """What a conversation with these parameters needs of a line; None for a line without a bound."""
-    if bytes_per_s is None:
-        return None
-    payloads = (OBSTACLES,) if params.obstacle_points == 0 else (POINT,) * params.obstacle_points
-    payloads += (FACE,) * params.distance_sensors
-    return link_budget(
-        params.attitude_hz, params.position_hz, params.obstacles_hz, bytes_per_s, signed=signed, obstacles=payloads
-    )

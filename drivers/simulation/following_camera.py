@@ -19,7 +19,8 @@ from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 
 from ..base import DeviceLost, DeviceNotFound
 from ..mavlink.link import MavlinkLink
-from ..mavlink.session import MavlinkParams, MavlinkSession
+from ..mavlink.session import MavlinkSession
+from ..mavlink.session_types import MavlinkParams
 from ..mavlink.transport import parse_address
 from .flights import FlightPlan
 from .sensor_model import measure

@@ -18,7 +18,7 @@ from companion.config.avoidance import AvoidParams
 from companion.pipeline.latency import LatencyStage
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 
 AVOID = AvoidParams(max_distance_m=12.0)

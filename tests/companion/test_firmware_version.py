@@ -13,7 +13,7 @@ from companion.autopilot.parameter_writer import changes
 from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from companion.config.loader import Config
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 
 from .test_avoidance import answers

@@ -13,7 +13,7 @@ from companion.autopilot.status_text import MOST_CHARACTERS
 from companion.config.avoidance import AvoidParams
 from core.types import CameraInfo, CameraMount, Intrinsics
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 NS = 1_000_000_000
 AVOID = AvoidParams(max_distance_m=12.0, avoid_margin_m=2.0)

@@ -16,7 +16,7 @@ from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.config.avoidance import AvoidParams
 from core.types import Ground
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 from .test_obstacle_sender import Chain
 from .test_sectors import model, wall_at

@@ -12,7 +12,7 @@ from companion.autopilot.last_values import NAME, LastValues, LastValuesFile
 from companion.autopilot.manager import Avoidance
 from companion.config.avoidance import AvoidParams
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 NS = 1_000_000_000
 

@@ -10,7 +10,8 @@ import pytest
 from drivers.mavlink.conflicts import RECENT_NS, ConflictDetector
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.parser import MessageSplitter
-from drivers.mavlink.session import MavlinkParams, MavlinkSession
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.transport import Address, UdpLine, parse_address
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot
 from drivers.simulation.autopilot_link import AutopilotLink, UdpEnd

@@ -18,7 +18,8 @@ from drivers.mavlink import transport
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import LEAD_NS, LEAST_APART_NS, LONGEST_PAUSE_S, PAUSE_S, MavlinkLink, PollScheduler
-from drivers.mavlink.session import MavlinkParams, MavlinkSession
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.session_types import MavlinkParams
 from drivers.mavlink.transport import Address, UdpLine, open_transport, parse_address
 from drivers.mavlink.udp_flood import PER_SOURCE
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot

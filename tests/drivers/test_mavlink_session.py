@@ -13,11 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.types import AttitudeSample, PoseSample
+from drivers.mavlink.bandwidth import budget_of
 from drivers.mavlink.clock_sync import ClockSource
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.motion import motion_fields
 from drivers.mavlink.parser import MessageSplitter
-from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkParams, MavlinkSession, Vehicle, budget_of
+from drivers.mavlink.session import MAV_STATE_CRITICAL, MavlinkSession
+from drivers.mavlink.session_types import MavlinkParams, Vehicle
 from drivers.simulation.autopilot import ARDUPILOT, PX4, FirmwareProfile, SimulatedAutopilot, hovering
 from drivers.simulation.flight_path import VehicleState
 

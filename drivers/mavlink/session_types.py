@@ -1,0 +1,67 @@
+"""What a MAVLink session is configured with and what it reports: parameters, the autopilot, the state of the link."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from core.param_field import check, number
+
+from .clock_sync import ClockEstimate
+from .rates import RateRequest
+
+ATTITUDE_ID, ATTITUDE_QUATERNION_ID, LOCAL_POSITION_ID = 30, 31, 32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MavlinkParams:
+    """Who we are and what we ask for. Raises ValueError naming the field, its value and its range."""
+
+    system_id: int = number(0, 0, 255, "", "of the vehicle; 0: learned from its heartbeat")
+    component_id: int = number(196, 1, 255, "", "ours; 196 is obstacle avoidance")
+    attitude_hz: float = number(100.0, 5.0, 400.0, "Hz", "wanted rate of the attitude")
+    position_hz: float = number(30.0, 1.0, 200.0, "Hz", "wanted rate of the position")
+    obstacles_hz: float = number(0.0, 0.0, 20.0, "Hz", "rate at which obstacles will be posted; 0: never")
+    obstacle_points: int = number(0, 0, 104, "", "as so many points (OBSTACLE_DISTANCE_3D); 0: as distances all around")
+    distance_sensors: int = number(0, 0, 2, "", "and so many DISTANCE_SENSOR with them")
+
+    def __post_init__(self) -> None:
+        check("mavlink", self)
+
+    def rate_requests(self) -> tuple[RateRequest, ...]:
+        """The messages we ask for."""
+        return (
+            RateRequest(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", self.attitude_hz),
+            RateRequest(ATTITUDE_ID, "ATTITUDE", self.attitude_hz, instead_of=ATTITUDE_QUATERNION_ID),
+            RateRequest(LOCAL_POSITION_ID, "LOCAL_POSITION_NED", self.position_hz),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The autopilot we listen to, by its newest heartbeat. heartbeat_ns: 0, none was received since the start."""
+
+    system_id: int
+    autopilot: str
+    vehicle_type: int
+    armed: bool
+    custom_mode: int
+    heartbeat_ns: int
+    mavlink_1: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkStatus:
+    """What the health report holds about the link. Rates in Hz over two seconds; ages of None: never."""
+
+    vehicle: Vehicle | None
+    clock: ClockEstimate
+    clock_restarts: int
+    attitude_hz: float
+    position_hz: float
+    received: int
+    counts: dict[str, int]
+    signed: bool = False
+    """The autopilot's messages are signed with our key."""
+    signing_trouble: str = ""
+    conflicts: dict[str, str] = field(default_factory=dict)
+    """Topic -> what is wrong with others on the line, in words."""
