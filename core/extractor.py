@@ -12,7 +12,8 @@ from .buffers import Buffers
 from .frames import Rotation
 from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
-from .stages.free_space import FreeObservation, free_profile, observe_free
+from .stages.free_profile import free_profile
+from .stages.free_space import FreeObservation, observe_free
 from .stages.ground import POINT, find_ground, with_ranges
 from .stages.level import level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table

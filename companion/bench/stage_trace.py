@@ -23,9 +23,11 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "noise_check": "classify, flying pixels",
     "smeared_edges": "classify, flying pixels",
     "level": "level",
+    "pooling": "level",
     "temporal_noise": "noise estimate",
     "view_geometry": "level",
     "ground": "ground",
+    "ground_threshold": "ground",
     "density": "density, windows, strips, rest",
     "settings": "density, windows, strips, rest",
     "columns": "density, windows, strips, rest",
@@ -45,6 +47,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "model": "tables, flags",
     "prisms": "layers, prisms",
     "free_space": "free-range profile",
+    "free_profile": "free-range profile",
 }
 """Module of core -> name of its stage. A missing module is a stage with its own name."""
 

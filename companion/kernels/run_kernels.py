@@ -45,8 +45,8 @@ def _run_rare_kernels(depth: np.ndarray[tuple[int, int], np.dtype[np.uint16]], i
     from core.self_check.depth_registration import inverse_depth_grid, rotation_between
     from core.self_check.surfaces import find_surfaces
     from core.stages.classify import depth_to_mm, measured_mm
-    from core.stages.level import pool_columns
     from core.stages.noise_check import flying_off_ramps, noisy_share
+    from core.stages.pooling import pool_columns
     from core.stages.smeared_edges import drop_smeared_edges, ramp_limits
     from core.stages.temporal_noise import SAMPLE_COLS, SAMPLE_ROWS, still_sigma
 

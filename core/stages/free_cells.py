@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inner
-from .level import Q_UNKNOWN
+from .view_geometry import Q_UNKNOWN
 
 _COUNTED = 32768
 """Cells that are counted in one go: as many as 16 bits hold with room to spare."""

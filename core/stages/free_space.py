@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 
 from ..jit import inner, inner_inline, kernel, record
 from ..params import Params
-from ..types import FreeEnd, FreeProfile, Ground
+from ..types import FreeEnd, Ground
 from .free_cells import count_codes, look_at, looked_at
-from .level import Q_FAR, seen_rows
-from .planes import distance_at
-from .view_geometry import ViewGeometry
+from .level import seen_rows
+from .view_geometry import Q_FAR, ViewGeometry
 
 _MAX_RINGS = 250
 """Rings are counted in one byte; beyond so many nothing is called free."""
@@ -284,46 +283,6 @@ def walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, out):
             out.free_to[d, layer] = ring_m[last] if first >= 0 else 0.0
 
 
-@inner
-def hidden_from(x, top, bottom, above, below):
-    """Forward distance from which a plane at x hides a part of the layer z = above..below that it does not stand in; inf:
-    nowhere. top, bottom: of the plane.
-
-    The plane hides what lies behind it between the lines of sight over its top and under its bottom."""
-    if below <= top:
-        return x * below / top if top < 0.0 else math.inf
-    return x * above / bottom if bottom > 0.0 else math.inf
-
-
-@inner
-def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_to, end):
-    """No free range passes a plane, or reaches into what it hides: shortens free_to to the nearest plane of the direction and
-    layer less its margin, and to where a layer comes behind a plane that stands above or below it.
-
-    pixel_t: tangent of a column, row_t: of a row. The edges of a plane are known to a pixel, whose measurement may be
-    missing: each plane stops a pixel more to the left, to the right, above and below."""
-    for k in range(count):
-        p = planes[k]
-        if p.support < 0:
-            continue
-        for d in range(edges_t.shape[0] - 1):
-            if edges_t[d] > p.t1 + pixel_t or edges_t[d + 1] < p.t0 - pixel_t:
-                continue
-            lo = min(max(edges_t[d], p.t0), p.t1)
-            hi = max(min(edges_t[d + 1], p.t1), p.t0)
-            x_lo, x_hi = distance_at(p, lo), distance_at(p, hi)
-            x, row_m = min(x_lo, x_hi), row_t * max(x_lo, x_hi)
-            top, bottom = p.top_m - row_m, p.bottom_m + row_m
-            for layer in range(layers.shape[0] - 1):
-                if top < layers[layer + 1] and bottom > layers[layer]:
-                    reach, why = max(0.0, x - margin[k]), _OBSTACLE
-                else:
-                    reach, why = hidden_from(x, top, bottom, layers[layer], layers[layer + 1]), _UNKNOWN
-                if reach < free_to[d, layer]:
-                    free_to[d, layer] = reach
-                    end[d, layer] = why
-
-
 def layer_edges(params: Params) -> NDArray[np.float32]:
     """(L + 1,) float32 edges of the profile's layers in z, metres, increasing; read-only.
 
@@ -342,28 +301,6 @@ def _layer_edges(inner: int, inner_m: float, outer: int, reach_m: float) -> NDAr
     edges = edges.astype(np.float32)
     edges.setflags(write=False)
     return edges
-
-
-def empty_profile(params: Params) -> FreeProfile:
-    """The profile of an invalid frame: one direction all around, no free range."""
-    layers = layer_edges(params)
-    zero = np.zeros((1, len(layers) - 1), np.float32)
-    return FreeProfile(
-        azimuth_edges_rad=np.array([-math.pi, math.pi], np.float32), layer_edges_m=layers, free_from_m=zero,
-        free_to_m=zero, end=np.full(zero.shape, _NOT_SEEN, np.uint8),
-    )  # fmt: skip
-
-
-@inner
-def as_ranges(edges_t, free_from, free_to):
-    """Forward distances (D, L) to horizontal ranges, in place: by the shorter of both edges of a direction for what is
-    free, by the longer for where that begins."""
-    for d in range(free_to.shape[0]):
-        a, b = abs(edges_t[d]), abs(edges_t[d + 1])
-        near = 0.0 if edges_t[d] * edges_t[d + 1] < 0.0 else min(a, b)
-        for layer in range(free_to.shape[1]):
-            free_from[d, layer] *= math.sqrt(1.0 + max(a, b) ** 2)
-            free_to[d, layer] *= math.sqrt(1.0 + near**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -423,15 +360,3 @@ def see_free(codes, view, source, layers, settings):
     free_from, free_to, end = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
     walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, FreeRanges(free_from, free_to, end))
     return edges, edges_t, free_from, free_to, end
-
-
-def free_profile(seen: FreeObservation, count: int, planes: NDArray[Any], margin: NDArray[np.float32]) -> FreeProfile:
-    """The free-range profile of a frame; see FreeProfile. planes: the first `count` of PLANE, margin: (N,) m. Uses up `seen`."""
-    stop_at_planes(
-        count, planes, margin, seen.pixel_t, seen.row_t, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end
-    )
-    as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
-    return FreeProfile.from_trusted(
-        azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
-        free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end,
-    )  # fmt: skip

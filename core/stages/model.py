@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..jit import inner, record, record_of
 from ..params import Params
 from ..types import CameraInfo, FrameModel, FrameStats, Ground, InvalidCause, PlaneFlags, StripTable
-from .free_space import empty_profile
+from .free_profile import empty_profile
 from .ground import NO_GROUND
 from .planes import LEAST_S
 from .strips import CUT_BOTTOM, CUT_TOP, IRREGULAR, PX

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ..buffers import Buffers
 from ..jit import inner, inner_inline, kernel, record
-from .level import Q_UNKNOWN
-from .view_geometry import ViewGeometry
+from .view_geometry import Q_UNKNOWN, ViewGeometry
 
 OPENING_SETTINGS = record(
     ("opening_cell_px", np.int64),

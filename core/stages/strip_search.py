@@ -19,7 +19,7 @@ from ..types import Ground
 from .clusters import ClusterBuffers, cluster_buffers, join_near, place_strips
 from .columns import extract_strips
 from .gap_filling import GapBuffers, fill_columns, gap_buffers
-from .ground import drop_ground_noise, ground_noise_test, ground_threshold
+from .ground_threshold import drop_ground_noise, ground_noise_test, ground_threshold
 from .level import LevelledView
 from .settings import Settings
 from .strips import STRIP

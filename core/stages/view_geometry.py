@@ -16,6 +16,8 @@ from ..jit import inner, kernel, record
 from ..params import Params
 from ..types import CameraInfo
 
+Q_UNKNOWN, Q_FAR, Q_MIN = 0, 1, 2
+"""Quantised disparity: no measurement, free up to the maximum range, and the least measured value."""
 _MOST_LSB_PER_PX, _MAX_CODE = 64.0, 60000.0
 """Resolution of quantised disparity: so many per pixel of disparity, unless half of the least range would not fit 16 bits."""
 _MIN_CELLS = 2

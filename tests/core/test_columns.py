@@ -12,7 +12,7 @@ from core.stages import strips as s
 from core.stages import support
 from core.stages.columns import extract_strips
 from core.stages.density import bin_table
-from core.stages.ground import GroundThreshold
+from core.stages.ground_threshold import GroundThreshold
 from core.stages.settings import strip_settings
 
 from .columns import QUANTUM, F, code, view

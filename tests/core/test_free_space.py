@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from core.params import Params
 from core.stages import free_space as fs
+from core.stages.free_profile import free_profile, stop_at_planes
 from core.stages.ground import NO_GROUND
 from core.stages.view_geometry import SOURCE, ViewGeometry
 from core.types import FreeEnd, FreeProfile, Ground
@@ -145,7 +146,7 @@ def profile(
     planes = plane_table(room=1)
     source = np.array([(*codes.shape, 1.0, 0.0, clear_m, 20.0)], SOURCE)
     seen = fs.observe_free(codes, g, source, ground, KE, Params(**{**THICK, **params}))
-    return fs.free_profile(seen, 0, planes, np.zeros(0, np.float32))
+    return free_profile(seen, 0, planes, np.zeros(0, np.float32))
 
 
 @pytest.mark.parametrize("distance", [2.2, 5.0, 9.7, 16.0])
@@ -255,7 +256,7 @@ def test_no_plane_is_passed_and_its_margin_is_kept() -> None:
     edges_t = np.linspace(-0.6, 0.6, 25)
     layers = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
     to, end = np.full((24, 3), 9.0, np.float32), np.full((24, 3), 4, np.uint8)
-    fs.stop_at_planes(3, planes, np.array([0.3, 0.1, 0.0], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+    stop_at_planes(3, planes, np.array([0.3, 0.1, 0.0], np.float32), 0.0, 0.0, edges_t, layers, to, end)
     assert (to[:, 0] == 9.0).all()
     for d in range(24):
         ts = np.linspace(edges_t[d], edges_t[d + 1], 21)
@@ -273,7 +274,7 @@ def test_a_plane_stops_a_pixel_more_on_either_side() -> None:
     edges_t, layers = np.linspace(-0.6, 0.6, 25), np.array([-1.0, 1.0], np.float32)
     for pixel_t, directions in ((0.0, range(9, 15)), (0.03, range(9, 15)), (0.05, range(8, 16))):
         to, end = np.full((24, 1), 9.0, np.float32), np.full((24, 1), 4, np.uint8)
-        fs.stop_at_planes(1, planes, np.array([0.3], np.float32), pixel_t, 0.0, edges_t, layers, to, end)
+        stop_at_planes(1, planes, np.array([0.3], np.float32), pixel_t, 0.0, edges_t, layers, to, end)
         assert set(np.flatnonzero(to[:, 0] < 9.0)) == set(directions)
         np.testing.assert_allclose(to[list(directions), 0], 4.7, rtol=1e-6)
 
@@ -284,7 +285,7 @@ def test_a_plane_stops_a_pixel_more_above_and_below() -> None:
     planes = plane_table((5.0, -1.0, 5.0, 1.0, -0.21, 0.21))
     for row_t, stopped in ((0.0, range(3, 5)), (0.007, range(3, 5)), (0.01, range(2, 6))):
         to, end = np.full((2, 8), 9.0, np.float32), np.full((2, 8), 4, np.uint8)
-        fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, row_t, edges_t, layers, to, end)
+        stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, row_t, edges_t, layers, to, end)
         assert set(np.flatnonzero(to[0] < 4.8)) == set(stopped)
 
 
@@ -293,14 +294,14 @@ def test_what_a_plane_of_another_layer_hides_is_not_free() -> None:
     edges_t = np.linspace(-0.6, 0.6, 25)
     layers = np.array([-5.0, -3.0, -1.0, 1.0, 3.0], np.float32)
     to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
-    fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+    stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
     np.testing.assert_allclose(to, np.tile([9.0, 4.0, 1.7, 2.0 / 0.9], (24, 1)), rtol=1e-6)
     np.testing.assert_array_equal(end, np.tile([4, FreeEnd.UNKNOWN, FreeEnd.OBSTACLE, FreeEnd.UNKNOWN], (24, 1)))
     # what lies wholly above or below the camera hides nothing of the layers nearer to its height
     for z in ([-2.5, -1.2], [1.2, 2.5]):
         planes = plane_table((2.0, -3.0, 2.0, 3.0, *z))
         to, end = np.full((24, 4), 9.0, np.float32), np.full((24, 4), 4, np.uint8)
-        fs.stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
+        stop_at_planes(1, planes, np.array([0.3], np.float32), 0.0, 0.0, edges_t, layers, to, end)
         assert (to[:, 2] == 9.0).all()
         assert (to[:, 1 if z[0] > 0 else 3] == 9.0).all()
 

@@ -12,17 +12,8 @@ from hypothesis import strategies as st
 from core.params import Params
 from core.stages import strips as strip_table
 from core.stages.classify import classify, measured_mm
-from core.stages.ground import (
-    NO_GROUND,
-    POINT,
-    drop_ground_noise,
-    find_ground,
-    ground_noise_test,
-    ground_settings,
-    ground_threshold,
-    height_bins,
-    vote,
-)
+from core.stages.ground import NO_GROUND, POINT, find_ground, ground_settings, height_bins, vote
+from core.stages.ground_threshold import drop_ground_noise, ground_noise_test, ground_threshold
 from core.stages.view_geometry import view_geometry
 from core.types import FAR_MM, CameraInfo, FreeEnd, Ground, Intrinsics
 from drivers.simulation.source import camera_info

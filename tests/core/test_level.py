@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.params import Params
-from core.stages.level import fill_level, level_as_it_is, level_nearest, pool_columns
+from core.stages.level import fill_level, level_as_it_is, level_nearest
+from core.stages.pooling import pool_columns
 from core.stages.view_geometry import (
     ViewGeometry,
     outside_source,

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from core.extractor import rotation_cause
 from core.frames import Rotation
 from core.stages.classify import classify, depth_to_mm, measured_mm
-from core.stages.free_space import empty_profile
+from core.stages.free_profile import empty_profile
 from core.stages.ground import NO_GROUND
-from core.stages.level import pool_columns
 from core.stages.model import blind_model, pixel_stats
+from core.stages.pooling import pool_columns
 from core.stages.prisms import layered_prisms
 from core.stages.view_geometry import ViewGeometry, pooled_geometry, view_geometry
 from core.types import CameraInfo, ExtractorState, FrameModel, InvalidCause, PlaneFlags, StripTable

@@ -9,8 +9,7 @@ import numpy as np
 from numba import njit
 
 from core.frames import Rotation
-from core.stages.level import Q_FAR, Q_MIN, Q_UNKNOWN
-from core.stages.view_geometry import ViewGeometry, disparity_lsb_per_px
+from core.stages.view_geometry import Q_FAR, Q_MIN, Q_UNKNOWN, ViewGeometry, disparity_lsb_per_px
 from core.types import FAR_MM, CameraInfo
 
 from .params import PaperParams

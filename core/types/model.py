@@ -1,10 +1,4 @@
-"""Data types shared by all packages: frozen and validated, with every instant on the companion's monotonic clock.
-
-Units stand in the names (`_m`, `_mm`, `_px`, `_rad`, `_ns`); transforms are `R_target_source`.
-Frames: `optical` (x right, y down, z forward), `frd` (vehicle body), `ned` (the autopilot's local world),
-`level_cam` (origin at the camera, x along the camera's horizontal heading, y right, z down) and
-`level` (origin of frd, x along the vehicle's heading, y right, z down). See docs/reference/frames.md.
-"""
+"""The result of one depth frame, and what one frame passes to the next."""
 
 from __future__ import annotations
 
@@ -12,178 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .codes import Code
-
-UNKNOWN_MM = 0
-"""A depth pixel without a measurement: its ray is unknown."""
-FAR_MM = 65534
-"""A depth pixel that the sensor reports as free up to its maximum range."""
-SATURATED_MM = 65535
-"""Treated like UNKNOWN_MM everywhere: some sensors write it for invalid pixels."""
-
-
-_Scalar = TypeVar("_Scalar", bound=np.generic)
-_Thing = TypeVar("_Thing")
-_NATIVE: dict[Any, np.dtype[Any]] = {
-    kind: np.dtype(kind) for kind in (np.bool_, np.uint8, np.uint16, np.int32, np.float32)
-}
-"""The dtype objects of arrays of these types: an identity test costs a third of a comparison."""
-
-
-def readonly(a: NDArray[Any], dtype: type[_Scalar], shape: tuple[int | None, ...], name: str) -> NDArray[_Scalar]:
-    """A read-only C-contiguous view of `a` after checking dtype and shape (None: any length); `a` itself where it is one.
-    Raises ValueError."""
-    if a.dtype is not _NATIVE.get(dtype) and a.dtype != dtype:
-        raise ValueError(f"{name}: dtype {a.dtype}, expected {np.dtype(dtype)}")
-    got = a.shape
-    if got != shape:
-        fits = len(got) == len(shape)
-        for want, length in zip(shape, got, strict=False):
-            fits = fits and (want is None or want == length)
-        if not fits:
-            raise ValueError(f"{name}: shape {got}, expected {shape}")
-    flags = a.flags
-    if not flags.c_contiguous:
-        a = np.ascontiguousarray(a)
-    elif not flags.writeable:
-        return a
-    view = a.view()
-    view.flags.writeable = False
-    return view
-
-
-def _unchecked(kind: type[_Thing], **values: Any) -> _Thing:
-    """A frozen object of values that fit, unchecked; its arrays become read-only."""
-    thing = object.__new__(kind)
-    for name, value in values.items():
-        object.__setattr__(thing, name, value)
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-    return thing
-
-
-@dataclass(frozen=True, slots=True)
-class Intrinsics:
-    """A pinhole camera without distortion. Pixel (u, v) has its centre at integer coordinates; its ray in
-    `optical` is ((u - cx)/fx, (v - cy)/fy, 1)."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-    def __post_init__(self) -> None:
-        if not (16 <= self.width <= 4096 and 16 <= self.height <= 4096):
-            raise ValueError(f"intrinsics: image of {self.width}x{self.height}, expected 16..4096 a side")
-        for name in ("fx", "fy", "cx", "cy"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"intrinsics: {name} is not finite")
-        if not (0.1 * self.width < self.fx < 20 * self.width and 0.1 * self.width < self.fy < 20 * self.width):
-            raise ValueError(
-                f"intrinsics: fx={self.fx:g}, fy={self.fy:g} px do not fit an image {self.width} px wide "
-                "(were they calibrated at another resolution?)"
-            )
-        if not (-0.5 * self.width < self.cx < 1.5 * self.width and -0.5 * self.height < self.cy < 1.5 * self.height):
-            raise ValueError(f"intrinsics: principal point ({self.cx:g}, {self.cy:g}) lies far outside the image")
-
-
-@dataclass(frozen=True, slots=True)
-class CameraMount:
-    """Where a camera sits on the vehicle: angles of R_frd_camfrd = Rz(yaw) Ry(pitch) Rx(roll), where camfrd is
-    the camera's own forward-right-down triad, and its lever arm in frd, metres. Zeros: looks forward, level."""
-
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
-    x_m: float = 0.0
-    y_m: float = 0.0
-    z_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("roll_rad", "pitch_rad", "yaw_rad", "x_m", "y_m", "z_m"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"camera mount: {name} is not finite")
-
-
-@dataclass(frozen=True, slots=True)
-class CameraInfo:
-    """Constants of one camera. `max_range_m` and `min_range_m` bound what it measures;
-    `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2."""
-
-    camera: str
-    intrinsics: Intrinsics
-    mount: CameraMount = CameraMount()
-    min_range_m: float = 0.3
-    max_range_m: float = 20.0
-    ke_per_m: float = 0.005
-
-    def __post_init__(self) -> None:
-        if not self.camera or not self.camera.isprintable():
-            raise ValueError("camera info: the camera needs a printable name")
-        if not 0.0 < self.min_range_m < self.max_range_m <= 65.0:
-            raise ValueError(
-                f"camera info: range {self.min_range_m:g}..{self.max_range_m:g} m, expected 0 < min < max <= 65"
-            )
-        if not 1e-5 <= self.ke_per_m <= 0.05:
-            raise ValueError(f"camera info: ke_per_m={self.ke_per_m:g}, expected 1e-5..0.05")
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DepthFrame:
-    """One depth image. depth_mm: (H, W) uint16, Z along the optical axis; UNKNOWN_MM, SATURATED_MM: no measurement;
-    FAR_MM: free up to the camera's maximum. t_exposure_ns: mid-exposure; t_arrival_ns: when the host received it."""
-
-    camera: str
-    sequence: int
-    t_exposure_ns: int
-    t_arrival_ns: int
-    depth_mm: NDArray[np.uint16]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (None, None), "depth_mm"))
-
-
-@dataclass(frozen=True, slots=True)
-class AttitudeSample:
-    """Attitude of the vehicle at t_ns: q_ned_frd (w, x, y, z) unit quaternion, body rates in frd, rad/s (None: not known).
-    t_arrival_ns: when the host received it."""
-
-    t_ns: int
-    t_arrival_ns: int
-    q_ned_frd_wxyz: tuple[float, float, float, float]
-    rates_frd_rad_s: tuple[float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        w, x, y, z = self.q_ned_frd_wxyz
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        if not abs(norm - 1.0) < 1e-3:  # also catches NaN
-            raise ValueError(f"attitude at {self.t_ns} ns: quaternion norm {norm:g}, expected 1")
-        if self.rates_frd_rad_s is not None and not all(map(math.isfinite, self.rates_frd_rad_s)):
-            raise ValueError(f"attitude at {self.t_ns} ns: body rates are not finite")
-
-
-@dataclass(frozen=True, slots=True)
-class PoseSample:
-    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s (None: not known)."""
-
-    t_ns: int
-    t_arrival_ns: int
-    position_ned_m: tuple[float, float, float]
-    velocity_ned_m_s: tuple[float, float, float] | None = None
-    reset_counter: int = 0
-
-    def __post_init__(self) -> None:
-        if not all(map(math.isfinite, self.position_ned_m)):
-            raise ValueError(f"pose at {self.t_ns} ns: position is not finite")
-        if self.velocity_ned_m_s is not None and not all(map(math.isfinite, self.velocity_ned_m_s)):
-            raise ValueError(f"pose at {self.t_ns} ns: velocity is not finite")
+from ..codes import Code
+from .arrays import readonly, unchecked
 
 
 class InvalidCause(Code):
@@ -285,7 +113,7 @@ class FreeProfile:
         end: NDArray[np.uint8],
     ) -> FreeProfile:
         """A profile without checks, of arrays that a kernel has just written; they become read-only."""
-        return _unchecked(
+        return unchecked(
             cls,
             azimuth_edges_rad=azimuth_edges_rad,
             layer_edges_m=layer_edges_m,
@@ -407,7 +235,7 @@ class FrameModel:
     ) -> FrameModel:
         """A model without checks, of arrays that kernels have written and checked; they become read-only. A second check
         would take longer than many a stage."""
-        return _unchecked(
+        return unchecked(
             cls,
             valid=valid,
             cause=cause,

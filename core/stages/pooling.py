@@ -1,0 +1,135 @@
+"""Pooling of the levelled view: source pixels that no cell picked, and neighbouring columns. The nearest thing wins."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..jit import inner_ieee, inner_inline, kernel
+from ..types import FAR_MM
+from .view_geometry import Q_MIN
+
+_TILE_WIDE = 128
+"""Pixels of a row that are worked on together: their tables fit the nearest cache."""
+_FAR = np.uint16(FAR_MM)
+
+
+class PoolTile(NamedTuple):
+    """Scratch of `pool_left_over`, (_TILE_WIDE,) each: want uint8, found int32 (one more), mark uint16, cell uint32, code
+    int32."""
+
+    want: Any
+    found: Any
+    mark: Any
+    cell: Any
+    code: Any
+
+
+@inner_inline
+def left_over(marks, picked, want, found):
+    """Measured pixels that were not picked: writes their places to found, returns how many.
+
+    marks: (N,) uint16, picked: (N,) uint8. want: (M,) uint8 scratch, M a multiple of 8, zero beyond N. found: (M,) int32.
+    Eight flags are looked at as one number, most often all zero; where not, each place is written and kept if it counts."""
+    for u in range(len(marks)):
+        want[u] = np.uint8((picked[u] == 0) & (marks[u] != 0) & (marks[u] != _FAR))
+    n = np.uint64(0)
+    eights = want.view(np.uint64)
+    for k in range(len(eights)):
+        eight = eights[k]
+        if eight != 0:
+            for j in range(8):
+                found[n] = np.int32(8 * k) + np.int32(j)
+                n += (eight >> np.uint64(8 * j)) & np.uint64(1)
+    return np.int64(n)
+
+
+@kernel
+def level_pool(marks, picked, R, k, window, out):
+    """Source pixels that no cell picked reach theirs all the same, the nearest thing winning: no pole is lost
+    where the view minifies, and nothing grows where it does not.
+
+    R: (3, 3) R_level_optical. k: (4,) fx, fy, cx, cy. window: (f_px, cu, cv, gain). Adds to `out` of level_nearest.
+    Far never overrules a neighbour of which nothing is known: it would call the cell free."""
+    want, found = np.zeros(_TILE_WIDE, np.uint8), np.empty(_TILE_WIDE + 1, np.int32)
+    mark = np.empty(_TILE_WIDE, np.uint16)
+    cell, code = np.empty(_TILE_WIDE, np.uint32), np.empty(_TILE_WIDE, np.int32)
+    cols, rows = out.shape
+    pool_left_over(marks, picked, R, k, window, out.ravel(), (cols, rows), PoolTile(want, found, mark, cell, code))
+
+
+@inner_ieee
+def pool_left_over(marks, picked, R, k, window, flat, shape, tile):
+    """`level_pool` on flat codes of shape (cols, rows). tile: PoolTile, scratch."""
+    cols, rows = shape
+    want, found, mark, cell, code = tile.want, tile.found, tile.mark, tile.cell, tile.code
+    src_rows, src_cols = marks.shape
+    f, gain, half = np.float32(window[0]), np.float32(window[3]), np.float32(0.5)
+    cu, cv = np.float32(window[1] + 0.5), np.float32(window[2] + 0.5)
+    right, bottom, high = np.float32(cols), np.float32(rows), np.int32(rows)
+    dx, dy, dz = np.float32(R[0, 0] / k[0]), np.float32(R[1, 0] / k[0]), np.float32(R[2, 0] / k[0])
+    for u0 in range(0, src_cols, _TILE_WIDE):
+        wide = min(_TILE_WIDE, src_cols - u0)
+        want[wide:] = 0
+        xu = (u0 - k[2]) / k[0]
+        for v in range(src_rows):
+            line = marks[v, u0 : u0 + wide]
+            n = left_over(line, picked[v * src_cols + u0 : v * src_cols + u0 + wide], want, found)
+            for i in range(n):
+                mark[i] = line[found[i]]
+            yv = (v - k[3]) / k[1]
+            x0 = np.float32(R[0, 0] * xu + R[0, 1] * yv + R[0, 2])
+            y0 = np.float32(R[1, 0] * xu + R[1, 1] * yv + R[1, 2])
+            z0 = np.float32(R[2, 0] * xu + R[2, 1] * yv + R[2, 2])
+            for i in range(n):
+                u = np.float32(found[i])
+                forward = x0 + dx * u
+                r = np.float32(1.0) / max(forward, np.float32(1e-3))
+                iu, iv = (y0 + dy * u) * r * f + cu, (z0 + dz * u) * r * f + cv
+                inside = (forward >= np.float32(1e-3)) & (iu >= 0) & (iu < right) & (iv >= 0) & (iv < bottom)
+                disparity = np.float32(1000.0) / np.float32(mark[i]) * r * gain + half
+                disparity = max(min(disparity, np.float32(65535.0)), np.float32(Q_MIN))
+                # what looks outside adds nothing to the first cell
+                at = np.int32(iu) * high + np.int32(iv)
+                cell[i] = np.uint32(at if inside else 0)
+                code[i] = np.int32(disparity) if inside else np.int32(0)
+            for i in range(n):
+                flat[cell[i]] = max(np.int32(flat[cell[i]]), code[i])
+
+
+@kernel
+def pool_columns(codes, step, apart, out):
+    """One column for each `step` neighbouring ones: the mean of those that agree with the nearest of them. None is skipped.
+
+    codes: (cols, rows) uint16. apart: what differs by no more agrees. out: (ceil(cols / step), rows) uint16. The nearest of
+    several noisy pixels of one wall is too near, their mean is not; a pole does not agree with the wall behind it."""
+    rows = codes.shape[1]
+    pool_groups(codes, step, np.int32(apart), np.empty(rows, np.int32), np.empty(rows, np.int32), out)
+
+
+@inner_ieee
+def pool_groups(codes, step, apart, total, count, out):
+    """`pool_columns`. Scratch: total, count (rows,) int32."""
+    cols, rows = codes.shape
+    for j in range(len(out)):
+        line, end = out[j], min(cols, (j + 1) * step)
+        first = codes[j * step]
+        for v in range(rows):
+            line[v] = first[v]
+            total[v], count[v] = 0, 0
+        for u in range(j * step + 1, end):
+            column = codes[u]
+            for v in range(rows):
+                line[v] = max(line[v], column[v])
+        for u in range(j * step, end):
+            column = codes[u]
+            for v in range(rows):
+                code = np.int32(column[v])
+                agrees = (code >= np.int32(Q_MIN)) & (code + apart >= np.int32(line[v]))
+                total[v] += code if agrees else np.int32(0)
+                count[v] += np.int32(agrees)
+        for v in range(rows):
+            mean = np.float32(total[v]) / np.float32(max(count[v], np.int32(1)))
+            nearest = line[v]
+            line[v] = np.uint16(mean + np.float32(0.5)) if count[v] > 1 else nearest

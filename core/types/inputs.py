@@ -1,0 +1,137 @@
+"""What a frame is computed from: the camera's constants, one depth image, the vehicle's attitude and position."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import readonly
+
+UNKNOWN_MM = 0
+"""A depth pixel without a measurement: its ray is unknown."""
+FAR_MM = 65534
+"""A depth pixel that the sensor reports as free up to its maximum range."""
+SATURATED_MM = 65535
+"""Treated like UNKNOWN_MM everywhere: some sensors write it for invalid pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """A pinhole camera without distortion. Pixel (u, v) has its centre at integer coordinates; its ray in
+    `optical` is ((u - cx)/fx, (v - cy)/fy, 1)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if not (16 <= self.width <= 4096 and 16 <= self.height <= 4096):
+            raise ValueError(f"intrinsics: image of {self.width}x{self.height}, expected 16..4096 a side")
+        for name in ("fx", "fy", "cx", "cy"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"intrinsics: {name} is not finite")
+        if not (0.1 * self.width < self.fx < 20 * self.width and 0.1 * self.width < self.fy < 20 * self.width):
+            raise ValueError(
+                f"intrinsics: fx={self.fx:g}, fy={self.fy:g} px do not fit an image {self.width} px wide "
+                "(were they calibrated at another resolution?)"
+            )
+        if not (-0.5 * self.width < self.cx < 1.5 * self.width and -0.5 * self.height < self.cy < 1.5 * self.height):
+            raise ValueError(f"intrinsics: principal point ({self.cx:g}, {self.cy:g}) lies far outside the image")
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """Where a camera sits on the vehicle: angles of R_frd_camfrd = Rz(yaw) Ry(pitch) Rx(roll), where camfrd is
+    the camera's own forward-right-down triad, and its lever arm in frd, metres. Zeros: looks forward, level."""
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("roll_rad", "pitch_rad", "yaw_rad", "x_m", "y_m", "z_m"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"camera mount: {name} is not finite")
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfo:
+    """Constants of one camera. `max_range_m` and `min_range_m` bound what it measures;
+    `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2."""
+
+    camera: str
+    intrinsics: Intrinsics
+    mount: CameraMount = CameraMount()
+    min_range_m: float = 0.3
+    max_range_m: float = 20.0
+    ke_per_m: float = 0.005
+
+    def __post_init__(self) -> None:
+        if not self.camera or not self.camera.isprintable():
+            raise ValueError("camera info: the camera needs a printable name")
+        if not 0.0 < self.min_range_m < self.max_range_m <= 65.0:
+            raise ValueError(
+                f"camera info: range {self.min_range_m:g}..{self.max_range_m:g} m, expected 0 < min < max <= 65"
+            )
+        if not 1e-5 <= self.ke_per_m <= 0.05:
+            raise ValueError(f"camera info: ke_per_m={self.ke_per_m:g}, expected 1e-5..0.05")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DepthFrame:
+    """One depth image. depth_mm: (H, W) uint16, Z along the optical axis; UNKNOWN_MM, SATURATED_MM: no measurement;
+    FAR_MM: free up to the camera's maximum. t_exposure_ns: mid-exposure; t_arrival_ns: when the host received it."""
+
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    t_arrival_ns: int
+    depth_mm: NDArray[np.uint16]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "depth_mm", readonly(self.depth_mm, np.uint16, (None, None), "depth_mm"))
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeSample:
+    """Attitude of the vehicle at t_ns: q_ned_frd (w, x, y, z) unit quaternion, body rates in frd, rad/s (None: not known).
+    t_arrival_ns: when the host received it."""
+
+    t_ns: int
+    t_arrival_ns: int
+    q_ned_frd_wxyz: tuple[float, float, float, float]
+    rates_frd_rad_s: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        w, x, y, z = self.q_ned_frd_wxyz
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        if not abs(norm - 1.0) < 1e-3:  # also catches NaN
+            raise ValueError(f"attitude at {self.t_ns} ns: quaternion norm {norm:g}, expected 1")
+        if self.rates_frd_rad_s is not None and not all(map(math.isfinite, self.rates_frd_rad_s)):
+            raise ValueError(f"attitude at {self.t_ns} ns: body rates are not finite")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSample:
+    """Position of the vehicle (origin of frd) in ned, metres, and its velocity in ned, m/s (None: not known)."""
+
+    t_ns: int
+    t_arrival_ns: int
+    position_ned_m: tuple[float, float, float]
+    velocity_ned_m_s: tuple[float, float, float] | None = None
+    reset_counter: int = 0
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, self.position_ned_m)):
+            raise ValueError(f"pose at {self.t_ns} ns: position is not finite")
+        if self.velocity_ned_m_s is not None and not all(map(math.isfinite, self.velocity_ned_m_s)):
+            raise ValueError(f"pose at {self.t_ns} ns: velocity is not finite")
