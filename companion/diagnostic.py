@@ -65,6 +65,10 @@ class DiagnosticCode(Code):
     PARAMETER_CONTRADICTION = "parameter_contradiction", "contradictory values of a parameter are received"
     PARAMETERS_NOT_WRITTEN = "parameters_not_written", "parameters of the autopilot could not be written"
     AVOID_MARGIN_UNKNOWN = "avoid_margin_unknown", "AVOID_MARGIN is not known"
+    # guard
+    GUARD_UNAVAILABLE = "guard_unavailable", "the guard is on and cannot stop the vehicle in its flight mode"
+    GUARD_INTERVENES = "guard_intervenes", "the guard limits the speed, or stops or has stopped the vehicle"
+    GUARD_FAULT = "guard_fault", "the thread of the guard has ended"
     # other parts of the service and the machine
     RECORDING_FAULT = "recording_fault", "the log is not written, or not completely"
     LOG_NOT_WRITABLE = "log_not_writable", "the log directory cannot be written"

@@ -50,11 +50,11 @@ class _Planes:
 
 
 class PlaneConfirmation:
-    """`take` each valid result of one camera, in order."""
+    """`take` each valid result of one camera, in order. least_px: planes with this support or less need a second frame."""
 
     def __init__(self, avoid: AvoidParams, image_px: int) -> None:
         self._avoid = avoid
-        self._least_px = avoid.confirm_px * max(1.0, image_px / FULL_IMAGE_PX)
+        self.least_px = avoid.confirm_px * max(1.0, image_px / FULL_IMAGE_PX)
         self._frames: deque[_Planes] = deque(maxlen=FRAMES)
 
     def take(self, result: PrismsResult) -> PrismsResult:
@@ -68,7 +68,7 @@ class PlaneConfirmation:
         doubtful = np.zeros(len(model.planes), np.bool_)
         if self._avoid.confirm_px > 0:
             range_m = _range_m(result, planes)
-            weak = (model.support_px <= self._least_px) & (range_m < self._avoid.remember_m + self._avoid.radius_m)
+            weak = (model.support_px <= self.least_px) & (range_m < self._avoid.remember_m + self._avoid.radius_m)
             for i in np.flatnonzero(weak):
                 slack_m = PLACE_M + SIGMAS * model.ke_per_m * float(range_m[i]) ** 2
                 doubtful[i] = not any(_found(planes, int(i), frame, slack_m) for frame in recent)

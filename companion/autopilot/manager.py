@@ -34,6 +34,7 @@ from .parameters import WANTED, ParameterReader
 from .publisher import ObstacleReport, ObstacleReportBuilder, seen_ns
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
+from .surroundings import Observer
 from .view_free import RING_M
 
 NS = 1_000_000_000
@@ -61,8 +62,9 @@ class Avoidance:
         silent: Callable[[], Vehicle | None] = lambda: None,
         last: LastValuesFile | None = None,
         ring_m: float = RING_M,
+        observer: Observer | None = None,
     ) -> None:
-        """last: values of the autopilot that were read before this start, used until they are read again.
+        """observer: receives the surroundings of each decision. last: values of the autopilot that were read before this start, used until they are read again.
         ill: why a camera's frames must not be used although they arrive. silent: an autopilot in flight that is no longer heard,
         None: none; it may still receive. ring_m: step of the free-range profiles."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
@@ -81,7 +83,7 @@ class Avoidance:
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
-        self._builder = ObstacleReportBuilder(avoid, cameras, stale_s, ill, ring_m)
+        self._builder = ObstacleReportBuilder(avoid, cameras, stale_s, ill, ring_m, observer)
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
@@ -285,8 +287,10 @@ def avoidance_of(
     session: MavlinkSession,
     link: MavlinkLink,
     last: LastValuesFile,
+    observer: Observer | None = None,
 ) -> Avoidance:
-    """The part of the service that sends obstacles to the autopilot of this link. last: values read before this start."""
+    """The part of the service that sends obstacles to the autopilot of this link. last: values read before this start;
+    observer: receives the surroundings of each decision."""
 
     def heard() -> Vehicle | None:
         return session.vehicle if session.heard(time.monotonic_ns()) else None
@@ -300,7 +304,7 @@ def avoidance_of(
 
     return Avoidance(
         config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, last,
-        config.extractor.profile_ring_m,
+        config.extractor.profile_ring_m, observer,
     )  # fmt: skip
 
 

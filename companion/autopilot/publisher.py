@@ -44,6 +44,7 @@ from .polar_histogram import (
     scan,
     too_near_the_edge,
 )
+from .surroundings import Observer, Surroundings
 from .view_free import RING_M, View, ground_z_m
 
 NS = 1_000_000_000
@@ -87,9 +88,11 @@ class ObstacleReportBuilder:
         stale_s: float,
         ill: Callable[[str], str] = lambda camera: "",
         ring_m: float = RING_M,
+        observer: Observer | None = None,
     ) -> None:
         """ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
-        empty: they may. ring_m: step of the free-range profiles."""
+        empty: they may. ring_m: step of the free-range profiles. observer: receives the surroundings of each decision."""
+        self._observer = observer
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
         self._ill, self._ring_m = ill, ring_m
         self._lock = threading.Lock()
@@ -181,6 +184,8 @@ class ObstacleReportBuilder:
             found = self._scan(causes, views, recall, here, now_ns)
         if self._last_here is not None:
             recalled = self._memory.recall(found, views, self._last_here, now_ns)
+        if self._observer is not None:
+            self._observer(self._surroundings(seeing, views, recall, recalled, causes, here, now_ns))
         report = self._report(autopilot, now_ns, causes, found, recalled, low=not _sees_ground_below(views))
         return self._with_heights(report, dict(zip(seeing, views, strict=False)), here, now_ns)
 
@@ -272,12 +277,34 @@ class ObstacleReportBuilder:
             return Here(heading, pose.position_ned_m, pose.reset_counter)
         return Here(heading)
 
+    def _surroundings(
+        self, seeing: list[str], views: list[View], recall: Recall | None, recalled: Remembered, causes: dict[str, str],
+        here: Here | None, now_ns: int,
+    ) -> Surroundings:  # fmt: skip
+        seeing = seeing if views else []
+        return Surroundings(
+            t_ns=now_ns,
+            views=tuple(views),
+            weak_px=tuple(self._confirmation[c].least_px for c in seeing),
+            exposed_ns=min((seen_ns(self._newest[c]) for c in seeing), default=None),
+            recall=recall,
+            recalled=recalled,
+            blind={c: why for c, why in causes.items() if why},
+            here=here,
+            velocity_ned_m_s=self._velocity_ned_m_s(now_ns),
+        )
+
+    def _velocity_ned_m_s(self, now_ns: int) -> tuple[float, float, float] | None:
+        """Of the vehicle; None: not known."""
+        pose = self._newest_pose
+        return None if pose is None or now_ns - pose.t_ns > NS // 2 else pose.velocity_ned_m_s
+
     def _velocity_m_s(self, now_ns: int) -> tuple[float, float] | None:
         """Of the vehicle, forward and right; None: not known."""
-        pose, here = self._newest_pose, self._last_here
-        if pose is None or pose.velocity_ned_m_s is None or here is None or now_ns - pose.t_ns > NS // 2:
+        velocity, here = self._velocity_ned_m_s(now_ns), self._last_here
+        if velocity is None or here is None:
             return None
-        north, east, _ = pose.velocity_ned_m_s
+        north, east, _ = velocity
         c, s = math.cos(here.heading_rad), math.sin(here.heading_rad)
         forward, right = c * north + s * east, c * east - s * north
         return (forward, right) if math.isfinite(forward) and math.isfinite(right) else None

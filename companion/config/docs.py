@@ -21,6 +21,7 @@ TITLES = {
     "output": "`[output]`: content of replayed logs",
     "autopilot": "`[autopilot]`: MAVLink connection",
     "avoid": "`[avoid]`: obstacle output to the autopilot",
+    "guard": "`[guard]`: stop in automatic flight modes",
     "publish": "`[publish]`: streams",
     "world": "`[world]`: merged world",
     "record": "`[record]`: log of the flight",
@@ -37,7 +38,7 @@ INTRODUCTIONS = {
 }
 """Lines between the title and the table."""
 
-FIRST = ("camera", "extractor", "autopilot", "avoid", "publish", "record", "supervision", "service")
+FIRST = ("camera", "extractor", "autopilot", "avoid", "guard", "publish", "record", "supervision", "service")
 """Sections that users set come first in the document, the expert section comes last."""
 
 

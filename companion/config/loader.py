@@ -29,6 +29,7 @@ from core.world.params import WorldParams
 from .avoidance import AvoidParams
 from .camera import CameraConfig, OutputConfig
 from .expert import expert_fields, public_fields
+from .guard import GuardParams
 from .retired import refused_values, without_retired
 from .service import AutopilotConfig, PublishConfig, RecordParams, ServiceParams, SupervisorParams
 from .sync import SyncParams
@@ -44,6 +45,7 @@ SECTIONS: dict[str, type] = {
     "output": OutputConfig,
     "autopilot": AutopilotConfig,
     "avoid": AvoidParams,
+    "guard": GuardParams,
     "publish": PublishConfig,
     "world": WorldParams,
     "record": RecordParams,
@@ -72,6 +74,7 @@ class Config:
     output: OutputConfig = field(default_factory=OutputConfig)
     autopilot: AutopilotConfig = field(default_factory=AutopilotConfig)
     avoid: AvoidParams = field(default_factory=AvoidParams)
+    guard: GuardParams = field(default_factory=GuardParams)
     publish: PublishConfig = field(default_factory=PublishConfig)
     world: WorldParams = field(default_factory=WorldParams)
     record: RecordParams = field(default_factory=RecordParams)
@@ -84,6 +87,11 @@ class Config:
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
         if self.avoid.send and not self.autopilot.address:
             raise ValueError("[avoid] send = true, but [autopilot] address is empty, so nothing could be sent; set one")
+        if self.guard.enabled and not self.avoid.send:
+            raise ValueError(
+                "[guard] enabled = true, but [avoid] send = false: the guard uses the distances of the obstacle output; set "
+                "[avoid] send = true"
+            )
         if self.avoid.send and self.service.timeout_s + 1.0 / self.avoid.rate_hz > BLIND_TOLD_S + 1e-9:
             raise ValueError(
                 f"[service] timeout_s = {self.service.timeout_s:g} with [avoid] rate_hz = {self.avoid.rate_hz:g}: an autopilot "

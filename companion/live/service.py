@@ -61,6 +61,7 @@ from .stream_output import StreamOutput
 
 if TYPE_CHECKING:
     from ..autopilot.manager import Avoidance
+    from ..guard.guard import Guard
     from .world_thread import WorldThread
 
 NS = 1_000_000_000
@@ -92,6 +93,7 @@ class Service:
         self._staleness = StalenessMonitor(names, config.service.timeout_s)
         self.cameras = {c.name: self._supervisor(c.name) for c in config.cameras}
         self.avoidance: Avoidance | None = None
+        self.guard: Guard | None = None
         self.world: WorldThread | None = None
         self._previews = DepthPreviews(config.publish.depth_hz, self._boot)
         self._raw_frames: list[RawFrame] = []
@@ -146,12 +148,22 @@ class Service:
         from ..autopilot.manager import READS, avoidance_of  # imported only where obstacles are sent
 
         last = LastValuesFile(self._folders.state)
+        reads = READS
+        if self.config.guard.enabled:
+            from ..guard.guard import READS as GUARD_READS  # imported only where the guard is on
+
+            reads = READS | GUARD_READS
         session = MavlinkSession(
-            params, on_frame=keep, signing=self.signing, reads=READS, on_message=self._handle_mavlink,
+            params, on_frame=keep, signing=self.signing, reads=reads, on_message=self._handle_mavlink,
             expected=last.expected(),
         )  # fmt: skip
         link = MavlinkLink(address, session, self._deliver)
-        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last)
+        if self.config.guard.enabled:
+            from ..guard.guard import guard_of
+
+            self.guard = guard_of(self.config, session, link, self._folders.state)
+        observer = self.guard.observe if self.guard is not None else None
+        self.avoidance = avoidance_of(self.config, self.cameras, session, link, last, observer)
         return session, link
 
     def _deliver(self, samples: list[AttitudeSample | PoseSample]) -> None:
@@ -164,6 +176,8 @@ class Service:
     def _handle_mavlink(self, message: Any, arrival_ns: int) -> None:
         if self.avoidance is not None:
             self.avoidance.message(message, arrival_ns)
+        if self.guard is not None:
+            self.guard.message(message, arrival_ns)
 
     def _clock(self) -> tuple[ClockEstimate, int]:
         if self.session is None:
@@ -195,6 +209,8 @@ class Service:
             self.link.open()
         if self.avoidance is not None:
             self.avoidance.open()
+        if self.guard is not None:
+            self.guard.open()
         for camera in self.cameras.values():
             camera.open()
 
@@ -219,6 +235,8 @@ class Service:
                 last_first.callback(self.link.set_system_status, MAV_STATE_CRITICAL)
             if self.avoidance is not None:
                 last_first.callback(self.avoidance.end)
+            if self.guard is not None:  # before the blindness of a stop on purpose could stop the vehicle
+                last_first.callback(self.guard.close)
 
     def _close_allow_list(self) -> None:
         if self._allow is not None:
@@ -277,6 +295,8 @@ class Service:
             ground = self._ground.check()
         if self.avoidance is not None:
             found += self.avoidance.diagnostics(now_ns)
+        if self.guard is not None:
+            found += self.guard.diagnostics()
         # samples lost while the kernels are compiled are not a fault: nothing is detected yet
         if self._losses.active(self.event_queue.lost, now_ns, is_fault=self.started):
             text = (

@@ -807,6 +807,9 @@ class Diagnostic(_message.Message):
         CODE_KERNEL_CACHE_DAMAGED: _ClassVar[Diagnostic.Code]
         CODE_KERNELS_NOT_COMPILED: _ClassVar[Diagnostic.Code]
         CODE_MOUNT_YAW_ERROR: _ClassVar[Diagnostic.Code]
+        CODE_GUARD_UNAVAILABLE: _ClassVar[Diagnostic.Code]
+        CODE_GUARD_INTERVENES: _ClassVar[Diagnostic.Code]
+        CODE_GUARD_FAULT: _ClassVar[Diagnostic.Code]
     CODE_UNKNOWN: Diagnostic.Code
     CODE_STARTING: Diagnostic.Code
     CODE_THREAD_STALLED: Diagnostic.Code
@@ -860,6 +863,9 @@ class Diagnostic(_message.Message):
     CODE_KERNEL_CACHE_DAMAGED: Diagnostic.Code
     CODE_KERNELS_NOT_COMPILED: Diagnostic.Code
     CODE_MOUNT_YAW_ERROR: Diagnostic.Code
+    CODE_GUARD_UNAVAILABLE: Diagnostic.Code
+    CODE_GUARD_INTERVENES: Diagnostic.Code
+    CODE_GUARD_FAULT: Diagnostic.Code
     CODE_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]

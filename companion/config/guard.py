@@ -1,0 +1,57 @@
+"""The section `[guard]`: stop before obstacles in the modes in which the autopilot does not brake by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from core.param_field import check, critical, number, switch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardParams:
+    """When the guard asks the autopilot to slow down or to stop. Raises ValueError naming the field, its value and range."""
+
+    enabled: bool = switch(
+        False,
+        "ask the autopilot to stop where the braking distance does not fit into the space seen free; needs [avoid] send",
+    )
+    mission: bool = switch(True, "active in Mission (PX4) and AUTO (ArduPilot)", safety=True)
+    return_home: bool = switch(True, "active in Return (PX4), RTL and SMART_RTL (ArduPilot)", safety=True)
+    guided: bool = switch(True, "active in Offboard (PX4) and GUIDED (ArduPilot)", safety=True)
+    limit_speed: bool = switch(True, "ask for a lower speed before asking to stop", safety=True)
+    deceleration_m_s2: float = critical(
+        2.0, 0.3, 10.0, "m/s2", "deceleration that the autopilot reaches when it is asked to stop; measure it"
+    )
+    reaction_s: float = critical(
+        0.8,
+        0.2,
+        3.0,
+        "s",
+        "time from the decision to stop until the deceleration is reached: link, change of mode, limit of the jerk",
+    )
+    margin_m: float = critical(1.5, 0.2, 10.0, "m", "distance that must be left between the hull and the obstacle")
+    side_m: float = critical(0.3, 0.0, 3.0, "m", "width that must be free on each side of the hull")
+    horizon_m: float = critical(20.0, 4.0, 60.0, "m", "farthest distance along the path that is used")
+    limit_ahead_s: float = critical(
+        1.0, 0.0, 5.0, "s", "the speed is limited when the braking distance fits for less than this time"
+    )
+    least_limit_m_s: float = critical(1.0, 0.5, 5.0, "m/s", "lowest speed limit; below it only a stop follows")
+    cruise_m_s: float = number(
+        0.0,
+        0.0,
+        30.0,
+        "m/s",
+        "speed to which a limit is raised again; 0: the greatest speed that the vehicle had before the limit",
+    )
+    blind_speed_m_s: float = critical(
+        0.7, 0.3, 3.0, "m/s", "slower than this, space that is only unseen does not stop the vehicle; obstacles do"
+    )
+    keep_free_s: float = critical(
+        0.25, 0.0, 0.5, "s", "space seen free counts for this time when newer frames do not see it and show no obstacle"
+    )
+    raise_after_s: float = critical(
+        3.0, 0.5, 30.0, "s", "a speed limit is raised after the space was free for this time"
+    )
+
+    def __post_init__(self) -> None:
+        check("guard", self)

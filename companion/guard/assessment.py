@@ -1,0 +1,151 @@
+"""Whether the vehicle may fly on as it does: from the sights of the path to one verdict.
+
+Space seen free belongs to the world, not to a frame: what an earlier frame saw free is still free a moment later, nearer by
+the way flown, unless a newer frame shows an obstacle in it. It counts for `keep_free_s` and along nearly the same course. A
+frame that sees less, without an obstacle, therefore does not stop the vehicle by itself. Obstacles count at once; those with
+few pixels once a second frame shows them at the same place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..config.guard import GuardParams
+from .braking import Braking
+from .path_sight import PathSight
+
+NS = 1_000_000_000
+SAME_COURSE_RAD = math.radians(3.0)
+STALE_NS = 400_000_000
+"""An older exposure shows nothing of the path."""
+CONFIRM_NS = 500_000_000
+PLACE_M, PLACE_SHARE = 0.5, 0.1
+"""Two frames show the same obstacle if its places agree within this much, and this share of the distance."""
+LEAST_MOVING_M_S = 0.3
+"""Slower, the vehicle stands for the purpose of stopping it before an obstacle."""
+LIMIT_STEP_M_S = 0.5
+
+
+class Action(StrEnum):
+    """What should follow. SLOW: ask for a lower speed."""
+
+    PASS = "pass"
+    SLOW = "slow"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """speed_m_s: of the vehicle, None: not known. allowed_m_s: greatest speed for which the braking distance fits for
+    another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
+    seen farther. sees: the newest frame shows anything. cause: in words, for people."""
+
+    action: Action
+    speed_m_s: float | None
+    allowed_m_s: float
+    room_m: float
+    obstacle: bool
+    sees: bool
+    cause: str
+
+
+class PathAssessor:
+    """`take` each sight, `verdict` at any instant after."""
+
+    def __init__(self, guard: GuardParams, braking: Braking) -> None:
+        self._guard, self._braking = guard, braking
+        self._sights: deque[PathSight] = deque(maxlen=32)
+
+    def take(self, sight: PathSight) -> None:
+        """A new sight of the path."""
+        self._sights.append(sight)
+
+    def verdict(self, now_ns: int) -> Verdict | None:
+        """None before the first sight, and while the speed is not known."""
+        if not self._sights or self._sights[-1].speed_m_s is None:
+            return None
+        newest = self._sights[-1]
+        speed_m_s = newest.speed_m_s
+        assert speed_m_s is not None
+        way_m = speed_m_s * max(0, now_ns - newest.t_ns) / NS
+        obstacle_m = self._obstacle_m(newest) - way_m
+        free_m = self._free_m(newest, now_ns)
+        sees = not newest.cause and newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
+        room_m = max(0.0, min(obstacle_m, free_m))
+        by_obstacle = obstacle_m <= free_m
+        return Verdict(
+            action=self._action(speed_m_s, obstacle_m, free_m),
+            speed_m_s=speed_m_s,
+            allowed_m_s=self._braking.speed_m_s(room_m, self._guard.limit_ahead_s),
+            room_m=room_m,
+            obstacle=by_obstacle,
+            sees=sees,
+            cause=self._cause(newest, obstacle_m, free_m),
+        )
+
+    def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
+        braking, guard = self._braking, self._guard
+        needed_m = braking.needed_m(speed_m_s)
+        if speed_m_s > LEAST_MOVING_M_S and needed_m > obstacle_m:
+            return Action.STOP
+        if speed_m_s > guard.blind_speed_m_s and needed_m > free_m:
+            return Action.STOP
+        ahead_m = braking.needed_m(speed_m_s + LIMIT_STEP_M_S, guard.limit_ahead_s)
+        return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
+
+    def _free_m(self, newest: PathSight, now_ns: int) -> float:
+        """The farthest of what the sights of the last keep_free_s saw free, less the way since."""
+        if now_ns - newest.t_ns > STALE_NS:  # the obstacle output does not decide any more
+            return 0.0
+        keep_ns = self._guard.keep_free_s * NS
+        best_m = newest.free_m - _way_m(newest, newest, now_ns)
+        for sight in self._sights:
+            if newest.t_ns - sight.t_ns <= keep_ns and _same_course(sight, newest):
+                best_m = max(best_m, sight.free_m - _way_m(sight, newest, now_ns))
+        return max(0.0, best_m)
+
+    def _obstacle_m(self, newest: PathSight) -> float:
+        """The nearest obstacle in the newest sight, counted at its instant."""
+        if math.isfinite(newest.weak_obstacle_m) and self._confirmed(newest):
+            return min(newest.obstacle_m, newest.weak_obstacle_m)
+        return newest.obstacle_m
+
+    def _confirmed(self, newest: PathSight) -> bool:
+        """Whether another frame showed an obstacle at the place of the weakly supported one."""
+        for sight in self._sights:
+            if sight.exposed_ns == newest.exposed_ns or newest.t_ns - sight.t_ns > CONFIRM_NS:
+                continue
+            slack_m = PLACE_M + PLACE_SHARE * newest.weak_obstacle_m
+            before_m = min(sight.obstacle_m, sight.weak_obstacle_m) - _way_m(sight, newest, newest.t_ns)
+            if abs(before_m - newest.weak_obstacle_m) <= slack_m:
+                return True
+        return False
+
+    def _cause(self, newest: PathSight, obstacle_m: float, free_m: float) -> str:
+        if newest.cause and free_m <= 0.0:
+            return newest.cause
+        if obstacle_m <= free_m:
+            return f"obstacle {obstacle_m:.1f} m ahead"
+        return f"seen free for {free_m:.1f} m only"
+
+
+def _same_course(a: PathSight, b: PathSight) -> bool:
+    if a.course_rad is None or b.course_rad is None:
+        return False
+    return abs(math.remainder(a.course_rad - b.course_rad, math.tau)) <= SAME_COURSE_RAD
+
+
+def _way_m(sight: PathSight, newest: PathSight, now_ns: int) -> float:
+    """Way from the place of a sight to the place at now_ns: by position, else by the greatest speed since."""
+    speed_m_s = newest.speed_m_s or 0.0
+    since_s = max(0, now_ns - newest.t_ns) / NS
+    if sight is newest:
+        return speed_m_s * since_s
+    if sight.position_ned_m is not None and newest.position_ned_m is not None:
+        moved_m = math.dist(sight.position_ned_m[:2], newest.position_ned_m[:2])
+    else:
+        moved_m = max(speed_m_s, sight.speed_m_s or 0.0) * (newest.t_ns - sight.t_ns) / NS
+    return moved_m + speed_m_s * since_s

@@ -1,0 +1,47 @@
+"""Braking distance by speed, and the speed for a distance.
+
+    needed(v) = v * reaction_s + v^2 / (2 * deceleration) + margin
+
+The vehicle flies on for reaction_s, then decelerates. margin is what must be left, counted from the vehicle's middle: radius of
+the hull and margin_m.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..config.avoidance import AvoidParams
+from ..config.guard import GuardParams
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Braking:
+    """reaction_s: s; deceleration_m_s2: m/s2; margin_m: from the vehicle's middle, m."""
+
+    reaction_s: float
+    deceleration_m_s2: float
+    margin_m: float
+
+    def needed_m(self, speed_m_s: float, ahead_s: float = 0.0) -> float:
+        """Distance from the vehicle's middle that must be free. ahead_s: time for which the vehicle flies on before the
+        reaction time begins."""
+        way_m = speed_m_s * (self.reaction_s + ahead_s)
+        return way_m + speed_m_s**2 / (2.0 * self.deceleration_m_s2) + self.margin_m
+
+    def speed_m_s(self, distance_m: float, ahead_s: float = 0.0) -> float:
+        """Greatest speed for which `needed_m` is at most the distance; 0 where there is none."""
+        room_m = distance_m - self.margin_m
+        if not room_m > 0.0:
+            return 0.0
+        a, t = self.deceleration_m_s2, self.reaction_s + ahead_s
+        return a * (math.sqrt(t * t + 2.0 * room_m / a) - t)
+
+
+def braking_of(guard: GuardParams, avoid: AvoidParams) -> Braking:
+    """The braking distances of a configuration."""
+    return Braking(
+        reaction_s=guard.reaction_s,
+        deceleration_m_s2=guard.deceleration_m_s2,
+        margin_m=guard.margin_m + avoid.radius_m,
+    )

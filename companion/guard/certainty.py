@@ -1,0 +1,73 @@
+"""Whether a command of the guard is sure to reach the right vehicle, and only it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from drivers.mavlink.commands import SET_MESSAGE_INTERVAL, set_message_interval
+from drivers.mavlink.session import Vehicle
+
+from .modes import MULTICOPTERS, STOP_ORDER
+
+NS = 1_000_000_000
+HEARTBEAT_ID: Final = 0
+HEARTBEAT_HZ: Final = 5.0
+"""Asked of the autopilot, so that a change of mode is known within 0.2 s. One that keeps 1 Hz is still used."""
+LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
+FIRST_WAIT_NS: Final = NS
+LONGEST_WAIT_NS: Final = 10 * NS
+CONFLICTS: Final = ("two autopilots", "two of us")
+"""Topics of drivers.mavlink.conflicts that leave open who receives a command, or whose answer comes."""
+_ANSWERS: Final = frozenset({0, 3})
+"""MAV_RESULT ACCEPTED and UNSUPPORTED: the command was read, which is what is asked here."""
+
+
+@dataclass(slots=True)
+class Certainty:
+    """Asks the autopilot for a higher rate of heartbeats; its COMMAND_ACK shows that commands arrive and answers come back."""
+
+    component_id: int
+    _who: tuple[int, str] = (0, "")
+    _reached: bool = False
+    _next_ns: int = 0
+    _wait_ns: int = FIRST_WAIT_NS
+    _asked: bool = field(default=False)
+
+    def is_for_us(self, ack: Any, vehicle: Vehicle) -> bool:
+        """Whether a COMMAND_ACK answers a command of ours. Autopilots without target fields send 0."""
+        system, component = getattr(ack, "target_system", 0), getattr(ack, "target_component", 0)
+        return system in (0, vehicle.system_id) and component in (0, self.component_id)
+
+    def acknowledged(self, command: int, result: int) -> None:
+        """A COMMAND_ACK of the vehicle for us."""
+        if command == SET_MESSAGE_INTERVAL and self._asked and result in _ANSWERS:
+            self._reached = True
+
+    def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
+        """The request to send now, if any. Another vehicle must answer anew."""
+        who = (vehicle.system_id, vehicle.autopilot)
+        if who != self._who:
+            self._who, self._reached, self._asked, self._next_ns = who, False, False, now_ns
+            self._wait_ns = FIRST_WAIT_NS
+        if vehicle.autopilot not in STOP_ORDER or now_ns < self._next_ns:
+            return []
+        self._next_ns = now_ns + (LONGEST_WAIT_NS if self._reached else self._wait_ns)
+        self._wait_ns = min(2 * self._wait_ns, LONGEST_WAIT_NS)
+        self._asked = True
+        return [set_message_interval(vehicle.system_id, HEARTBEAT_ID, HEARTBEAT_HZ)]
+
+    def doubt(self, vehicle: Vehicle, conflicts: Mapping[str, str], signing_trouble: str, now_ns: int) -> str:
+        """Why it is not sure, in a few words; empty: it is."""
+        if any(conflicts.get(topic) for topic in CONFLICTS):
+            return next(topic for topic in CONFLICTS if conflicts.get(topic))
+        if vehicle.autopilot not in STOP_ORDER:
+            return "autopilot kind unknown"
+        if vehicle.vehicle_type not in MULTICOPTERS:
+            return "not a multicopter"
+        if now_ns - vehicle.heartbeat_ns > LONGEST_HEARTBEAT_NS:
+            return "no heartbeat"
+        if signing_trouble:
+            return "messages are not signed alike"
+        return "" if self._reached else "commands are not acknowledged"

@@ -1,0 +1,217 @@
+"""The guard as a part of the service: its thread, what it receives, and what it sends."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.mavlink import commands
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import COMMAND_ACK_ID, LinkStatus, MavlinkSession, Vehicle
+from drivers.watched_thread import WatchedThread
+
+from ..autopilot.landed import EXTENDED_SYS_STATE, LandedState
+from ..autopilot.status_text import CRITICAL, WARNING, shortened
+from ..autopilot.surroundings import Surroundings
+from ..config.avoidance import AvoidParams
+from ..config.guard import GuardParams
+from ..config.loader import Config
+from ..diagnostic import Diagnostic, DiagnosticCode
+from .assessment import PathAssessor, Verdict
+from .braking import braking_of
+from .certainty import Certainty
+from .machine import GuardMachine
+from .memory_file import GuardMemoryFile
+from .modes import StopMethod
+from .path_sight import path_sight
+from .states import Announcement, GuardInput, GuardMemory, GuardState, Output, SpeedCommand, StopCommand
+
+log = logging.getLogger("companion")
+
+NS = 1_000_000_000
+STEP_S: Final = 0.05
+"""Longest time between two steps; a new sight of the path brings one at once."""
+LINK_NS: Final = NS // 5
+REPEAT_NS: Final = 5 * NS
+"""The same text is not announced again within this time."""
+READS: Final = frozenset({COMMAND_ACK_ID, EXTENDED_SYS_STATE})
+"""Ids of the autopilot's messages that `message` needs."""
+
+
+class Guard:
+    """vehicle: the autopilot that is heard now, None: none. link_status: conflicts and signing. post: sends a message to it.
+
+    `observe` is called by the obstacle output, `message` by the link; all computing is done in a thread of the guard."""
+
+    def __init__(
+        self,
+        guard: GuardParams,
+        avoid: AvoidParams,
+        component_id: int,
+        vehicle: Callable[[], Vehicle | None],
+        link_status: Callable[[], LinkStatus],
+        post: Callable[[Any], None],
+        folder: Path | None,
+    ) -> None:
+        """folder: of the state, None: nothing is kept."""
+        self._guard, self._avoid = guard, avoid
+        self._vehicle, self._link_status, self._post = vehicle, link_status, post
+        self._certainty = Certainty(component_id)
+        self._landed = LandedState()
+        self._assessor = PathAssessor(guard, braking_of(guard, avoid))
+        self._file = GuardMemoryFile(folder)
+        memory = self._file.load(time.monotonic_ns())
+        self._machine = GuardMachine(guard, memory or GuardMemory())
+        self._messages: deque[Any] = deque(maxlen=64)
+        self._lock = threading.Lock()
+        self._verdict: Verdict | None = None
+        self._link: LinkStatus | None = None
+        self._link_ns = 0
+        self._announced: dict[str, int] = {}
+        self._stop, self._news = threading.Event(), threading.Event()
+        self._thread = WatchedThread(self._run, "guard")
+
+    # ---- in ---------------------------------------------------------------------------------------------------------
+
+    def observe(self, surroundings: Surroundings) -> None:
+        """What a decision of the obstacle output was made from."""
+        sight = path_sight(surroundings, self._avoid, self._guard)
+        with self._lock:
+            self._assessor.take(sight)
+        self._news.set()
+
+    def message(self, message: Any, arrival_ns: int) -> None:
+        """A message of the autopilot, of READS."""
+        if message.get_type() == "COMMAND_ACK":
+            self._messages.append(message)
+            self._news.set()
+        self._landed.take(message, arrival_ns)
+
+    # ---- thread -----------------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread. In a watched mode it is announced that the guard has ended. May be called twice."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._news.set()
+        if self._thread.ident is not None:
+            self._thread.join(2.0)
+        if self.memory.state is not GuardState.INACTIVE:
+            self._send(Announcement("guard: off, the service stops", critical=True), time.monotonic_ns())
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._news.wait(STEP_S)
+            self._news.clear()
+            if not self._stop.is_set():
+                self.step(time.monotonic_ns())
+
+    def step(self, now_ns: int) -> None:
+        """One step: reads what has arrived, decides and sends."""
+        vehicle = self._vehicle()
+        if vehicle is not None:
+            self._acknowledgements(vehicle)
+            for request in self._certainty.requests(vehicle, now_ns):
+                self._post(request)
+        with self._lock:
+            self._verdict = self._assessor.verdict(now_ns)
+        outputs = self._machine.step(self._input(vehicle, now_ns))
+        self._file.keep(self.memory, now_ns)
+        for output in outputs:
+            self._send(output, now_ns)
+
+    def _acknowledgements(self, vehicle: Vehicle) -> None:
+        while self._messages:
+            ack = self._messages.popleft()
+            if self._certainty.is_for_us(ack, vehicle):
+                self._certainty.acknowledged(int(ack.command), int(ack.result))
+                self._machine.acknowledged(int(ack.command), int(ack.result))
+
+    def _input(self, vehicle: Vehicle | None, now_ns: int) -> GuardInput:
+        doubt, in_air = "", False
+        if vehicle is not None:
+            if self._link is None or now_ns - self._link_ns >= LINK_NS:
+                self._link, self._link_ns = self._link_status(), now_ns
+            doubt = self._certainty.doubt(vehicle, self._link.conflicts, self._link.signing_trouble, now_ns)
+            in_air = not self._landed.on_ground(vehicle, now_ns)
+        return GuardInput(now_ns=now_ns, vehicle=vehicle, doubt=doubt, in_air=in_air, verdict=self._verdict)
+
+    # ---- out --------------------------------------------------------------------------------------------------------
+
+    def _send(self, output: Output, now_ns: int) -> None:
+        if isinstance(output, Announcement):
+            self._announce(output, now_ns)
+            return
+        log.warning("guard: %s, %s", output, self.memory.cause)
+        self._post(message_of(output))
+
+    def _announce(self, text: Announcement, now_ns: int) -> None:
+        log.warning("%s", text.text)
+        if now_ns - self._announced.get(text.text, -REPEAT_NS) < REPEAT_NS:
+            return
+        self._announced[text.text] = now_ns
+        severity = CRITICAL if text.critical else WARNING
+        self._post(dialect.MAVLink_statustext_message(severity, shortened(f"OA: {text.text}").encode()))
+
+    @property
+    def memory(self) -> GuardMemory:
+        """State and what belongs to it."""
+        return self._machine.memory
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The newest verdict on the path."""
+        return self._verdict
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """What people must know of the guard."""
+        memory, out = self.memory, []
+        if self._thread.failure:
+            text = f"the guard has ended: {self._thread.failure}; the vehicle is not stopped in automatic modes"
+            out.append(Diagnostic(DiagnosticCode.GUARD_FAULT, "", text))
+        if memory.state is GuardState.UNAVAILABLE:
+            text = f"the guard sends no commands: {memory.cause}; the vehicle is not stopped in this mode"
+            out.append(Diagnostic(DiagnosticCode.GUARD_UNAVAILABLE, "", text))
+        if memory.state is GuardState.STOPPING:
+            text = f"the guard stops the vehicle, attempt {memory.attempts}: {memory.cause}"
+            out.append(Diagnostic(DiagnosticCode.GUARD_INTERVENES, "", text))
+        if memory.state is GuardState.HOLDING:
+            text = f"the guard has stopped the vehicle: {memory.cause}; change the flight mode to go on"
+            out.append(Diagnostic(DiagnosticCode.GUARD_INTERVENES, "", text))
+        if memory.state is GuardState.LIMITED:
+            text = f"the guard limits the speed to {memory.limit_m_s:g} m/s: {memory.cause}"
+            out.append(Diagnostic(DiagnosticCode.GUARD_INTERVENES, "", text))
+        return out
+
+
+def guard_of(config: Config, session: MavlinkSession, link: MavlinkLink, folder: Path | None) -> Guard:
+    """The guard of this link. folder: of the state."""
+
+    def heard() -> Vehicle | None:
+        return session.vehicle if session.heard(time.monotonic_ns()) else None
+
+    return Guard(config.guard, config.avoid, config.autopilot.component_id, heard, link.status, link.post, folder)
+
+
+def message_of(output: StopCommand | SpeedCommand) -> Any:
+    """The MAVLink message of a command."""
+    if isinstance(output, SpeedCommand):
+        return commands.change_speed(output.system_id, output.speed_m_s)
+    if output.method is StopMethod.PX4_HOLD:
+        return commands.set_px4_hold(output.system_id)
+    if output.method is StopMethod.PX4_REPOSITION:
+        return commands.px4_reposition_here(output.system_id)
+    if output.method is StopMethod.COPTER_BRAKE:
+        return commands.set_copter_mode(output.system_id, commands.COPTER_BRAKE)
+    return commands.set_copter_mode(output.system_id, commands.COPTER_LOITER)

@@ -1,0 +1,264 @@
+"""The state machine of the guard, without clock, thread or link: what is known goes in, what to send comes out.
+
+States and transitions are drawn in docs/explanation/guard.md. Rules that hold in all of them:
+
+- A command is put out only to the vehicle of the input, only while the input is free of doubt, and only in a watched mode or in
+  a stop mode that the guard itself has set and that has not brought the vehicle to rest.
+- A mode that the guard did not set ends the intervention. It is taken as the pilot's, whoever set it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from drivers.mavlink.commands import COPTER_LOITER, DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MODE
+from drivers.mavlink.session import Vehicle
+
+from ..config.guard import GuardParams
+from .assessment import Action, Verdict
+from .modes import ARDUPILOT, STOP_MODES, STOP_ORDER, StopMethod, Watched, takes_speed, watched_mode
+from .speed_limit import ACCEPTED, IN_PROGRESS, SpeedLimiter
+from .states import (
+    INTERVENES,
+    Announcement,
+    GuardInput,
+    GuardMemory,
+    GuardState,
+    Output,
+    SpeedCommand,
+    StopCommand,
+)
+
+NS = 1_000_000_000
+ACK_NS = NS * 4 // 10
+"""An attempt without COMMAND_ACK is repeated after this time."""
+MODE_NS = NS * 15 // 10
+"""An acknowledged attempt whose mode does not appear in a heartbeat is repeated after this time: heartbeats may come once a second."""
+FAILED_AFTER = 4
+"""Attempts without effect until the failure is announced. The attempts go on, once in MODE_NS."""
+STANDS_M_S = 0.4
+"""Slower than this the vehicle counts as stopped."""
+SPARE_STOP_NS = 2 * NS
+"""More than the computed braking time, until a stop mode that does not brake is followed by the next command."""
+GAP_NS = 5 * NS
+"""After a longer time without the vehicle, an unconfirmed stop is judged anew: somebody may have had the vehicle meanwhile."""
+
+
+@dataclass(slots=True)
+class _Attempt:
+    """The newest attempt to stop. result: MAV_RESULT, None: not acknowledged."""
+
+    command: int
+    t_ns: int
+    result: int | None = None
+
+
+@dataclass(slots=True)
+class GuardMachine:
+    """`step` ten times per second or more, `acknowledged` with each COMMAND_ACK for us. memory: what outlives the process."""
+
+    guard: GuardParams
+    memory: GuardMemory = field(default_factory=GuardMemory)
+    _limiter: SpeedLimiter = field(init=False)
+    _attempt: _Attempt | None = None
+    _brakes_until_ns: int | None = None
+    _heard_ns: int | None = None
+    _failure_announced: bool = False
+
+    def __post_init__(self) -> None:
+        memory = self.memory
+        self._limiter = SpeedLimiter(self.guard, memory.limit_m_s, memory.fastest_m_s)
+
+    # ---- in ---------------------------------------------------------------------------------------------------------
+
+    def acknowledged(self, command: int, result: int) -> None:
+        """A COMMAND_ACK of the vehicle for a command of ours."""
+        attempt = self._attempt
+        if attempt is not None and command == attempt.command and attempt.result in (None, IN_PROGRESS):
+            attempt.result = result
+        if command == DO_CHANGE_SPEED:
+            self._limiter.acknowledged(result)
+
+    def step(self, now: GuardInput) -> list[Output]:
+        """What to send now, in order."""
+        vehicle = now.vehicle
+        if vehicle is None or vehicle.heartbeat_ns <= 0:
+            return []  # the state stays: the link may come back
+        gap_ns = 0 if self._heard_ns is None else now.now_ns - self._heard_ns
+        self._heard_ns = now.now_ns
+        if (vehicle.autopilot, vehicle.system_id) != (self.memory.kind, self.memory.system_id):
+            if vehicle.autopilot not in STOP_ORDER and vehicle.system_id == self.memory.system_id:
+                return []  # contradicting heartbeats name two kinds: wait until it is one again
+            self._begin(GuardState.INACTIVE, now, kind=vehicle.autopilot, system_id=vehicle.system_id, seen=False)
+        if not vehicle.armed or not now.in_air:
+            return self._rest(now)
+        if self.memory.state is GuardState.STOPPING and gap_ns > GAP_NS:
+            self._begin(GuardState.INACTIVE, now)
+        if self.memory.state in INTERVENES:
+            return self._intervene(vehicle, now)
+        return self._watch(vehicle, now)
+
+    # ---- not intervening --------------------------------------------------------------------------------------------
+
+    def _rest(self, now: GuardInput) -> list[Output]:
+        """On the ground, or disarmed."""
+        intervened = self.memory.state in INTERVENES
+        if self.memory.state is not GuardState.INACTIVE or self.memory.seen:
+            self._begin(GuardState.INACTIVE, now, seen=False, blind_stop=False)
+        return [Announcement("guard: ended, not flying")] if intervened else []
+
+    def _watch(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        group = watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard)
+        if group is None:
+            if self.memory.state is not GuardState.INACTIVE:
+                self._begin(GuardState.INACTIVE, now)
+            self._follow_sight(now)
+            return []
+        if self.memory.state is GuardState.INACTIVE or vehicle.custom_mode != self.memory.mode:
+            self._begin(GuardState.WATCHING, now)
+        self._follow_sight(now)
+        doubt = now.doubt or self._no_sight(now)
+        if doubt:
+            return self._doubts(doubt, now)
+        out: list[Output] = []
+        if self.memory.state is GuardState.UNAVAILABLE:
+            limited = self.memory.limit_m_s > 0.0
+            self._change(now, state=GuardState.LIMITED if limited else GuardState.WATCHING, cause="")
+            out.append(Announcement("guard: active"))
+        verdict = now.verdict
+        assert verdict is not None
+        if verdict.action is Action.STOP and not (self.memory.blind_stop and not verdict.sees):
+            return out + self._stop(vehicle, verdict, now)
+        return out + self._adjust_speed(vehicle, group, verdict, now)
+
+    def _follow_sight(self, now: GuardInput) -> None:
+        """Notes that the path is seen: blindness counts from then on."""
+        if now.verdict is not None and now.verdict.sees and (not self.memory.seen or self.memory.blind_stop):
+            self._change(now, seen=True, blind_stop=False)
+
+    def _no_sight(self, now: GuardInput) -> str:
+        if now.verdict is None:
+            return "vehicle's velocity unknown"
+        return "" if self.memory.seen else "nothing seen since take-off"
+
+    def _doubts(self, doubt: str, now: GuardInput) -> list[Output]:
+        """It would not be sure that a command has the right effect: none is sent, and that is announced."""
+        if self.memory.state is GuardState.UNAVAILABLE and self.memory.cause == doubt:
+            return []
+        self._change(now, state=GuardState.UNAVAILABLE, cause=doubt)
+        return [Announcement(f"guard: off, {doubt}", critical=True)]
+
+    # ---- speed ------------------------------------------------------------------------------------------------------
+
+    def _adjust_speed(self, vehicle: Vehicle, group: Watched, verdict: Verdict, now: GuardInput) -> list[Output]:
+        limiter = self._limiter
+        if not self.guard.limit_speed or not takes_speed(vehicle.autopilot, group):
+            return []
+        if limiter.refused:
+            if self.memory.state is not GuardState.LIMITED:
+                return []
+            self._change(now, state=GuardState.WATCHING, limit_m_s=0.0)
+            return [Announcement("guard: no speed limit in this mode")]
+        wanted_m_s = limiter.wanted(verdict, now.now_ns)
+        if wanted_m_s is None:
+            return []
+        out: list[Output] = [SpeedCommand(vehicle.system_id, wanted_m_s)]
+        if limiter.ended:
+            out.append(Announcement("guard: speed limit ended"))
+            self._begin(GuardState.WATCHING, now)
+            return out
+        if self.memory.state is not GuardState.LIMITED:
+            out.append(Announcement(f"guard: speed limit {wanted_m_s:.1f} m/s"))
+        self._change(
+            now, state=GuardState.LIMITED, limit_m_s=wanted_m_s, fastest_m_s=limiter.fastest_m_s, cause=verdict.cause
+        )
+        return out
+
+    # ---- stop -------------------------------------------------------------------------------------------------------
+
+    def _stop(self, vehicle: Vehicle, verdict: Verdict, now: GuardInput) -> list[Output]:
+        self._begin(GuardState.STOPPING, now, blind_stop=not verdict.sees, cause=verdict.cause)
+        return [*self._try_to_stop(vehicle, now), Announcement(f"guard: stop, {verdict.cause}", critical=True)]
+
+    def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        order = STOP_ORDER[vehicle.autopilot]
+        method = order[self.memory.attempts % len(order)]
+        command = DO_REPOSITION if method is StopMethod.PX4_REPOSITION else DO_SET_MODE
+        self._attempt = _Attempt(command, now.now_ns)
+        modes = tuple(sorted({*self.memory.stop_modes, STOP_MODES[method]}))
+        self._change(now, attempts=self.memory.attempts + 1, stop_modes=modes)
+        return [StopCommand(vehicle.system_id, method)]
+
+    def _intervene(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        memory, mode = self.memory, vehicle.custom_mode
+        if mode in memory.stop_modes:
+            return self._in_stop_mode(vehicle, now)
+        if memory.state is GuardState.STOPPING and mode == memory.mode and not memory.taken:
+            return self._not_taken_yet(vehicle, now)
+        # whoever set this mode has the vehicle now
+        self._begin(GuardState.INACTIVE, now)
+        return [Announcement("guard: released, mode changed"), *self._watch(vehicle, now)]
+
+    def _not_taken_yet(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        """Still in the watched mode."""
+        if now.doubt or watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is None:
+            return []
+        if self._attempt is not None and now.now_ns - self._attempt.t_ns < self._patience_ns(self._attempt):
+            return []
+        return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
+
+    def _patience_ns(self, attempt: _Attempt) -> int:
+        """Time until the next attempt."""
+        if self.memory.attempts >= FAILED_AFTER or attempt.result in (ACCEPTED, IN_PROGRESS):
+            return MODE_NS
+        return ACK_NS if attempt.result is None else 0  # refused: the next method at once
+
+    def _in_stop_mode(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        """The autopilot has taken the stop: the vehicle must come to rest. In LOITER the pilot has the sticks: nothing more is
+        commanded."""
+        if self.memory.state is GuardState.HOLDING:
+            return []
+        if not self.memory.taken:
+            self._change(now, taken=True)
+        speed_m_s = now.verdict.speed_m_s if now.verdict is not None else None
+        sticks = vehicle.autopilot == ARDUPILOT and vehicle.custom_mode == COPTER_LOITER
+        if sticks or (speed_m_s is not None and speed_m_s < STANDS_M_S):
+            self._change(now, state=GuardState.HOLDING)
+            return [Announcement("guard: stopped, change mode to go on", critical=True)]
+        if self._brakes_until_ns is None:
+            brakes_s = (speed_m_s or 0.0) / self.guard.deceleration_m_s2 + self.guard.reaction_s
+            self._brakes_until_ns = now.now_ns + round(brakes_s * NS) + SPARE_STOP_NS
+        if now.doubt or speed_m_s is None or now.now_ns < self._brakes_until_ns:
+            return []
+        self._brakes_until_ns = now.now_ns + SPARE_STOP_NS
+        return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
+
+    def _failure(self, text: str) -> list[Output]:
+        """The announcement that the attempts have no effect, once for each intervention."""
+        if self.memory.attempts < FAILED_AFTER or self._failure_announced:
+            return []
+        self._failure_announced = True
+        return [Announcement(text, critical=True)]
+
+    # ---- state ------------------------------------------------------------------------------------------------------
+
+    def _change(self, now: GuardInput, **changes: Any) -> None:
+        """Changes fields of the memory."""
+        self.memory = replace(self.memory, t_ns=now.now_ns, **changes)
+
+    def _begin(self, state: GuardState, now: GuardInput, **changes: Any) -> None:
+        """Begins a state anew: what is not named in `changes` is forgotten, but for who the vehicle is and what was seen."""
+        old, vehicle = self.memory, now.vehicle
+        fresh = GuardMemory(
+            state=state,
+            kind=old.kind,
+            system_id=old.system_id,
+            mode=old.mode if vehicle is None else vehicle.custom_mode,
+            t_ns=now.now_ns,
+            seen=old.seen,
+            blind_stop=old.blind_stop,
+        )
+        self.memory = replace(fresh, **changes)
+        self._limiter = SpeedLimiter(self.guard)
+        self._attempt, self._brakes_until_ns, self._failure_announced = None, None, False

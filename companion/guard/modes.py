@@ -1,0 +1,70 @@
+"""Which flight modes the guard watches, and by which modes it stops the vehicle. Numbers are custom_mode of HEARTBEAT."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, PX4_AUTO, PX4_AUTO_LOITER, px4_mode_number
+
+from ..config.guard import GuardParams
+
+PX4, ARDUPILOT = "PX4", "ArduPilot"
+MULTICOPTERS: Final = frozenset({2, 3, 13, 14, 15, 29, 35})
+"""MAV_TYPE: quadrotor, coaxial, hexarotor, octorotor, tricopter, dodecarotor, decarotor. The numbers of modes below are those of
+multicopters: mode 17 of ArduPlane is another one."""
+
+
+class Watched(StrEnum):
+    """Groups of modes in which the autopilot flies by itself."""
+
+    MISSION = "mission"
+    RETURN = "return"
+    GUIDED = "guided"
+
+
+class StopMethod(StrEnum):
+    """Commands that stop the vehicle."""
+
+    PX4_HOLD = "px4_hold"
+    PX4_REPOSITION = "px4_reposition"
+    COPTER_BRAKE = "copter_brake"
+    COPTER_LOITER = "copter_loiter"
+
+
+_PX4_WATCHED = {
+    px4_mode_number(PX4_AUTO, 4): Watched.MISSION,
+    px4_mode_number(PX4_AUTO, 5): Watched.RETURN,
+    px4_mode_number(6, 0): Watched.GUIDED,
+}
+_COPTER_WATCHED = {
+    3: Watched.MISSION,
+    27: Watched.RETURN,  # AUTO_RTL
+    6: Watched.RETURN,
+    21: Watched.RETURN,  # SMART_RTL
+    4: Watched.GUIDED,
+}
+STOP_MODES: Final = {
+    StopMethod.PX4_HOLD: px4_mode_number(PX4_AUTO, PX4_AUTO_LOITER),
+    StopMethod.PX4_REPOSITION: px4_mode_number(PX4_AUTO, PX4_AUTO_LOITER),
+    StopMethod.COPTER_BRAKE: COPTER_BRAKE,
+    StopMethod.COPTER_LOITER: COPTER_LOITER,
+}
+"""custom_mode after each command."""
+STOP_ORDER: Final = {
+    PX4: (StopMethod.PX4_HOLD, StopMethod.PX4_REPOSITION),
+    ARDUPILOT: (StopMethod.COPTER_BRAKE, StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER),
+}
+"""Commands of the attempts, one after the other, again from the beginning after the last."""
+
+
+def watched_mode(kind: str, custom_mode: int, guard: GuardParams) -> Watched | None:
+    """The group of a mode if the guard is active in it by configuration; None: it is not, as in all modes that a pilot flies."""
+    group = {PX4: _PX4_WATCHED, ARDUPILOT: _COPTER_WATCHED}.get(kind, {}).get(custom_mode)
+    active = {Watched.MISSION: guard.mission, Watched.RETURN: guard.return_home, Watched.GUIDED: guard.guided}
+    return group if group is not None and active[group] else None
+
+
+def takes_speed(kind: str, group: Watched) -> bool:
+    """Whether MAV_CMD_DO_CHANGE_SPEED has an effect: not in Offboard, where PX4 follows the setpoints it receives."""
+    return not (kind == PX4 and group is Watched.GUIDED)

@@ -1,0 +1,200 @@
+"""How far the path ahead of the vehicle is seen free, and where the nearest obstacle stands in it.
+
+The path is a straight corridor from the vehicle along its velocity, as wide as the hull and `side_m` on each side, over the
+height band of `[avoid]`; with a climb or descent the band follows the slope. Distances are horizontal, from the vehicle's middle.
+All is computed in level at the instant of a decision of the obstacle output.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..autopilot.polar_histogram import STEP_RAD, Recall, centres_rad
+from ..autopilot.surroundings import Surroundings
+from ..autopilot.view_free import View, points_free
+from ..config.avoidance import AvoidParams
+from ..config.guard import GuardParams
+
+Floats = NDArray[np.float64]
+LEAST_SPEED_M_S = 0.2
+"""Slower, the velocity has no direction: the path is straight ahead."""
+STEEPEST = 1.0
+PIECE_M = 2.0
+"""Along a sloping path the height band is moved once for each piece of this length."""
+ACROSS = 5
+RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathSight:
+    """What one decision showed of the path. t_ns: instant of the decision; exposed_ns: of the oldest frame in use, None: none.
+
+    speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known.
+    free_m: seen free from the vehicle's middle. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
+    one that few pixels support, which needs a second frame. position_ned_m: None: not known.
+    cause: why nothing is seen, in words; empty: something is."""
+
+    t_ns: int
+    exposed_ns: int | None
+    speed_m_s: float | None
+    course_rad: float | None
+    free_m: float
+    obstacle_m: float
+    weak_obstacle_m: float
+    position_ned_m: tuple[float, float, float] | None
+    cause: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Path:
+    """Direction (cos, sin) in level, and dz/ds, positive down."""
+
+    cos: float
+    sin: float
+    slope: float
+
+
+def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathSight:
+    """The path at one decision. Where it cannot be computed nothing is seen free."""
+    speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
+    free_m, obstacle_m, weak_m, course_rad = 0.0, math.inf, math.inf, None
+    cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
+    if s.here is None:
+        cause = cause or "the attitude is lost"
+    else:
+        path = _path(s, speed_m_s)
+        course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
+        try:
+            free_m = seen_free_m(s, path, avoid, guard)
+            obstacle_m, weak_m = obstacle_distances_m(s, path, avoid, guard)
+        except RECKONING_ERRORS as error:
+            free_m, cause = 0.0, f"the path cannot be computed: {type(error).__name__}: {error}"
+    return PathSight(
+        t_ns=s.t_ns,
+        exposed_ns=s.exposed_ns,
+        speed_m_s=speed_m_s,
+        course_rad=course_rad,
+        free_m=free_m,
+        obstacle_m=obstacle_m,
+        weak_obstacle_m=weak_m,
+        position_ned_m=None if s.here is None else s.here.position_ned_m,
+        cause=cause,
+    )
+
+
+def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
+    assert s.here is not None
+    if speed_m_s is None or s.velocity_ned_m_s is None or speed_m_s < LEAST_SPEED_M_S:
+        return _Path(1.0, 0.0, 0.0)
+    north, east, down = s.velocity_ned_m_s
+    angle = math.atan2(east, north) - s.here.heading_rad
+    return _Path(math.cos(angle), math.sin(angle), max(-STEEPEST, min(STEEPEST, down / speed_m_s)))
+
+
+def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
+    """Of the corridor."""
+    return avoid.radius_m + guard.side_m
+
+
+def seen_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
+    """Distance to which clear_share of the corridor's rays were seen free, each from near_m on; 0 where they were not.
+
+    Rays are parallel to the path. Of rays that are partly outside of all images, places seen free a moment before count, as
+    for the sectors of the obstacle output: only where seen_share of the rays is seen free now."""
+    along = np.arange(avoid.near_m, guard.horizon_m + avoid.step_m, avoid.step_m)
+    across = np.linspace(-1.0, 1.0, ACROSS) * half_width_m(avoid, guard)
+    x = path.cos * along[None, :] - path.sin * across[:, None]
+    y = path.sin * along[None, :] + path.cos * across[:, None]
+    heights = -avoid.band_above_m + (np.arange(avoid.slices) + 0.5) / avoid.slices * (
+        avoid.band_above_m + avoid.band_below_m
+    )
+    free = np.zeros((len(heights), *x.shape), bool)
+    for piece in _pieces(along, path):
+        z = heights + path.slope * float(along[piece].mean())
+        for view in s.views:
+            if view.model.valid:
+                free[:, :, piece] |= points_free(view, x[:, piece], y[:, piece], z, along_rays=True)
+        if s.recall is not None:
+            free[:, :, piece] |= _recalled(free[:, :, piece], x[:, piece], y[:, piece], z, s.recall, avoid)
+    reached = np.sort(np.logical_and.accumulate(free, axis=2).sum(axis=2), axis=None)[::-1]
+    common = int(reached[math.ceil(avoid.clear_share * reached.size) - 1])
+    return float(along[common - 1]) if common > 0 else 0.0
+
+
+def _pieces(along: Floats, path: _Path) -> list[slice]:
+    """Slices of the samples along the path; one for a level path."""
+    if abs(path.slope) < 0.02:
+        return [slice(0, len(along))]
+    step = max(1, round(PIECE_M / float(along[1] - along[0])))
+    return [slice(k, k + step) for k in range(0, len(along), step)]
+
+
+def _recalled(
+    free: NDArray[np.bool_], x: Floats, y: Floats, z: Floats, recall: Recall, avoid: AvoidParams
+) -> NDArray[np.bool_]:
+    """Like free: places not seen free now that were seen free a moment before, at distances of which seen_share is seen now."""
+    out = np.zeros_like(free)
+    share = free.mean(axis=(0, 1))
+    wanted = ~free & ((share >= avoid.seen_share) & (share < 1.0))[None, None, :]
+    i, j, k = np.nonzero(wanted)
+    if len(i):
+        out[i, j, k] = recall(x[j, k], y[j, k], z[i])
+    return out
+
+
+def obstacle_distances_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> tuple[float, float]:
+    """Distances to the nearest obstacle in the corridor, and to the nearest with little support; inf where there is none.
+    Remembered obstacles count as well supported: they were confirmed when they were seen."""
+    firm_m, weak_m = math.inf, math.inf
+    for view, weak_px in zip(s.views, s.weak_px, strict=True):
+        distance = _planes_m(view, path, avoid, guard)
+        weak = view.model.support_px <= weak_px
+        firm_m = min(firm_m, float(np.min(distance[~weak], initial=math.inf)))
+        weak_m = min(weak_m, float(np.min(distance[weak], initial=math.inf)))
+    return min(firm_m, _remembered_m(s, path, avoid, guard)), weak_m
+
+
+def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
+    """(N,) distance along the path to the part of each plane that lies in the corridor, less the plane's margin, at least 0;
+    inf where no part does."""
+    planes = view.model.planes.astype(np.float64)
+    if not view.model.valid or not len(planes):
+        return np.full(len(planes), np.inf)
+    half = half_width_m(avoid, guard)
+    ends_x = path.cos * planes[:, [0, 2]] + path.sin * planes[:, [1, 3]]
+    ends_y = -path.sin * planes[:, [0, 2]] + path.cos * planes[:, [1, 3]]
+    along = ends_y[:, 1] - ends_y[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = (np.array([[-half], [half]]) - ends_y[:, 0]) / along
+    parallel = np.abs(along) < 1e-9
+    inside = np.abs(ends_y[:, 0]) <= half
+    first = np.where(parallel, np.where(inside, 0.0, 1.0), np.clip(shares.min(axis=0), 0.0, 1.0))
+    last = np.where(parallel, np.where(inside, 1.0, 0.0), np.clip(shares.max(axis=0), 0.0, 1.0))
+    outside = (last < first) | ((ends_y > half).all(axis=1)) | ((ends_y < -half).all(axis=1))
+    at = ends_x[:, :1] + (ends_x[:, 1:] - ends_x[:, :1]) * np.stack([first, last], axis=1)
+    # a plane that runs past the vehicle counts from the vehicle on
+    near_m, far_m = np.maximum(0.0, at.min(axis=1)), at.max(axis=1)
+    heights = path.slope * np.stack([near_m, np.maximum(near_m, far_m)], axis=1)
+    reaches = (planes[:, 4] < heights.max(axis=1) + avoid.band_below_m) & (
+        planes[:, 5] > heights.min(axis=1) - avoid.band_above_m
+    )
+    hit = ~outside & (far_m >= 0.0) & reaches
+    out: Floats = np.where(hit, np.maximum(0.0, near_m - view.model.margin_m), np.inf)
+    return out
+
+
+def _remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
+    """Distance along the path to the nearest remembered obstacle whose sector meets the corridor; inf: none."""
+    known = np.isfinite(s.recalled.distance_m)
+    if not known.any():
+        return math.inf
+    range_m = s.recalled.distance_m[known] + avoid.radius_m
+    angle = centres_rad()[known] - math.atan2(path.sin, path.cos)
+    half = half_width_m(avoid, guard) + 0.5 * STEP_RAD * range_m
+    along, across = range_m * np.cos(angle), range_m * np.sin(angle)
+    hit = (along > 0.0) & (np.abs(across) <= half)
+    return float(np.min(along[hit], initial=math.inf))

@@ -1,0 +1,82 @@
+"""The speed limit of the guard: when it is sent, lowered, repeated and raised. No clock, no link."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..config.guard import GuardParams
+from .assessment import LIMIT_STEP_M_S, Action, Verdict
+
+NS = 1_000_000_000
+APART_NS = NS // 2
+"""Least time between two commands."""
+TRIES = 3
+"""A limit that is not acknowledged is sent so often; the stop does not depend on it."""
+ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
+"""MAV_RESULT. All others mean that the command will not work."""
+
+
+@dataclass(slots=True)
+class SpeedLimiter:
+    """`wanted` gives the limit to send now. speed_m_s: the limit in force, 0: none; fastest_m_s: greatest speed of the vehicle before
+    the first limit. refused: the autopilot does not take a limit in this mode. ended: the limit last sent is that speed again."""
+
+    guard: GuardParams
+    speed_m_s: float = 0.0
+    fastest_m_s: float = 0.0
+    refused: bool = False
+    ended: bool = False
+    _sent_ns: int | None = None
+    _result: int | None = None
+    _tries: int = 0
+    _free_since_ns: int | None = None
+
+    def acknowledged(self, result: int) -> None:
+        """A COMMAND_ACK of MAV_CMD_DO_CHANGE_SPEED for us."""
+        if self._sent_ns is not None and self._result in (None, IN_PROGRESS):
+            self._result = result
+            self.refused = result not in (ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS)
+
+    def wanted(self, verdict: Verdict, now_ns: int) -> float | None:
+        """The limit to send now, m/s; None: nothing is to be sent."""
+        speed_m_s = verdict.speed_m_s or 0.0
+        if self.speed_m_s <= 0.0:
+            self.fastest_m_s = max(self.fastest_m_s, speed_m_s, self.guard.cruise_m_s)
+        if self._sent_ns is not None and now_ns - self._sent_ns < APART_NS:
+            return None
+        allowed_m_s = max(self.guard.least_limit_m_s, _stepped(verdict.allowed_m_s))
+        lower = allowed_m_s < (self.speed_m_s or math.inf)
+        if verdict.action is Action.SLOW and lower:
+            return self._send(allowed_m_s, now_ns)
+        if self.speed_m_s <= 0.0:
+            return None
+        if self._result in (None, TEMPORARILY_REJECTED) and self._tries < TRIES:
+            return self._send(self.speed_m_s, now_ns)
+        return self._raised(allowed_m_s, now_ns)
+
+    def _raised(self, allowed_m_s: float, now_ns: int) -> float | None:
+        """A higher limit, after raise_after_s in which it was allowed; never above the speed before the limit. By at least two
+        steps, unless that speed is reached."""
+        target_m_s = min(allowed_m_s, self.fastest_m_s)
+        worthwhile = target_m_s >= self.speed_m_s + 2.0 * LIMIT_STEP_M_S or target_m_s == self.fastest_m_s
+        if target_m_s <= self.speed_m_s or not worthwhile:
+            self._free_since_ns = None
+            return None
+        if self._free_since_ns is None:
+            self._free_since_ns = now_ns
+        if now_ns - self._free_since_ns < self.guard.raise_after_s * NS:
+            return None
+        self.ended = target_m_s == self.fastest_m_s
+        return self._send(target_m_s, now_ns)
+
+    def _send(self, speed_m_s: float, now_ns: int) -> float:
+        self._tries = self._tries + 1 if speed_m_s == self.speed_m_s else 1
+        self.speed_m_s, self._sent_ns, self._result = speed_m_s, now_ns, None
+        self._free_since_ns = None
+        return speed_m_s
+
+
+def _stepped(speed_m_s: float) -> float:
+    """Rounded down to LIMIT_STEP_M_S."""
+    return math.floor(speed_m_s / LIMIT_STEP_M_S) * LIMIT_STEP_M_S

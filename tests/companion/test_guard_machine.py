@@ -1,0 +1,486 @@
+"""The guard's state machine: what it sends in which state, and what it must never send."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.config.guard import GuardParams
+from companion.guard.assessment import Action, Verdict
+from companion.guard.machine import FAILED_AFTER, GAP_NS, MODE_NS, GuardMachine
+from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
+from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
+from companion.guard.states import (
+    Announcement,
+    GuardInput,
+    GuardMemory,
+    GuardState,
+    Output,
+    SpeedCommand,
+    StopCommand,
+)
+from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, DO_CHANGE_SPEED, DO_SET_MODE, px4_mode_number
+from drivers.mavlink.session import Vehicle
+
+NS = 1_000_000_000
+STEP_NS = NS // 10
+AUTO, RTL, GUIDED, STABILIZE, ALT_HOLD = 3, 6, 4, 0, 2
+MISSION, RETURN, OFFBOARD = px4_mode_number(4, 4), px4_mode_number(4, 5), px4_mode_number(6, 0)
+HOLD, POSITION, MANUAL = px4_mode_number(4, 3), px4_mode_number(3, 0), px4_mode_number(1, 0)
+GUARD = GuardParams(enabled=True)
+FREE = Verdict(action=Action.PASS, speed_m_s=3.0, allowed_m_s=8.0, room_m=20.0, obstacle=False, sees=True, cause="")
+BLOCKED = replace(FREE, action=Action.STOP, allowed_m_s=0.0, room_m=3.0, obstacle=True, cause="obstacle 3.0 m ahead")
+NARROW = replace(FREE, action=Action.SLOW, allowed_m_s=2.2, room_m=8.0, cause="obstacle 8.0 m ahead", obstacle=True)
+BLIND = replace(BLOCKED, room_m=0.0, obstacle=False, sees=False, cause="front: no frame")
+
+
+@dataclass
+class Flight:
+    """A machine and the vehicle that its commands do not reach by themselves."""
+
+    kind: str = "ArduPilot"
+    mode: int = AUTO
+    machine: GuardMachine = field(default_factory=lambda: GuardMachine(GUARD))
+    now_ns: int = 100 * NS
+    system_id: int = 7
+    armed: bool = True
+    in_air: bool = True
+    doubt: str = ""
+    verdict: Verdict | None = FREE
+    heard: bool = True
+
+    def step(self, times: int = 1) -> list[Output]:
+        out: list[Output] = []
+        for _ in range(times):
+            self.now_ns += STEP_NS
+            vehicle = Vehicle(self.system_id, self.kind, 2, self.armed, self.mode, self.now_ns)
+            out += self.machine.step(
+                GuardInput(
+                    now_ns=self.now_ns,
+                    vehicle=vehicle if self.heard else None,
+                    doubt=self.doubt,
+                    in_air=self.in_air,
+                    verdict=self.verdict,
+                )
+            )
+        return out
+
+    @property
+    def state(self) -> GuardState:
+        return self.machine.memory.state
+
+
+def commands(out: list[Output]) -> list[StopCommand | SpeedCommand]:
+    return [o for o in out if not isinstance(o, Announcement)]
+
+
+def texts(out: list[Output]) -> list[str]:
+    return [o.text for o in out if isinstance(o, Announcement)]
+
+
+def stopping(kind: str = "ArduPilot", mode: int = AUTO) -> Flight:
+    f = Flight(kind, mode)
+    f.step()
+    f.verdict = BLOCKED
+    f.step()
+    assert f.state is GuardState.STOPPING
+    return f
+
+
+def holding(kind: str = "ArduPilot", mode: int = AUTO, stop_mode: int = COPTER_BRAKE) -> Flight:
+    f = stopping(kind, mode)
+    f.mode, f.verdict = stop_mode, replace(BLOCKED, speed_m_s=0.1)
+    f.step()
+    assert f.state is GuardState.HOLDING
+    return f
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode"), [("ArduPilot", AUTO), ("ArduPilot", RTL), ("ArduPilot", 21), ("ArduPilot", GUIDED)]
+)
+def test_stops_copter_by_brake(kind: str, mode: int) -> None:
+    f = Flight(kind, mode)
+    assert f.step() == []
+    assert f.state is GuardState.WATCHING
+    f.verdict = BLOCKED
+    out = f.step()
+    assert commands(out) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+    assert texts(out) == ["guard: stop, obstacle 3.0 m ahead"]
+
+
+@pytest.mark.parametrize("mode", [MISSION, RETURN, OFFBOARD])
+def test_stops_px4_by_hold(mode: int) -> None:
+    f = Flight("PX4", mode)
+    f.step()
+    f.verdict = BLOCKED
+    assert commands(f.step()) == [StopCommand(7, StopMethod.PX4_HOLD)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode"), [("ArduPilot", STABILIZE), ("ArduPilot", ALT_HOLD), ("ArduPilot", COPTER_LOITER), ("ArduPilot", 9),
+                   ("PX4", POSITION), ("PX4", MANUAL), ("PX4", HOLD), ("PX4", px4_mode_number(4, 6)), ("PX4", AUTO),
+                   ("autopilot 4", AUTO)],
+)  # fmt: skip
+def test_sends_nothing_in_other_modes(kind: str, mode: int) -> None:
+    f = Flight(kind, mode, verdict=BLOCKED)
+    assert f.step(50) == []
+    assert f.state is GuardState.INACTIVE
+
+
+def test_modes_can_be_switched_off() -> None:
+    for kind, mode, guard in (
+        ("ArduPilot", AUTO, GuardParams(enabled=True, mission=False)),
+        ("ArduPilot", RTL, GuardParams(enabled=True, return_home=False)),
+        ("PX4", OFFBOARD, GuardParams(enabled=True, guided=False)),
+    ):
+        f = Flight(kind, mode, GuardMachine(guard), verdict=BLOCKED)
+        assert f.step(20) == []
+
+
+def test_holds_until_the_mode_changes() -> None:
+    f = holding()
+    f.verdict = FREE
+    assert f.step(100) == []
+    f.mode = COPTER_LOITER
+    assert texts(f.step()) == ["guard: released, mode changed"]
+    assert f.state is GuardState.INACTIVE
+    f.verdict = BLOCKED
+    assert f.step(50) == []
+
+
+@pytest.mark.parametrize("mode", [STABILIZE, ALT_HOLD, COPTER_LOITER, 9])
+def test_a_pilot_ends_a_stop_that_is_not_confirmed(mode: int) -> None:
+    f = stopping()
+    f.mode = mode
+    assert commands(f.step(100)) == []
+    assert f.state is GuardState.INACTIVE
+
+
+def test_a_pilot_who_goes_on_in_the_mission_is_not_fought() -> None:
+    """BRAKE was taken, and the mission was resumed before the vehicle stood."""
+    f = stopping()
+    f.mode, f.verdict = COPTER_BRAKE, BLOCKED
+    assert commands(f.step(2)) == []
+    f.mode, f.verdict = AUTO, FREE
+    out = f.step()
+    assert commands(out) == []
+    assert texts(out) == ["guard: released, mode changed"]
+    assert f.state is GuardState.WATCHING
+
+
+def test_repeats_without_acknowledgement_and_takes_the_next_command_when_refused() -> None:
+    f = stopping("PX4", MISSION)
+    assert commands(f.step(3)) == []
+    assert commands(f.step(2)) == [StopCommand(7, StopMethod.PX4_REPOSITION)]
+    f = stopping("PX4", MISSION)
+    f.machine.acknowledged(DO_SET_MODE, 4)
+    assert commands(f.step()) == [StopCommand(7, StopMethod.PX4_REPOSITION)]
+
+
+def test_waits_for_the_mode_after_an_acknowledgement() -> None:
+    f = stopping()
+    f.machine.acknowledged(DO_SET_MODE, 0)
+    assert commands(f.step(MODE_NS // STEP_NS - 1)) == []
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_announces_a_stop_without_effect_once_and_goes_on() -> None:
+    f = stopping()
+    out = f.step(150)
+    assert texts(out) == ["guard: STOP NOT CONFIRMED, take over"]
+    assert len(commands(out)) > FAILED_AFTER
+    assert {c.method for c in commands(out) if isinstance(c, StopCommand)} == {
+        StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER,
+    }  # fmt: skip
+
+
+def test_next_command_when_the_vehicle_does_not_brake_in_the_stop_mode() -> None:
+    f = stopping("PX4", MISSION)
+    f.mode = HOLD
+    out = f.step(80)
+    assert commands(out)[0] == StopCommand(7, StopMethod.PX4_REPOSITION)
+    assert f.state is GuardState.STOPPING
+
+
+def test_in_loiter_the_pilot_has_the_sticks() -> None:
+    f = stopping()
+    f.machine.acknowledged(DO_SET_MODE, 4)
+    f.step()
+    f.machine.acknowledged(DO_SET_MODE, 4)
+    assert StopCommand(7, StopMethod.COPTER_LOITER) in f.step()
+    f.mode = COPTER_LOITER
+    assert commands(f.step(100)) == []
+    assert f.state is GuardState.HOLDING
+
+
+def test_sends_nothing_in_doubt_and_says_so() -> None:
+    f = Flight(doubt="two autopilots", verdict=BLOCKED)
+    out = f.step(50)
+    assert commands(out) == []
+    assert texts(out) == ["guard: off, two autopilots"]
+    f.doubt = ""
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_doubt_suspends_the_attempts() -> None:
+    f = stopping()
+    f.doubt = "no heartbeat"
+    assert commands(f.step(50)) == []
+    f.doubt = ""
+    assert commands(f.step()) != []
+
+
+def test_a_lost_link_keeps_the_state() -> None:
+    f = holding()
+    f.heard = False
+    f.step(200)
+    f.heard = True
+    assert f.step(3) == []
+    assert f.state is GuardState.HOLDING
+    f = stopping()
+    f.heard = False
+    f.step(10)
+    f.heard = True
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_after_a_long_gap_an_unconfirmed_stop_is_judged_anew() -> None:
+    f = stopping()
+    f.heard = False
+    f.step(GAP_NS // STEP_NS + 2)
+    f.heard, f.verdict = True, FREE
+    assert commands(f.step(20)) == []
+    assert f.state is GuardState.WATCHING
+
+
+def test_another_vehicle_begins_anew() -> None:
+    f = stopping()
+    f.system_id, f.verdict = 9, FREE
+    assert commands(f.step(5)) == []
+    assert f.machine.memory.system_id == 9
+
+
+def test_contradicting_heartbeats_keep_the_state() -> None:
+    f = holding()
+    f.kind = "ArduPilot or PX4"
+    assert f.step(10) == []
+    f.kind = "ArduPilot"
+    assert f.step() == []
+    assert f.state is GuardState.HOLDING
+
+
+def test_disarming_ends_all() -> None:
+    f = stopping()
+    f.armed = False
+    assert texts(f.step()) == ["guard: ended, not flying"]
+    assert f.state is GuardState.INACTIVE
+
+
+def test_blindness_stops_once() -> None:
+    """Otherwise a vehicle with a broken camera could not return."""
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
+    f.step()
+    assert f.state is GuardState.HOLDING
+    f.mode, f.verdict = RTL, BLIND
+    assert commands(f.step(50)) == []
+    f.verdict = FREE
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_nothing_is_stopped_before_anything_was_seen() -> None:
+    f = Flight(verdict=BLIND)
+    out = f.step(20)
+    assert commands(out) == []
+    assert texts(out) == ["guard: off, nothing seen since take-off"]
+
+
+# ---- speed ----------------------------------------------------------------------------------------------------------
+
+
+def test_limits_the_speed_before_it_stops() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = NARROW
+    out = f.step()
+    assert commands(out) == [SpeedCommand(7, 2.0)]
+    assert texts(out) == ["guard: speed limit 2.0 m/s"]
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(NARROW, speed_m_s=2.0)
+    assert f.step(20) == []
+    assert f.state is GuardState.LIMITED
+    f.verdict = BLOCKED
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_repeats_a_limit_three_times() -> None:
+    f = Flight(verdict=NARROW)
+    out = f.step(100)
+    assert commands(out) == [SpeedCommand(7, 2.0)] * 3
+
+
+def test_lowers_at_once_and_raises_late() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = NARROW
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.step(5)
+    f.verdict = replace(NARROW, allowed_m_s=1.2)
+    assert commands(f.step()) == [SpeedCommand(7, 1.0)]
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, speed_m_s=1.0)
+    raise_steps = round(GUARD.raise_after_s * NS) // STEP_NS
+    assert commands(f.step(raise_steps)) == []
+    out = f.step(10)
+    assert commands(out) == [SpeedCommand(7, 3.0)]
+    assert texts(out) == ["guard: speed limit ended"]
+    assert f.state is GuardState.WATCHING
+
+
+def test_no_limit_above_the_speed_before() -> None:
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, allowed_m_s=15.0, speed_m_s=2.0)
+    assert all(c.speed_m_s <= 3.0 for c in commands(f.step(200)) if isinstance(c, SpeedCommand))
+
+
+def test_no_limit_in_offboard_nor_when_refused() -> None:
+    f = Flight("PX4", OFFBOARD, verdict=NARROW)
+    assert f.step(30) == []
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 4)
+    assert commands(f.step(50)) == []
+    assert f.state is GuardState.WATCHING
+
+
+# ---- properties -----------------------------------------------------------------------------------------------------
+
+MODES = {
+    "ArduPilot": [AUTO, RTL, 21, 27, GUIDED, STABILIZE, ALT_HOLD, COPTER_LOITER, COPTER_BRAKE, 9, 16],
+    "PX4": [MISSION, RETURN, OFFBOARD, HOLD, POSITION, MANUAL, px4_mode_number(4, 6), px4_mode_number(2, 0)],
+    "ArduPilot or PX4": [AUTO, MISSION],
+    "autopilot 4": [AUTO],
+}
+EVENTS = st.one_of(
+    st.tuples(st.just("mode"), st.integers(0, 10)),
+    st.tuples(st.just("kind"), st.sampled_from(sorted(MODES))),
+    st.tuples(
+        st.just("verdict"), st.sampled_from([None, FREE, BLOCKED, NARROW, BLIND, replace(BLOCKED, speed_m_s=0.1)])
+    ),
+    st.tuples(st.just("doubt"), st.sampled_from(["", "", "two autopilots"])),
+    st.tuples(st.just("heard"), st.booleans()),
+    st.tuples(st.just("armed"), st.sampled_from([True, True, True, False])),
+    st.tuples(st.just("in_air"), st.sampled_from([True, True, True, False])),
+    st.tuples(st.just("system"), st.sampled_from([7, 7, 7, 9])),
+    st.tuples(st.just("ack"), st.tuples(st.sampled_from([DO_SET_MODE, 192, DO_CHANGE_SPEED, 511]), st.integers(0, 6))),
+    st.tuples(st.just("obey"), st.none()),
+    st.tuples(st.just("kill"), st.none()),
+    st.tuples(st.just("wait"), st.integers(1, 80)),
+)
+
+
+def apply(f: Flight, event: str, value: object, asked: list[Output]) -> None:
+    """Changes the world around the machine."""
+    if event == "mode":
+        modes = MODES[f.kind]
+        f.mode = modes[int(str(value)) % len(modes)]
+    elif event == "kind":
+        f.kind = str(value)
+        f.mode = MODES[f.kind][0]
+    elif event == "ack":
+        assert isinstance(value, tuple)
+        f.machine.acknowledged(*value)
+    elif event == "obey":
+        stops = [o for o in asked if isinstance(o, StopCommand)]
+        if stops:
+            f.mode = STOP_MODES[stops[-1].method]
+    elif event == "kill":
+        f.machine = GuardMachine(GUARD, f.machine.memory)
+    elif event != "wait":
+        setattr(f, {"system": "system_id"}.get(event, event), value)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(EVENTS, min_size=1, max_size=40), st.sampled_from(["ArduPilot", "PX4"]))
+def test_never_commands_in_a_manual_mode_nor_another_vehicle(events: list[tuple[str, object]], kind: str) -> None:
+    f = Flight(kind, MODES[kind][0])
+    asked: list[Output] = []
+    for event, value in events:
+        apply(f, event, value, asked)
+        for _ in range(int(str(value)) if event == "wait" else 2):
+            own_stop = f.machine.memory.stop_modes if f.state is GuardState.STOPPING else ()
+            out = f.step()
+            asked += out
+            for command in commands(out):
+                assert command.system_id == f.system_id
+                assert f.heard
+                assert f.armed
+                assert f.in_air
+                assert not f.doubt
+                watched = watched_mode(f.kind, f.mode, GUARD) is not None
+                assert watched or (f.mode in own_stop and isinstance(command, StopCommand))
+                assert f.mode not in (STABILIZE, ALT_HOLD, COPTER_LOITER, 9, 16) or f.kind != "ArduPilot"
+                assert f.mode not in (POSITION, MANUAL) or f.kind != "PX4"
+
+
+# ---- memory ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("begin", [stopping, holding])
+def test_a_kill_changes_nothing(begin: object, tmp_path: Path) -> None:
+    assert callable(begin)
+    f = begin()
+    GuardMemoryFile(tmp_path).keep(f.machine.memory, f.now_ns)
+    loaded = GuardMemoryFile(tmp_path).load(f.now_ns + 3 * NS)
+    assert loaded == f.machine.memory
+    f.machine = GuardMachine(GUARD, loaded)
+    out = f.step()
+    assert f.state is (GuardState.STOPPING if begin is stopping else GuardState.HOLDING)
+    assert bool(commands(out)) == (begin is stopping)
+
+
+def test_a_limit_survives_a_kill(tmp_path: Path) -> None:
+    f = Flight(verdict=NARROW)
+    f.step()
+    file = GuardMemoryFile(tmp_path)
+    file.keep(f.machine.memory, f.now_ns)
+    f.machine = GuardMachine(GUARD, file.load(f.now_ns) or GuardMemory())
+    f.verdict = replace(FREE, speed_m_s=2.0)
+    assert f.state is GuardState.LIMITED
+    assert commands(f.step()) == [SpeedCommand(7, 2.0)]
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    assert SpeedCommand(7, 3.0) in f.step(60)
+
+
+def test_an_old_or_damaged_memory_is_not_used(tmp_path: Path) -> None:
+    file = GuardMemoryFile(tmp_path)
+    memory = stopping().machine.memory
+    file.keep(memory, 100 * NS)
+    assert GuardMemoryFile(tmp_path).load(100 * NS + LIFE_NS + 1) is None
+    assert GuardMemoryFile(tmp_path).load(99 * NS) is None
+    path = tmp_path / "guard.json"
+    good = path.read_text()
+    for damaged in ("", "{", good.replace("stopping", "flying"), good.replace('"seen": true', '"seen": 1'), "[]"):
+        path.write_text(damaged)
+        assert GuardMemoryFile(tmp_path).load(101 * NS) is None
+
+
+def test_the_memory_stays_young_while_the_guard_holds(tmp_path: Path) -> None:
+    f = holding()
+    file = GuardMemoryFile(tmp_path)
+    for _ in range(600):
+        f.step()
+        file.keep(f.machine.memory, f.now_ns)
+    assert GuardMemoryFile(tmp_path).load(f.now_ns + NS) == f.machine.memory

@@ -1,0 +1,222 @@
+"""The path ahead: how far it is seen free, what stands in it, and what follows from several frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.autopilot.obstacle_memory import Here, Remembered, nothing_remembered
+from companion.autopilot.surroundings import Surroundings
+from companion.autopilot.view_free import View
+from companion.config.avoidance import AvoidParams
+from companion.config.guard import GuardParams
+from companion.guard.assessment import STALE_NS, Action, PathAssessor
+from companion.guard.braking import Braking, braking_of
+from companion.guard.path_sight import PathSight, path_sight
+from companion.pipeline.transform import LevelTransform
+from core.types import FrameModel
+
+from .test_sectors import model
+
+NS = 1_000_000_000
+MS = 1_000_000
+AVOID = AvoidParams(radius_m=0.4)
+GUARD = GuardParams(enabled=True, horizon_m=20.0)
+T_NS = 50 * NS
+HERE = Here(0.0, (0.0, 0.0, -3.0), 1)
+
+
+def plane(x: float, y0: float, y1: float, top: float = -2.0, bottom: float = 2.0) -> tuple[float, ...]:
+    """Across the way, at x, from y0 to y1."""
+    return (x, y0, x, y1, top, bottom)
+
+
+def seen(
+    found: FrameModel | None, velocity: tuple[float, float, float] = (5.0, 0.0, 0.0), heading: float = 0.0,
+    recalled: Remembered | None = None, weak_px: float = 0.0,
+) -> PathSight:  # fmt: skip
+    views = () if found is None else (View(found, LevelTransform(0.0, (0.0, 0.0, 0.0))),)
+    s = Surroundings(
+        t_ns=T_NS,
+        views=views,
+        weak_px=(weak_px,) * len(views),
+        exposed_ns=T_NS - 50 * MS if views else None,
+        recall=None,
+        recalled=recalled or nothing_remembered(),
+        blind={} if views else {"front": "no frame yet"},
+        here=replace(HERE, heading_rad=heading),
+        velocity_ned_m_s=velocity,
+    )
+    return path_sight(s, AVOID, GUARD)
+
+
+def test_sees_as_far_as_the_profile() -> None:
+    sight = seen(model(free_to_m=15.0))
+    assert sight.free_m == pytest.approx(15.0, abs=0.5)
+    assert math.isinf(sight.obstacle_m)
+    assert sight.speed_m_s == 5.0
+    assert seen(model(free_to_m=30.0)).free_m == pytest.approx(GUARD.horizon_m, abs=0.3)
+
+
+def test_without_a_view_nothing_is_free_and_the_cause_is_named() -> None:
+    sight = seen(None)
+    assert sight.free_m == 0.0
+    assert sight.cause == "front: no frame yet"
+
+
+def test_out_of_the_view_nothing_is_free() -> None:
+    found = model(free_to_m=15.0, view_deg=70.0)
+    assert seen(found, velocity=(5.0, 0.0, 0.0)).free_m > 14.0
+    assert seen(found, velocity=(0.0, 5.0, 0.0)).free_m == 0.0
+    assert seen(found, velocity=(-5.0, 0.0, 0.0)).free_m == 0.0
+    # flying east while looking east
+    assert seen(found, velocity=(0.0, 5.0, 0.0), heading=math.pi / 2).free_m > 14.0
+
+
+@pytest.mark.parametrize(("y", "hit"), [(0.0, True), (0.65, True), (-0.65, True), (0.75, False), (-0.75, False)])
+def test_only_what_stands_in_the_width_of_the_hull_counts(y: float, hit: bool) -> None:
+    far_m = seen(model(plane(8.0, y - 0.01, y + 0.01), free_to_m=20.0)).obstacle_m
+    assert far_m == (pytest.approx(8.0) if hit else math.inf)
+
+
+@pytest.mark.parametrize(
+    ("vertical_m_s", "top", "bottom", "hit"),
+    [
+        (0.0, 1.0, 2.0, False), (0.0, 0.7, 2.0, True), (2.5, 3.0, 5.0, True), (-2.5, 3.0, 5.0, False), (0.0, -2.0, -0.9, False),
+        (-2.5, -6.0, -4.0, True),
+    ],
+)  # fmt: skip
+def test_the_height_of_the_path(vertical_m_s: float, top: float, bottom: float, hit: bool) -> None:
+    found = model(plane(8.0, -2.0, 2.0, top, bottom), free_to_m=20.0)
+    assert math.isfinite(seen(found, velocity=(5.0, 0.0, vertical_m_s)).obstacle_m) is hit
+
+
+def test_a_wall_along_the_way_counts_from_where_it_enters() -> None:
+    slanted = (2.0, 4.0, 12.0, -1.0, -2.0, 2.0)
+    assert seen(model(slanted, free_to_m=20.0)).obstacle_m == pytest.approx(8.6, abs=0.05)
+    beside = (-2.0, 0.5, 5.0, 0.5, -2.0, 2.0)
+    assert seen(model(beside, free_to_m=20.0)).obstacle_m == 0.0
+    behind = (-9.0, -2.0, -9.0, 2.0, -2.0, 2.0)
+    assert math.isinf(seen(model(behind, free_to_m=20.0)).obstacle_m)
+
+
+@given(
+    st.floats(-60.0, 60.0), st.floats(2.0, 18.0), st.floats(-0.69, 0.69), st.floats(0.0, 180.0), st.floats(0.02, 3.0)
+)
+def test_a_segment_in_the_corridor_is_never_missed(
+    course_deg: float, range_m: float, aside_m: float, turn_deg: float, length_m: float
+) -> None:
+    c, s = math.cos(math.radians(course_deg)), math.sin(math.radians(course_deg))
+    x, y = range_m * c - aside_m * s, range_m * s + aside_m * c
+    tx, ty = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    line = (x - length_m * tx, y - length_m * ty, x + length_m * tx, y + length_m * ty, -1.0, 1.0)
+    sight = seen(model(line, free_to_m=20.0), velocity=(5.0 * c, 5.0 * s, 0.0))
+    walked = [
+        max(0.0, (x + k * length_m * tx) * c + (y + k * length_m * ty) * s)
+        for k in np.linspace(-1.0, 1.0, 401)
+        if abs(-(x + k * length_m * tx) * s + (y + k * length_m * ty) * c) <= 0.7
+        and (x + k * length_m * tx) * c + (y + k * length_m * ty) * s >= 0.0
+    ]
+    assert sight.obstacle_m == pytest.approx(min(walked), abs=0.02)
+
+
+def test_a_remembered_obstacle_counts() -> None:
+    distance_m = np.full(72, np.inf)
+    distance_m[2] = 4.0
+    recalled = Remembered(distance_m, np.full(72, np.inf))
+    ten = math.radians(10.0)
+    ahead = seen(model(free_to_m=20.0), velocity=(5.0 * math.cos(ten), 5.0 * math.sin(ten), 0.0), recalled=recalled)
+    assert ahead.obstacle_m == pytest.approx(4.4)
+    assert math.isinf(seen(model(free_to_m=20.0), velocity=(0.0, -5.0, 0.0), recalled=recalled).obstacle_m)
+
+
+# ---- several frames -------------------------------------------------------------------------------------------------
+
+BRAKING = braking_of(GUARD, AVOID)
+SIGHT = PathSight(
+    t_ns=T_NS, exposed_ns=T_NS - 50 * MS, speed_m_s=5.0, course_rad=0.0, free_m=20.0, obstacle_m=math.inf,
+    weak_obstacle_m=math.inf, position_ned_m=(0.0, 0.0, -3.0),
+)  # fmt: skip
+
+
+def later(ms: int, **changes: object) -> PathSight:
+    """A sight so much later, at 5 m/s."""
+    at = replace(SIGHT, t_ns=T_NS + ms * MS, exposed_ns=T_NS + (ms - 50) * MS, position_ned_m=(0.005 * ms, 0.0, -3.0))
+    return replace(at, **changes)  # type: ignore[arg-type]
+
+
+def action(*sights: PathSight, after_ms: int = 0) -> Action:
+    assessor = PathAssessor(GUARD, BRAKING)
+    for sight in sights:
+        assessor.take(sight)
+    verdict = assessor.verdict(sights[-1].t_ns + after_ms * MS)
+    assert verdict is not None
+    return verdict.action
+
+
+@given(st.floats(0.0, 15.0), st.floats(0.0, 2.0))
+def test_speed_and_distance_are_inverse(speed_m_s: float, ahead_s: float) -> None:
+    braking = Braking(reaction_s=0.8, deceleration_m_s2=2.0, margin_m=1.9)
+    assert braking.speed_m_s(braking.needed_m(speed_m_s, ahead_s), ahead_s) == pytest.approx(speed_m_s, abs=1e-6)
+    assert braking.speed_m_s(1.9) == 0.0
+
+
+def test_stops_where_the_braking_distance_does_not_fit() -> None:
+    needed_m = BRAKING.needed_m(5.0)
+    assert action(replace(SIGHT, obstacle_m=needed_m - 0.1)) is Action.STOP
+    assert action(replace(SIGHT, free_m=needed_m - 0.1)) is Action.STOP
+    assert action(replace(SIGHT, obstacle_m=needed_m + 0.1)) is Action.SLOW
+    assert action(replace(SIGHT, free_m=20.0)) is Action.PASS
+
+
+def test_one_frame_that_sees_less_does_not_stop_and_two_do() -> None:
+    assert action(SIGHT, later(80, free_m=3.0)) is Action.PASS
+    assert action(SIGHT, later(80, free_m=3.0), later(160, free_m=3.0), later(260, free_m=3.0)) is Action.STOP
+
+
+def test_free_space_of_before_shrinks_by_the_way_flown() -> None:
+    needed_m = BRAKING.needed_m(5.0)
+    before = replace(SIGHT, free_m=needed_m + 0.5)
+    assert action(before, later(80, free_m=0.0)) is not Action.STOP
+    assert action(before, later(160, free_m=0.0)) is Action.STOP
+
+
+def test_free_space_on_another_course_does_not_count() -> None:
+    assert action(SIGHT, later(80, free_m=3.0, course_rad=0.2)) is Action.STOP
+
+
+def test_an_obstacle_counts_at_once_unless_few_pixels_show_it() -> None:
+    assert action(SIGHT, later(80, obstacle_m=5.0)) is Action.STOP
+    assert action(SIGHT, later(80, weak_obstacle_m=5.0)) is Action.PASS
+    assert action(SIGHT, later(80, weak_obstacle_m=5.0), later(160, weak_obstacle_m=4.6)) is Action.STOP
+    assert action(SIGHT, later(80, weak_obstacle_m=9.0), later(160, weak_obstacle_m=4.6)) is Action.PASS
+
+
+def test_the_same_frame_twice_confirms_nothing() -> None:
+    first = later(80, weak_obstacle_m=5.0)
+    again = replace(first, t_ns=first.t_ns + 60 * MS)
+    assert action(SIGHT, first, again) is Action.PASS
+
+
+def test_a_sender_that_hangs_is_blindness() -> None:
+    assert action(SIGHT, after_ms=100) is Action.PASS
+    assert action(SIGHT, after_ms=STALE_NS // MS + 1) is Action.STOP
+
+
+def test_slowly_into_the_unseen_but_not_into_an_obstacle() -> None:
+    slow = replace(SIGHT, speed_m_s=0.6, free_m=0.0)
+    assert action(slow) is not Action.STOP
+    assert action(replace(slow, obstacle_m=2.0)) is Action.STOP
+    assert action(replace(slow, speed_m_s=0.8)) is Action.STOP
+
+
+def test_without_a_speed_there_is_no_verdict() -> None:
+    assessor = PathAssessor(GUARD, BRAKING)
+    assert assessor.verdict(T_NS) is None
+    assessor.take(replace(SIGHT, speed_m_s=None))
+    assert assessor.verdict(T_NS) is None
