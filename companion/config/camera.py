@@ -183,7 +183,7 @@ class CameraConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputConfig:
-    """What a replay writes beside the prisms."""
+    """What is written into logs beside the prisms, by the service and by a replay."""
 
     scene: bool = field(
         default=True, metadata={"unit": "", "doc": "write drawings of the prisms for viewers (foxglove.SceneUpdate)"}
@@ -192,5 +192,6 @@ class OutputConfig:
         default=True, metadata={"unit": "", "doc": "write the transforms between frames for viewers"}
     )
     copy_input: bool = field(
-        default=True, metadata={"unit": "", "doc": "copy the depth images, so that one file holds everything"}
+        default=True,
+        metadata={"unit": "", "doc": "a replay copies the depth images, so that one file holds everything"},
     )

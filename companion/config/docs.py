@@ -18,7 +18,7 @@ TITLES = {
     "sync": "`[sync]`: attitude of a frame",
     "mount_check": "`[mount_check]`: check of each camera's mount",
     "camera": "`[[camera]]`: one section for each camera",
-    "output": "`[output]`: content of replayed logs",
+    "output": "`[output]`: drawings in logs, content of replayed logs",
     "autopilot": "`[autopilot]`: MAVLink connection",
     "avoid": "`[avoid]`: obstacle output to the autopilot",
     "guard": "`[guard]`: stop in automatic flight modes",

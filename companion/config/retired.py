@@ -19,6 +19,7 @@ RETIRED: Final[Mapping[tuple[str, str], str]] = {
     ("extractor", "mode"): "there is one form of the extractor; remove the line",
     ("extractor", "paper_roll_deg"): "only the paper's form used it; remove the line",
     ("extractor", "paper_line_tolerance_m"): "only the paper's form used it; remove the line",
+    ("record", "drawings"): "[output] scene and transforms decide what each log holds; remove the line",
     ("world", "level_memory_s"): _LEVEL_MEMORY,
     ("world", "level_speed_m_s"): _LEVEL_MEMORY,
 }

@@ -83,9 +83,6 @@ class RecordParams:
     zstd_level: int = number(-1, -20, 9, "", "compression level; a lower level is faster and gives larger files")
     depth: bool = switch(True, "record depth images; without them a log cannot be replayed")
     mavlink: bool = switch(True, "record the MAVLink messages of the autopilot")
-    drawings: bool = switch(
-        False, "record drawings of the prisms for viewers; costs time in flight, `companion replay -o` adds them later"
-    )
 
     def __post_init__(self) -> None:
         check("record", self)

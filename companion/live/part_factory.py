@@ -19,7 +19,7 @@ def make_recorder(config: Config, folders: Folders) -> Recorder | None:
     if config.record.record == "off":
         return None
     folder = Path(config.record.folder) if config.record.folder else folders.state / "logs"
-    return Recorder(folder, run_info("live", config), config.record)
+    return Recorder(folder, run_info("live", config), config.record, config.output)
 
 
 def make_metrics(config: Config) -> MetricsServer | None:

@@ -10,7 +10,6 @@ from typing import Final
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
@@ -97,16 +96,15 @@ def _pose() -> Pose:
 
 
 def _draw(triangles: TriangleListPrimitive, prism: Prism, camera_xy: tuple[float, float]) -> None:
-    """Two triangles per edge of the side profile."""
+    """Two triangles per edge of the side profile; the four corners are stored once, since the service draws in flight."""
     xy = prism.vertices_m.tolist()
     ends = xy[1:] + xy[:1] if prism.closed else xy[1:]
     for a, b in zip(xy, ends, strict=False):
-        corners = [
-            Point3(x=p[0], y=p[1], z=z)
-            for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m))
-        ]
-        triangles.points.extend([corners[i] for i in (0, 1, 2, 0, 2, 3)])
-        triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 6)
+        first = len(triangles.points)
+        for p, z in ((a, prism.top_m), (b, prism.top_m), (b, prism.bottom_m), (a, prism.bottom_m)):
+            triangles.points.add(x=p[0], y=p[1], z=z)
+        triangles.colors.extend([distance_colour(_distance(a, b, camera_xy))] * 4)
+        triangles.indices.extend([first + i for i in (0, 1, 2, 0, 2, 3)])
 
 
 def _distance(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> float:

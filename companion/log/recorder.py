@@ -22,6 +22,7 @@ from drivers.base import Event
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..config.camera import OutputConfig
 from ..config.service import RecordParams
 from ..pipeline.events import RawFrame
 from ..pipeline.pipeline import Output, PipelineState
@@ -75,8 +76,12 @@ class Recorder:
     When `wants_begin`, the caller calls `begin` with the present state. One lock, that of `_ready`, guards all shared
     fields. It is the last in the lock order: no other lock is taken while it is held."""
 
-    def __init__(self, folder: Path, run: pb.RunInfo, params: RecordParams | None = None) -> None:
+    def __init__(
+        self, folder: Path, run: pb.RunInfo, params: RecordParams | None = None, output: OutputConfig | None = None
+    ) -> None:
+        """output: whether drawings and transforms for viewers are recorded."""
         self._folder, self._run_info, self._params = folder, run, params or RecordParams()
+        self._drawn = output or OutputConfig()
         self._queue: deque[Begin | _Item | None] = deque()
         self._queued_bytes = 0
         self._deferred: list[Begin | _Item | None] = []
@@ -167,8 +172,8 @@ class Recorder:
 
     def output(self, output: Output, prisms: bytes | None = None) -> None:
         """Records an output of the pipeline. prisms: the encoded message, if available."""
-        drawn = self._params.drawings
-        self._enqueue(lambda log: log.output(output, drawn, drawn, prisms), _RESULT)
+        drawn = self._drawn
+        self._enqueue(lambda log: log.output(output, drawn.scene, drawn.transforms, prisms), _RESULT)
 
     def message(self, key: str, message: Message, t_ns: int) -> None:
         """Records another message of the table of topics."""

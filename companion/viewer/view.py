@@ -14,10 +14,12 @@ from drivers.logs.reader import McapRecording
 
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
+from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames
 from .log import read_frames
 from .page import PageBuilder
 from .png import save_frame
+from .rerun_file import RERUN_NAME, RerunWriter
 from .strips import StripFinder
 
 PAGE_NAME: Final = "flight.html"
@@ -35,6 +37,7 @@ class ViewOptions:
     frames: tuple[int, ...] = ()
     png: bool = True
     page: bool = True
+    rerun: bool = False
 
     def __post_init__(self) -> None:
         if self.every is not None and self.every < 1:
@@ -47,6 +50,8 @@ class Views:
 
     pictures: list[Path] = field(default_factory=list)
     page: Path | None = None
+    layout: Path | None = None
+    rerun: Path | None = None
     frames: int = 0
     valid: int = 0
     blind: int = 0
@@ -68,7 +73,8 @@ class _FrameSummary:
 def make_views(
     path: Path, out_dir: Path, options: ViewOptions | None = None, on_progress: Progress = lambda share: None
 ) -> Views:
-    """Draws a log into a directory, created if missing: frame_CAMERA_SEQUENCE.png and flight.html.
+    """Draws a log into a directory, created if missing: frame_CAMERA_SEQUENCE.png, flight.html, a layout for Foxglove and,
+    where requested, a recording for Rerun.
 
     A damaged log is drawn as far as it can be read. Raises DriverError, ViewError, ValueError (a requested frame is not
     in the log, or the log has none), OSError."""
@@ -82,9 +88,14 @@ def make_views(
         stride = -(-len(summaries) // PAGE_FRAMES)
         builder = PageBuilder(path.name, -(-len(summaries) // stride)) if options.page else None
         out_dir.mkdir(parents=True, exist_ok=True)
-        _draw(
-            source, summaries, pictures, builder, stride, out_dir, views, lambda share: on_progress(0.4 + 0.6 * share)
-        )
+        rerun = RerunWriter(out_dir / RERUN_NAME, path.name) if options.rerun else None
+        sinks = _Sinks(out_dir, pictures, builder, stride, rerun)
+        _draw(source, summaries, sinks, views, lambda share: on_progress(0.4 + 0.6 * share))
+        views.layout = out_dir / LAYOUT_NAME
+        write_layout(views.layout, [info.camera for info in source.cameras])
+        if rerun is not None:
+            rerun.close()
+            views.rerun = out_dir / RERUN_NAME
         if builder is not None and len(builder):
             note = f"Every {stride}. of {len(summaries)} frames is shown. " if stride > 1 else ""
             note += "The log is damaged: later frames are missing." if views.damage else ""
@@ -129,23 +140,29 @@ def _chosen(summaries: list[_FrameSummary], options: ViewOptions) -> Sequence[in
     return select_frames([g.planes for g in summaries], [g.status is FrameStatus.BLIND for g in summaries])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sinks:
+    """What the second pass writes. pictures: indices of the frames to draw; stride: every stride-th frame is on the
+    page."""
+
+    out_dir: Path
+    pictures: set[int]
+    builder: PageBuilder | None
+    stride: int
+    rerun: RerunWriter | None
+
+
 def _draw(
-    source: McapRecording,
-    summaries: list[_FrameSummary],
-    pictures: set[int],
-    builder: PageBuilder | None,
-    stride: int,
-    out_dir: Path,
-    views: Views,
-    on_progress: Progress,
+    source: McapRecording, summaries: list[_FrameSummary], sinks: _Sinks, views: Views, on_progress: Progress
 ) -> None:
     """The second pass: draws the selected frames and adds all (or every stride-th) frames to the page."""
+    pictures, builder = sinks.pictures, sinks.builder
     strips = StripFinder(_params(source, views)) if pictures else None
     t_start_ns = min(g.t_ns for g in summaries)
     try:
         for k, logged in enumerate(read_frames(source, on_progress)):
-            on_page = builder is not None and k % stride == 0
-            if k not in pictures and not on_page:
+            on_page = builder is not None and k % sinks.stride == 0
+            if k not in pictures and not on_page and sinks.rerun is None:
                 continue
             try:
                 frame = logged.frame()
@@ -153,11 +170,13 @@ def _draw(
                 views.damage = views.damage or f"{source.path}: frame {logged.sequence} was left out: {error}"
                 continue
             if strips is not None and k in pictures:
-                target = out_dir / f"frame_{frame.info.camera}_{frame.sequence:06d}.png"
+                target = sinks.out_dir / f"frame_{frame.info.camera}_{frame.sequence:06d}.png"
                 save_frame(strips.with_strips(frame, logged.state), target, t_start_ns=t_start_ns)
                 views.pictures.append(target)
             if builder is not None and on_page:
                 builder.add(frame)
+            if sinks.rerun is not None:
+                sinks.rerun.add(frame)
     except BadData as error:
         views.damage = str(error)
 
@@ -189,6 +208,7 @@ def add_parser(subparsers: Any) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--no-png", action="store_true", help="write the page only")
     what.add_argument("--no-page", action="store_true", help="write the pictures only")
+    parser.add_argument("--rerun", action="store_true", help=f"also write {RERUN_NAME} for Rerun (extra rerun)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     live = parser.add_argument_group("with --live")
     live.add_argument(
@@ -231,7 +251,9 @@ def run(args: argparse.Namespace) -> int:
     if args.input is None or args.output is None:
         fail("give FILE.mcap and -o DIR, or --live")
         return 2
-    options = ViewOptions(every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page)
+    options = ViewOptions(
+        every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
+    )
     with progress("view") as on_progress:
         views = make_views(args.input, args.output, options, on_progress)
     if args.json:
@@ -255,6 +277,8 @@ def _report(views: Views, path: Path) -> dict[str, Any]:
         "without_prisms": views.without_prisms,
         "pictures": [str(p) for p in views.pictures],
         "page": None if views.page is None else str(views.page),
+        "layout": None if views.layout is None else str(views.layout),
+        "rerun": None if views.rerun is None else str(views.rerun),
         "notes": views.notes,
         "damage": views.damage or None,
     }
@@ -268,3 +292,7 @@ def _print_summary(views: Views) -> None:
         print_line(f"picture  {picture}")
     if views.page is not None:
         print_line(f"page     {views.page}  (open it in a browser; it works offline)")
+    if views.layout is not None:
+        print_line(f"layout   {views.layout}  (Foxglove and Lichtblick: import it, then open the log)")
+    if views.rerun is not None:
+        print_line(f"rerun    {views.rerun}  (rerun {views.rerun})")

@@ -196,7 +196,8 @@ def test_prisms_are_drawn_as_triangles_that_cover_their_faces():
     result = results()[0]
     (entity,) = scene_message(result).entities
     assert (entity.frame_id, entity.lifetime.seconds, entity.frame_locked) == ("ned", 1, False)
-    points = np.array([[p.x, p.y, p.z] for p in entity.triangles[0].points]).reshape(-1, 3, 3)
+    corners = np.array([[p.x, p.y, p.z] for p in entity.triangles[0].points])
+    points = corners[list(entity.triangles[0].indices)].reshape(-1, 3, 3)
     area = sum(0.5 * np.linalg.norm(np.cross(b - a, c - a)) for a, b, c in points)
     prism = result.model.prisms[0]
     lengths = np.linalg.norm(np.diff(prism.vertices_m.astype(float), axis=0), axis=1)
@@ -209,7 +210,7 @@ def test_a_closed_prism_has_its_last_face():
     prism = result.model.prisms[0]
     closed = dataclasses.replace(prism, closed=True, plane=np.array([0, 1, 0], np.int32))
     drawn = scene_message(dataclasses.replace(result, model=dataclasses.replace(result.model, prisms=(closed,))))
-    assert len(drawn.entities[0].triangles[0].points) == 3 * 6
+    assert len(drawn.entities[0].triangles[0].indices) == 3 * 6
 
 
 def test_a_blind_camera_takes_its_drawing_away():

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.config.camera import OutputConfig
 from companion.config.loader import Config
 from companion.config.service import RecordParams
 from companion.log import current_file as log_current
@@ -84,6 +86,24 @@ def test_what_was_recorded_replays_to_the_same_prisms(tmp_path: Path) -> None:
     assert result.comparison.passed
     assert result.comparison.compared > 15
     assert recorder.status.dropped == 0
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+def test_a_recorded_log_opens_in_viewers_with_obstacles_in_it(tmp_path: Path, drawn: bool) -> None:
+    """[output] scene and transforms decide it for the service as for a replay."""
+    recorder = Recorder(tmp_path, run_info("live"), SMALL, OutputConfig(scene=drawn, transforms=drawn))
+    recorder.open()
+    source = flight(1.0)
+    run_through(recorder, make_pipeline(Config(), source.cameras), source.events())
+    recorder.close()
+    (log,) = files_of(tmp_path)
+    found: Counter[str] = Counter()
+    with McapRecording(log.path) as recording:
+        for item in recording.messages("prisms", "scene", "transform"):
+            found[item.key] += 1
+    assert found["prisms"] > 15
+    assert found["scene"] == (found["prisms"] if drawn else 0)
+    assert (found["transform"] > 0) is drawn
 
 
 def test_the_level_of_compression_is_what_was_asked_for(tmp_path: Path) -> None:
