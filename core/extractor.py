@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .buffers import Buffers
 from .frames import Rotation
+from .open_sky_params import OpenSkyParams
 from .params import Params
 from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
 from .stages.free_profile import free_profile
@@ -18,6 +19,7 @@ from .stages.ground import POINT, find_ground, with_ranges
 from .stages.level import level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import is_no_measurement
+from .stages.open_space import observe_open
 from .stages.plane_shaping import Planes, PlaneShaper
 from .stages.prisms import layered_prisms
 from .stages.settings import Settings, settings_of
@@ -33,8 +35,9 @@ class Extractor:
 
     Not for two threads at once; make one for each."""
 
-    def __init__(self, params: Params | None = None) -> None:
+    def __init__(self, params: Params | None = None, open_sky: OpenSkyParams | None = None) -> None:
         self.params = params or Params()
+        self.open_sky = open_sky or OpenSkyParams()
         self._settings: Settings | None = None
         self._buffers = Buffers()
         self._strip_search = StripSearch(self.params, self._buffers)
@@ -77,6 +80,9 @@ class Extractor:
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
         free = observe_free(levelled.exact_codes, levelled.exact_view, source, ground, ke, p)
+        opened = observe_open(
+            depth_mm, levelled.exact_codes, levelled.exact_view, source, ground, ke, p, self.open_sky, self._buffers
+        )
         if smear.active:
             levelled = level_view(marks, info, R, view, ke, p, self._buffers)
         strips = self._strip_search.search(levelled, source, ground, ke, settings)
@@ -89,7 +95,7 @@ class Extractor:
             return blind_model(info, InvalidCause.NON_FINITE, p, stats), state
         if ground.seen:
             ground, after = with_ranges(ground, points, free.edges_t), replace(after, ground_height_m=ground.height_m)
-        return self._model(published, planes, free, ground, strips, stats, ke, keep_strips), after
+        return self._model(published, planes, free, opened, ground, strips, stats, ke, keep_strips), after
 
     def _classify(
         self, depth_mm: NDArray[np.uint16], info: CameraInfo, ke: float
@@ -104,6 +110,7 @@ class Extractor:
         published: PublishedPlanes,
         planes: Planes,
         free: FreeObservation,
+        opened: FreeObservation | None,
         ground: Ground,
         strips: Strips,
         stats: FrameStats,
@@ -122,7 +129,7 @@ class Extractor:
             flags=published.flags,
             cluster=cluster,
             prisms=prisms,
-            free=free_profile(free, len(rows), planes.table, margin),
+            free=free_profile(free, len(rows), planes.table, margin, opened),
             ground=ground,
             stats=replace(
                 stats,

@@ -67,6 +67,8 @@ def turned(model: FrameModel, yaw_rad: float, shift_m: tuple[float, float, float
             free_from_m=free.free_from_m,
             free_to_m=free.free_to_m,
             end=free.end,
+            open_from_dm=free.open_from_dm,
+            open_to_dm=free.open_to_dm,
         ),
         ground=replace(
             ground,

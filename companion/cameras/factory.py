@@ -59,6 +59,7 @@ def _zed(section: CameraConfig) -> DepthSource:
                 correlation=section.match_correlation,
                 texture=section.match_texture,
                 period=section.match_period,
+                mark_smooth=section.mark_smooth,
             ),
             **_range(section),
         )
@@ -114,6 +115,7 @@ def _simulated(section: CameraConfig) -> DepthSource:
         folder=cache_folder() / "simulated",
         render=section.render,
         disparities=section.disparities,
+        mark_smooth=section.mark_smooth,
     )
     flight = EndlessFlight(plan)
     return SimulatedDepthSource(flight, info, simulation, time.monotonic_ns, time.sleep)

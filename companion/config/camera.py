@@ -131,6 +131,13 @@ class CameraConfig:
         0.9,
         safety=True,
     )
+    mark_smooth: bool = field(
+        default=False,
+        metadata={
+            "unit": "",
+            "doc": "zed and rendered stereo: mark unmeasured pixels whose image is smooth, which `[open_sky]` needs; 16 ms a frame",
+        },
+    )
     confidence: int = _number(0, 255, "", "oak only: lower values keep fewer, more reliable pixels", 55, safety=True)
     emitter: float = _number(0.0, 1.0, "", "oak only: brightness of the dot projector, where there is one", 0.0)
     depth_unit_mm: float = _number(0.001, 10.0, "mm", "v4l2 only: one unit of depth", 1.0)

@@ -15,6 +15,7 @@ BEGIN, END = "<!-- tables: made by `make config-docs` -->", "<!-- end of the tab
 TITLES = {
     "extractor": "`[extractor]`: sizes of the vehicle and its surroundings",
     "expert": "`[expert]`: constants of the algorithm",
+    "open_sky": "`[open_sky]`: unmeasured sky that is presumed free; see [open space](../explanation/open-space.md)",
     "sync": "`[sync]`: attitude of a frame",
     "mount_check": "`[mount_check]`: check of each camera's mount",
     "camera": "`[[camera]]`: one section for each camera",

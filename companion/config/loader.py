@@ -22,6 +22,7 @@ from typing import Any, Union
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from pydantic import Field as Bounds
 
+from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.self_check.mount_params import MountCheckParams
 from core.world.params import WorldParams
@@ -39,6 +40,7 @@ log = logging.getLogger(__name__)
 SECTIONS: dict[str, type] = {
     "extractor": Params,
     "expert": Params,
+    "open_sky": OpenSkyParams,
     "sync": SyncParams,
     "mount_check": MountCheckParams,
     "camera": CameraConfig,
@@ -68,6 +70,7 @@ class Config:
     told of blindness in time."""
 
     extractor: Params = field(default_factory=Params)
+    open_sky: OpenSkyParams = field(default_factory=OpenSkyParams)
     sync: SyncParams = field(default_factory=SyncParams)
     mount_check: MountCheckParams = field(default_factory=MountCheckParams)
     cameras: tuple[CameraConfig, ...] = ()
@@ -85,6 +88,11 @@ class Config:
         names = [c.name for c in self.cameras]
         for name in sorted({n for n in names if names.count(n) > 1}):
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
+        stereo = [c for c in self.cameras if c.kind == "zed" or (c.kind == "simulated" and c.render == "stereo")]
+        if self.open_sky.presumes and stereo and not any(c.mark_smooth for c in stereo):
+            raise ValueError(
+                '[open_sky] mode = "presume" needs the marks of a stereo camera, and no [[camera]] has mark_smooth = true; set it'
+            )
         if self.avoid.send and not self.autopilot.address:
             raise ValueError("[avoid] send = true, but [autopilot] address is empty, so nothing could be sent; set one")
         if self.guard.enabled and not self.avoid.send:

@@ -16,6 +16,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     """Runs the kernels of these groups on small frames: uint16 millimetres, as cameras deliver, and for the extractor
     optionally float32 metres."""
     from core.extractor import Extractor
+    from core.open_sky_params import OpenSkyParams
     from core.params import Params
 
     info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
@@ -28,7 +29,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
         if mode == "world":
             _run_world_kernels()
             continue
-        extractor = Extractor(Params())
+        extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
             state = ExtractorState()
             for R in (level, tilted):

@@ -103,7 +103,7 @@ class Service:
         self.recorder = make_recorder(config, folders)
         self.metrics = make_metrics(config)
         self._pipeline = Pipeline(
-            (), lambda info: Extractor(config.extractor), config.sync,
+            (), lambda info: Extractor(config.extractor, config.open_sky), config.sync,
             mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check,
         )  # fmt: skip
         clock_callbacks = ClockCallbacks(clock=self._clock, armed=self._armed)

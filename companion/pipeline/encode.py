@@ -100,6 +100,9 @@ def prisms_bytes(result: PrismsResult) -> bytes:
     for name, value in zip(STATS, _stats(model.stats), strict=True):
         setattr(stats, name, value)
     message.ke_per_m = model.ke_per_m
+    if model.free.has_open:
+        message.free.open_from_dm = model.free.open_from_dm.tobytes()
+        message.free.open_to_dm = model.free.open_to_dm.tobytes()
     # imported late: compiled code, and commands that only read start without it
     from companion.pipeline.fast_encode import encode_model
 

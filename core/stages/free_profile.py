@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..jit import inner
 from ..params import Params
-from ..types import FreeEnd, FreeProfile
+from ..types import NOTHING_OPEN, FreeEnd, FreeProfile
 from .free_space import FreeObservation, layer_edges
 from .planes import distance_at
 
@@ -79,13 +79,30 @@ def as_ranges(edges_t, free_from, free_to):
             free_to[d, layer] *= math.sqrt(1.0 + near**2)
 
 
-def free_profile(seen: FreeObservation, count: int, planes: NDArray[Any], margin: NDArray[np.float32]) -> FreeProfile:
-    """The free-range profile of a frame; see FreeProfile. planes: the first `count` of PLANE, margin: (N,) m. Uses up `seen`."""
-    stop_at_planes(
-        count, planes, margin, seen.pixel_t, seen.row_t, seen.edges_t, seen.layers_m, seen.free_to_m, seen.end
-    )
-    as_ranges(seen.edges_t, seen.free_from_m, seen.free_to_m)
+def free_profile(
+    seen: FreeObservation,
+    count: int,
+    planes: NDArray[Any],
+    margin: NDArray[np.float32],
+    opened: FreeObservation | None = None,
+) -> FreeProfile:
+    """The free-range profile of a frame; see FreeProfile. planes: the first `count` of PLANE, margin: (N,) m. opened: what is
+    free or open (`open_space.observe_open`). Uses up `seen` and `opened`."""
+    for s in (seen,) if opened is None else (seen, opened):
+        stop_at_planes(count, planes, margin, s.pixel_t, s.row_t, s.edges_t, s.layers_m, s.free_to_m, s.end)
+        as_ranges(s.edges_t, s.free_from_m, s.free_to_m)
+    open_from, open_to = (NOTHING_OPEN, NOTHING_OPEN) if opened is None else _beyond_free(seen, opened)
     return FreeProfile.from_trusted(
         azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
-        free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end,
+        free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end, open_from_dm=open_from, open_to_dm=open_to,
     )  # fmt: skip
+
+
+def _beyond_free(seen: FreeObservation, opened: FreeObservation) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """(open_from_dm, open_to_dm) of FreeProfile."""
+    first, last = np.ceil(10.0 * opened.free_from_m), np.minimum(np.floor(10.0 * opened.free_to_m), 255.0)
+    farther = (last > first) & (0.1 * last > seen.free_to_m)
+    return (
+        np.where(farther, first, 0.0).astype(np.uint8),
+        np.where(farther, last, 0.0).astype(np.uint8),
+    )

@@ -6,10 +6,13 @@ Frames: `optical` (x right, y down, z forward), `frd` (vehicle body), `ned` (the
 `level` (origin of frd, x along the vehicle's heading, y right, z down). See docs/reference/frames.md.
 """
 
-from .arrays import readonly
+from .arrays import NOTHING_OPEN, readonly
 from .inputs import (
+    BEYOND_MM,
+    CONTINUED_MM,
     FAR_MM,
     SATURATED_MM,
+    TEXTURELESS_MM,
     UNKNOWN_MM,
     AttitudeSample,
     CameraInfo,
@@ -32,8 +35,12 @@ from .model import (
 )
 
 __all__ = [
+    "BEYOND_MM",
+    "CONTINUED_MM",
     "FAR_MM",
+    "NOTHING_OPEN",
     "SATURATED_MM",
+    "TEXTURELESS_MM",
     "UNKNOWN_MM",
     "AttitudeSample",
     "CameraInfo",

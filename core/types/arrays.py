@@ -45,3 +45,13 @@ def unchecked(kind: type[_Thing], **values: Any) -> _Thing:
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
     return thing
+
+
+def _nothing_open() -> NDArray[np.uint8]:
+    nothing = np.zeros((0, 0), np.uint8)
+    nothing.setflags(write=False)
+    return nothing
+
+
+NOTHING_OPEN = _nothing_open()
+"""The open ranges of a profile that presumes nothing: (0, 0) uint8, read-only."""

@@ -12,6 +12,15 @@ from .arrays import readonly
 
 UNKNOWN_MM = 0
 """A depth pixel without a measurement: its ray is unknown."""
+TEXTURELESS_MM = 1
+"""A pixel without a measurement whose image shows a smooth surface: sky or blank paint. Nothing is measured there, and below
+every least range it is unknown like UNKNOWN_MM; only core/stages/open_space.py distinguishes them."""
+BEYOND_MM = 2
+"""A pixel that was matched, at a distance greater than 65 m. Unknown like TEXTURELESS_MM for all but
+core/stages/open_space.py."""
+CONTINUED_MM = 3
+"""A pixel without a measurement whose image is smooth and as bright as the matched surface below it. Unknown like
+TEXTURELESS_MM for all but core/stages/open_space.py."""
 FAR_MM = 65534
 """A depth pixel that the sensor reports as free up to its maximum range."""
 SATURATED_MM = 65535

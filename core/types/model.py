@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codes import Code
-from .arrays import readonly, unchecked
+from .arrays import NOTHING_OPEN, readonly, unchecked
 
 
 class InvalidCause(Code):
@@ -85,13 +85,18 @@ class FreeProfile:
 
     azimuth_edges_rad: (D + 1,) float32, increasing, clockwise from above; layer_edges_m: (L + 1,) float32 in z (down),
     increasing. free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was
-    observed to be free in that direction (free_to <= free_from: nothing is); end: (D, L) uint8, FreeEnd of free_to_m."""
+    observed to be free in that direction (free_to <= free_from: nothing is); end: (D, L) uint8, FreeEnd of free_to_m.
+    open_from_dm, open_to_dm: (D, L) uint8 horizontal ranges in decimetres, rounded inwards, between which the layer is free or open,
+    that is presumed free without a measurement (core/stages/open_space.py); both 0 where that is no farther than what is free.
+    (0, 0): nothing is presumed."""
 
     azimuth_edges_rad: NDArray[np.float32]
     layer_edges_m: NDArray[np.float32]
     free_from_m: NDArray[np.float32]
     free_to_m: NDArray[np.float32]
     end: NDArray[np.uint8]
+    open_from_dm: NDArray[np.uint8] = field(default_factory=lambda: NOTHING_OPEN)
+    open_to_dm: NDArray[np.uint8] = field(default_factory=lambda: NOTHING_OPEN)
 
     def __post_init__(self) -> None:
         d, layers = len(self.azimuth_edges_rad) - 1, len(self.layer_edges_m) - 1
@@ -101,6 +106,24 @@ class FreeProfile:
         put(self, "free_from_m", readonly(self.free_from_m, np.float32, (d, layers), "free_from_m"))
         put(self, "free_to_m", readonly(self.free_to_m, np.float32, (d, layers), "free_to_m"))
         put(self, "end", readonly(self.end, np.uint8, (d, layers), "end"))
+        shape = (d, layers) if self.has_open else (0, 0)
+        put(self, "open_from_dm", readonly(self.open_from_dm, np.uint8, shape, "open_from_dm"))
+        put(self, "open_to_dm", readonly(self.open_to_dm, np.uint8, shape, "open_to_dm"))
+
+    @property
+    def has_open(self) -> bool:
+        """Whether the profile holds open ranges."""
+        return self.open_from_dm.size > 0 or self.open_to_dm.size > 0
+
+    @property
+    def open_from_m(self) -> NDArray[np.float32]:
+        """open_from_dm in metres; without open ranges (0, 0)."""
+        return self.open_from_dm * np.float32(0.1)
+
+    @property
+    def open_to_m(self) -> NDArray[np.float32]:
+        """open_to_dm in metres; without open ranges (0, 0)."""
+        return self.open_to_dm * np.float32(0.1)
 
     @classmethod
     def from_trusted(
@@ -111,6 +134,8 @@ class FreeProfile:
         free_from_m: NDArray[np.float32],
         free_to_m: NDArray[np.float32],
         end: NDArray[np.uint8],
+        open_from_dm: NDArray[np.uint8] = NOTHING_OPEN,
+        open_to_dm: NDArray[np.uint8] = NOTHING_OPEN,
     ) -> FreeProfile:
         """A profile without checks, of arrays that a kernel has just written; they become read-only."""
         return unchecked(
@@ -120,6 +145,8 @@ class FreeProfile:
             free_from_m=free_from_m,
             free_to_m=free_to_m,
             end=end,
+            open_from_dm=open_from_dm,
+            open_to_dm=open_to_dm,
         )
 
 

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from core.param_field import check, number
+from core.param_field import check, number, switch
 from core.types import UNKNOWN_MM, Intrinsics
 
 from .match_confidence import ConfidenceLimits, accepted_matches
+from .textureless import SmoothLimits, mark_unmeasured
 from .zed_calibration import StereoCalibration
 
 Gray = NDArray[np.uint8]
@@ -56,6 +57,7 @@ class MatchParams:
     )
     smear_rows: int = number(4, 0, 16, "px", "rows above and below an unmeasured area that are dropped; 0: none")
     patch_px: int = number(25, 0, 5000, "px", "smaller patches of accepted pixels are dropped; 0: off")
+    mark_smooth: bool = switch(False, "mark unmeasured pixels whose image is smooth; [open_sky] needs it")
 
     def __post_init__(self) -> None:
         check("stereo", self)
@@ -91,7 +93,10 @@ class StereoDepth:
 
     def depth(self, left: Gray, right: Gray) -> NDArray[np.uint16]:
         """(H, W) uint16 mm of a raw pair of gray images, in the rectified left one."""
-        return depth_mm(self.disparity(*self.rectified(left, right)), self.intrinsics.fx, self.baseline_m)
+        left, right = self.rectified(left, right)
+        disparity = self.disparity(left, right)
+        depth = depth_mm(disparity, self.intrinsics.fx, self.baseline_m)
+        return mark_unmeasured(depth, disparity, left, right, SmoothLimits()) if self._params.mark_smooth else depth
 
     def disparity(self, left: Gray, right: Gray) -> NDArray[np.float32]:
         """(H, W) float32 px of a rectified pair; negative: no accepted match."""

@@ -33,7 +33,7 @@ _RENDERERS = (
 class Simulation:
     """How a camera is simulated. latency_s: from exposure to arrival; cable: a file, and while it is not there the
     camera is unplugged (None: always plugged in); folder: where rendered frames are kept (None: in memory); render: "depth" or
-    "stereo", disparities: searched there, see SimulatedFlight."""
+    "stereo", disparities: searched there, mark_smooth: see SimulatedFlight."""
 
     fps: float = 30.0
     seed: int = 0
@@ -42,6 +42,7 @@ class Simulation:
     folder: Path | None = None
     render: str = "depth"
     disparities: int = 96
+    mark_smooth: bool = False
 
 
 class SimulatedDepthSource:
@@ -71,6 +72,7 @@ class SimulatedDepthSource:
             rates=rates,
             render=simulation.render,
             disparities=simulation.disparities,
+            mark_smooth=simulation.mark_smooth,
         )
         k = info.intrinsics
         self._room = (simulation.folder, self._name(), self._steps + 1, k.height, k.width)
@@ -170,7 +172,7 @@ class SimulatedDepthSource:
         said = [asdict(self._info), self._simulation.seed, self._steps, self._flight.plan.name, self._flight.leg_ns]
         modules = [Path(__file__).with_name(f"{module}.py") for module in _RENDERERS]
         if self._simulation.render == "stereo":
-            said += [self._simulation.render, self._simulation.disparities]
+            said += [self._simulation.render, self._simulation.disparities, self._simulation.mark_smooth]
             modules += sorted(Path(__file__).with_name("stereo").glob("*.py"))
             modules += sorted(Path(__file__).parents[1].joinpath("cameras").glob("*match*.py"))
             modules.append(Path(__file__).parents[1] / "cameras" / "stereo.py")

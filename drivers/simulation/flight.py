@@ -72,10 +72,11 @@ class SimulatedFlight:
         duration_s: float | None = None,
         render: str = "depth",
         disparities: int = 96,
+        mark_smooth: bool = False,
     ) -> None:
         """plan: a flight or its name. cameras: several of them, or one of another kind than width x height,
         forward. start_ns: the instant of the start. duration_s: ends the flight earlier. render: "depth" (ray caster
-        with a noise model) or "stereo" (matched image pairs, `disparities` searched). Raises ValueError."""
+        with a noise model) or "stereo" (matched image pairs, `disparities` searched; mark_smooth: smooth pixels are marked, see MatchParams). Raises ValueError."""
         self.plan = flight_plan(plan, seed) if isinstance(plan, str) else plan
         ke = max(self.plan.sensor.ke_per_m, 1e-5)
         self._cameras = cameras or (camera_info(width, height, ke_per_m=ke),)
@@ -89,7 +90,7 @@ class SimulatedFlight:
         if render == "stereo":  # its kernels and OpenCV are loaded only where they are used
             from .stereo.flight_depth import RenderedDepth
 
-            self._stereo = RenderedDepth(self.plan.scene, disparities=disparities)
+            self._stereo = RenderedDepth(self.plan.scene, disparities=disparities, mark_smooth=mark_smooth)
         if not self.duration_s > 0.0:
             raise ValueError(f"simulated flight: duration_s={self.duration_s:g}, expected more than 0")
 

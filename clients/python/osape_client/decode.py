@@ -74,7 +74,18 @@ def free_from_message(message: pb.FreeProfile) -> FreeProfile:
         free_from_m=_table(np.array(message.free_from_m, dtype=np.float32), directions, layers, "free_from_m"),
         free_to_m=_table(np.array(message.free_to_m, dtype=np.float32), directions, layers, "free_to_m"),
         end=_table(np.frombuffer(message.end, dtype=np.uint8), directions, layers, "end"),
+        **_open_ranges(message, directions, layers),
     )
+
+
+def _open_ranges(message: pb.FreeProfile, directions: int, layers: int) -> dict[str, NDArray[np.uint8]]:
+    """The open ranges of a profile; none where the message has none, as those of older versions."""
+    if not (message.open_from_dm or message.open_to_dm):
+        return {}
+    return {
+        name: _table(np.frombuffer(getattr(message, name), dtype=np.uint8), directions, layers, name)
+        for name in ("open_from_dm", "open_to_dm")
+    }
 
 
 def _rising(values: Iterable[float], name: str) -> NDArray[np.float32]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from typing import Any
 
@@ -70,14 +70,18 @@ class FreeProfile:
 
     azimuth_edges_rad: (D + 1,) float32, increasing, clockwise from above; layer_edges_m: (L + 1,) float32 in z,
     increasing. free_from_m, free_to_m: (D, L) float32 horizontal ranges between which the whole layer was observed free
-    (free_to <= free_from: nothing is known to be free); end: (D, L) uint8 FreeEnd of free_to_m. Raises ValueError for
-    shapes and dtypes that do not fit together."""
+    (free_to <= free_from: nothing is known to be free); end: (D, L) uint8 FreeEnd of free_to_m. open_from_dm, open_to_dm: (D, L)
+    uint8 horizontal ranges in decimetres between which the layer is free or open, that is presumed free without a measurement;
+    both 0 where that is no farther than what is free; (0, 0): the service presumes nothing. Raises ValueError for shapes and dtypes
+    that do not fit together."""
 
     azimuth_edges_rad: NDArray[np.float32]
     layer_edges_m: NDArray[np.float32]
     free_from_m: NDArray[np.float32]
     free_to_m: NDArray[np.float32]
     end: NDArray[np.uint8]
+    open_from_dm: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
+    open_to_dm: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0), np.uint8))
 
     def __post_init__(self) -> None:
         table = (len(self.azimuth_edges_rad) - 1, len(self.layer_edges_m) - 1)
@@ -86,6 +90,24 @@ class FreeProfile:
         set_readonly(self, "free_from_m", np.float32, table)
         set_readonly(self, "free_to_m", np.float32, table)
         set_readonly(self, "end", np.uint8, table)
+        opened = table if self.has_open else (0, 0)
+        set_readonly(self, "open_from_dm", np.uint8, opened)
+        set_readonly(self, "open_to_dm", np.uint8, opened)
+
+    @property
+    def has_open(self) -> bool:
+        """Whether the profile holds open ranges."""
+        return self.open_from_dm.size > 0 or self.open_to_dm.size > 0
+
+    @property
+    def open_from_m(self) -> NDArray[np.float32]:
+        """open_from_dm in metres; without open ranges (0, 0)."""
+        return self.open_from_dm * np.float32(0.1)
+
+    @property
+    def open_to_m(self) -> NDArray[np.float32]:
+        """open_to_dm in metres; without open ranges (0, 0)."""
+        return self.open_to_dm * np.float32(0.1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

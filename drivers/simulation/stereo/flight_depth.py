@@ -20,10 +20,10 @@ from .textures import Floats
 BASELINE_M = 0.12
 
 
-def flight_profile(intrinsics: Intrinsics, disparities: int = 96) -> StereoProfile:
+def flight_profile(intrinsics: Intrinsics, disparities: int = 96, mark_smooth: bool = False) -> StereoProfile:
     """The host's matcher behind imagers with these intrinsics, BASELINE_M apart."""
     view = StereoView(intrinsics=intrinsics, baseline_m=BASELINE_M)
-    return replace(ZED, name="flight", view=view, match=MatchParams(disparities=disparities))
+    return replace(ZED, name="flight", view=view, match=MatchParams(disparities=disparities, mark_smooth=mark_smooth))
 
 
 def stereo_camera_info(intrinsics: Intrinsics, camera: str, mount: CameraMount | None = None) -> CameraInfo:
@@ -34,8 +34,8 @@ def stereo_camera_info(intrinsics: Intrinsics, camera: str, mount: CameraMount |
 class RenderedDepth:
     """Depth images of one scene for several cameras. One thread at a time."""
 
-    def __init__(self, scene: Scene, sky: Sky = CLEAR, disparities: int = 96) -> None:
-        self._disparities = disparities
+    def __init__(self, scene: Scene, sky: Sky = CLEAR, disparities: int = 96, mark_smooth: bool = False) -> None:
+        self._disparities, self._mark_smooth = disparities, mark_smooth
         self._scene = StereoScene(name=scene.name, surfaces=surfaces_of(scene), sky=sky)
         self._cameras: dict[Intrinsics, StereoCamera] = {}
 
@@ -45,6 +45,6 @@ class RenderedDepth:
         """(H, W) uint16 mm; the same arguments give the same image. seed: of the noise; the textures of a scene stay."""
         camera = self._cameras.get(info.intrinsics)
         if camera is None:
-            camera = StereoCamera(flight_profile(info.intrinsics, self._disparities))
+            camera = StereoCamera(flight_profile(info.intrinsics, self._disparities, self._mark_smooth))
             self._cameras[info.intrinsics] = camera
         return camera.depth_of(camera.pair(self._scene, R_ned_optical, position_ned_m, seed, frame))

@@ -16,6 +16,7 @@ from core.types import CameraInfo, CameraMount, Intrinsics
 
 from ...cameras.match_confidence import accepted_matches
 from ...cameras.stereo import MatchParams, StereoMatcher, confidence_limits, depth_mm
+from ...cameras.textureless import SmoothLimits, mark_unmeasured
 from .census_matching import CensusParams, census_disparity
 from .exposure import Gray
 from .pair_renderer import PairBrightness, StereoPair, StereoView, expose_pair, pair_brightness
@@ -122,4 +123,8 @@ class StereoCamera:
 
     def depth_of(self, pair: StereoPair) -> NDArray[np.uint16]:
         """(H, W) uint16 mm in the left image."""
-        return depth_mm(self.disparity(pair), self.profile.view.intrinsics.fx, self.profile.view.baseline_m)
+        disparity, view = self.disparity(pair), self.profile.view
+        depth = depth_mm(disparity, view.intrinsics.fx, view.baseline_m)
+        if self.profile.match.mark_smooth:
+            return mark_unmeasured(depth, disparity, pair.left, pair.right, SmoothLimits())
+        return depth

@@ -201,18 +201,22 @@ class Prism(_message.Message):
     def __init__(self, cluster: _Optional[int] = ..., top_m: _Optional[float] = ..., bottom_m: _Optional[float] = ..., closed: bool = ..., margin_m: _Optional[float] = ..., vertices_m: _Optional[_Iterable[float]] = ..., plane: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class FreeProfile(_message.Message):
-    __slots__ = ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end")
+    __slots__ = ("azimuth_edges_rad", "layer_edges_m", "free_from_m", "free_to_m", "end", "open_from_dm", "open_to_dm")
     AZIMUTH_EDGES_RAD_FIELD_NUMBER: _ClassVar[int]
     LAYER_EDGES_M_FIELD_NUMBER: _ClassVar[int]
     FREE_FROM_M_FIELD_NUMBER: _ClassVar[int]
     FREE_TO_M_FIELD_NUMBER: _ClassVar[int]
     END_FIELD_NUMBER: _ClassVar[int]
+    OPEN_FROM_DM_FIELD_NUMBER: _ClassVar[int]
+    OPEN_TO_DM_FIELD_NUMBER: _ClassVar[int]
     azimuth_edges_rad: _containers.RepeatedScalarFieldContainer[float]
     layer_edges_m: _containers.RepeatedScalarFieldContainer[float]
     free_from_m: _containers.RepeatedScalarFieldContainer[float]
     free_to_m: _containers.RepeatedScalarFieldContainer[float]
     end: bytes
-    def __init__(self, azimuth_edges_rad: _Optional[_Iterable[float]] = ..., layer_edges_m: _Optional[_Iterable[float]] = ..., free_from_m: _Optional[_Iterable[float]] = ..., free_to_m: _Optional[_Iterable[float]] = ..., end: _Optional[bytes] = ...) -> None: ...
+    open_from_dm: bytes
+    open_to_dm: bytes
+    def __init__(self, azimuth_edges_rad: _Optional[_Iterable[float]] = ..., layer_edges_m: _Optional[_Iterable[float]] = ..., free_from_m: _Optional[_Iterable[float]] = ..., free_to_m: _Optional[_Iterable[float]] = ..., end: _Optional[bytes] = ..., open_from_dm: _Optional[bytes] = ..., open_to_dm: _Optional[bytes] = ...) -> None: ...
 
 class Ground(_message.Message):
     __slots__ = ("seen", "height_m", "slope_x", "slope_y", "share", "blind_beyond_m", "tolerance_m", "noise_per_m", "seen_from_m", "seen_to_m")

@@ -1,0 +1,72 @@
+"""Parameters of the class *open*: space presumed free on stated evidence. See docs/explanation/open-space.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .param_field import check, choice, critical, switch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenSkyParams:
+    """Which evidence makes unmeasured, textureless pixels count as open. Raises ValueError naming the field, its value and its
+    range."""
+
+    mode: str = choice(
+        "off",
+        ("off", "presume"),
+        "whether unmeasured sky is presumed free where the evidence below says so",
+        safety=True,
+    )
+    open_max_range_m: float = critical(15.0, 1.0, 25.0, "m", "nothing is presumed free beyond this range")
+    upper_border: bool = switch(
+        True, "a column is open only where its textureless pixels reach the upper border of the image", safety=True
+    )
+    edges_above: bool = switch(
+        True,
+        "an edge away from the horizon is evidence only where what is measured below it is farther than far_edge_m",
+        safety=True,
+    )
+    far_edge_m: float = critical(30.0, 5.0, 65.0, "m", "distance below such an edge from which on it is evidence")
+    straight_edge: bool = switch(
+        True,
+        "and only where it is not straight and nearly parallel to the image rows: stereo does not measure such edges",
+        safety=True,
+    )
+    neighbours: bool = switch(
+        True, "a column is open only up to what is measured in the columns beside it", safety=True
+    )
+    floating: bool = switch(
+        True,
+        "a column is open only up to things without connection to the ground that are measured nearby",
+        safety=True,
+    )
+    horizon_deg: float = critical(1.5, 0.0, 10.0, "deg", "an edge this close to the horizon is taken for the horizon")
+    gap_deg: float = critical(
+        1.5,
+        0.0,
+        10.0,
+        "deg",
+        "most height of the unmeasured edge between textureless pixels and what is measured below",
+    )
+    continued_deg: float = critical(
+        12.0, 0.0, 20.0, "deg", "most height of smooth ground between that edge and what is measured below"
+    )
+    least_rise_deg: float = critical(5.0, 0.0, 45.0, "deg", "least height of the textureless pixels above that edge")
+    reach_deg: float = critical(2.0, 0.0, 20.0, "deg", "columns within this count as beside a column")
+    straight_deg: float = critical(15.0, 1.0, 45.0, "deg", "width over which an edge is judged to be straight")
+    floating_reach_m: float = critical(
+        1.0, 0.0, 20.0, "m", "unmeasured extent of a thing that is measured in part without connection to the ground"
+    )
+
+    open_share: float = critical(
+        0.95, 0.5, 1.0, "", "share of a cell's pixels that must be seen through to call it open; at least free_share"
+    )
+
+    def __post_init__(self) -> None:
+        check("open_sky", self)
+
+    @property
+    def presumes(self) -> bool:
+        """Whether anything is presumed open."""
+        return self.mode == "presume"

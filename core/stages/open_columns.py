@@ -1,0 +1,230 @@
+"""Columns of blocks: where the textureless pixels of a column end, and up to which distance that is evidence. See
+docs/explanation/open-space.md."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, record, record_of
+from ..open_sky_params import OpenSkyParams
+from .open_blocks import BEYOND_ALL, BLOCK, CONTINUED, MEASURED, OUTSIDE, PARTLY, SMOOTH
+from .view_geometry import ViewGeometry
+
+_NOTHING = np.float32(0.0)
+_LEAST_STRAIGHT = 5
+"""Columns that an edge needs to be judged."""
+_RESIDUAL_BLOCKS = 1.0
+"""A straight edge deviates by no more from its line."""
+_BRIDGE = 4
+"""Columns of blocks without a measurement below their edge that are bridged, counted with the next one."""
+_MOST_SLOPE = 0.36
+"""Edges steeper than this (20 degrees) are measured by stereo at any roll that is flown."""
+
+OPEN_SETTINGS = record(
+    ("f_px", np.float64),
+    ("horizon_row", np.float64),
+    ("gain", np.float64),
+    ("clear_m", np.float64),
+    ("most_m", np.float64),
+    ("upper_border", np.bool_),
+    ("straight_edge", np.bool_),
+    ("neighbours", np.bool_),
+    ("floating", np.bool_),
+    ("edges_above", np.bool_),
+    ("far_edge_m", np.float64),
+    ("horizon_t", np.float64),
+    ("gap_t", np.float64),
+    ("continued_t", np.float64),
+    ("least_rise_t", np.float64),
+    ("reach_blocks", np.int64),
+    ("straight_blocks", np.int64),
+    ("floating_reach", np.float64),
+)
+"""f_px, horizon_row: of the view; gain: f_px * lsb_per_px. clear_m: optical depth from which on a cell is far; most_m: nothing is
+open beyond. The switches and far_edge_m: of OpenSkyParams. Heights in tangents (`_t`), lengths along rows in blocks;
+floating_reach: blocks times metres."""
+
+
+class Columns(NamedTuple):
+    """Of each column of blocks, (C,): the rows top, edge and base of `scan_column`; base_m: distance below the edge, 0: no
+    evidence; above_m, floating_m: of `things_above`."""
+
+    top: Any
+    edge: Any
+    base: Any
+    base_m: Any
+    above_m: Any
+    floating_m: Any
+
+
+def open_settings(view: ViewGeometry, most_m: float, clear_m: float, p: OpenSkyParams) -> NDArray[Any]:
+    """(1,) OPEN_SETTINGS."""
+    per_block = BLOCK / view.f_px
+    return record_of(
+        OPEN_SETTINGS,
+        p,
+        f_px=view.f_px,
+        horizon_row=view.cv,
+        gain=view.f_px * view.lsb_per_px,
+        clear_m=clear_m,
+        most_m=most_m,
+        horizon_t=math.tan(math.radians(p.horizon_deg)),
+        gap_t=max(math.tan(math.radians(p.gap_deg)), 1.01 * per_block),
+        continued_t=math.tan(math.radians(p.continued_deg)),
+        least_rise_t=math.tan(math.radians(p.least_rise_deg)),
+        reach_blocks=int(math.tan(math.radians(p.reach_deg)) / per_block),
+        straight_blocks=int(0.5 * math.tan(math.radians(p.straight_deg)) / per_block),
+        floating_reach=p.floating_reach_m / per_block,
+    )
+
+
+@inner
+def tangent(i, s):
+    """Tangent (z/x, down) of the upper edge of block row i. s: a record of OPEN_SETTINGS."""
+    return (i * BLOCK - 0.5 - s.horizon_row) / s.f_px
+
+
+@inner
+def scan_column(kind, near, s):
+    """(top, edge, base, R) of one column: the first row of its textureless run, the row behind its last, the row of what is
+    measured below, and the distance of that edge, 0 where the column gives no evidence. kind, near: (R,)."""
+    rows = len(kind)
+    top = 0
+    while top < rows and kind[top] == OUTSIDE:
+        top += 1
+    if not s.upper_border:
+        while top < rows and kind[top] != SMOOTH:
+            top += 1
+    edge = top
+    while edge < rows and kind[edge] == SMOOTH:
+        edge += 1
+    base = edge
+    while base < rows and kind[base] != MEASURED and kind[base] != CONTINUED and kind[base] != OUTSIDE:
+        base += 1
+    if tangent(base, s) - tangent(edge, s) > s.gap_t:
+        return top, edge, edge, _NOTHING
+    upper = base
+    while base < rows and (
+        kind[base] == CONTINUED or (kind[base] != MEASURED and kind[base] != OUTSIDE and base < upper + 2)
+    ):
+        if kind[base] == CONTINUED:
+            upper = base
+        base += 1
+    if edge == top or base >= rows or kind[base] != MEASURED:
+        return top, edge, edge, _NOTHING
+    if (
+        tangent(base, s) - tangent(edge, s) > s.continued_t + s.gap_t
+        or tangent(edge, s) - tangent(top, s) < s.least_rise_t
+    ):
+        return top, edge, edge, _NOTHING
+    nearest = BEYOND_ALL
+    for i in range(edge, min(base + 2, rows)):
+        nearest = min(nearest, near[i])
+    return top, edge, base, nearest
+
+
+@inner
+def things_above(kind, near, edge):
+    """(nearest, floating): least distance measured in a column above row `edge`, and of that what has textureless pixels
+    below it, BEYOND_ALL: none. kind, near: (R,)."""
+    nearest, floating, below = BEYOND_ALL, BEYOND_ALL, False
+    for i in range(len(kind) - 1, -1, -1):
+        below = below or kind[i] == SMOOTH
+        if i < edge and (kind[i] == MEASURED or kind[i] == PARTLY):
+            nearest = min(nearest, near[i])
+            if below:
+                floating = min(floating, near[i])
+    return nearest, floating
+
+
+@inner
+def is_straight(edge, base_m, j, half):
+    """Whether the edge around column j is a straight, flat line. edge: (C,) rows; base_m: (C,), 0: no edge in that column.
+
+    What is too short to be judged counts as straight."""
+    first, last = j, j
+    while first > max(0, j - half) and base_m[first - 1] > 0.0:
+        first -= 1
+    while last < min(len(edge) - 1, j + half) and base_m[last + 1] > 0.0:
+        last += 1
+    n = last - first + 1
+    if n < _LEAST_STRAIGHT:
+        return True
+    mean_x, mean_y, xx, xy = 0.5 * (first + last), 0.0, 0.0, 0.0
+    for c in range(first, last + 1):
+        mean_y += edge[c] / n
+    for c in range(first, last + 1):
+        xx += (c - mean_x) ** 2
+        xy += (c - mean_x) * (edge[c] - mean_y)
+    slope = xy / xx
+    if abs(slope) > _MOST_SLOPE:
+        return False
+    worst = 0.0
+    for c in range(first, last + 1):
+        worst = max(worst, abs(edge[c] - mean_y - slope * (c - mean_x)))
+    return worst <= _RESIDUAL_BLOCKS
+
+
+@inner
+def at_horizon(edge, base, s):
+    """Whether the edge between block rows `edge` and `base` holds the horizon or is close to it."""
+    return tangent(edge, s) <= s.horizon_t and tangent(base, s) >= -s.horizon_t
+
+
+@inner
+def is_evidence(columns, j, s):
+    """Whether the edge of column j shows that nothing blank hangs before what is measured below it. columns: Columns."""
+    edge, base, base_m = columns.edge, columns.base, columns.base_m
+    if base_m[j] <= 0.0:
+        return False
+    if at_horizon(edge[j], base[j], s):
+        return True
+    if not s.edges_above:
+        return True
+    strip = tangent(base[j], s) - tangent(edge[j], s) > s.gap_t
+    if strip or base_m[j] < s.far_edge_m:
+        return False
+    return not s.straight_edge or not is_straight(edge, base_m, j, s.straight_blocks)
+
+
+@inner
+def bridge_columns(columns):
+    """Columns whose edge has nothing measured below it take that from both sides, where those lie within _BRIDGE columns and
+    have the same edge. columns: Columns, changed in place."""
+    edge, base, base_m = columns.edge, columns.base, columns.base_m
+    cols = len(edge)
+    for j in range(1, cols - 1):
+        if base_m[j] > 0.0:
+            continue
+        right = j + 1
+        while right < min(cols - 1, j + _BRIDGE) and base_m[right] <= 0.0:
+            right += 1
+        left = j - 1
+        same = abs(edge[left] - edge[j]) <= 1 and abs(edge[right] - edge[j]) <= 1
+        if same and base_m[left] > 0.0 and base_m[right] > 0.0:
+            base[j], base_m[j] = max(base[left], base[right]), min(base_m[left], base_m[right])
+
+
+@inner
+def limit_columns(columns, s, limit_m):
+    """limit_m: (C,) float32 out, forward distance up to which each column is open, 0: it is not. columns: Columns."""
+    base_m, above_m, floating_m = columns.base_m, columns.above_m, columns.floating_m
+    cols, reach = len(base_m), s.reach_blocks
+    for j in range(cols):
+        limit = base_m[j] if is_evidence(columns, j, s) else _NOTHING
+        for k in range(max(0, j - reach), min(cols, j + reach + 1)):
+            if s.neighbours:
+                limit = min(limit, above_m[k])
+                if base_m[k] > 0.0:
+                    limit = min(limit, base_m[k])
+                elif abs(k - j) <= 1 and above_m[k] == BEYOND_ALL:
+                    limit = _NOTHING
+        if s.floating and limit > 0.0:
+            for k in range(cols):
+                if floating_m[k] < limit and abs(k - j) * floating_m[k] <= s.floating_reach:
+                    limit = floating_m[k]
+        limit_m[j] = limit

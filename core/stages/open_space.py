@@ -1,0 +1,170 @@
+"""Open space: unmeasured, textureless pixels that are presumed free on stated evidence. See docs/explanation/open-space.md.
+
+Stereo measures no smooth surface, so a clear sky is unmeasured, as a blank wall is. The sky is distinguished from the wall by its
+border: each column of the levelled view is open where its textureless pixels reach from the upper border of the image down to an
+edge, below which something is measured at distance R. A blank thing nearer than R in that column would need an edge of its own:
+upright and slanted ones are measured, at the thing's distance; one that is parallel to the image rows is not, so such an edge
+counts at the horizon alone. The column is open up to R, or to what is measured beside it.
+
+The result is an image of codes in which open pixels see through up to that range; free_space.py then walks over it as it does
+for the free profile, with the same rules for borders, ground and range."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..buffers import Buffers
+from ..jit import inner, kernel
+from ..open_sky_params import OpenSkyParams
+from ..params import Params
+from ..types import BEYOND_MM, CONTINUED_MM, Ground
+from .free_space import FreeObservation, observe_free
+from .view_geometry import Q_FAR, Q_UNKNOWN
+from .open_blocks import BLOCK, recode_far, sort_blocks, source_mm
+from .open_columns import (
+    Columns,
+    bridge_columns,
+    is_evidence,
+    limit_columns,
+    open_settings,
+    scan_column,
+    things_above,
+)
+from .view_geometry import ViewGeometry
+
+
+@inner
+def set_open(depth_mm, H, columns, run, code, matched, out):
+    """Gives a code to the unknown cells of columns (first, end) in the rows (first, end, end of the strip) of a run, and to smooth
+    ground in the strip below it; and the code `matched` to cells that were matched beyond what millimetres can tell: in columns without
+    evidence such a match may be wrong."""
+    for u in range(columns[0], columns[1]):
+        for v in range(run[0], out.shape[1]):
+            if out[u, v] == Q_UNKNOWN:
+                if v < run[1]:
+                    out[u, v] = code
+                    continue
+                mm = source_mm(depth_mm, H, u, v)
+                if mm == BEYOND_MM:
+                    out[u, v] = matched
+                elif mm == CONTINUED_MM and v < run[2]:
+                    out[u, v] = code
+
+
+@inner
+def fill_holes(columns, first, end, most, code, out):
+    """Unmeasured holes of at most so many rows between measured cells of columns (first, end) and rows first..end - 1 get the nearest
+    of both and of the code: texture is matched with holes where it is fine."""
+    for u in range(columns[0], columns[1]):
+        begin = first
+        for v in range(first, min(end, out.shape[1])):
+            if out[u, v] == Q_UNKNOWN:
+                continue
+            if begin > first and v - begin <= most:
+                for row in range(begin, v):
+                    out[u, row] = max(code, max(out[u, begin - 1], out[u, v]))
+            begin = v + 1
+
+
+@kernel
+def open_codes(depth_mm, codes, H, settings, out):
+    """out: (cols, rows) uint16, the codes with those of open cells set to the range to which they are open. Returns the number of
+    open columns of blocks.
+
+    depth_mm: (H, W) uint16 of the source with its marks; codes: of its levelled view, H: of ViewGeometry. settings: (1,)
+    OPEN_SETTINGS."""
+    cols, rows = codes.shape
+    s = settings[0]
+    shape = ((cols + BLOCK - 1) // BLOCK, (rows + BLOCK - 1) // BLOCK)
+    kind, near = np.empty(shape, np.uint8), np.empty(shape, np.float32)
+    # first: what is beyond the range of the camera has a distance too
+    recode_far(depth_mm, codes, H, s.clear_m, s.gain, out)
+    sort_blocks(depth_mm, out, H, s.gain, kind, near)
+    n = shape[0]
+    columns = Columns(
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+    )
+    limit_m = np.empty(n, np.float32)
+    judge_columns(kind, near, s, columns, limit_m)
+    count = 0
+    for j in range(n):
+        if is_evidence(columns, j, s):
+            count += limit_m[j] > 0.0
+            open_column(depth_mm, H, columns, j, limit_m[j], s, out)
+    return count
+
+
+@inner
+def judge_columns(kind, near, s, columns, limit_m):
+    """Fills `columns`, and limit_m (C,): the forward distance up to which each is open. kind, near: (C, R) of `sort_blocks`."""
+    horizon = int(math.floor((s.horizon_row + 0.5) / BLOCK))
+    for j in range(kind.shape[0]):
+        top, edge, base, base_m = scan_column(kind[j], near[j], s)
+        columns.top[j], columns.edge[j], columns.base[j], columns.base_m[j] = top, edge, base, base_m
+        columns.above_m[j], columns.floating_m[j] = things_above(
+            kind[j], near[j], max(edge if base_m > 0.0 else 0, horizon)
+        )
+    bridge_columns(columns)
+    limit_columns(columns, s, limit_m)
+
+
+@inner
+def open_column(depth_mm, H, columns, j, limit, s, out):
+    """Sets the codes of column j of blocks, which gives evidence. limit: forward distance up to which it is open, m, 0: its
+    neighbours rule it out. Then only what was matched beyond the range counts."""
+    cols, rows = out.shape
+    among = (j * BLOCK, min((j + 1) * BLOCK, cols))
+    first = columns.top[j] * BLOCK
+    if limit <= 0.0:
+        set_open(depth_mm, H, among, (first, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
+        return
+    code = np.uint16(Q_FAR)
+    if limit < s.most_m:
+        code = np.uint16(min(65535.0, math.ceil(s.gain / max(limit, np.float32(1e-3)))))
+    below, edge = min((columns.base[j] + 1) * BLOCK, rows), columns.edge[j] * BLOCK
+    set_open(depth_mm, H, among, (first, below, edge + int(s.continued_t * s.f_px)), code, code, out)
+    gap = int(s.gap_t * s.f_px)
+    fill_holes(among, below - BLOCK, edge + 3 * gap, gap, code, out)
+
+
+@lru_cache(maxsize=4)
+def _walk_params(params: Params, share: float) -> Params:
+    """The parameters of the walk over open codes: it reaches beyond the planes, which stop the free profile at slivers."""
+    return replace(params, free_share=max(share, params.free_share))
+
+
+def observe_open(
+    depth_mm: NDArray[np.uint16],
+    codes: NDArray[np.uint16],
+    view: ViewGeometry,
+    source: NDArray[Any],
+    ground: Ground,
+    ke_per_m: float,
+    params: Params,
+    open_sky: OpenSkyParams,
+    buffers: Buffers,
+) -> FreeObservation | None:
+    """What is free or open by the pixels of a levelled view; None where nothing is to be presumed.
+
+    depth_mm: (H, W) uint16 of the source with its marks. codes: (cols, rows) uint16 of its view, not pooled. source: (1,)
+    SOURCE; ke_per_m: noise."""
+    if not open_sky.presumes:
+        return None
+    most_m = min(float(source["max_range_m"][0]), open_sky.open_max_range_m)
+    settings = open_settings(view, most_m, float(source["clear_m"][0]), open_sky)
+    out = buffers("open_codes", codes.shape, np.uint16)
+    open_codes(depth_mm, codes, view.H, settings, out)
+    up_to = source.copy()
+    up_to["clear_m"] = most_m
+    return observe_free(out, view, up_to, ground, ke_per_m, _walk_params(params, open_sky.open_share))

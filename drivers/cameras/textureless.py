@@ -1,0 +1,141 @@
+"""Which unmeasured pixels of a stereo pair show a smooth surface: sky or blank paint. See docs/explanation/open-space.md.
+
+A pixel is smooth where neither its rows nor its columns hold an edge that stands out of the sensor's noise, at several scales, and
+where the right image shows the same brightness at the same place: what is far, or larger than its disparity. Dark and
+saturated pixels are not judged: there the image holds no contrast that could show an edge."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, UNKNOWN_MM
+
+Gray = NDArray[np.uint8]
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_LEAST_NOISE_GREY, _MOST_NOISE_GREY = 0.3, 2.5
+"""Rounding to whole grey levels, and the most that an image without a smooth tile is taken for."""
+_TILE_PX, _NOISE_PERCENTILE = 16, 15.0
+_SPECKLE_SCALE = 6.0
+"""Standard deviation of `_SPECKLE` on noise of 1."""
+_SPECKLE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+_MEAN_ABS = 0.798
+"""Mean of |x| of a normal distribution."""
+_SOBEL_NOISE = 0.433
+"""Standard deviation of the 3x3 derivative, in grey levels per pixel, on noise of 1."""
+_BENDS = (((5, 5), (6, 0)), ((5, 5), (0, 6)), ((21, 3), (0, 4)), ((3, 21), (4, 0)))
+"""Windows (width, height) and the steps (right, down) at which their means are compared, pixels."""
+
+_LIKE_WINDOW, _LIKE_BELOW_PX, _LIKE_GAP_PX, _LIKE_ROWS = (41, 5), 6, 8, 90
+"""Window whose mean is compared with that so many rows below, unmatched rows between both, and rows from the
+surface on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SmoothLimits:
+    """edge_sigmas: an edge stands out of the noise by this much; slope_grey: change of grey per pixel that a sky may have;
+    bend_grey: and change of that slope over a window; dark_grey, bright_grey: pixels outside are not judged; differ_grey: the most
+    that both images may differ in brightness; like_grey: and that a surface may from what is below it; grow_px: what lies this close
+    to an edge is not smooth."""
+
+    edge_sigmas: float = 5.0
+    slope_grey: float = 0.8
+    bend_grey: float = 0.6
+    dark_grey: int = 30
+    bright_grey: int = 250
+    differ_grey: float = 4.0
+    like_grey: float = 5.0
+    grow_px: int = 2
+
+
+def noise_grey(image: Gray) -> float:
+    """Standard deviation of the sensor's noise, grey levels, from the smoothest tiles of an image (H, W) uint8."""
+    speckle = np.abs(cv2.filter2D(image, cv2.CV_32F, _SPECKLE))
+    height, width = image.shape
+    tiles = cv2.resize(speckle, (max(1, width // _TILE_PX), max(1, height // _TILE_PX)), interpolation=cv2.INTER_AREA)
+    sigma = float(np.percentile(tiles, _NOISE_PERCENTILE)) / (_SPECKLE_SCALE * _MEAN_ABS)
+    return min(max(sigma, _LEAST_NOISE_GREY), _MOST_NOISE_GREY)
+
+
+@functools.lru_cache(maxsize=8)
+def _bend_kernels(window: tuple[int, int], step: tuple[int, int]) -> tuple[Image, Image]:
+    """The kernels along rows and along columns of the mean of a window before, less twice that of one here, plus that of one after a
+    step of (right, down) pixels, one of which is 0."""
+    along, across = (0, 1) if step[0] else (1, 0)
+    box = np.full(window[along], 1.0 / window[along])
+    bend = np.zeros(2 * step[along] + 1)
+    bend[[0, step[along], -1]] = 1.0, -2.0, 1.0
+    kernels = [np.convolve(box, bend), np.full(window[across], 1.0 / window[across])]
+    first, second = (kernels[k].astype(np.float32) for k in (along, across))
+    return first, second
+
+
+def edges(image: Gray, limits: SmoothLimits) -> Mask:
+    """(H, W) whether a pixel lies on an edge or within `grow_px` of it.
+
+    Clear edges by the 3x3 derivative, where they are. Faint ones by means of windows whose slope bends, only where no clear edge
+    lies in the windows: these would smear it over their width."""
+    sigma = noise_grey(image)
+    size = (2 * limits.grow_px + 1,) * 2
+    steep = limits.edge_sigmas * _SOBEL_NOISE * sigma + limits.slope_grey
+    right = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    down = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    clear = (np.maximum(np.abs(right), np.abs(down)) > steep).view(np.uint8)
+    faint = np.zeros_like(clear)
+    for window, (du, dv) in _BENDS:
+        rows, columns = _bend_kernels(window, (du, dv))
+        bend = np.abs(cv2.sepFilter2D(image, cv2.CV_32F, rows, columns, borderType=cv2.BORDER_REFLECT_101))
+        limit = limits.edge_sigmas * sigma * np.sqrt(6.0 / (window[0] * window[1])) + limits.bend_grey
+        reach = (window[0] // 2 + abs(du)) * 2 + 1, (window[1] // 2 + abs(dv)) * 2 + 1
+        apart = cv2.dilate(clear, cv2.getStructuringElement(cv2.MORPH_RECT, reach)) == 0
+        faint |= ((bend > limit) & apart).view(np.uint8)
+    return np.asarray(cv2.dilate(clear | faint, cv2.getStructuringElement(cv2.MORPH_RECT, size)), np.uint8).view(
+        np.bool_
+    )
+
+
+def smooth(left: Gray, right: Gray, limits: SmoothLimits) -> Mask:
+    """(H, W) whether the left image is smooth and the right one of the same brightness. Both (H, W) uint8, rectified."""
+    even = ~edges(left, limits) & (left >= limits.dark_grey) & (left <= limits.bright_grey)
+    mean_left, mean_right = (cv2.boxFilter(image, cv2.CV_32F, (7, 7)) for image in (left, right))
+    difference = np.asarray(mean_left - mean_right, np.float32)
+    if even.any():  # both imagers need not be equally bright
+        difference -= np.float32(np.median(difference[even]))
+    return np.asarray(even & (np.abs(difference) <= limits.differ_grey))
+
+
+def continued(matched: Mask, even: Mask, left: Gray, limits: SmoothLimits) -> Mask:
+    """(H, W) which smooth pixels continue a matched surface below them upwards, with no change of brightness: far ground whose
+    texture is finer than a pixel. matched, even: (H, W) whether a pixel is matched, smooth."""
+    mean = np.asarray(cv2.boxFilter(left, cv2.CV_32F, _LIKE_WINDOW), np.float32)
+    found = np.zeros_like(even)
+    width = left.shape[1]
+    level, gap, rise = np.zeros(width, np.float32), np.full(width, _LIKE_GAP_PX + 1), np.zeros(width, np.int64)
+    for v in range(left.shape[0] - 1 - _LIKE_BELOW_PX, -1, -1):
+        here = matched[v]
+        # of the surface a little below its upper end: the window there holds nothing of what is above it
+        level = np.where(here, mean[v + _LIKE_BELOW_PX], level)
+        rise = np.where(here, 0, rise + 1)
+        like = even[v] & (rise <= _LIKE_ROWS) & (gap <= _LIKE_GAP_PX) & (np.abs(mean[v] - level) <= limits.like_grey)
+        found[v] = like & ~here
+        gap = np.where(here | like, 0, gap + 1)
+    return found
+
+
+def mark_unmeasured(
+    depth_mm: NDArray[np.uint16], disparity: NDArray[np.float32], left: Gray, right: Gray, limits: SmoothLimits
+) -> NDArray[np.uint16]:  # fmt: skip
+    """The depth image (H, W) uint16 with marks for UNKNOWN_MM where the images say more: BEYOND_MM where there is a disparity,
+    CONTINUED_MM and TEXTURELESS_MM where the images are smooth. disparity: (H, W) float32 px, negative: none."""
+    matched = disparity >= 0.0
+    even = smooth(left, right, limits) & ~matched
+    marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
+    marks[continued(matched, even, left, limits)] = CONTINUED_MM
+    marks[matched] = BEYOND_MM
+    return np.where(depth_mm == UNKNOWN_MM, marks, depth_mm)

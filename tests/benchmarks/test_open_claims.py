@@ -1,0 +1,72 @@
+"""The evaluation of open space: it counts what is claimed beyond free, and finds what is wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from benchmarks.open_air.open_claims import ALL_RULES, as_free, claims_of, marked, rules
+from benchmarks.open_air.views import Seen, View, profile_of, see
+from core.extractor import Extractor
+from core.open_sky_params import OpenSkyParams
+from core.params import Params
+from core.types import FreeProfile
+from drivers.simulation.stereo.stereo_profiles import StereoCamera
+
+
+def seen(scene: str) -> Seen:
+    camera = StereoCamera(marked(profile_of("zed")))
+    extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
+    return next(see(View(scene=scene), (1.0,), camera, extractor))
+
+
+@pytest.fixture(scope="module")
+def field() -> Seen:
+    return seen("field")
+
+
+def test_an_open_field_is_open_and_not_free(field: Seen) -> None:
+    claims = claims_of(field.frame, field.model, field.unmatched_left_px, Params())
+    assert claims.free == 0
+    assert claims.opened >= 0.9 * claims.directions > 0
+    assert not claims.wrong_open
+    assert claims.more_cells > 0
+
+
+def test_a_blank_bridge_is_not_open() -> None:
+    bridge = seen("bridge")
+    assert not claims_of(bridge.frame, bridge.model, bridge.unmatched_left_px, Params()).wrong_open
+
+
+def test_a_claim_into_the_ground_is_found(field: Seen) -> None:
+    f = field.model.free
+    everything = FreeProfile(
+        azimuth_edges_rad=f.azimuth_edges_rad, layer_edges_m=f.layer_edges_m, free_from_m=f.free_from_m,
+        free_to_m=f.free_to_m, end=f.end, open_from_dm=np.zeros_like(f.open_from_dm), open_to_dm=np.full_like(f.open_to_dm, 90),
+    )  # fmt: skip
+    # without a ground of its own the model says that it judged all heights
+    model = replace(field.model, free=everything, ground=replace(field.model.ground, seen=False))
+    wrong = claims_of(field.frame, model, field.unmatched_left_px, Params()).wrong_open
+    assert {name for _, name in wrong} == {"ground"}
+
+
+def test_a_profile_without_open_ranges_claims_what_is_free(field: Seen) -> None:
+    f = field.model.free
+    plain = replace(
+        field.model,
+        free=FreeProfile(
+            azimuth_edges_rad=f.azimuth_edges_rad, layer_edges_m=f.layer_edges_m, free_from_m=f.free_from_m,
+            free_to_m=f.free_to_m, end=f.end,
+        ),
+    )  # fmt: skip
+    assert as_free(plain) is plain
+
+
+def test_each_switch_is_left_out_once() -> None:
+    switches = [f.name for f in fields(OpenSkyParams) if isinstance(f.default, bool)]
+    assert len(rules()) == 1 + len(switches) >= 5
+    assert rules()[ALL_RULES] == OpenSkyParams(mode="presume")
+    for name in switches:
+        assert not getattr(rules()[f"without {name}"], name)

@@ -1,0 +1,117 @@
+"""Smooth pixels of a stereo pair: sky and blank paint, told from edges, wires, dark and saturated pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, UNKNOWN_MM
+from drivers.cameras.textureless import SmoothLimits, mark_unmeasured, noise_grey, smooth
+
+HEIGHT, WIDTH = 180, 240
+LIMITS = SmoothLimits()
+Image = NDArray[np.float64]
+INNER = np.s_[20:-20, 20:-20]
+
+
+def sky() -> Image:
+    """Brighter towards the horizon, by up to half a grey level a row."""
+    rows = np.linspace(0.0, 1.0, HEIGHT)
+    return np.repeat((120.0 + 50.0 * rows**2)[:, None], WIDTH, axis=1)
+
+
+def pair(image: Image, noise: float = 1.0, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Both images of something at infinity, each with its own noise."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    left, right = (np.clip(np.rint(image + noise * rng.standard_normal(image.shape)), 0, 255) for _ in range(2))
+    return left.astype(np.uint8), right.astype(np.uint8)
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0, 1.5])
+def test_a_clear_sky_is_smooth(noise: float) -> None:
+    left, right = pair(sky(), noise)
+    assert smooth(left, right, LIMITS)[INNER].mean() > 0.999
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0, 1.5])
+def test_the_noise_is_measured(noise: float) -> None:
+    assert noise_grey(pair(sky(), noise)[0]) == pytest.approx(noise, rel=0.15)
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0, 1.5])
+def test_a_faint_horizontal_edge_is_found_over_its_whole_length(noise: float) -> None:
+    image = sky()
+    image[90:] += 2.0 + 2.0 * noise
+    left, right = pair(image, noise)
+    assert (~smooth(left, right, LIMITS))[84:97, 20:-20].any(axis=0).mean() > 0.98
+
+
+def test_a_thin_wire_is_found() -> None:
+    image = sky()
+    image[100] -= 25.0
+    left, right = pair(image)
+    assert not smooth(left, right, LIMITS)[100, 20:-20].any()
+    assert smooth(left, right, LIMITS)[60, 20:-20].all()
+
+
+@pytest.mark.parametrize("grey", [10.0, 254.0])
+def test_dark_and_saturated_pixels_are_not_judged(grey: float) -> None:
+    left, right = pair(np.full((HEIGHT, WIDTH), grey), 0.5)
+    assert not smooth(left, right, LIMITS).any()
+
+
+def test_texture_is_not_smooth() -> None:
+    rng = np.random.Generator(np.random.PCG64(3))
+    image = sky()
+    image[:, 120:] += 12.0 * rng.standard_normal((HEIGHT, WIDTH - 120))
+    left, right = pair(image)
+    assert smooth(left, right, LIMITS)[20:-20, 150:].mean() < 0.02
+
+
+def test_a_near_surface_of_another_brightness_than_the_right_image_is_not_smooth() -> None:
+    left, _ = pair(sky())
+    other = sky()
+    other[:, :100] += 12.0  # there the right imager sees past the edge of something near
+    _, right = pair(other)
+    found = smooth(left, right, LIMITS)
+    assert not found[20:-20, 20:90].any()
+    assert found[20:-20, 120:-20].all()
+
+
+def test_marks_stand_for_unmeasured_pixels_only() -> None:
+    left, right = pair(sky())
+    depth = np.full((HEIGHT, WIDTH), UNKNOWN_MM, np.uint16)
+    depth[:, :50] = 4000
+    disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    disparity[:, :50], disparity[:, 50:60] = 10.0, 0.1
+    marks = mark_unmeasured(depth, disparity, left, right, LIMITS)
+    assert (marks[:, :50] == 4000).all()
+    assert (marks[:, 50:60] == BEYOND_MM).all()
+    assert (marks[20:-20, 80:-20] == TEXTURELESS_MM).mean() > 0.99
+
+
+def ground(step_grey: float) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.uint8], NDArray[np.uint8]]:
+    """Matched ground below row 120, above it 40 smooth rows that differ from it by step_grey, then the sky."""
+    image = sky()
+    rng = np.random.Generator(np.random.PCG64(4))
+    image[80:] = 80.0
+    image[80:120] += step_grey
+    image[120:] += 8.0 * rng.standard_normal((HEIGHT - 120, WIDTH))
+    left, right = pair(image)
+    disparity = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    disparity[120:] = 3.0
+    depth = np.where(disparity > 0.0, np.uint16(14_000), np.uint16(UNKNOWN_MM)).astype(np.uint16)
+    return depth, disparity, left, right
+
+
+def test_smooth_ground_of_the_same_brightness_continues_what_is_matched_below() -> None:
+    depth, disparity, left, right = ground(0.0)
+    marks = mark_unmeasured(depth, disparity, left, right, LIMITS)
+    assert (marks[90:112, 20:-20] == CONTINUED_MM).mean() > 0.9
+    assert not (marks[:70] == CONTINUED_MM).any()
+
+
+def test_a_smooth_beam_of_another_brightness_does_not() -> None:
+    depth, disparity, left, right = ground(12.0)
+    assert not (mark_unmeasured(depth, disparity, left, right, LIMITS) == CONTINUED_MM).any()
