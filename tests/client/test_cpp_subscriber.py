@@ -101,6 +101,7 @@ def over_ground(rng: np.random.Generator, camera: tuple[float, float, float]) ->
         pb.FreeProfile(
             azimuth_edges_rad=edges, layer_edges_m=camera[2] + np.array([-4.0, -2.0, 0.0, 2.0, 4.0]),
             free_from_m=rng.uniform(0.0, 3.0, size), free_to_m=rng.choice([0.0, 6.0, 12.0], size), end=bytes(size),
+            open_from_dm=bytes(rng.integers(0, 30, size).tolist()), open_to_dm=bytes(rng.choice([0, 90, 140], size).tolist()),
         )
     )  # fmt: skip
     made.ground.CopyFrom(
@@ -126,12 +127,15 @@ def test_it_answers_as_the_queries_in_python_do(program: Path, tmp_path: Path, s
     file = tmp_path / "frame"
     file.write_bytes(message.SerializeToString())
     asked = "\n".join(f"{x:.17g} {y:.17g} {z:.17g} {radius_m}" for x, y, z in p)
-    done = subprocess.run([program.parent / "query", file], input=asked, capture_output=True, text=True, check=True)
     model = model_from_message(message)
     assert model is not None
-    expected = Space([PlacedModel(model, camera)]).points(p, radius_m)
-    assert set(expected.tolist()) == {Occupancy.UNKNOWN, Occupancy.FREE, Occupancy.OCCUPIED}
-    assert [int(line) for line in done.stdout.split()] == expected.tolist()
+    space = Space([PlacedModel(model, camera)])
+    for allow_open, kinds in ((False, set(Occupancy) - {Occupancy.OPEN}), (True, set(Occupancy))):
+        query = [program.parent / "query", file, *(["--allow-open"] if allow_open else [])]
+        done = subprocess.run(query, input=asked, capture_output=True, text=True, check=True)
+        expected = space.points(p, radius_m, allow_open=allow_open)
+        assert set(expected.tolist()) == kinds
+        assert [int(line) for line in done.stdout.split()] == expected.tolist()
 
 
 @pytest.mark.parametrize("name", ["height_m", "slope_x", "tolerance_m", "noise_per_m"])

@@ -1,7 +1,8 @@
 // Queries one message, a file with an osape.v1.PrismsFrame. For each line "x y z radius" on standard input one line is
-// printed: 0 unknown, 1 free, 2 occupied. Usage: query FILE
+// printed: 0 unknown, 1 free, 2 occupied, and with --allow-open 3 open (presumed free). Usage: query FILE [--allow-open]
 #include <fstream>
 #include <iostream>
+#include <string>
 
 #include "osape_client/space.h"
 
@@ -9,11 +10,12 @@ int main(int argc, char** argv) {
   osape::v1::PrismsFrame frame;
   std::ifstream file(argc > 1 ? argv[1] : "", std::ios::binary);
   if (!file || !frame.ParseFromIstream(&file)) {
-    std::cerr << "usage: " << argv[0] << " FILE   with an osape.v1.PrismsFrame\n";
+    std::cerr << "usage: " << argv[0] << " FILE [--allow-open]   with an osape.v1.PrismsFrame\n";
     return 2;
   }
+  const bool allow_open = argc > 2 && std::string(argv[2]) == "--allow-open";
   osape_client::Point p;
   for (double radius_m; std::cin >> p.x >> p.y >> p.z >> radius_m;) {
-    std::cout << static_cast<int>(osape_client::occupancy(frame, p, radius_m)) << '\n';
+    std::cout << static_cast<int>(osape_client::occupancy(frame, p, radius_m, allow_open)) << '\n';
   }
 }

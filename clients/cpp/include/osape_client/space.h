@@ -2,6 +2,8 @@
 //
 // Occupied: it touches a plane or its margin, or touches or lies below the ground where the camera measured the ground.
 // Free: all of it lies in space that the camera observed to be free, above the camera's ground. Else it is unknown.
+// Open is a fourth answer, for callers that ask for it: all of it lies in space that was observed free or is presumed free without
+// a measurement. Without allow_open that is unknown.
 // Check the age of the message first: see Message::stale.
 #pragma once
 
@@ -13,7 +15,7 @@
 
 namespace osape_client {
 
-enum class Occupancy { kUnknown = 0, kFree = 1, kOccupied = 2 };
+enum class Occupancy { kUnknown = 0, kFree = 1, kOccupied = 2, kOpen = 3 };
 
 struct Point {
   double x, y, z;
@@ -125,8 +127,17 @@ inline bool touches_plane(const osape::v1::PrismsFrame& frame, const Point& p, d
   return false;
 }
 
-// Whether all of a ball lies in space that the camera observed to be free.
-inline bool observed_free(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+// Whether near_m..far_m lies within the range that is presumed free in a cell of the profile.
+inline bool presumed_free(const osape::v1::FreeProfile& free, int cell, int size, double near_m, double far_m) {
+  const auto& from = free.open_from_dm();
+  const auto& to = free.open_to_dm();
+  if (from.size() != static_cast<size_t>(size) || to.size() != static_cast<size_t>(size)) return false;
+  const float from_m = 0.1f * static_cast<unsigned char>(from[cell]), to_m = 0.1f * static_cast<unsigned char>(to[cell]);
+  return near_m >= from_m && far_m <= to_m;
+}
+
+// Whether all of a ball lies in space that the camera observed to be free; with allow_open, or presumes to be free.
+inline bool observed_free(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
   const auto& free = frame.free();
   const int directions = free.azimuth_edges_rad_size() - 1, layers = free.layer_edges_m_size() - 1;
   const int size = directions * layers;
@@ -141,9 +152,10 @@ inline bool observed_free(const osape::v1::PrismsFrame& frame, const Point& p, d
   if (d0 < 0 || d1 >= directions || l0 < 0 || l1 >= layers) return false;
   for (int d = d0; d <= d1; ++d) {
     for (int l = l0; l <= l1; ++l) {
-      if (range - radius_m < free.free_from_m(d * layers + l) || range + radius_m > free.free_to_m(d * layers + l)) {
-        return false;
-      }
+      const int cell = d * layers + l;
+      const double near_m = range - radius_m, far_m = range + radius_m;
+      const bool measured = near_m >= free.free_from_m(cell) && far_m <= free.free_to_m(cell);
+      if (!measured && !(allow_open && presumed_free(free, cell, size, near_m, far_m))) return false;
     }
   }
   return true;
@@ -163,13 +175,14 @@ inline double nearest_plane_m(const osape::v1::Planes& planes, double x, double 
 }
 
 // Occupancy of a ball around a point in the message's frame. A position or radius that is not finite is occupied; if the frame is
-// not valid, or its numbers do not fit together, everything else is unknown.
-inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m) {
+// not valid, or its numbers do not fit together, everything else is unknown. kOpen is returned only with allow_open.
+inline Occupancy occupancy(const osape::v1::PrismsFrame& frame, const Point& p, double radius_m, bool allow_open = false) {
   if (!finite(p) || !std::isfinite(radius_m)) return Occupancy::kOccupied;
   if (!frame.valid() || !numbers_fit(frame)) return Occupancy::kUnknown;
   if (touches_plane(frame, p, radius_m) || touches_ground(frame, p, radius_m)) return Occupancy::kOccupied;
-  const bool free = clear_of_ground(frame, p, radius_m) && observed_free(frame, p, radius_m);
-  return free ? Occupancy::kFree : Occupancy::kUnknown;
+  if (!clear_of_ground(frame, p, radius_m)) return Occupancy::kUnknown;
+  if (observed_free(frame, p, radius_m)) return Occupancy::kFree;
+  return allow_open && observed_free(frame, p, radius_m, true) ? Occupancy::kOpen : Occupancy::kUnknown;
 }
 
 }  // namespace osape_client
