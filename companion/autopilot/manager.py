@@ -63,10 +63,12 @@ class Avoidance:
         last: LastValuesFile | None = None,
         ring_m: float = RING_M,
         observer: Observer | None = None,
+        open_counts: bool = False,
     ) -> None:
-        """observer: receives the surroundings of each decision. last: values of the autopilot that were read before this start, used until they are read again.
+        """observer: receives the surroundings of each decision. last: values of the autopilot that were read before this
+        start, used until they are read again.
         ill: why a camera's frames must not be used although they arrive. silent: an autopilot in flight that is no longer heard,
-        None: none; it may still receive. ring_m: step of the free-range profiles."""
+        None: none; it may still receive. ring_m: step of the free-range profiles. open_counts: see ObstacleReportBuilder."""
         self._avoid, self._vehicle, self._post = avoid, vehicle, post
         self._cameras, self._silent = cameras, silent
         self._next_ask_ns = self._end_ns = 0
@@ -83,7 +85,9 @@ class Avoidance:
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
         self._counted: ObstacleReport | None = None
-        self._builder = ObstacleReportBuilder(avoid, cameras, stale_s, ill, ring_m, observer)
+        self._builder = ObstacleReportBuilder(
+            avoid, cameras, stale_s, ill, ring_m, observer=observer, open_counts=open_counts
+        )
         self.sender = ObstacleSender(self._builder, avoid, self._autopilot, self._send)
 
     def open(self) -> None:
@@ -304,7 +308,7 @@ def avoidance_of(
 
     return Avoidance(
         config.avoid, tuple(cameras), config.service.timeout_s, heard, link.post, frozen, silent, last,
-        config.extractor.profile_ring_m, observer,
+        config.extractor.profile_ring_m, observer, config.open_sky.presumes,
     )  # fmt: skip
 
 

@@ -115,7 +115,7 @@ class ObstacleMemory:
         free = np.zeros((len(half), *x.shape), bool)
         for view in views:
             if view.model.valid:
-                free |= points_free(view, x, y, half)
+                free |= points_free(view, x, y, half, measured=True)
         return np.asarray(free.all(axis=(0, 1)))
 
 

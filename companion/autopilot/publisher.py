@@ -89,12 +89,14 @@ class ObstacleReportBuilder:
         ill: Callable[[str], str] = lambda camera: "",
         ring_m: float = RING_M,
         observer: Observer | None = None,
+        open_counts: bool = False,
     ) -> None:
         """ill: why the frames of a camera must not be used although they arrive (it repeats an old image under new stamps);
-        empty: they may. ring_m: step of the free-range profiles. observer: receives the surroundings of each decision."""
+        empty: they may. ring_m: step of the free-range profiles. observer: receives the surroundings of each decision.
+        open_counts: a sector whose band is free or open to the maximum is clear ([open_sky] mode = "presume")."""
         self._observer = observer
         self._avoid, self._cameras, self._stale_ns = avoid, cameras, round(stale_s * NS)
-        self._ill, self._ring_m = ill, ring_m
+        self._ill, self._ring_m, self._open_counts = ill, ring_m, open_counts
         self._lock = threading.Lock()
         self._motion = Synchroniser(MOTION)
         self._moved: deque[AttitudeSample | PoseSample] = deque(maxlen=4 * MOTION.held_samples)
@@ -324,7 +326,9 @@ class ObstacleReportBuilder:
             R_ned_optical = rotation_from_quaternion(attitude.q_ned_frd_wxyz) @ rotation_frd_optical(info.mount)
             R_optical_level = (rotation_level_ned(here.heading_rad) @ R_ned_optical).T
         model = transform_model(replace(result.model, prisms=()), step)
-        return View(model, compose(step, result.transform), info.intrinsics, R_optical_level, self._ring_m)
+        return View(
+            model, compose(step, result.transform), info.intrinsics, R_optical_level, self._ring_m, self._open_counts
+        )
 
 
 def _sees_ground_below(views: list[View]) -> bool:

@@ -25,13 +25,15 @@ RING_M = Params().profile_ring_m
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
-    intrinsics, R_optical_level: where its image looks in level; None: not known. ring_m: step of its free-range profile."""
+    intrinsics, R_optical_level: where its image looks in level; None: not known. ring_m: step of its free-range profile.
+    open_counts: sectors and the memory of free space count open space as free; the memory of obstacles never does."""
 
     model: FrameModel
     transform: LevelTransform
     intrinsics: Intrinsics | None = None
     R_optical_level: NDArray[np.float64] | None = None
     ring_m: float = RING_M
+    open_counts: bool = False
 
     @property
     def place_m(self) -> tuple[float, float, float]:
@@ -107,9 +109,15 @@ def _directions(
 
 
 def points_free(
-    view: View, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], along_rays: bool = False
+    view: View,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    z: NDArray[np.float64],
+    along_rays: bool = False,
+    measured: bool = False,
 ) -> NDArray[np.bool_]:
-    """(len(z), *x.shape): which points of level the view's free-range profile calls free. z: (heights,).
+    """(len(z), *x.shape): which points of level the view's free-range profile calls free. z: (heights,). What it calls open
+    counts too where the view says so (`open_counts`), unless only what is `measured` may count.
 
     A layer counts as free from where all of it is in the image on, which with a tilted camera may be metres away. What
     was seen through it there was seen through on the way, too: along_rays takes in every point whose ray from the camera
@@ -124,8 +132,11 @@ def points_free(
     )
     layers = profile.layer_edges_m.astype(np.float64) - cz
     out = np.zeros((len(z), *x.shape), bool)
-    for row in np.flatnonzero((profile.free_to_m > profile.free_from_m).any(axis=0)):
-        begins, ends = profile.free_from_m[direction, row], profile.free_to_m[direction, row]
+    tables = [(profile.free_from_m, profile.free_to_m)]
+    if view.open_counts and profile.has_open and not measured:
+        tables.append((profile.open_from_m, profile.open_to_m))
+    for from_m, to_m, row in ((a, b, row) for a, b in tables for row in np.flatnonzero((b > a).any(axis=0))):
+        begins, ends = from_m[direction, row], to_m[direction, row]
         known = ends > begins
         for i, height_m in enumerate(z - cz):
             if along_rays:

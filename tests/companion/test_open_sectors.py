@@ -1,0 +1,75 @@
+"""Open space and the autopilot: sectors count it where the configuration says so; the memory of obstacles never does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.autopilot.obstacle_memory import Here, ObstacleMemory
+from companion.autopilot.polar_histogram import SectorState, scan
+from companion.autopilot.view_free import View, points_free
+from core.types import FrameModel
+
+from .test_sectors import AVOID, HERE, NS, model, wall_at
+
+
+def open_ahead(*planes: tuple[float, ...], free_to_m: float = 4.0, open_to_m: float = 13.0) -> FrameModel:
+    """Measured free to one range and presumed free to another, in all layers of a view of 72 degrees."""
+    found = model(*planes, free_to_m=free_to_m, view_deg=72.0)
+    f = found.free
+    return replace(
+        found,
+        free=replace(
+            f,
+            open_from_dm=np.full(f.end.shape, 15, np.uint8),
+            open_to_dm=np.full(f.end.shape, round(10 * open_to_m), np.uint8),
+        ),
+    )
+
+
+@pytest.mark.parametrize(("counts", "state"), [(False, SectorState.UNSEEN), (True, SectorState.CLEAR)])
+def test_a_band_that_is_open_to_the_maximum_is_clear_where_that_is_configured(counts: bool, state: SectorState) -> None:
+    found = scan([View(open_ahead(), HERE, open_counts=counts)], AVOID)
+    assert found.state[0] == state
+    assert found.state[20] == SectorState.UNSEEN
+
+
+def test_open_space_that_ends_before_the_maximum_is_not_clear() -> None:
+    found = scan([View(open_ahead(open_to_m=10.0), HERE, open_counts=True)], AVOID)
+    assert found.state[0] == SectorState.UNSEEN
+
+
+def test_a_band_with_one_layer_that_is_not_open_is_not_clear() -> None:
+    found = open_ahead(free_to_m=0.0)
+    to_dm, from_dm = found.free.open_to_dm.copy(), found.free.open_from_dm.copy()
+    to_dm[:, 1] = from_dm[:, 1] = 0
+    found = replace(found, free=replace(found.free, open_from_dm=from_dm, open_to_dm=to_dm))
+    assert scan([View(found, HERE, open_counts=True)], AVOID).state[0] == SectorState.UNSEEN
+
+
+def test_a_plane_in_open_space_is_an_obstacle() -> None:
+    found = scan([View(open_ahead(wall_at(0.0, 6.0)), HERE, open_counts=True)], AVOID)
+    assert found.state[0] == SectorState.OBSTACLE
+    assert found.distance_m[0] == pytest.approx(6.0 - AVOID.radius_m, abs=0.05)
+
+
+def test_points_that_are_open_are_not_free_by_measurement() -> None:
+    view = View(open_ahead(), HERE, open_counts=True)
+    x, y, z = np.array([3.0, 8.0]), np.zeros(2), np.zeros(1)
+    assert points_free(view, x, y, z)[0].tolist() == [True, True]
+    assert points_free(view, x, y, z, measured=True)[0].tolist() == [True, False]
+
+
+def test_open_space_does_not_remove_a_remembered_obstacle() -> None:
+    memory, here = ObstacleMemory(AVOID), Here(0.0, (0.0, 0.0, 0.0), 0)
+    near = AVOID.remember_m - 0.5
+    with_wall = View(open_ahead(wall_at(0.0, near), free_to_m=near - 0.2, open_to_m=near - 0.2), HERE, open_counts=True)
+    memory.recall(scan([with_wall], AVOID), [with_wall], here, 0)
+    opened = View(open_ahead(free_to_m=0.0), HERE, open_counts=True)
+    kept = memory.recall(scan([opened], AVOID), [opened], here, NS // 10)
+    assert np.isfinite(kept.distance_m[0])
+    free = View(open_ahead(free_to_m=13.0), HERE, open_counts=True)
+    gone = memory.recall(scan([free], AVOID), [free], here, NS // 5)
+    assert not np.isfinite(gone.distance_m[0])
