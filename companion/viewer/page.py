@@ -195,13 +195,15 @@ def _prism(prism: Prism) -> list[Any]:
 
 
 def _free(free: FreeProfile) -> dict[str, list[int]]:
-    """By direction, then by layer."""
+    """By direction, then by layer. openFrom, openTo: what is presumed free, where the profile holds it."""
+    opened = {"openFrom": _cm(free.open_from_m), "openTo": _cm(free.open_to_m)} if free.has_open else {}
     return {
         "azimuth": np.rint(1000.0 * free.azimuth_edges_rad.astype(np.float64)).astype(int).tolist(),
         "layers": _cm(free.layer_edges_m),
         "from": _cm(free.free_from_m),
         "to": _cm(free.free_to_m),
         "end": free.end.ravel().tolist(),
+        **opened,
     }
 
 

@@ -17,6 +17,8 @@ from .geometry import nearest_m
 UNKNOWN_COLOR = tuple(c / 255 for c in UNKNOWN_RGB)
 FAR_COLOR = tuple(c / 255 for c in FAR_RGB)
 FREE_COLOR = "#c8e6c9"
+OPEN_COLOR = "#fff59d"
+"""Presumed free without a measurement."""
 GROUND_COLOR = "#795548"
 RING_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.types import FrameModel
 
@@ -14,6 +15,7 @@ from .geometry import elevation_ahead_rad, lowest_free_m
 from .panel import (
     FREE_COLOR,
     GROUND_COLOR,
+    OPEN_COLOR,
     UNKNOWN_COLOR,
     extent_m,
     far_to_near,
@@ -64,19 +66,29 @@ def _heights(model: FrameModel) -> tuple[float, float]:
 
 
 def _free_ahead(ax: Any, model: FrameModel) -> None:
-    """Fills the free space straight ahead, layer by layer, above the ground."""
+    """Fills the open and the free space straight ahead, layer by layer, above the ground."""
     edges = model.free.azimuth_edges_rad
     ahead = int(np.searchsorted(edges, 0.0, side="right")) - 1
     if not 0 <= ahead < len(edges) - 1:
         return
+    f = model.free
+    if f.has_open:
+        _layers_ahead(ax, model, (f.open_from_m[ahead], f.open_to_m[ahead]), (OPEN_COLOR, "#fdd835"))
+    _layers_ahead(ax, model, (f.free_from_m[ahead], f.free_to_m[ahead]), (FREE_COLOR, "#a5d6a7"))
+
+
+def _layers_ahead(
+    ax: Any, model: FrameModel, ranges_m: tuple[NDArray[np.float32], NDArray[np.float32]], colors: tuple[str, str]
+) -> None:
+    """Fills each layer from ranges_m[0] to ranges_m[1], each (L,). colors: of the face and of the edge."""
     layers = model.free.layer_edges_m
     for k in range(len(layers) - 1):
-        near, far = float(model.free.free_from_m[ahead, k]), float(model.free.free_to_m[ahead, k])
+        near, far = float(ranges_m[0][k]), float(ranges_m[1][k])
         if far > near:
             x, top = np.linspace(near, far, 50), float(layers[k])
             bottom = np.minimum(float(layers[k + 1]), lowest_free_m(model.ground, x))
             above = bottom > top  # bounded by the ground
-            ax.fill_between(x, -top, -bottom, where=above, facecolor=FREE_COLOR, edgecolor="#a5d6a7", linewidth=0.5)
+            ax.fill_between(x, -top, -bottom, where=above, facecolor=colors[0], edgecolor=colors[1], linewidth=0.5)
 
 
 def _ground(ax: Any, model: FrameModel, forward: float, low: float) -> None:
@@ -141,6 +153,8 @@ def _legend(ax: Any, model: FrameModel) -> None:
         (Patch(facecolor=FREE_COLOR, edgecolor="#a5d6a7"), "free straight ahead"),
         (Line2D([], [], color="#1565c0", linewidth=1, linestyle="-."), "field of view"),
     ]
+    if model.free.has_open:
+        marks.append((Patch(facecolor=OPEN_COLOR, edgecolor="#fdd835"), "open: presumed free"))
     if model.ground.seen:
         marks.append((Line2D([], [], color=GROUND_COLOR, linewidth=2.2), "ground"))
         if model.ground.blind_beyond_m < ax.get_xlim()[1]:

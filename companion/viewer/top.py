@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.types import FrameModel
 
@@ -14,6 +15,7 @@ from .frame import FrameStatus, ViewFrame
 from .geometry import field_of_view_rad, free_normals, layer_at, level_range_m
 from .panel import (
     FREE_COLOR,
+    OPEN_COLOR,
     RING_M,
     UNKNOWN_COLOR,
     extent_m,
@@ -65,27 +67,34 @@ def _limits(ax: Any, frame: ViewFrame) -> tuple[float, float, float]:
 
 
 def _free(ax: Any, model: FrameModel) -> str:
-    """Fills the free space at the camera's height; returns its layer as text, "" if there is none."""
-    from matplotlib.collections import PolyCollection
-
+    """Fills the open and the free space at the camera's height; returns its layer as text, "" if there is none."""
     layer = layer_at(model.free, CAMERA_LAYER_M)
     if layer is None:
         return ""
-    edges = model.free.azimuth_edges_rad.astype(np.float64)
-    near = model.free.free_from_m[:, layer].astype(np.float64)
+    f = model.free
+    if f.has_open:
+        _sectors(ax, model, (f.open_from_m[:, layer], f.open_to_m[:, layer]), OPEN_COLOR, zorder=0.9)
+    _sectors(ax, model, (f.free_from_m[:, layer], f.free_to_m[:, layer]), FREE_COLOR, zorder=1.0)
+    top, bottom = f.layer_edges_m[layer : layer + 2]
+    return f"{-bottom:+.1f} .. {-top:+.1f} m"
+
+
+def _sectors(
+    ax: Any, model: FrameModel, ranges_m: tuple[NDArray[np.float32], NDArray[np.float32]], color: str, zorder: float
+) -> None:
+    """Fills each direction of the profile from ranges_m[0] to ranges_m[1], each (D,), above the ground."""
+    from matplotlib.collections import PolyCollection
+
+    edges, near = model.free.azimuth_edges_rad.astype(np.float64), ranges_m[0].astype(np.float64)
     clear = level_range_m(model.ground, edges)
-    far = np.minimum(model.free.free_to_m[:, layer], np.minimum(clear[:-1], clear[1:]))
+    far = np.minimum(ranges_m[1], np.minimum(clear[:-1], clear[1:]))
     left = np.stack([np.sin(edges[:-1]), np.cos(edges[:-1])], axis=1)
     right = np.stack([np.sin(edges[1:]), np.cos(edges[1:])], axis=1)
     known = far > near
     quads = np.stack([left * near[:, None], left * far[:, None], right * far[:, None], right * near[:, None]], axis=1)[
         known
     ]
-    ax.add_collection(
-        PolyCollection(list(quads), facecolors=FREE_COLOR, edgecolors=FREE_COLOR, linewidths=0.3, zorder=1)
-    )
-    top, bottom = model.free.layer_edges_m[layer : layer + 2]
-    return f"{-bottom:+.1f} .. {-top:+.1f} m"
+    ax.add_collection(PolyCollection(list(quads), facecolors=color, edgecolors=color, linewidths=0.3, zorder=zorder))
 
 
 def _rings_and_view(ax: Any, frame: ViewFrame, forward: float) -> None:
@@ -164,6 +173,8 @@ def _legend(ax: Any, model: FrameModel, layer: str) -> None:
         (Line2D([], [], color="#1565c0", linewidth=1.1, linestyle="-."), "field of view"),
         (Line2D([], [], color="#1565c0", linewidth=1.1), "obstacle range"),
     ]
+    if model.free.has_open:
+        marks.append((Patch(facecolor=OPEN_COLOR), "open: presumed free, not measured"))
     if inferred(model.flags).any():
         marks.append((Line2D([], [], color="#404040", linewidth=2, linestyle=(0, (3, 1.8))), "partly inferred"))
     ax.legend(

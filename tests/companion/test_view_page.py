@@ -58,6 +58,23 @@ def test_page_holds_every_frame_with_its_planes_and_prisms() -> None:
     assert bytes.fromhex(data["palette"]) == palette().tobytes()
 
 
+def half_open() -> ViewFrame:
+    """The frame with one direction presumed free from 1 to 6 m at the camera's height."""
+    made = frame()
+    assert made.model is not None
+    begin, end = np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.uint8)
+    begin[0, 1], end[0, 1] = 10, 60
+    return replace(made, model=replace(made.model, free=replace(made.model.free, open_from_dm=begin, open_to_dm=end)))
+
+
+def test_page_holds_open_space_apart_from_free_space() -> None:
+    plain, opened = (f["free"] for f in data_of(page_of(frame(), half_open()))["frames"])
+    assert "openTo" not in plain
+    assert opened["openFrom"] == [0, 100, 0, 0]
+    assert opened["openTo"] == [0, 600, 0, 0]
+    assert opened["to"] == plain["to"]
+
+
 def test_blind_frame_carries_its_cause_and_nothing_that_could_be_taken_as_free() -> None:
     f = data_of(page_of(blind()))["frames"][0]
     assert f["cause"] == "too few pixels hold a measurement"
@@ -135,7 +152,7 @@ const out = frames.map((f) => {
     pixels: walls.map((w) => [[w.ax, w.ay, w.top], [w.bx, w.by, w.top], [w.bx, w.by, w.bottom], [w.ax, w.ay, w.bottom]]
       .map((c) => m.projectPixel(c, camera, f))),
     roundtrip: m.projectPixel(m.pixelPoint(100, 50, 4, camera, f), camera, f),
-    prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: m.freeSectors(f),
+    prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: m.freeSectors(f), opened: m.freeSectors(f, true),
   };
 });
 const times = [0, 1, 2, 2, 5].map((t, k) => ({ t, c: k % 2 }));
@@ -153,7 +170,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Any:
         pytest.skip("no JavaScript engine (node) here to run the page's arithmetic")
     folder = tmp_path_factory.mktemp("node")
     shutil.copy(VIEWER / "model.js", folder / "model.mjs")
-    (folder / "data.json").write_text(json.dumps(data_of(page_of(frame(), tilted(), uphill()))))
+    (folder / "data.json").write_text(json.dumps(data_of(page_of(frame(), tilted(), uphill(), half_open()))))
     (folder / "ask.mjs").write_text(SCRIPT)
     done = subprocess.run([node, "ask.mjs"], cwd=folder, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
@@ -208,3 +225,10 @@ def test_page_reads_prisms_free_space_and_time(answers: Any) -> None:
     assert answers["drawing"] == [2, -3, -1]
     assert answers["words"] == ["fully measured", "partly inferred, unknown behind"]
     assert answers["points"] == [100, 101]
+
+
+def test_page_draws_open_space_beyond_what_is_free(answers: Any) -> None:
+    assert [out["opened"] for out in answers["out"][:3]] == [[], [], []]
+    ((near_left, far_left, *_),) = answers["out"][3]["opened"]
+    assert np.hypot(*near_left) == pytest.approx(4.0, abs=0.02)
+    assert np.hypot(*far_left) == pytest.approx(6.0, abs=0.02)

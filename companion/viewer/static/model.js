@@ -125,17 +125,18 @@ export function levelRange(frame, azimuth) {
   return Math.min(rise > 0 ? (height - tolerance) / rise : Infinity, rise + noise > 0 ? height / (rise + noise) : Infinity);
 }
 
-/** Corners in `level` of what was seen free at the camera's height: [[x, y] x 4, ...], near left, far left, far right,
- *  near right. */
-export function freeSectors(frame) {
-  const f = frame.free;
-  if (!f) return [];
+/** Corners in `level` of what was seen free, or with `open` presumed free, at the camera's height: [[x, y] x 4, ...], near left,
+ *  far left, far right, near right. */
+export function freeSectors(frame, open = false) {
+  const f = frame.free, from = open ? f?.openFrom : f?.from, to = open ? f?.openTo : f?.to;
+  if (!from || !to) return [];
   const layers = f.layers.length - 1, layer = layerAt(f.layers, 100 * frame.cam[2]);
   const quads = [];
   for (let d = 0; layer >= 0 && d + 1 < f.azimuth.length; d++) {
     const left = f.azimuth[d] / 1000, right = f.azimuth[d + 1] / 1000;
-    const near = f.from[d * layers + layer] / 100;
-    const far = Math.min(f.to[d * layers + layer] / 100, levelRange(frame, left), levelRange(frame, right));
+    const cell = d * layers + layer, seen = open && f.to[cell] > f.from[cell] ? f.to[cell] : 0;
+    const near = Math.max(from[cell], seen) / 100; // what is free too is drawn as free alone
+    const far = Math.min(to[d * layers + layer] / 100, levelRange(frame, left), levelRange(frame, right));
     if (far <= near) continue;
     const at = (r, a) => [frame.cam[0] + r * Math.cos(a), frame.cam[1] + r * Math.sin(a)];
     quads.push([at(near, left), at(far, left), at(far, right), at(near, right)]);

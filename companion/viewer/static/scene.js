@@ -4,7 +4,7 @@
 import * as THREE from "three";
 import * as model from "viewer/model";
 
-const WORLD = 0xe0c080, FREE = 0x43c46b, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
+const WORLD = 0xe0c080, FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
 
 export class FrameScene {
   constructor(data) {
@@ -51,7 +51,10 @@ export class FrameScene {
     if (show.world === "ned") this.#path();
     if (frame.standing === "BLIND") return;
     if (show.points && index && frame.R) this.#points(frame, camera, index, w);
-    if (show.free) this.#free(frame);
+    if (show.free) {
+      this.#free(model.freeSectors(frame), frame, FREE);
+      this.#free(model.freeSectors(frame, true), frame, OPEN);
+    }
     this.#walls(frame, show, camera);
   }
 
@@ -179,16 +182,16 @@ export class FrameScene {
     return map;
   }
 
-  #free(frame) {
+  #free(sectors, frame, color) {
     const faces = [];
-    for (const [a, b, c, d] of model.freeSectors(frame)) {
+    for (const [a, b, c, d] of sectors) {
       for (const p of [a, b, c, a, c, d]) faces.push(this.at([p[0], p[1], frame.cam[2]]));
     }
     if (!faces.length) return;
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
     this.#add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
-      color: FREE, transparent: true, opacity: 0.22, side: THREE.DoubleSide, depthWrite: false })));
+      color, transparent: true, opacity: 0.22, side: THREE.DoubleSide, depthWrite: false })));
   }
 
   #points(frame, camera, index, w) {
