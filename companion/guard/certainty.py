@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from drivers.mavlink.commands import SET_MESSAGE_INTERVAL, set_message_interval
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 from .modes import MULTICOPTERS, STOP_ORDER
 

@@ -13,7 +13,8 @@ from typing import Any, Final
 from drivers.mavlink import commands
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.session import COMMAND_ACK_ID, LinkStatus, MavlinkSession, Vehicle
+from drivers.mavlink.session import COMMAND_ACK_ID, MavlinkSession
+from drivers.mavlink.session_types import LinkStatus, Vehicle
 from drivers.watched_thread import WatchedThread
 
 from ..autopilot.landed import EXTENDED_SYS_STATE, LandedState

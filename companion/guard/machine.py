@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from drivers.mavlink.commands import COPTER_LOITER, DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MODE
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 from ..config.guard import GuardParams
 from .assessment import Action, Verdict

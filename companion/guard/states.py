@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 from .assessment import Verdict
 from .modes import StopMethod

@@ -25,7 +25,6 @@ from ..open_sky_params import OpenSkyParams
 from ..params import Params
 from ..types import BEYOND_MM, CONTINUED_MM, Ground
 from .free_space import FreeObservation, observe_free
-from .view_geometry import Q_FAR, Q_UNKNOWN
 from .open_blocks import BLOCK, recode_far, sort_blocks, source_mm
 from .open_columns import (
     Columns,
@@ -36,7 +35,7 @@ from .open_columns import (
     scan_column,
     things_above,
 )
-from .view_geometry import ViewGeometry
+from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
 
 
 @inner

@@ -24,7 +24,7 @@ from companion.guard.states import (
     StopCommand,
 )
 from drivers.mavlink.commands import COPTER_BRAKE, COPTER_LOITER, DO_CHANGE_SPEED, DO_SET_MODE, px4_mode_number
-from drivers.mavlink.session import Vehicle
+from drivers.mavlink.session_types import Vehicle
 
 NS = 1_000_000_000
 STEP_NS = NS // 10
