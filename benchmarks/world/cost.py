@@ -16,6 +16,7 @@ from core.extractor import Extractor
 from core.params import Params
 from core.types import ExtractorState
 from core.world.params import WorldParams
+from core.world.plane_index import plane_bytes
 from core.world.serialize import SavedSection
 from core.world.snapshot import WorldSnapshot
 from core.world.world import Observation, World
@@ -114,7 +115,7 @@ def costs(frames: Sequence[Observation], rounds: int, sizes: Sequence[int] = SIZ
     for planes, world, a, c in zip(sizes, worlds, add, changes, strict=True):
         section = world.section
         assert section is not None
-        memory = sum(t.nbytes for t in section.tables) / len(section.tables[0])
+        memory = plane_bytes(section.tables)
         a, c = a[len(frames) :], c[len(frames) :]  # the first round compiles, and makes the free blocks
         out.append(
             Cost(

@@ -9,16 +9,15 @@ So each patch of the image keeps the moments of a linear fit, and a surface is f
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Rotation
-from ..jit import inner, kernel
+from ..jit import inner, inner_inline, kernel, record
 from ..types import FAR_MM, CameraInfo
 from .surface_types import Surface, Surfaces
-
-Floats = NDArray[np.float64]
 
 PATCHES_ACROSS = 32
 """Patches in a row of the image; each is sampled at 8 x 8 pixels at most."""
@@ -38,50 +37,77 @@ FINAL_ROUGHNESS = 1.5
 RELATIVE_ROUGHNESS = 0.01
 """And this much of the inverse depth, whatever the configured noise."""
 
-# columns of the table of patches: moments of the fit (count, x, y, xx, xy, yy, q, xq, yq, qq), then its solution and residual
-M_N, M_X, M_Y, M_XX, M_XY, M_YY, M_Q, M_XQ, M_YQ, M_QQ, W_X, W_Y, W_Z, RMS = range(14)
-# columns of the table of surfaces: w, its patches, its residual over the noise, then the upper triangle of the inverse normal matrix
-S_WX, S_WY, S_WZ, S_PATCHES, S_MISFIT, S_C0 = range(6)
-SURFACE_COLUMNS = S_C0 + 6
+MOMENTS = ("n", "x", "y", "xx", "xy", "yy", "q", "xq", "yq", "qq")
+PATCH = record(*((name, np.float64) for name in (*MOMENTS, "w_x", "w_y", "w_z", "rms")))
+"""A patch of the image: the moments of its samples, x and y the pixel's tangents, q its inverse depth (n: how many; 0: not
+usable, below 0: measured and no plane); w, the solution of the fit; rms: its residual, 1/m."""
+SURFACE = record(
+    *((name, np.float64) for name in ("w_x", "w_y", "w_z", "patches", "misfit")),
+    *((name, np.float64) for name in ("c_xx", "c_xy", "c_xz", "c_yy", "c_yz", "c_zz")),
+)
+"""A surface: w; its number of patches; its residual over the noise; the inverse of the fit's normal matrix."""
 
 
 @inner
-def solve(m, w):
-    """w: (3,) solution of the normal equations of the moments m (10 or more); False where they are singular."""
-    n, sx, sy, sxx, sxy, syy = m[M_N], m[M_X], m[M_Y], m[M_XX], m[M_XY], m[M_YY]
-    if n < 3.0:
+def clear_moments(m):
+    """Sets the moments of a record of PATCH to 0."""
+    m.n, m.x, m.y, m.xx, m.xy, m.yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m.q, m.xq, m.yq, m.qq = 0.0, 0.0, 0.0, 0.0
+
+
+@inner
+def add_moments(total, m):
+    """Adds the moments of one record of PATCH to another."""
+    total.n += m.n
+    total.x += m.x
+    total.y += m.y
+    total.xx += m.xx
+    total.xy += m.xy
+    total.yy += m.yy
+    total.q += m.q
+    total.xq += m.xq
+    total.yq += m.yq
+    total.qq += m.qq
+
+
+@inner
+def solve(m):
+    """Solves the normal equations of the moments of a record of PATCH for its w; False where they are singular."""
+    if m.n < 3.0:
         return False
-    axx, axy, ayy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
-    bx, by = m[M_XQ] - sx * m[M_Q] / n, m[M_YQ] - sy * m[M_Q] / n
+    axx, axy, ayy = m.xx - m.x * m.x / m.n, m.xy - m.x * m.y / m.n, m.yy - m.y * m.y / m.n
+    bx, by = m.xq - m.x * m.q / m.n, m.yq - m.y * m.q / m.n
     det = axx * ayy - axy * axy
     if not det > 1e-9 * axx * ayy:
         return False
-    w[0], w[1] = (ayy * bx - axy * by) / det, (axx * by - axy * bx) / det
-    w[2] = (m[M_Q] - w[0] * sx - w[1] * sy) / n
+    m.w_x, m.w_y = (ayy * bx - axy * by) / det, (axx * by - axy * bx) / det
+    m.w_z = (m.q - m.w_x * m.x - m.w_y * m.y) / m.n
     return True
 
 
 @inner
-def mean_square(m, wx, wy, wz):
-    """Mean squared residual of the inverse depths against w, from the moments."""
-    linear = wx * m[M_XQ] + wy * m[M_YQ] + wz * m[M_Q]
-    square = wx * wx * m[M_XX] + wy * wy * m[M_YY] + wz * wz * m[M_N]
-    square += 2.0 * (wx * wy * m[M_XY] + wx * wz * m[M_X] + wy * wz * m[M_Y])
-    return max(0.0, (m[M_QQ] - 2.0 * linear + square) / m[M_N])
+def mean_square(m, plane):
+    """Mean squared residual of the inverse depths of a record of PATCH against w of another, from the moments."""
+    wx, wy, wz = plane.w_x, plane.w_y, plane.w_z
+    linear = wx * m.xq + wy * m.yq + wz * m.q
+    square = wx * wx * m.xx + wy * wy * m.yy + wz * wz * m.n
+    square += 2.0 * (wx * wy * m.xy + wx * wz * m.x + wy * wz * m.y)
+    return max(0.0, (m.qq - 2.0 * linear + square) / m.n)
 
 
 @inner
 def measure_patches(depth_mm, k, low_mm, high_mm, size, patches):
     """Moments, solution and residual of each patch of size x size pixels, row by row; returns the number of plane patches.
 
-    depth_mm: (H, W) uint16; k: (4,) fx, fy, cx, cy; patches: (P, 14) float64 out, M_N = 0 where a patch is not usable."""
+    depth_mm: (H, W) uint16; k: (4,) fx, fy, cx, cy; patches: (P,) PATCH out, n = 0 where a patch is not usable."""
     across, down = depth_mm.shape[1] // size, depth_mm.shape[0] // size
     step = max(1, size // SAMPLES)
     least = MIN_FILLED * (-(-size // step)) ** 2
     good = 0
     for i in range(across * down):
         m = patches[i]
-        m[:] = 0.0
+        clear_moments(m)
+        m.w_x, m.w_y, m.w_z, m.rms = 0.0, 0.0, 0.0, 0.0
         top, left = (i // across) * size, (i % across) * size
         for v in range(top + step // 2, top + size, step):
             y = (v - k[3]) / k[1]
@@ -90,20 +116,20 @@ def measure_patches(depth_mm, k, low_mm, high_mm, size, patches):
                 if mm < low_mm or mm > high_mm:
                     continue
                 x, q = (u - k[2]) / k[0], 1000.0 / mm
-                m[M_N] += 1.0
-                m[M_X] += x
-                m[M_Y] += y
-                m[M_XX] += x * x
-                m[M_XY] += x * y
-                m[M_YY] += y * y
-                m[M_Q] += q
-                m[M_XQ] += x * q
-                m[M_YQ] += y * q
-                m[M_QQ] += q * q
-        if m[M_N] < least or not solve(m, m[W_X : W_Z + 1]):
-            m[M_N] = 0.0
+                m.n += 1.0
+                m.x += x
+                m.y += y
+                m.xx += x * x
+                m.xy += x * y
+                m.yy += y * y
+                m.q += q
+                m.xq += x * q
+                m.yq += y * q
+                m.qq += q * q
+        if m.n < least or not solve(m):
+            m.n = 0.0
             continue
-        m[RMS] = math.sqrt(mean_square(m, m[W_X], m[W_Y], m[W_Z]))
+        m.rms = math.sqrt(mean_square(m, m))
         good += 1
     return good
 
@@ -111,123 +137,127 @@ def measure_patches(depth_mm, k, low_mm, high_mm, size, patches):
 @inner
 def allowed_rms(m, noise, times):
     """Most residual of a patch of a plane: of the noise, and of the roughness of real surfaces."""
-    return times * noise + RELATIVE_ROUGHNESS * m[M_Q] / m[M_N]
+    return times * noise + RELATIVE_ROUGHNESS * m.q / m.n
 
 
 @inner
-def is_on(m, wx, wy, wz, noise, times):
-    """Whether a patch lies on a plane."""
-    return math.sqrt(mean_square(m, wx, wy, wz)) <= allowed_rms(m, noise, times)
+def is_on(m, plane, noise, times):
+    """Whether a patch lies on the plane w of another record."""
+    return math.sqrt(mean_square(m, plane)) <= allowed_rms(m, noise, times)
+
+
+@inner_inline
+def is_free(m, taken):
+    """Whether a patch is plane and belongs to no surface."""
+    return m.n > 0.0 and taken == 0
 
 
 @inner
-def count_on(patches, taken, w, noise, times):
-    """How many free patches lie on the plane w."""
+def count_on(patches, taken, plane, noise):
+    """How many free patches lie on a plane."""
     n = 0
     for i in range(patches.shape[0]):
-        m = patches[i]
-        if m[M_N] > 0.0 and taken[i] == 0:
-            n += is_on(m, w[0], w[1], w[2], noise, times)
+        if is_free(patches[i], taken[i]):
+            n += is_on(patches[i], plane, noise, MAX_ROUGHNESS)
     return n
 
 
 @inner
-def seed_plane(patches, taken, across, i, noise, total, w):
-    """The plane of a patch and its neighbour to the right, below, and between; False where they are not one plane."""
-    total[:] = 0.0
+def seed_plane(patches, taken, across, i, noise, total):
+    """The plane of a patch and its neighbour to the right, below, and between, into `total`; False where they are not one."""
+    clear_moments(total)
     for j in (i, i + 1, i + across, i + across + 1):
-        if j < patches.shape[0] and patches[j, M_N] > 0.0 and taken[j] == 0:
-            for c in range(M_QQ + 1):
-                total[c] += patches[j, c]
-    if total[M_N] < 2.0 * patches[i, M_N] or not solve(total, w):
+        if j < patches.shape[0] and is_free(patches[j], taken[j]):
+            add_moments(total, patches[j])
+    if total.n < 2.0 * patches[i].n or not solve(total):
         return False
-    return math.sqrt(mean_square(total, w[0], w[1], w[2])) <= allowed_rms(total, noise, MAX_ROUGHNESS)
+    return math.sqrt(mean_square(total, total)) <= allowed_rms(total, noise, MAX_ROUGHNESS)
 
 
 @inner
-def grow_surface(patches, taken, across, noise, total, w, best, surface, mark):
-    """One more surface: the plane with most patches among those grown from seeds. Returns its number of patches, 0 if none.
-
-    taken: (P,) uint8, `mark` where a patch now belongs to it."""
-    free = 0
+def best_seed(patches, taken, across, noise, total, best):
+    """Patches on the plane of a seed that holds most; its w in `best`. total, best: records of PATCH."""
+    free, at, most = 0, 0, 0
     for i in range(patches.shape[0]):
-        free += patches[i, M_N] > 0.0 and taken[i] == 0
+        free += is_free(patches[i], taken[i])
     if free < MIN_PATCHES:
         return 0
-    every, at, most = max(1, free // MAX_SEEDS), 0, 0
+    every = max(1, free // MAX_SEEDS)
     for i in range(patches.shape[0]):
-        if patches[i, M_N] == 0.0 or taken[i] != 0:
+        if patches[i].n == 0.0 or taken[i] != 0:
             continue
         at += 1
-        if at % every == 0 and seed_plane(patches, taken, across, i, noise, total, w):
-            n = count_on(patches, taken, w, noise, MAX_ROUGHNESS)
+        if at % every == 0 and seed_plane(patches, taken, across, i, noise, total):
+            n = count_on(patches, taken, total, noise)
             if n > most:
-                most, best[0], best[1], best[2] = n, w[0], w[1], w[2]
-    if most < MIN_PATCHES:
+                most, best.w_x, best.w_y, best.w_z = n, total.w_x, total.w_y, total.w_z
+    return most
+
+
+@inner
+def grow_surface(patches, taken, across, noise, scratch, surface, mark):
+    """One more surface: the plane with most patches among those grown from seeds. Returns its number of patches, 0 if none.
+
+    taken: (P,) uint8, `mark` where a patch now belongs to it; scratch: (2,) PATCH; surface: a record of SURFACE."""
+    total, best = scratch[0], scratch[1]
+    if best_seed(patches, taken, across, noise, total, best) < MIN_PATCHES:
         return 0
     for k in range(FIT_ROUNDS):
         times = MAX_ROUGHNESS + (FINAL_ROUGHNESS - MAX_ROUGHNESS) * k / (FIT_ROUNDS - 1)
-        total[:] = 0.0
+        clear_moments(total)
         for i in range(patches.shape[0]):
-            m = patches[i]
-            if m[M_N] > 0.0 and taken[i] == 0 and is_on(m, best[0], best[1], best[2], noise, times):
-                for c in range(M_QQ + 1):
-                    total[c] += m[c]
-        if not solve(total, best):
+            if is_free(patches[i], taken[i]) and is_on(patches[i], best, noise, times):
+                add_moments(total, patches[i])
+        if not solve(total):
             return 0
+        best.w_x, best.w_y, best.w_z = total.w_x, total.w_y, total.w_z
     n = 0
     for i in range(patches.shape[0]):
-        m = patches[i]
-        if m[M_N] > 0.0 and taken[i] == 0 and is_on(m, best[0], best[1], best[2], noise, FINAL_ROUGHNESS):
+        if is_free(patches[i], taken[i]) and is_on(patches[i], best, noise, FINAL_ROUGHNESS):
             taken[i] = mark
             n += 1
-    surface[S_WX], surface[S_WY], surface[S_WZ], surface[S_PATCHES] = best[0], best[1], best[2], n
-    surface[S_MISFIT] = math.sqrt(mean_square(total, best[0], best[1], best[2])) / noise
+    surface.w_x, surface.w_y, surface.w_z, surface.patches = best.w_x, best.w_y, best.w_z, n
+    surface.misfit = math.sqrt(mean_square(total, best)) / noise
     return n if _inverse(total, surface) and n >= MIN_PATCHES else 0
 
 
 @inner
 def _inverse(m, surface):
-    """Writes the inverse of the normal matrix of moments m: xx, xy, xz, yy, yz, zz; False where it is singular."""
-    a, b, c, d, e, f = m[M_XX], m[M_XY], m[M_X], m[M_YY], m[M_Y], m[M_N]
+    """Writes the inverse of the normal matrix of moments m to a record of SURFACE; False where it is singular."""
+    a, b, c, d, e, f = m.xx, m.xy, m.x, m.yy, m.y, m.n
     det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
     if not det > 0.0:
         return False
-    surface[S_C0], surface[S_C0 + 1], surface[S_C0 + 2] = (
-        (d * f - e * e) / det,
-        (c * e - b * f) / det,
-        (b * e - c * d) / det,
-    )
-    surface[S_C0 + 3], surface[S_C0 + 4], surface[S_C0 + 5] = (
-        (a * f - c * c) / det,
-        (b * c - a * e) / det,
-        (a * d - b * b) / det,
-    )
+    surface.c_xx, surface.c_xy, surface.c_xz = (d * f - e * e) / det, (c * e - b * f) / det, (b * e - c * d) / det
+    surface.c_yy, surface.c_yz, surface.c_zz = (a * f - c * c) / det, (b * c - a * e) / det, (a * d - b * b) / det
     return True
 
 
 @kernel
-def search_surfaces(depth_mm, k, low_mm, high_mm, size, ke, surfaces):
-    """Fills surfaces (MAX_SURFACES, SURFACE_COLUMNS) by falling size; returns (surfaces, patches (P, 14), noise used)."""
-    count = (depth_mm.shape[1] // size) * (depth_mm.shape[0] // size)
-    patches = np.empty((count, RMS + 1), np.float64)
-    measure_patches(depth_mm, k, low_mm, high_mm, size, patches)
+def search_surfaces(depth_mm, k, low_mm, high_mm, size, ke, surfaces, patches):
+    """Fills surfaces (MAX_SURFACES,) SURFACE by falling size, and patches (P,) PATCH; returns (surfaces, noise used)."""
+    count = patches.shape[0]
+    good = measure_patches(depth_mm, k, low_mm, high_mm, size, patches)
     # the noise is that of the smoother half of the patches where it is more than the camera is said to have
-    rms = np.sort(patches[patches[:, M_N] > 0.0, RMS])
-    noise = max(ke, rms[len(rms) // 4]) if len(rms) > 0 else ke
+    rms, found = np.empty(good), 0
+    for i in range(count):
+        if patches[i].n > 0.0:
+            rms[found] = patches[i].rms
+            found += 1
+    rms.sort()
+    noise = max(ke, rms[good // 4]) if good > 0 else ke
     for i in range(count):
         m = patches[i]
-        if m[M_N] > 0.0 and m[RMS] > allowed_rms(m, noise, MAX_ROUGHNESS):
-            m[M_N] = -m[M_N]  # measured, and no plane
-    taken, total = np.zeros(count, np.uint8), np.empty(M_QQ + 1, np.float64)
-    w, best = np.empty(3, np.float64), np.empty(3, np.float64)
+        if m.n > 0.0 and m.rms > allowed_rms(m, noise, MAX_ROUGHNESS):
+            m.n = -m.n  # measured, and no plane
+    taken, scratch = np.zeros(count, np.uint8), np.zeros(2, PATCH)
     found = 0
     across = depth_mm.shape[1] // size
     for _ in range(MAX_SURFACES):
-        if grow_surface(patches, taken, across, noise, total, w, best, surfaces[found], found + 1) == 0:
+        if grow_surface(patches, taken, across, noise, scratch, surfaces[found], found + 1) == 0:
             break
         found += 1
-    return found, patches, noise
+    return found, noise
 
 
 def find_surfaces(depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optical: Rotation, ke: float) -> Surfaces:
@@ -238,20 +268,20 @@ def find_surfaces(depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optica
     high_mm = min(FAR_MM - 1, round(1000.0 * info.max_range_m))
     image = np.ascontiguousarray(depth_mm).view()
     image.flags.writeable = False  # one compiled kernel for frames that may be written and for those that may not
-    R, table = np.asarray(R_level_optical, np.float64), np.zeros((MAX_SURFACES, SURFACE_COLUMNS), np.float64)
-    count, patches, noise = search_surfaces(image, np.array([k.fx, k.fy, k.cx, k.cy]), low_mm, high_mm, size, ke, table)
+    R, table = np.asarray(R_level_optical, np.float64), np.zeros(MAX_SURFACES, SURFACE)
+    patches = np.zeros((image.shape[1] // size) * (image.shape[0] // size), PATCH)
+    count, noise = search_surfaces(image, np.array([k.fx, k.fy, k.cx, k.cy]), low_mm, high_mm, size, ke, table, patches)
     planes = tuple(_surface(row, R, noise, len(patches)) for row in table[:count])
-    m = patches[patches[:, M_N] != 0.0]
-    n = np.abs(m[:, M_N])
-    rays = np.stack([m[:, M_X], m[:, M_Y], n], axis=1) / m[:, M_Q, None]
+    m = patches[patches["n"] != 0.0]
+    rays = np.stack([m["x"], m["y"], np.abs(m["n"])], axis=1) / m["q"][:, None]
     return Surfaces(planes, len(m) / max(1, len(patches)), rays @ R.T, float(noise))
 
 
-def _surface(row: Floats, R: Rotation, noise: float, patches: int) -> Surface:
-    w = row[S_WX : S_WZ + 1]
+def _surface(row: Any, R: Rotation, noise: float, patches: int) -> Surface:
+    w = row.w_x, row.w_y, row.w_z
     length = math.sqrt(float(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
     x, y, z = (float(R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2]) / length for i in range(3))
-    a, b, c, d, e, f = row[S_C0:].tolist()
     # the worst direction's variance bounds that of any inclination
-    sd = noise * math.sqrt(max(0.0, a + d + f + 2.0 * max(abs(b), abs(c), abs(e)))) / length
-    return Surface((x, y, z), 1.0 / length, float(row[S_PATCHES]) / max(1, patches), sd, float(row[S_MISFIT]))
+    crosswise = max(abs(row.c_xy), abs(row.c_xz), abs(row.c_yz))
+    sd = noise * math.sqrt(max(0.0, float(row.c_xx + row.c_yy + row.c_zz + 2.0 * crosswise))) / length
+    return Surface((x, y, z), 1.0 / length, float(row.patches) / max(1, patches), sd, float(row.misfit))

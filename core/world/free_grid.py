@@ -8,11 +8,12 @@ is seen, its cells are free no more, at once.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, kernel
+from ..jit import inner, kernel, record
 
 CELL_M = 0.5
 """Side and height of a cell; docs/research/world-notes.md compares other sizes."""
@@ -23,14 +24,31 @@ _HALF_M = CELL_M * 0.7072
 _EDGE_M = 1e-3
 """Not tuning: more than float32 rounds by; a plane stands in a cell that it nearly touches."""
 _NONE = -1
-IX, IY, IZ, EPOCH, NEXT, TOUCHED = range(6)
-BLOCKS, GONE, TURN, NOW = range(4)
+BLOCK = record(
+    ("ix", np.int32),
+    ("iy", np.int32),
+    ("iz", np.int32),
+    ("epoch", np.int32),
+    ("next", np.int32),
+    ("touched", np.int32),
+)
+"""ix, iy, iz: indices of the block; epoch: of its first mask; next: slot in the list of its hash; touched: frame that
+changed it last."""
+FREE_STATE = record(("blocks", np.int64), ("dropped", np.int64), ("frame", np.int64), ("epoch", np.int64))
+"""blocks: slots in use; dropped: blocks that others replaced; frame, epoch: present ones."""
 
-FreeTables = tuple[
-    NDArray[np.uint64], NDArray[np.int32], NDArray[np.int32], NDArray[np.int64], NDArray[np.float32]
-]  # fmt: skip
-"""masks (B, 2, 256) uint64: this epoch's and the one's before; ints (B, 6) int32: block indices, epoch, next in list, frame
-that touched it last; heads (H,) int32; state (4,) int64; ground (B, 256, 2) float32: see world_ground.py."""
+
+class FreeTables(NamedTuple):
+    """blocks: (B,) BLOCK; masks: (B, 2, 256) uint64, of the block's epoch and of the one before; heads: (H,) int32, first
+    block of each list; ground: (B, 256, 2) float32, see ground.py; state: (1,) FREE_STATE."""
+
+    blocks: NDArray[Any]
+    masks: NDArray[np.uint64]
+    heads: NDArray[np.int32]
+    ground: NDArray[np.float32]
+    state: NDArray[Any]
+
+
 GroundPlane = tuple[float, float, float, float, float]
 """z at the camera's foot (inf: no ground was found), slope_x, slope_y, tolerance_m, noise_per_m, in the world's frame."""
 
@@ -40,7 +58,7 @@ def empty_free(most: int) -> FreeTables:
     heads = np.full(1 << max(6, math.ceil(math.log2(most))), _NONE, np.int32)
     masks = np.zeros((most, 2, SIDE * SIDE), np.uint64)
     ground = np.full((most, SIDE * SIDE, 2), np.nan, np.float32)
-    return masks, np.zeros((most, 6), np.int32), heads, np.zeros(4, np.int64), ground
+    return FreeTables(np.zeros(most, BLOCK), masks, heads, ground, np.zeros(1, FREE_STATE))
 
 
 @inner
@@ -58,12 +76,12 @@ def _list_of(ix, iy, iz, size):
 @inner
 def find_block(free, ix, iy, iz):
     """The slot of a block, -1: there is none."""
-    _masks, ints, heads, _state, _ground = free
+    blocks, heads = free.blocks, free.heads
     k = heads[_list_of(ix, iy, iz, heads.shape[0])]
-    for _ in range(ints.shape[0]):
-        if k == _NONE or (ints[k, IX] == ix and ints[k, IY] == iy and ints[k, IZ] == iz):
+    for _ in range(blocks.shape[0]):
+        if k == _NONE or (blocks[k].ix == ix and blocks[k].iy == iy and blocks[k].iz == iz):
             break
-        k = ints[k, NEXT]
+        k = blocks[k].next
     return k
 
 
@@ -71,62 +89,63 @@ def find_block(free, ix, iy, iz):
 def block_for(free, ix, iy, iz):
     """The slot of a block, made where there is none, its masks brought to this epoch. The one touched longest ago goes
     where all slots are taken."""
-    masks, ints, heads, state, ground = free
+    blocks, masks, heads, ground, state = free.blocks, free.masks, free.heads, free.ground, free.state[0]
     k = find_block(free, ix, iy, iz)
     if k == _NONE:
-        if state[BLOCKS] < ints.shape[0]:
-            k = state[BLOCKS]
-            state[BLOCKS] += 1
+        if state.blocks < blocks.shape[0]:
+            k = state.blocks
+            state.blocks += 1
         else:
             k = 0
-            for m in range(1, ints.shape[0]):
-                if ints[m, TOUCHED] < ints[k, TOUCHED]:
+            for m in range(1, blocks.shape[0]):
+                if blocks[m].touched < blocks[k].touched:
                     k = m
-            _unhook(free, k)
-            state[GONE] += 1
+            _unlink(free, k)
+            state.dropped += 1
         head = _list_of(ix, iy, iz, heads.shape[0])
-        ints[k, IX], ints[k, IY], ints[k, IZ] = ix, iy, iz
-        ints[k, NEXT], ints[k, EPOCH] = heads[head], state[NOW]
+        block = blocks[k]
+        block.ix, block.iy, block.iz = ix, iy, iz
+        block.next, block.epoch = heads[head], state.epoch
         heads[head] = k
         for c in range(masks.shape[2]):
             masks[k, 0, c] = masks[k, 1, c] = 0
             ground[k, c, 0] = ground[k, c, 1] = np.nan
-    behind = state[NOW] - ints[k, EPOCH]
+    behind = state.epoch - blocks[k].epoch
     if behind > 0:
         for c in range(masks.shape[2]):
             masks[k, 1, c] = masks[k, 0, c] if behind == 1 else 0
             masks[k, 0, c] = 0
-        ints[k, EPOCH] = state[NOW]
-    ints[k, TOUCHED] = state[TURN]
+        blocks[k].epoch = state.epoch
+    blocks[k].touched = state.frame
     return k
 
 
 @inner
-def _unhook(free, k):
-    _masks, ints, heads, _state, _ground = free
-    head = _list_of(ints[k, IX], ints[k, IY], ints[k, IZ], heads.shape[0])
+def _unlink(free, k):
+    blocks, heads = free.blocks, free.heads
+    head = _list_of(blocks[k].ix, blocks[k].iy, blocks[k].iz, heads.shape[0])
     if heads[head] == k:
-        heads[head] = ints[k, NEXT]
+        heads[head] = blocks[k].next
         return
     m = heads[head]
-    for _ in range(ints.shape[0]):
-        if ints[m, NEXT] == k:
-            ints[m, NEXT] = ints[k, NEXT]
+    for _ in range(blocks.shape[0]):
+        if blocks[m].next == k:
+            blocks[m].next = blocks[k].next
             return
-        m = ints[m, NEXT]
+        m = blocks[m].next
 
 
 @inner
 def any_free(free, x, y, z):
     """Whether the cell of a point is known to be free."""
-    masks, ints, _heads, state, _ground = free
+    blocks, masks, state = free.blocks, free.masks, free.state[0]
     ix, iy, iz = cell(x), cell(y), cell(z)
     k = find_block(free, ix >> 4, iy >> 4, iz >> 6)
-    if k == _NONE or state[NOW] - ints[k, EPOCH] > 1:
+    if k == _NONE or state.epoch - blocks[k].epoch > 1:
         return False
     c = (ix & 15) * 16 + (iy & 15)
     seen = masks[k, 0, c]
-    if state[NOW] == ints[k, EPOCH]:
+    if state.epoch == blocks[k].epoch:
         seen |= masks[k, 1, c]
     return (seen >> np.uint64(iz & 63)) & np.uint64(1) != 0
 
@@ -200,8 +219,8 @@ def column_free(x, y, edges, layers, near_m, far_m, plane, low_bin, span):
 @inner
 def ground_cell(free, k, c):
     """Index, from the block's first on, of the cell that holds the ground of column c of slot k; -1: none is known."""
-    z = free[4][k, c, 0]
-    return -1 if math.isnan(z) else min(max(cell(z - _EDGE_M) - free[1][k, IZ] * TALL, 0), TALL - 1)
+    z = free.ground[k, c, 0]
+    return -1 if math.isnan(z) else min(max(cell(z - _EDGE_M) - free.blocks[k].iz * TALL, 0), TALL - 1)
 
 
 @inner
@@ -214,8 +233,8 @@ def beside_ground(free, bx, by, low, c, found, span):
         k = find_block(free, bx, by, low + part)
         at = ground_cell(free, k, c) if k != _NONE else -1
         if at >= 0 and found and part >= 0 and (span[part] >> np.uint64(at)) & np.uint64(1) != 0:
-            free[4][k, c, 0] = free[4][k, c, 1] = np.nan
-            free[1][k, TOUCHED] = free[3][TURN]
+            free.ground[k, c, 0] = free.ground[k, c, 1] = np.nan
+            free.blocks[k].touched = free.state[0].frame
         if found:
             continue
         if part >= 0 and below:
@@ -232,7 +251,7 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
 
     A frame that found no ground frees nothing at or below ground that is remembered: it may have overlooked it. One that
     found its ground and sees the cell of a remembered surface free takes that surface away."""
-    masks = free[0]
+    masks = free.masks
     span = np.zeros(2, np.uint64)
     reach = 0.0
     for d in range(far_m.shape[0]):
@@ -262,7 +281,7 @@ def see_free(free, x, y, edges, layers, near_m, far_m, plane):
 @inner
 def stand_in(free, ax, ay, bx, by, top, bottom):
     """Takes the cells that a plane crosses out of what is known to be free."""
-    masks, ints, _heads, state, _ground = free
+    masks = free.masks
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
     slope = (by - ay) / (bx - ax) if bx - ax > _EDGE_M else 0.0
@@ -282,7 +301,7 @@ def stand_in(free, ax, ay, bx, by, top, bottom):
                     if (masks[k, 0, c] | masks[k, 1, c]) & ~gone != 0:
                         masks[k, 0, c] &= gone
                         masks[k, 1, c] &= gone
-                        ints[k, TOUCHED] = state[TURN]
+                        free.blocks[k].touched = free.state[0].frame
 
 
 def seen_blocks(
@@ -291,15 +310,16 @@ def seen_blocks(
     """(indices (B, 3), masks (B, 256), ground (B, 256, 2)) of the blocks with anything known free in epoch `now`, or any
     ground, ordered by index.
 
-    since: 0 or more: only those that a later turn touched, also where nothing is known any more."""
-    masks, ints, _, state, ground = free
-    used = int(state[BLOCKS])
-    behind = now - ints[:used, EPOCH].astype(np.int64)
-    on = np.arange(used) if since < 0 else np.flatnonzero(ints[:used, TOUCHED] > since)
+    since: 0 or more: only those that a later frame changed, also where nothing is known any more."""
+    used = int(free.state["blocks"][0])
+    blocks, masks, ground = free.blocks[:used], free.masks, free.ground
+    behind = now - blocks["epoch"].astype(np.int64)
+    on = np.arange(used) if since < 0 else np.flatnonzero(blocks["touched"] > since)
     seen = np.where((behind[on] == 0)[:, None], masks[on, 0] | masks[on, 1], masks[on, 0])
     seen[(behind[on] < 0) | (behind[on] > 1)] = 0
     if since < 0:
         some = seen.any(axis=1) | ~np.isnan(ground[on, :, 0]).all(axis=1)
         on, seen = on[some], seen[some]
-    order = np.lexsort(ints[on, :3].T[::-1])
-    return np.ascontiguousarray(ints[on[order], :3]), np.ascontiguousarray(seen[order]), ground[on[order]]
+    at = np.stack([blocks[name][on] for name in ("ix", "iy", "iz")], axis=1)
+    order = np.lexsort(at.T[::-1])
+    return np.ascontiguousarray(at[order]), np.ascontiguousarray(seen[order]), ground[on[order]]

@@ -1,6 +1,6 @@
 """The ground in the merged world: for each column of cells the height at which it was measured last, and its noise.
 
-It is kept in the blocks of free space (world_free.py), ground (B, 256, 2) float32: z of its highest point in the column,
+It is kept in the blocks of free space (free_grid.py), ground (B, 256, 2) float32: z of its highest point in the column,
 and its noise, both in metres; nan where none is known. It does not age. A newer measurement replaces it, but for one of
 more noise that agrees with it. Below it no cell stays free.
 """
@@ -20,8 +20,6 @@ from .free_grid import (
     CELL_M,
     SIDE,
     TALL,
-    TOUCHED,
-    TURN,
     GroundPlane,
     bits,
     block_for,
@@ -42,7 +40,7 @@ def ground_plane(model: FrameModel, place_z_m: float) -> GroundPlane:
 @inner
 def clear_below(free, ix, iy, z):
     """Takes the cells of a column at z and below, down through the next block, out of what is known to be free."""
-    masks, ints, _heads, state, _ground = free
+    masks = free.masks
     first, c = cell(z - _EDGE_M), (ix & 15) * SIDE + (iy & 15)
     for iz in range(first >> 6, (first >> 6) + 2):
         k = find_block(free, ix >> 4, iy >> 4, iz)
@@ -52,13 +50,13 @@ def clear_below(free, ix, iy, z):
         if (masks[k, 0, c] | masks[k, 1, c]) & gone != 0:
             masks[k, 0, c] &= ~gone
             masks[k, 1, c] &= ~gone
-            ints[k, TOUCHED] = state[TURN]
+            free.blocks[k].touched = free.state[0].frame
 
 
 @inner
 def put_ground(free, ix, iy, z, noise):
     """Remembers the ground of a column, unless what is remembered agrees with it and has less noise; returns its z."""
-    ground, c = free[4], (ix & 15) * SIDE + (iy & 15)
+    ground, c = free.ground, (ix & 15) * SIDE + (iy & 15)
     at = cell(z - _EDGE_M) >> 6
     for iz in range(at - 1, at + 2):  # noise may lift it across the border of two blocks
         k = find_block(free, ix >> 4, iy >> 4, iz)
@@ -69,7 +67,7 @@ def put_ground(free, ix, iy, z, noise):
             return np.float64(ground[k, c, 0])
         if iz != at and apart <= slack + CELL_M:
             ground[k, c, 0] = ground[k, c, 1] = np.nan
-            free[1][k, TOUCHED] = free[3][TURN]
+            free.blocks[k].touched = free.state[0].frame
     k = block_for(free, ix >> 4, iy >> 4, at)
     ground[k, c, 0], ground[k, c, 1] = z, noise
     return np.float64(ground[k, c, 0])

@@ -1,18 +1,19 @@
 """The table of a world's planes and its index in space: what a frame costs does not depend on how many planes there are.
 
-Planes live in slots of tables of fixed size. Each is in the lists of the squares of ground that it crosses; squares
-share lists by a hash, which gives a few planes too many to look at and never one too few. A ring holds the slots in the
-order in which they were last seen: where the tables are full, the one not seen longest goes.
+Planes live in slots of a table of fixed size. Each is in the lists of the squares of ground that it crosses; squares
+share lists by a hash, which gives a few planes too many to look at and never one too few. A list holds the slots in the
+order in which they were last seen: where the table is full, the one not seen longest goes.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner
+from ..jit import inner, record
 
 SQUARE_M = 8.0
 """Not tuning: side of a square; a frame sees some dozen of them."""
@@ -21,39 +22,76 @@ _EDGE_M = 1e-3
 _LINKS = 4
 """Links for each slot: long planes take more than one."""
 NONE = -1
-# columns of the box, the moments (about the anchor), the floats, the ints, and the state
-AX, AY, BX, BY, TOP, BOTTOM = range(6)
-W, X, Y, XX, XY, YY = range(6)
-ANCHOR_X, ANCHOR_Y, MARGIN, FROM, TO = range(5)
-HITS, CLEARS, FLAGS, OLDER, NEWER, LOOK, CHANGED = range(7)
-USED, FREE_SLOT, OLDEST, NEWEST, FREE_LINK, LOOKS, LIVE, FRAME, DROPPED, CLEARED, JOINED, OVERFLOW, LINKS_USED = range(
-    13
+BOX = ("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")
+MOMENTS = ("weight", "x", "y", "xx", "xy", "yy")
+SLOT = record(
+    *((name, np.float64) for name in MOMENTS),
+    ("seen_ns", np.int64),
+    *((name, np.float32) for name in BOX),
+    ("anchor_x_m", np.float32),
+    ("anchor_y_m", np.float32),
+    ("margin_m", np.float32),
+    ("clear_from_m", np.float32),
+    ("clear_to_m", np.float32),
+    ("hits", np.int32),
+    ("clears", np.int32),
+    ("plane_flags", np.int32),
+    ("older", np.int32),
+    ("newer", np.int32),
+    ("look", np.int32),
+    ("changed", np.int32),
 )
+"""A plane. weight to yy: its moments about the anchor. seen_ns: newest observation. ax_m to bottom_m: its ends a, b and its
+heights. clear_from_m, clear_to_m: the part that was observed as clear, from a. hits: observations (0: an empty slot);
+clears: observations as clear; plane_flags: PlaneFlags. older, newer: slots of the LRU list; in an empty slot newer is the next
+empty one. look: the newest search that found it; changed: frame of the newest change."""
+LINK = record(("slot", np.int32), ("next", np.int32))
+"""An entry of the list of a square."""
+TABLE_STATE = record(
+    ("used", np.int64),
+    ("free_slot", np.int64),
+    ("oldest", np.int64),
+    ("newest", np.int64),
+    ("free_link", np.int64),
+    ("links_used", np.int64),
+    ("looks", np.int64),
+    ("live", np.int64),
+    ("frame", np.int64),
+    ("dropped", np.int64),
+    ("cleared", np.int64),
+    ("joined", np.int64),
+    ("overflow", np.int64),
+)
+"""used, links_used: slots and links that were ever in use; free_slot, free_link: first empty one of those; oldest, newest:
+ends of the LRU list; looks: searches; live: planes; frame: frames. dropped to overflow: counts for the log."""
 
-Tables = tuple[
-    NDArray[np.float32], NDArray[np.float64], NDArray[np.float32], NDArray[np.int32], NDArray[np.int64],
-    NDArray[np.int32], NDArray[np.int32], NDArray[np.int64],
-]  # fmt: skip
-"""box (P, 6) float32: ax, ay, bx, by, top, bottom, metres; moments (P, 6) float64: weight, x, y, xx, xy, yy about the
-anchor; floats (P, 5) float32: anchor, margin, the part observed as clear (metres from a); ints (P, 7) int32: observations (0:
-an empty slot), observations as clear, flags, LRU list, marks; seen_ns (P,) int64; heads (H,) int32; links (L, 2) int32: slot, next;
-state (13,) int64."""
+
+class Tables(NamedTuple):
+    """planes: (P,) SLOT; heads: (H,) int32, first link of each list; links: (L,) LINK; state: (1,) TABLE_STATE."""
+
+    planes: NDArray[Any]
+    heads: NDArray[np.int32]
+    links: NDArray[Any]
+    state: NDArray[Any]
 
 
 def empty_tables(most: int) -> Tables:
     """Tables for at most so many planes. What is never used takes no memory: the system gives pages when written to."""
     heads = np.full(1 << max(6, math.ceil(math.log2(max(1, most // 4)))), NONE, np.int32)
-    state = np.zeros(13, np.int64)
-    state[[FREE_SLOT, OLDEST, NEWEST, FREE_LINK]] = NONE
-    return (
-        np.zeros((most, 6), np.float32), np.zeros((most, 6)), np.zeros((most, 5), np.float32),
-        np.zeros((most, 7), np.int32), np.zeros(most, np.int64), heads, np.zeros((_LINKS * most, 2), np.int32), state,
-    )  # fmt: skip
+    state = np.zeros(1, TABLE_STATE)
+    for name in ("free_slot", "oldest", "newest", "free_link"):
+        state[name] = NONE
+    return Tables(np.zeros(most, SLOT), heads, np.zeros(_LINKS * most, LINK), state)
 
 
 def plane_bytes(tables: Tables) -> float:
     """Bytes of memory that each plane takes where the tables are full."""
-    return sum(t.nbytes for t in tables) / len(tables[0])
+    return sum(t.nbytes for t in tables) / len(tables.planes)
+
+
+def columns(planes: NDArray[Any], names: tuple[str, ...]) -> NDArray[Any]:
+    """(N, len(names)): fields of the same type of (N,) SLOT, such as BOX."""
+    return np.stack([planes[name] for name in names], axis=1)
 
 
 @inner
@@ -72,8 +110,8 @@ def bucket(ix, iy, size):
 @inner
 def set_links(tables, i, add):
     """Adds slot i to the lists of its squares (add), or removes it from them; False: there are no links left."""
-    box, _moments, _floats, _ints, _seen, heads, links, state = tables
-    x0, y0, x1, y1 = float(box[i, AX]), float(box[i, AY]), float(box[i, BX]), float(box[i, BY])
+    plane, heads, links, state = tables.planes[i], tables.heads, tables.links, tables.state[0]
+    x0, y0, x1, y1 = float(plane.ax_m), float(plane.ay_m), float(plane.bx_m), float(plane.by_m)
     if x1 < x0:
         x0, y0, x1, y1 = x1, y1, x0, y0
     slope = (y1 - y0) / (x1 - x0) if x1 - x0 > _EDGE_M else 0.0
@@ -86,36 +124,37 @@ def set_links(tables, i, add):
         for iy in range(square(min(ya, yb) - _EDGE_M), square(max(ya, yb) + _EDGE_M) + 1):
             head = bucket(ix, iy, heads.shape[0])
             if add:
-                k = state[FREE_LINK]
+                k = state.free_link
                 if k != NONE:
-                    state[FREE_LINK] = links[k, 1]
-                elif state[LINKS_USED] < links.shape[0]:
-                    k = state[LINKS_USED]
-                    state[LINKS_USED] += 1
+                    state.free_link = links[k].next
+                elif state.links_used < links.shape[0]:
+                    k = state.links_used
+                    state.links_used += 1
                 else:
                     return False
-                links[k, 0], links[k, 1] = i, heads[head]
+                links[k].slot, links[k].next = i, heads[head]
                 heads[head] = k
             else:
-                unhook(heads, links, state, head, i)
+                unlink(tables, head, i)
     return True
 
 
 @inner
-def unhook(heads, links, state, head, i):
+def unlink(tables, head, i):
     """Takes one link to slot i out of a list, where there is one."""
+    heads, links, state = tables.heads, tables.links, tables.state[0]
     before, k = NONE, heads[head]
     for _ in range(links.shape[0]):
         if k == NONE:
             return
-        after = links[k, 1]
-        if links[k, 0] == i:
+        after = links[k].next
+        if links[k].slot == i:
             if before == NONE:
                 heads[head] = after
             else:
-                links[before, 1] = after
-            links[k, 1] = state[FREE_LINK]
-            state[FREE_LINK] = k
+                links[before].next = after
+            links[k].next = state.free_link
+            state.free_link = k
             return
         before, k = k, after
 
@@ -123,28 +162,28 @@ def unhook(heads, links, state, head, i):
 @inner
 def lru_remove(tables, i):
     """Removes slot i from the LRU list."""
-    ints, state = tables[3], tables[7]
-    older, newer = ints[i, OLDER], ints[i, NEWER]
+    planes, state = tables.planes, tables.state[0]
+    older, newer = planes[i].older, planes[i].newer
     if older == NONE:
-        state[OLDEST] = newer
+        state.oldest = newer
     else:
-        ints[older, NEWER] = newer
+        planes[older].newer = newer
     if newer == NONE:
-        state[NEWEST] = older
+        state.newest = older
     else:
-        ints[newer, OLDER] = older
+        planes[newer].older = older
 
 
 @inner
 def lru_insert(tables, i):
-    """Puts slot i at the newest end of the ring."""
-    ints, state = tables[3], tables[7]
-    ints[i, OLDER], ints[i, NEWER] = state[NEWEST], NONE
-    if state[NEWEST] == NONE:
-        state[OLDEST] = i
+    """Puts slot i at the newest end of the LRU list."""
+    planes, state = tables.planes, tables.state[0]
+    planes[i].older, planes[i].newer = state.newest, NONE
+    if state.newest == NONE:
+        state.oldest = i
     else:
-        ints[state[NEWEST], NEWER] = i
-    state[NEWEST] = i
+        planes[state.newest].newer = i
+    state.newest = i
 
 
 @inner
@@ -152,39 +191,37 @@ def seen_again(tables, i, t_ns):
     """Slot i was seen: it goes last."""
     lru_remove(tables, i)
     lru_insert(tables, i)
-    tables[4][i] = t_ns
+    tables.planes[i].seen_ns = t_ns
 
 
 @inner
 def new_slot(tables, t_ns):
-    """A slot for a plane, in the ring and not yet in any list; the plane not seen longest goes where there is none."""
-    ints, state = tables[3], tables[7]
-    if state[FREE_SLOT] == NONE and state[USED] == ints.shape[0]:
+    """A slot for a plane, in the LRU list and not yet in any other; where there is none, the plane not seen longest goes."""
+    planes, state = tables.planes, tables.state[0]
+    if state.free_slot == NONE and state.used == planes.shape[0]:
         drop_oldest(tables)
-    if state[FREE_SLOT] != NONE:
-        i = state[FREE_SLOT]
-        state[FREE_SLOT] = ints[i, NEWER]
+    if state.free_slot != NONE:
+        i = state.free_slot
+        state.free_slot = planes[i].newer
     else:
-        i = state[USED]
-        state[USED] += 1
-    state[LIVE] += 1
-    for c in range(ints.shape[1]):
-        ints[i, c] = 0
-    ints[i, HITS] = 1
+        i = state.used
+        state.used += 1
+    state.live += 1
+    plane = planes[i]
+    plane.hits, plane.clears, plane.plane_flags, plane.look, plane.changed = 1, 0, 0, 0, 0
     lru_insert(tables, i)
-    tables[4][i] = t_ns
+    plane.seen_ns = t_ns
     return i
 
 
 @inner
 def insert(tables, i):
     """Slot i into the lists of its squares; where links are out, planes not seen longest go until there are some."""
-    state = tables[7]
-    for _ in range(tables[3].shape[0]):
+    for _ in range(tables.planes.shape[0]):
         if set_links(tables, i, True):
             return
         set_links(tables, i, False)
-        if state[OLDEST] == i:
+        if tables.state[0].oldest == i:
             return  # alone it does not fit: it is longer than any plane may be
         drop_oldest(tables)
 
@@ -192,49 +229,50 @@ def insert(tables, i):
 @inner
 def drop_oldest(tables):
     """Makes room."""
-    state = tables[7]
-    i = state[OLDEST]
+    state = tables.state[0]
+    i = state.oldest
     set_links(tables, i, False)
     remove(tables, i)
-    state[DROPPED] += 1
+    state.dropped += 1
 
 
 @inner
 def remove(tables, i):
     """Empties slot i, whose links are gone already."""
-    ints, state = tables[3], tables[7]
+    plane, state = tables.planes[i], tables.state[0]
     lru_remove(tables, i)
-    ints[i, HITS], ints[i, CHANGED] = 0, state[FRAME]
-    ints[i, NEWER] = state[FREE_SLOT]
-    state[FREE_SLOT] = i
-    state[LIVE] -= 1
+    plane.hits, plane.changed = 0, state.frame
+    plane.newer = state.free_slot
+    state.free_slot = i
+    state.live -= 1
 
 
 @inner
 def gather(tables, x0, y0, x1, y1, top, bottom, out):
     """Slots of the planes whose boxes touch a box, into out; returns how many. Those that do not fit are counted."""
-    box, _moments, _floats, ints, _seen, heads, links, state = tables
-    state[LOOKS] = (state[LOOKS] + 1) & 0x3FFFFFFF
-    look, n = state[LOOKS], 0
+    planes, heads, links, state = tables.planes, tables.heads, tables.links, tables.state[0]
+    state.looks = (state.looks + 1) & 0x3FFFFFFF
+    look, n = state.looks, 0
     for ix in range(square(x0 - _EDGE_M), square(x1 + _EDGE_M) + 1):
         for iy in range(square(y0 - _EDGE_M), square(y1 + _EDGE_M) + 1):
             k = heads[bucket(ix, iy, heads.shape[0])]
             for _ in range(links.shape[0]):
                 if k == NONE:
                     break
-                i, k = links[k, 0], links[k, 1]
-                if ints[i, LOOK] == look:
+                i, k = links[k].slot, links[k].next
+                plane = planes[i]
+                if plane.look == look:
                     continue
-                ints[i, LOOK] = look
-                if box[i, TOP] > bottom or box[i, BOTTOM] < top:
+                plane.look = look
+                if plane.top_m > bottom or plane.bottom_m < top:
                     continue
-                if min(box[i, AX], box[i, BX]) > x1 or max(box[i, AX], box[i, BX]) < x0:
+                if min(plane.ax_m, plane.bx_m) > x1 or max(plane.ax_m, plane.bx_m) < x0:
                     continue
-                if min(box[i, AY], box[i, BY]) > y1 or max(box[i, AY], box[i, BY]) < y0:
+                if min(plane.ay_m, plane.by_m) > y1 or max(plane.ay_m, plane.by_m) < y0:
                     continue
                 if n < out.shape[0]:
                     out[n] = i
                     n += 1
                 else:
-                    state[OVERFLOW] += 1
+                    state.overflow += 1
     return n

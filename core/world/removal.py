@@ -10,27 +10,10 @@ import math
 from typing import Any, NamedTuple
 
 from ..jit import inner
-from .association import box_of, length_of, put_box
+from .association import box_of, put_box
 from .free_grid import direction_of, lowest_free
-from .plane_index import (
-    BOTTOM,
-    CHANGED,
-    CLEARED,
-    CLEARS,
-    FLAGS,
-    FRAME,
-    FROM,
-    HITS,
-    MARGIN,
-    TO,
-    TOP,
-    insert,
-    lru_insert,
-    lru_remove,
-    new_slot,
-    remove,
-    set_links,
-)
+from .join_cost import Box, length_of
+from .plane_index import insert, lru_insert, lru_remove, new_slot, remove, set_links
 
 _OBSTACLE = 1
 _HITS_PER_CLEAR = 4
@@ -85,18 +68,18 @@ def is_observed_clear(x, y, top, bottom, slack, rules, view):
 def count_clear_view(tables, i, rules, view):
     """Counts one observation of a frame that the longest part of slot i is clear. view: FrameView."""
     x, y = view.x_m, view.y_m
-    box, floats = tables[0], tables[2]
-    a = box_of(box, i)
-    length = length_of(a[0], a[1], a[2], a[3])
+    plane = tables.planes[i]
+    a = box_of(plane)
+    length = length_of(a.ax, a.ay, a.bx, a.by)
     count = int(math.ceil(length / rules.step_m))
-    slack = rules.behind_m + rules.pose_sigma_m + float(floats[i, MARGIN])
+    slack = rules.behind_m + rules.pose_sigma_m + float(plane.margin_m)
     begin, best0, best1 = -1, 0, 0
     for n in range(count + 1):
         ok = n < count
         if ok:
             share = (n + 0.5) / count
-            px, py = a[0] + (a[2] - a[0]) * share - x, a[1] + (a[3] - a[1]) * share - y
-            ok = is_observed_clear(px, py, a[4], a[5], slack, rules, view)
+            px, py = a.ax + (a.bx - a.ax) * share - x, a.ay + (a.by - a.ay) * share - y
+            ok = is_observed_clear(px, py, a.top, a.bottom, slack, rules, view)
         if ok and begin < 0:
             begin = n
         if not ok and begin >= 0:
@@ -104,24 +87,23 @@ def count_clear_view(tables, i, rules, view):
                 best0, best1 = begin, n
             begin = -1
     if best1 > best0:
-        count_clear_part(tables, i, length * best0 / count, length * best1 / count)
+        count_clear_part(plane, length * best0 / count, length * best1 / count)
 
 
 @inner
-def count_clear_part(tables, i, begin, end):
-    """One more observation of begin..end of slot i as clear: the part that all agree on, or a new one where they do not."""
-    floats, ints = tables[2], tables[3]
-    if ints[i, CLEARS] > 0:
-        both0, both1 = max(begin, float(floats[i, FROM])), min(end, float(floats[i, TO]))
+def count_clear_part(plane, begin, end):
+    """One more observation of begin..end of a plane as clear: the part that all agree on, or a new one where they do not."""
+    if plane.clears > 0:
+        both0, both1 = max(begin, float(plane.clear_from_m)), min(end, float(plane.clear_to_m))
         if both1 - both0 >= 0.5 * (end - begin):
-            floats[i, FROM], floats[i, TO] = both0, both1
-            ints[i, CLEARS] += 1
+            plane.clear_from_m, plane.clear_to_m = both0, both1
+            plane.clears += 1
             return
-        if ints[i, CLEARS] > 1:
-            ints[i, CLEARS] -= 1
+        if plane.clears > 1:
+            plane.clears -= 1
             return
-    floats[i, FROM], floats[i, TO] = begin, end
-    ints[i, CLEARS] = 1
+    plane.clear_from_m, plane.clear_to_m = begin, end
+    plane.clears = 1
 
 
 @inner
@@ -129,42 +111,51 @@ def cut_cleared(tables, i, rules):
     """Takes the part of slot i away that was looked through often enough; what is left on the far side gets a slot.
 
     Returns whether anything went."""
-    _box, floats, ints, state = tables[0], tables[2], tables[3], tables[7]
-    need = rules.free_evidence_limit + min(float(ints[i, HITS] // _HITS_PER_CLEAR), rules.free_evidence_limit_extra)
-    if ints[i, HITS] == 0 or ints[i, CLEARS] < need:
+    plane = tables.planes[i]
+    need = rules.free_evidence_limit + min(float(plane.hits // _HITS_PER_CLEAR), rules.free_evidence_limit_extra)
+    if plane.hits == 0 or plane.clears < need:
         return False
-    a = box_of(tables[0], i)
-    length = length_of(a[0], a[1], a[2], a[3])
-    dx, dy = (a[2] - a[0]) / length, (a[3] - a[1]) / length
-    begin, end = max(0.0, float(floats[i, FROM])), min(length, float(floats[i, TO]))
-    ints[i, CLEARS] = 0
-    state[CLEARED] += 1
+    a = box_of(plane)
+    length = length_of(a.ax, a.ay, a.bx, a.by)
+    dx, dy = (a.bx - a.ax) / length, (a.by - a.ay) / length
+    begin, end = max(0.0, float(plane.clear_from_m)), min(length, float(plane.clear_to_m))
+    plane.clears = 0
+    tables.state[0].cleared += 1
     left, right = begin > _LEAST_M, length - end > _LEAST_M
     if not left and not right:
         set_links(tables, i, False)
         remove(tables, i)
         return True
+    near_part = Box(a.ax, a.ay, a.ax + begin * dx, a.ay + begin * dy, a.top, a.bottom)
+    far_part = Box(a.ax + end * dx, a.ay + end * dy, a.bx, a.by, a.top, a.bottom)
     if left and right:
-        copy_part(tables, i, a, end, dx, dy)
+        copy_part(tables, i, far_part)
     if left:
-        put_box(tables, i, a[0], a[1], a[0] + begin * dx, a[1] + begin * dy, a[4], a[5])
-    else:
-        put_box(tables, i, a[0] + end * dx, a[1] + end * dy, a[2], a[3], a[4], a[5])
+        put_box(tables, i, near_part)
+    else:  # another type in a kernel: its float64 are elsewhere
+        put_box(tables, i, far_part)
     return True
 
 
 @inner
-def copy_part(tables, i, a, begin, dx, dy):
-    """The part of slot i from begin to its b end, in a slot of its own, with the same moments."""
-    box, moments, floats, ints, seen_ns, state = tables[0], tables[1], tables[2], tables[3], tables[4], tables[7]
+def copy_part(tables, i, box):
+    """A part of slot i in a slot of its own, with the same moments. box: of the part."""
+    planes = tables.planes
     lru_remove(tables, i)
     lru_insert(tables, i)  # or it might be the one that goes for the new slot
-    k = new_slot(tables, seen_ns[i])
-    for c in range(6):
-        moments[k, c] = moments[i, c]
-    for c in range(5):
-        floats[k, c] = floats[i, c]
-    ints[k, HITS], ints[k, FLAGS], ints[k, CHANGED] = ints[i, HITS], ints[i, FLAGS], state[FRAME]
-    box[k, 0], box[k, 1], box[k, 2], box[k, 3] = a[0] + begin * dx, a[1] + begin * dy, a[2], a[3]
-    box[k, TOP], box[k, BOTTOM] = a[4], a[5]
+    k = new_slot(tables, planes[i].seen_ns)
+    part, plane = planes[k], planes[i]
+    part.weight, part.x, part.y, part.xx, part.xy, part.yy = (
+        plane.weight,
+        plane.x,
+        plane.y,
+        plane.xx,
+        plane.xy,
+        plane.yy,
+    )
+    part.anchor_x_m, part.anchor_y_m, part.margin_m = plane.anchor_x_m, plane.anchor_y_m, plane.margin_m
+    part.clear_from_m, part.clear_to_m = plane.clear_from_m, plane.clear_to_m
+    part.hits, part.plane_flags, part.changed = plane.hits, plane.plane_flags, tables.state[0].frame
+    part.ax_m, part.ay_m, part.bx_m, part.by_m = box.ax, box.ay, box.bx, box.by
+    part.top_m, part.bottom_m = box.top, box.bottom
     insert(tables, k)

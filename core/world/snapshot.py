@@ -17,9 +17,9 @@ class WorldSnapshot:
     slots: (N,) int32, the number of each plane for as long as it exists; planes: (N, 6) float32 a_x, a_y, b_x, b_y, top,
     bottom, free space on the right of a -> b seen from above; margin_m: (N,) float32; flags: (N,) uint8 PlaneFlags; hits:
     (N,) int32 observations; seen_ns: (N,) int64 the newest one. blocks: (B, 3) int32 indices of blocks of 8 x 8 x 32 m;
-    masks: (B, 256) uint64, a bit for each of the 64 cells of 0.5 m in a column: known to be free (world_free.py).
+    masks: (B, 256) uint64, a bit for each of the 64 cells of 0.5 m in a column: known to be free (free_grid.py).
     ground: (B, 256, 2) float32 z of the ground's highest point in each column and its noise, nan where none is known
-    (world_ground.py); None: known nowhere."""
+    (ground.py); None: known nowhere."""
 
     section: int
     slots: NDArray[np.int32]

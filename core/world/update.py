@@ -8,25 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inner, kernel, record_of
+from ..jit import inner, kernel, record, record_of
 from ..types import FrameModel
 from .association import (
-    O_FLAGS,
-    WORLD_RULES,
+    OBSERVATION,
     absorb_plane,
     add_observation,
     box_of,
-    moved_moments,
     new_plane,
-    observation_box,
     put_box,
+    put_moments,
     score_observation,
     score_planes,
-    stays_open,
 )
 from .free_grid import stand_in
+from .join_cost import WORLD_RULES, Box, Moments, moved_moments, stays_open
 from .params import WorldParams
-from .plane_index import ANCHOR_X, ANCHOR_Y, FLAGS, HITS, MARGIN, Tables, gather, new_slot
+from .plane_index import BOX, MOMENTS, gather, new_slot
 from .removal import count_clear_view, cut_cleared
 
 _LEAST_M = 0.01
@@ -51,8 +49,8 @@ def rules_of(p: WorldParams) -> NDArray[Any]:
     )
 
 
-def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldParams) -> NDArray[np.float64]:
-    """(N, 10) float64: box, margin, weight of each metre, noise, flags of the planes of a frame in the world's frame.
+def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: WorldParams) -> NDArray[Any]:
+    """(N,) OBSERVATION of the planes of a frame in the world's frame.
 
     Planes with a number that is none, and those without a length, are left out. Weight is inverse variance: of the noise
     sigma = ke r^2 at the plane's nearest point to the camera's foot, and of the frame's own error."""
@@ -66,34 +64,42 @@ def observations_of(model: FrameModel, place_m: tuple[float, float, float], p: W
     range_m = np.linalg.norm(to - share * along, axis=1)
     sigma = model.ke_per_m * range_m**2
     weight = 1.0 / (sigma**2 + p.pose_sigma_m**2 + 1e-6)
-    return np.column_stack([planes, margin, weight, sigma, model.flags[good].astype(np.float64)])
+    out = np.zeros(len(planes), OBSERVATION)
+    for k, name in enumerate(BOX):
+        out[name] = planes[:, k]
+    out["margin_m"], out["weight"], out["sigma_m"], out["plane_flags"] = margin, weight, sigma, model.flags[good]
+    return out
+
+
+@inner
+def gather_around(tables, box, grow, near):
+    """Slots of the planes within `grow` of a box as seen from above that share heights with it, into near; how many."""
+    x0, y0 = min(box.ax, box.bx) - grow, min(box.ay, box.by) - grow
+    x1, y1 = max(box.ax, box.bx) + grow, max(box.ay, box.by) + grow
+    return gather(tables, x0, y0, x1, y1, box.top, box.bottom, near)
 
 
 @inner
 def add_observations(tables, free, observations, rules, t_ns, near, touched):
     """Adds each observation to the plane that it fits best, or makes a new one; returns how many slots are in `touched`."""
-    box, ints = tables[0], tables[3]
-    grow, count = rules.gap_m, 0
+    planes, count = tables.planes, 0
     for j in range(observations.shape[0]):
-        b = observation_box(observations, j)
-        n = gather(
-            tables, min(b[0], b[2]) - grow, min(b[1], b[3]) - grow, max(b[0], b[2]) + grow, max(b[1], b[3]) + grow,
-            b[4], b[5], near,
-        )  # fmt: skip
+        seen = observations[j]
+        b = box_of(seen)
+        n = gather_around(tables, b, rules.gap_m, near)
         best, best_cost = -1, 1.0
         for m in range(n):
-            found, _share = score_observation(tables, near[m], observations, j, rules)
-            if not found[0] < best_cost:
+            plane = planes[near[m]]
+            found, _share = score_observation(plane, seen, rules)
+            if not found.cost < best_cost:
                 continue
-            flags = ints[near[m], FLAGS] | int(observations[j, O_FLAGS])
-            if stays_open(free, box_of(box, near[m]), b, flags, found[5], rules):
+            if stays_open(free, box_of(plane), b, plane.plane_flags | seen.plane_flags, found.gap, rules):
                 continue
-            best, best_cost = near[m], found[0]
-        if best >= 0 and ints[best, HITS] > 0:
-            found, share = score_observation(tables, best, observations, j, rules)
-            add_observation(tables, best, observations, j, found, share, rules, t_ns)
+            best, best_cost = near[m], found.cost
+        if best >= 0 and planes[best].hits > 0:
+            add_observation(tables, best, seen, rules, t_ns)
         else:
-            best = new_plane(tables, observations, j, t_ns)
+            best = new_plane(tables, seen, t_ns)
         touched[count] = best
         count += 1
     return count
@@ -102,40 +108,38 @@ def add_observations(tables, free, observations, rules, t_ns, near, touched):
 @inner
 def join_neighbours(tables, free, i, rules, near):
     """Slot i takes in the neighbours that are one with it by now."""
-    box, ints = tables[0], tables[3]
-    grow = rules.gap_m
+    planes = tables.planes
+    plane = planes[i]
     for _ in range(_JOINS):
-        if ints[i, HITS] == 0:
+        if plane.hits == 0:
             return
-        a = box_of(box, i)
-        n = gather(
-            tables, min(a[0], a[2]) - grow, min(a[1], a[3]) - grow, max(a[0], a[2]) + grow, max(a[1], a[3]) + grow,
-            a[4], a[5], near,
-        )  # fmt: skip
+        a = box_of(plane)
+        n = gather_around(tables, a, rules.gap_m, near)
         best, best_cost = -1, 1.0
         for m in range(n):
             if near[m] == i:
                 continue
-            found = score_planes(tables, i, near[m], rules)
-            if not found[0] < best_cost:
+            other = planes[near[m]]
+            found = score_planes(plane, other, rules)
+            if not found.cost < best_cost:
                 continue
-            if stays_open(free, a, box_of(box, near[m]), ints[near[m], FLAGS] | ints[i, FLAGS], found[5], rules):
+            if stays_open(free, a, box_of(other), other.plane_flags | plane.plane_flags, found.gap, rules):
                 continue
-            best, best_cost = near[m], found[0]
+            best, best_cost = near[m], found.cost
         if best < 0:
             break
-        absorb_plane(tables, i, best, score_planes(tables, i, best, rules), rules)
+        absorb_plane(tables, i, best, rules)
 
 
 @kernel
 def add_frame(tables, free, observations, settings, t_ns, view):
-    """One frame's observations (N, 10), and its free profile. settings: (1,) WORLD_RULES; view: FrameView."""
+    """One frame's observations, (N,) OBSERVATION, and its free profile. settings: (1,) WORLD_RULES; view: FrameView."""
     rules = settings[0]
     near, touched = np.empty(_NEAR, np.int32), np.empty(observations.shape[0], np.int32)
     count = add_observations(tables, free, observations, rules, t_ns, near, touched)
     for j in range(observations.shape[0]):
-        b = observation_box(observations, j)
-        stand_in(free, b[0], b[1], b[2], b[3], b[4], b[5])
+        b = box_of(observations[j])
+        stand_in(free, b.ax, b.ay, b.bx, b.by, b.top, b.bottom)
     for k in range(count):
         join_neighbours(tables, free, touched[k], rules, near)
     x, y, layers = view.x_m, view.y_m, view.layers_m
@@ -150,28 +154,32 @@ def add_frame(tables, free, observations, settings, t_ns, view):
         cut_cleared(tables, near[m], rules)
 
 
-def table_bytes(tables: Tables) -> int:
-    """Bytes of memory of all tables."""
-    return sum(t.nbytes for t in tables)
+SAVED_PLANE = record(
+    *((name, np.float64) for name in (*MOMENTS, *BOX)),
+    ("margin_m", np.float64),
+    ("seen_ns", np.int64),
+    ("hits", np.int64),
+    ("plane_flags", np.int64),
+)
+"""A plane of a saved world: its moments about its middle; the rest as in SLOT."""
 
 
 @kernel
-def put_rows(tables, free, box, moments, margin, flags, hits, seen_ns, settings, join):
-    """Planes of a saved world into slots, oldest first; join: those that are one with what is there are joined.
-
-    box (N, 6) float64; moments (N, 6) float64 about the middle of each; the rest (N,)."""
+def put_saved(tables, free, saved, settings, join):
+    """Planes of a saved world, (N,) SAVED_PLANE, into slots, oldest first; join: those that are one with what is there are
+    joined. settings: (1,) WORLD_RULES."""
     rules, near = settings[0], np.empty(_NEAR, np.int32)
-    for k in range(box.shape[0]):
-        i = new_slot(tables, seen_ns[k])
-        floats, ints = tables[2], tables[3]
-        x, y = 0.5 * (box[k, 0] + box[k, 2]), 0.5 * (box[k, 1] + box[k, 3])
-        floats[i, ANCHOR_X], floats[i, ANCHOR_Y], floats[i, MARGIN] = x, y, margin[k]
+    for k in range(saved.shape[0]):
+        row = saved[k]
+        i = new_slot(tables, row.seen_ns)
+        plane = tables.planes[i]
+        x, y = 0.5 * (row.ax_m + row.bx_m), 0.5 * (row.ay_m + row.by_m)
+        plane.anchor_x_m, plane.anchor_y_m, plane.margin_m = x, y, row.margin_m
         # the anchor is float32: the moments are moved to where it is
-        dx, dy, m = x - float(floats[i, ANCHOR_X]), y - float(floats[i, ANCHOR_Y]), moments[k]
-        n = moved_moments((m[0], m[1], m[2], m[3], m[4], m[5]), dx, dy)
-        for c in range(6):
-            tables[1][i, c] = n[c]
-        ints[i, FLAGS], ints[i, HITS] = flags[k], max(1, hits[k])
-        put_box(tables, i, box[k, 0], box[k, 1], box[k, 2], box[k, 3], box[k, 4], box[k, 5])
+        dx, dy = x - float(plane.anchor_x_m), y - float(plane.anchor_y_m)
+        m = Moments(row.weight, row.x, row.y, row.xx, row.xy, row.yy)
+        put_moments(plane, moved_moments(m, dx, dy))
+        plane.plane_flags, plane.hits = row.plane_flags, max(1, row.hits)
+        put_box(tables, i, Box(row.ax_m, row.ay_m, row.bx_m, row.by_m, row.top_m, row.bottom_m))
         if join:
             join_neighbours(tables, free, i, rules, near)

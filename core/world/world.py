@@ -10,35 +10,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..types import FrameModel
-from .free_grid import BLOCKS, GONE, NOW, TURN, FreeTables, GroundPlane, empty_free, see_free, seen_blocks
+from .free_grid import FreeTables, GroundPlane, empty_free, see_free, seen_blocks
 from .ground import ground_plane, see_ground
 from .params import WorldParams
-from .plane_index import (
-    ANCHOR_X,
-    ANCHOR_Y,
-    CHANGED,
-    CLEARED,
-    DROPPED,
-    FLAGS,
-    FRAME,
-    HITS,
-    JOINED,
-    LIVE,
-    MARGIN,
-    OVERFLOW,
-    USED,
-    Tables,
-    empty_tables,
-)
+from .plane_index import BOX, MOMENTS, Tables, columns, empty_tables
 from .removal import FrameView
 from .serialize import SavedSection
 from .snapshot import WorldSnapshot
-from .update import add_frame, observations_of, put_rows, rules_of
+from .update import SAVED_PLANE, add_frame, observations_of, put_saved, rules_of
 
 NS = 1_000_000_000
 FARTHEST_M = 1e6
@@ -79,9 +64,14 @@ class Section:
     """Begun with saved planes: the next frame goes into it, wherever it is."""
 
     @property
+    def used_slots(self) -> NDArray[Any]:
+        """The slots that were ever in use: SLOT, empty ones too."""
+        return self.tables.planes[: int(self.tables.state["used"][0])]
+
+    @property
     def planes(self) -> int:
         """How many planes it holds."""
-        return int(self.tables[7][LIVE])
+        return int(self.tables.state["live"][0])
 
 
 @dataclass(slots=True)
@@ -115,10 +105,10 @@ class World:
             return
         section = self._section_for(observation)
         tables, free = section.tables, section.free
-        tables[7][FRAME] += 1
-        free[3][TURN] += 1
+        tables.state["frame"] += 1
+        free.state["frame"] += 1
         # of several cameras one may be a little behind: an epoch never goes back
-        free[3][NOW] = max(int(free[3][NOW]), observation.t_ns // self._epoch_ns)
+        free.state["epoch"] = max(int(free.state["epoch"][0]), observation.t_ns // self._epoch_ns)
         observations = observations_of(observation.model, observation.place_m, self.params)
         self.counts.bad_planes += len(observation.model.planes) - len(observations)
         profile, (x, y, _) = observation.model.free, observation.place_m
@@ -153,15 +143,14 @@ class World:
         free space changed, but not those that only aged: a full picture is due at each epoch."""
         if self.section is None:
             return WorldSnapshot.empty(), np.zeros(0, np.int32)
-        ints, state = self.section.tables[3], self.section.tables[7]
-        used = ints[: int(state[USED])]
-        gone = np.flatnonzero((used[:, CHANGED] > since) & (used[:, HITS] == 0)).astype(np.int32)
+        planes = self.section.used_slots
+        gone = np.flatnonzero((planes["changed"] > since) & (planes["hits"] == 0)).astype(np.int32)
         return self._picture(now_ns, since, since), gone
 
     @property
     def frame(self) -> int:
         """How many frames are in this section."""
-        return 0 if self.section is None else int(self.section.tables[7][FRAME])
+        return 0 if self.section is None else int(self.section.tables.state["frame"][0])
 
     def epoch(self, now_ns: int) -> int:
         """Of the free space's age: at each new one the oldest becomes unknown."""
@@ -171,33 +160,35 @@ class World:
     def _picture(self, now_ns: int, frames: int, turns: int) -> WorldSnapshot:
         if self.section is None:
             return WorldSnapshot.empty()
-        box, _, floats, ints, seen_ns, _, _, state = self.section.tables
-        used = ints[: int(state[USED])]
-        slots = np.flatnonzero((used[:, HITS] > 0) & (used[:, CHANGED] > frames)).astype(np.int32)
+        table = self.section.used_slots
+        slots = np.flatnonzero((table["hits"] > 0) & (table["changed"] > frames)).astype(np.int32)
+        planes = table[slots]
         blocks, masks, ground = seen_blocks(self.section.free, self.epoch(now_ns), turns)
         return WorldSnapshot(
-            section=self.section.number, slots=slots, planes=box[slots], margin_m=floats[slots, MARGIN],
-            flags=ints[slots, FLAGS].astype(np.uint8), hits=ints[slots, HITS], seen_ns=seen_ns[slots],
-            blocks=blocks, masks=masks, ground=ground,
-        )  # fmt: skip
+            section=self.section.number,
+            slots=slots,
+            planes=columns(planes, BOX),
+            margin_m=planes["margin_m"],
+            flags=planes["plane_flags"].astype(np.uint8),
+            hits=planes["hits"],
+            seen_ns=planes["seen_ns"],
+            blocks=blocks,
+            masks=masks,
+            ground=ground,
+        )
 
     def saved(self) -> tuple[SavedSection, ...]:
-        """All sections, the newest last, to be written (world_saved.bytes_of)."""
+        """All sections, the newest last, to be written (serialize.bytes_of)."""
         return tuple(_saved(s) for s in (*self.past, *([self.section] if self.section is not None else [])))
 
     def load(self, sections: tuple[SavedSection, ...]) -> None:
         """Begins a section with the planes of others, what is one being joined; the next frame goes into it. Whoever calls
-        vouches that they lie in the frame that is to come (world_saved.moved). Nothing of them is free."""
+        vouches that they lie in the frame that is to come (serialize.moved). Nothing of them is free."""
         self._begin("begun with saved planes", 0, 0, (0.0, 0.0, 0.0))
         assert self.section is not None
         self.section.vouched = True
         for k, s in enumerate(sections):
-            order = np.argsort(-s.age_s, kind="stable")
-            seen_ns = np.rint(-s.age_s[order] * NS).astype(np.int64)  # before the first frame, whatever its stamp
-            put_rows(
-                self.section.tables, self.section.free, s.box[order], s.moments[order], s.margin_m[order],
-                s.flags[order].astype(np.int64), s.hits[order].astype(np.int64), seen_ns, self._rules, k > 0,
-            )  # fmt: skip
+            put_saved(self.section.tables, self.section.free, _planes_of(s), self._rules, k > 0)
 
     def numbers(self) -> dict[str, int]:
         """Counts for the log and the health report."""
@@ -206,11 +197,11 @@ class World:
             "sections": self.counts.sections, "sections_dropped": self.counts.sections_dropped,
         }  # fmt: skip
         if self.section is not None:
-            state, free = self.section.tables[7], self.section.free[3]
+            state, free = self.section.tables.state[0], self.section.free.state[0]
             found |= {
-                "planes": int(state[LIVE]), "dropped": int(state[DROPPED]), "cleared": int(state[CLEARED]),
-                "joined": int(state[JOINED]), "overflow": int(state[OVERFLOW]), "free_blocks": int(free[BLOCKS]),
-                "free_blocks_dropped": int(free[GONE]),
+                "planes": int(state.live), "dropped": int(state.dropped), "cleared": int(state.cleared),
+                "joined": int(state.joined), "overflow": int(state.overflow), "free_blocks": int(free.blocks),
+                "free_blocks_dropped": int(free.dropped),
             }  # fmt: skip
         return found
 
@@ -220,7 +211,7 @@ class World:
             section.vouched = False
             section.begun_ns, section.newest_ns = observation.t_ns, observation.t_ns
             section.reset_counter, section.place_m = observation.reset_counter, observation.place_m
-            section.tables[4][:] += observation.t_ns
+            section.used_slots["seen_ns"] += observation.t_ns
             return section
         why = "first" if section is None else self._jump(section, observation)
         if section is not None and not why:
@@ -259,18 +250,47 @@ class World:
 
 def _saved(section: Section) -> SavedSection:
     """A section's planes, moments moved to the middle of each."""
-    box, moments, floats, ints, seen_ns, _, _, state = section.tables
-    on = np.flatnonzero(ints[: int(state[USED]), HITS] > 0)
-    rows, w = box[on].astype(np.float64), moments[on]
+    planes = section.used_slots
+    planes = planes[planes["hits"] > 0]
+    rows = columns(planes, BOX).astype(np.float64)
     # whole centimetres, as the file has them: moments are about the middle that will be read
     middle = 0.01 * np.rint(50.0 * (rows[:, 0:2] + rows[:, 2:4]))
-    ox, oy = (floats[on, ANCHOR_X : ANCHOR_Y + 1].astype(np.float64) - middle).T
-    moved = np.column_stack(
-        [w[:, 0], w[:, 1] + w[:, 0] * ox, w[:, 2] + w[:, 0] * oy, w[:, 3] + 2 * ox * w[:, 1] + w[:, 0] * ox * ox,
-         w[:, 4] + ox * w[:, 2] + oy * w[:, 1] + w[:, 0] * ox * oy, w[:, 5] + 2 * oy * w[:, 2] + w[:, 0] * oy * oy]
-    )  # fmt: skip
+    ox, oy = (columns(planes, ("anchor_x_m", "anchor_y_m")).astype(np.float64) - middle).T
+    w, x, y, xx, xy, yy = (planes[name] for name in MOMENTS)
+    moved = (
+        w,
+        x + w * ox,
+        y + w * oy,
+        xx + 2 * ox * x + w * ox * ox,
+        xy + ox * y + oy * x + w * ox * oy,
+        yy + 2 * oy * y + w * oy * oy,
+    )
     return SavedSection(
-        number=section.number, reset_counter=section.reset_counter, begun_ns=section.begun_ns,
-        newest_ns=section.newest_ns, box=rows, moments=moved, margin_m=floats[on, MARGIN].astype(np.float64),
-        flags=ints[on, FLAGS].astype(np.uint8), hits=ints[on, HITS], age_s=(section.newest_ns - seen_ns[on]) / NS,
-    )  # fmt: skip
+        number=section.number,
+        reset_counter=section.reset_counter,
+        begun_ns=section.begun_ns,
+        newest_ns=section.newest_ns,
+        box=rows,
+        moments=np.column_stack(moved),
+        margin_m=planes["margin_m"].astype(np.float64),
+        flags=planes["plane_flags"].astype(np.uint8),
+        hits=planes["hits"],
+        age_s=(section.newest_ns - planes["seen_ns"]) / NS,
+    )
+
+
+def _planes_of(section: SavedSection) -> NDArray[Any]:
+    """(N,) SAVED_PLANE, oldest first; seen before the first frame, whatever its stamp."""
+    order = np.argsort(-section.age_s, kind="stable")
+    out = np.zeros(len(order), SAVED_PLANE)
+    for k, name in enumerate(MOMENTS):
+        out[name] = section.moments[order, k]
+    for k, name in enumerate(BOX):
+        out[name] = section.box[order, k]
+    out["margin_m"], out["hits"], out["plane_flags"] = (
+        section.margin_m[order],
+        section.hits[order],
+        section.flags[order],
+    )
+    out["seen_ns"] = np.rint(-section.age_s[order] * NS).astype(np.int64)
+    return out

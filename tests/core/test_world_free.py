@@ -11,19 +11,7 @@ from hypothesis import strategies as st
 
 from core.jit import kernel
 from core.types import FreeProfile
-from core.world.free_grid import (
-    BLOCKS,
-    CELL_M,
-    GONE,
-    NOW,
-    TURN,
-    any_free,
-    bits,
-    empty_free,
-    see_free,
-    seen_blocks,
-    stand_in,
-)
+from core.world.free_grid import CELL_M, any_free, bits, empty_free, see_free, seen_blocks, stand_in
 from osape_client.query.space import balls_free
 
 pytestmark = pytest.mark.nojit
@@ -118,18 +106,18 @@ def test_every_free_cell_is_free_to_the_planners_queries(seed: int) -> None:
 
 def test_free_space_is_forgotten_after_two_epochs_and_never_later() -> None:
     rng, free = np.random.default_rng(5), empty_free(64)
-    free[3][NOW] = 7
+    free.state["epoch"] = 7
     look(free, profile(rng), 0.0, 0.0)
     assert cells(free, 7) == cells(free, 8) != set()
     assert cells(free, 9) == set()
     assert cells(free, 6) == set()  # a clock that went back knows nothing
-    free[3][NOW] = 8
+    free.state["epoch"] = 8
     first = cells(free, 8)
     look(free, profile(rng), 100.0, 0.0)
     assert first < cells(free, 8)
     second = cells(free, 8) - first
     assert cells(free, 9) == second
-    free[3][NOW] = 10
+    free.state["epoch"] = 10
     look(free, profile(rng), 0.0, 0.0)
     assert not cells(free, 10) & first - cells(free, 11)
 
@@ -175,10 +163,10 @@ def test_the_blocks_not_touched_longest_go() -> None:
     rng, free = np.random.default_rng(2), empty_free(4)
     p = profile(rng)
     for k in range(20):
-        free[3][TURN] = k + 1
+        free.state["frame"] = k + 1
         look(free, p, 50.0 * k, 0.0)
-    assert free[3][BLOCKS] == 4
-    assert free[3][GONE] > 0
+    assert free.state[0].blocks == 4
+    assert free.state[0].dropped > 0
     found = cells(free)
     fresh = empty_free(64)
     look(fresh, p, 50.0 * 19, 0.0)

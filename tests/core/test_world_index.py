@@ -9,19 +9,7 @@ from hypothesis import strategies as st
 
 from core.jit import kernel
 from core.world.params import WorldParams
-from core.world.plane_index import (
-    DROPPED,
-    HITS,
-    LIVE,
-    OVERFLOW,
-    empty_tables,
-    gather,
-    insert,
-    new_slot,
-    plane_bytes,
-    remove,
-    set_links,
-)
+from core.world.plane_index import empty_tables, gather, insert, new_slot, plane_bytes, remove, set_links
 
 pytestmark = pytest.mark.nojit
 SEED = st.integers(0, 2**32 - 1)
@@ -30,8 +18,15 @@ SEED = st.integers(0, 2**32 - 1)
 @kernel
 def put(tables, row, t_ns):
     i = new_slot(tables, t_ns)
-    for c in range(6):
-        tables[0][i, c] = row[c]
+    plane = tables.planes[i]
+    plane.ax_m, plane.ay_m, plane.bx_m, plane.by_m, plane.top_m, plane.bottom_m = (
+        row[0],
+        row[1],
+        row[2],
+        row[3],
+        row[4],
+        row[5],
+    )
     insert(tables, i)
     return i
 
@@ -75,7 +70,7 @@ def test_found_by_place_as_by_looking_at_all(seed: int) -> None:
     for k in rng.choice(len(rows), 40, replace=False):
         drop(tables, slots[k])
         alive[k] = False
-    assert tables[7][LIVE] == alive.sum()
+    assert tables.state[0].live == alive.sum()
     out = np.empty(256, np.int32)
     for _ in range(8):
         low = rng.uniform(-45, 40, 3)
@@ -97,10 +92,10 @@ def test_the_one_not_seen_longest_goes_and_is_counted() -> None:
     rows = planes(rng, 200)
     rows[:, 2:4] = rows[:, 0:2] + 0.5
     slots = [put(tables, row, k) for k, row in enumerate(rows)]
-    assert tables[7][LIVE] == 64
-    assert tables[7][DROPPED] == 136
-    alive = np.flatnonzero(tables[3][:, HITS] > 0)
-    assert sorted(tables[4][alive].tolist()) == list(range(136, 200))
+    assert tables.state[0].live == 64
+    assert tables.state[0].dropped == 136
+    alive = np.flatnonzero(tables.planes["hits"] > 0)
+    assert sorted(tables.planes["seen_ns"][alive].tolist()) == list(range(136, 200))
     assert sorted(slots[136:]) == alive.tolist()
 
 
@@ -109,9 +104,9 @@ def test_long_planes_that_take_all_links_push_others_out_and_are_found() -> None
     for k in range(64):
         x, y = rng.uniform(-5, 5, 2)
         put(tables, np.array([x, y, x + 70, y + 70, 0, 1], np.float32), k)
-    assert 0 < tables[7][LIVE] < 64
+    assert 0 < tables.state[0].live < 64
     out = np.empty(256, np.int32)
-    assert gather(tables, 30.0, 20.0, 40.0, 50.0, 0.0, 1.0, out) == tables[7][LIVE]
+    assert gather(tables, 30.0, 20.0, 40.0, 50.0, 0.0, 1.0, out) == tables.state[0].live
 
 
 def test_what_does_not_fit_is_counted() -> None:
@@ -119,7 +114,7 @@ def test_what_does_not_fit_is_counted() -> None:
     for k in range(10):
         put(tables, np.array([k, 0, k + 1, 0, 0, 1], np.float32), k)
     assert gather(tables, -1.0, -1.0, 20.0, 1.0, 0.0, 1.0, np.empty(4, np.int32)) == 4
-    assert tables[7][OVERFLOW] == 6
+    assert tables.state[0].overflow == 6
 
 
 def test_a_plane_takes_no_more_than_256_bytes() -> None:

@@ -1,0 +1,231 @@
+"""When two planes of the world are one: section 5.3 over time, with the moments of Eq. 17 in full.
+
+A plane's moments (weight, x, y, xx, xy, yy) are those of its ends and all between them, weighted by inverse variance;
+the paper's lack zz, without which walls along one axis have no fit and no fit has a residual.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..jit import inner, record
+from ..types import PlaneFlags
+from .free_grid import any_free
+
+REFUSED = 2.0
+WORLD_RULES = record(
+    ("turn_cos", np.float64),
+    ("gap_m", np.float64),
+    ("join_m", np.float64),
+    ("join_sigmas", np.float64),
+    ("noise_cap_m", np.float64),
+    ("corner_m", np.float64),
+    ("short_m", np.float64),
+    ("longest_m", np.float64),
+    ("memory_frames", np.float64),
+    ("free_evidence_limit", np.float64),
+    ("free_evidence_per_hit", np.float64),
+    ("behind_m", np.float64),
+    ("free_evidence_sigmas", np.float64),
+    ("free_evidence_share", np.float64),
+    ("step_m", np.float64),
+    ("pose_sigma_m", np.float64),
+    ("free_evidence_limit_extra", np.float64),
+)
+"""Rules of the merged world, see `update.rules_of`. turn_cos: cosine of plane_angle_deg; gap_m: passable_width_m; join_m,
+join_sigmas, noise_cap_m, corner_m: how far off a line, and how empty a corner, joined planes may be; short_m, longest_m:
+lengths of planes; memory_frames: observations that count; free_evidence_limit to free_evidence_limit_extra: when an observed part is removed."""
+
+_GAP_POINTS = 3
+"""Not tuning: a gap is asked for free space at so many places along it and so many heights."""
+_IRREGULAR = int(PlaneFlags.IRREGULAR)
+_TINY = 1e-9
+
+
+class Box(NamedTuple):
+    """A plane: its ends a, b seen from above and its heights, m, z down."""
+
+    ax: Any
+    ay: Any
+    bx: Any
+    by: Any
+    top: Any
+    bottom: Any
+
+
+class Moments(NamedTuple):
+    """Sums of w, w x, w y, w x x, w x y and w y y over the points of a plane."""
+
+    w: Any
+    x: Any
+    y: Any
+    xx: Any
+    xy: Any
+    yy: Any
+
+
+class Joined(NamedTuple):
+    """cost: of joining two planes, below 1 when they may be; the ends of the joined plane; gap: between both, m."""
+
+    cost: Any
+    ax: Any
+    ay: Any
+    bx: Any
+    by: Any
+    gap: Any
+
+
+@inner
+def length_of(ax, ay, bx, by):
+    """Of a segment, never 0."""
+    return max(math.sqrt((bx - ax) ** 2 + (by - ay) ** 2), _TINY)
+
+
+@inner
+def segment_moments(box, weight, sigma):
+    """Moments of points spread evenly over a plane, each with a round error."""
+    x, y, dx, dy, v = 0.5 * (box.ax + box.bx), 0.5 * (box.ay + box.by), box.bx - box.ax, box.by - box.ay, sigma * sigma
+    return Moments(
+        weight,
+        weight * x,
+        weight * y,
+        weight * (x * x + dx * dx / 12.0 + v),
+        weight * (x * y + dx * dy / 12.0),
+        weight * (y * y + dy * dy / 12.0 + v),
+    )
+
+
+@inner
+def moved_moments(m, ox, oy):
+    """Moments about a point that lies (ox, oy) back."""
+    return Moments(
+        m.w,
+        m.x + m.w * ox,
+        m.y + m.w * oy,
+        m.xx + 2.0 * ox * m.x + m.w * ox * ox,
+        m.xy + ox * m.y + oy * m.x + m.w * ox * oy,
+        m.yy + 2.0 * oy * m.y + m.w * oy * oy,
+    )
+
+
+@inner
+def together(m, n, share):
+    """Moments of both, the former by a share."""
+    return Moments(
+        share * m.w + n.w,
+        share * m.x + n.x,
+        share * m.y + n.y,
+        share * m.xx + n.xx,
+        share * m.xy + n.xy,
+        share * m.yy + n.yy,
+    )
+
+
+@inner
+def shifted(box, x, y):
+    """A box with its ends counted from (x, y)."""
+    return Box(box.ax - x, box.ay - y, box.bx - x, box.by - y, box.top, box.bottom)
+
+
+@inner
+def line_of(m, ux, uy, least_cos):
+    """(x, y, dx, dy): middle and direction of the line nearest to what has these moments, by total least squares.
+
+    It runs the way of (ux, uy); a line that turns farther than least_cos from it is of something short: it keeps that."""
+    x, y = m.x / m.w, m.y / m.w
+    cxx, cxy, cyy = m.xx / m.w - x * x, m.xy / m.w - x * y, m.yy / m.w - y * y
+    turn = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+    dx, dy = math.cos(turn), math.sin(turn)
+    along = dx * ux + dy * uy
+    if along < 0.0:
+        dx, dy, along = -dx, -dy, -along
+    if along < least_cos:
+        dx, dy = ux, uy
+    return x, y, dx, dy
+
+
+class Extent(NamedTuple):
+    """A plane along a line: begin, end, m; its heights."""
+
+    begin: Any
+    end: Any
+    top: Any
+    bottom: Any
+
+
+@inner
+def corner_cost(p, q, most):
+    """Side of the largest empty corner that the rectangle around Extents p and q takes in, over `most`; 1 and more: too large.
+
+    At each end one of the two reaches farther; where the other is taller, a corner beside it is empty."""
+    worst = 0.0
+    for end in range(2):
+        reach = q.begin - p.begin if end == 0 else p.end - q.end
+        if reach >= 0.0:  # p reaches farther: q's heights beyond p's
+            tall = max(p.top - q.top, q.bottom - p.bottom)
+        else:
+            tall = max(q.top - p.top, p.bottom - q.bottom)
+        worst = max(worst, min(abs(reach), tall))
+    return worst / most
+
+
+@inner
+def off_line(box, x, y, dx, dy):
+    """Distance of the farther end of a box from the line through (x, y) along (dx, dy)."""
+    return max(
+        max(0.0, abs((box.ay - y) * dx - (box.ax - x) * dy)),
+        abs((box.by - y) * dx - (box.bx - x) * dy),
+    )
+
+
+@inner
+def joined(a, b, m, sigma, rules):
+    """Joined of boxes a and b. m: their moments together; sigma: noise of the farther one."""
+    no = Joined(REFUSED, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if min(a.bottom, b.bottom) <= max(a.top, b.top):
+        return no
+    la, lb = length_of(a.ax, a.ay, a.bx, a.by), length_of(b.ax, b.ay, b.bx, b.by)
+    uax, uay, ubx, uby = (a.bx - a.ax) / la, (a.by - a.ay) / la, (b.bx - b.ax) / lb, (b.by - b.ay) / lb
+    facing = uax * ubx + uay * uby
+    if facing <= 0.0 or (min(la, lb) > rules.short_m and facing < rules.turn_cos):
+        return no
+    ux, uy = (uax, uay) if la >= lb else (ubx, uby)
+    x, y, dx, dy = line_of(m, ux, uy, rules.turn_cos)
+    p = Extent((a.ax - x) * dx + (a.ay - y) * dy, (a.bx - x) * dx + (a.by - y) * dy, a.top, a.bottom)
+    q = Extent((b.ax - x) * dx + (b.ay - y) * dy, (b.bx - x) * dx + (b.by - y) * dy, b.top, b.bottom)
+    begin, end = min(p.begin, q.begin), max(p.end, q.end)
+    gap = max(0.0, max(q.begin - p.end, p.begin - q.end))
+    if gap >= rules.gap_m or end - begin > rules.longest_m:
+        return no
+    off = max(off_line(a, x, y, dx, dy), off_line(b, x, y, dx, dy))
+    off /= rules.join_m + min(rules.join_sigmas * sigma, rules.noise_cap_m)
+    corner = corner_cost(p, q, rules.corner_m)
+    if off >= 1.0 or corner >= 1.0:
+        return no
+    cost = 0.5 * off + 0.3 * gap / rules.gap_m + 0.2 * corner
+    return Joined(cost, x + begin * dx, y + begin * dy, x + end * dx, y + end * dy, gap)
+
+
+@inner
+def stays_open(free, a, b, flags, gap, rules):
+    """Whether the gap between two boxes stays open: it is wide, and seen free anywhere at the heights of both, or beside
+    scattered things (flags of either): the extent of leaves beyond their ends is unknown."""
+    if gap <= rules.corner_m:
+        return False
+    if flags & _IRREGULAR:
+        return True
+    # the facing ends: b of one and a of the other
+    ab = (a.bx - b.ax) ** 2 + (a.by - b.ay) ** 2
+    ba = (b.bx - a.ax) ** 2 + (b.by - a.ay) ** 2
+    x0, y0, x1, y1 = (a.bx, a.by, b.ax, b.ay) if ab < ba else (b.bx, b.by, a.ax, a.ay)
+    top, bottom = max(a.top, b.top), min(a.bottom, b.bottom)
+    for k in range(1, _GAP_POINTS + 1):
+        share = k / (_GAP_POINTS + 1)
+        for h in range(1, _GAP_POINTS + 1):
+            z = top + (bottom - top) * h / (_GAP_POINTS + 1)
+            if any_free(free, x0 + (x1 - x0) * share, y0 + (y1 - y0) * share, z):
+                return True
+    return False
