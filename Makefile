@@ -7,10 +7,9 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DEMO_STAMP := $(VENV)/.installed-demo
 PEERS := $(VENV)/.peers
 SOURCES := $(wildcard core drivers companion clients/python tests benchmarks examples)
-# compiled kernels live in the checkout: a second run starts at once, `make clean` forgets them
-export NUMBA_CACHE_DIR := $(CURDIR)/.numba-cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: help env demo check test test-versions nightly bench soak vm-test golden golden-recordings proto lint lock config-docs clean
@@ -18,20 +17,16 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 help: ## what can be made
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /|/' | while IFS='|' read -r name what; do printf 'make %-12s %s\n' "$$name" "$$what"; done
 
-env: $(STAMP) ## the environment in .venv, made from nothing
+env: $(STAMP) ## the environment in .venv with all tools of development, made from nothing
 
-$(STAMP): pyproject.toml clients/python/pyproject.toml requirements-dev.lock .ci/find-python
-	@python="$$(bash .ci/find-python)"; \
-	if ! "$(BIN)/python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
-		echo "making $(VENV) with $$python"; \
-		rm -rf $(VENV); \
-		"$$python" -m venv $(VENV); \
-	fi; \
-	echo "installing the packages of requirements-dev.lock, checked by their hashes (some minutes the first time)"; \
-	"$(BIN)/python" -m pip install --quiet --require-hashes --only-binary :all: --requirement requirements-dev.lock && \
-	"$(BIN)/python" -m pip install --quiet --no-deps --no-build-isolation --editable clients/python --editable . && touch $@
+$(STAMP): pyproject.toml clients/python/pyproject.toml requirements-dev.lock .ci/find-python .ci/make-env
+	@bash .ci/make-env $(VENV) requirements-dev.lock && touch $@
 
-demo: $(STAMP) ## the live service on a simulated flight, its log replayed and drawn (about two minutes)
+# without the tools of development; where those are installed, they are kept
+$(DEMO_STAMP): pyproject.toml clients/python/pyproject.toml requirements-demo.lock .ci/find-python .ci/make-env
+	@if [ ! -e $(STAMP) ]; then bash .ci/make-env $(VENV) requirements-demo.lock; else $(MAKE) --no-print-directory env; fi && touch $@
+
+demo: $(DEMO_STAMP) ## the live service on a simulated flight, its log replayed and drawn (about three minutes the first time)
 	@$(BIN)/companion demo $(ARGS)
 
 lint: $(STAMP) ## ruff, mypy, the contracts between the packages
@@ -45,14 +40,14 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 	if [ -n "$$tests" ]; then $(BIN)/pytest -n 2 --dist loadfile -m "unit or process" $$tests; else echo "no test is affected"; fi
 
 # The tests that call kernels directly (marker nojit) run twice more: without the JIT and with bounds checks. Kernels with
-# bounds checks have a cache of their own, since a cached kernel without checks must not be used in their place. Tests that
+# bounds checks have a cache directory of their own (companion/kernels/jit_cache.py). Tests that
 # start processes or wait for the clock come last and apart, so that no compiler and no computing test delays them; four at a time,
 # since they wait for most of their time. A file stays with one worker: its tests share what it renders and compiles.
 test: lint ## all checks, at most 10 minutes on two cores (15 with an empty kernel cache)
 	@echo "== kernels without the JIT"
 	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
 	@echo "== kernels with bounds checks"
-	@NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.numba-cache/boundscheck $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
+	@NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
 	@echo "== unit tests"
 	@$(BIN)/pytest -n 2 --dist loadfile -m unit tests
 	@echo "== tests with processes, sockets and the clock"
@@ -103,7 +98,7 @@ lock: ## rewrite the lock files from pyproject.toml and .ci/constraints.txt (nee
 config-docs: $(STAMP) ## rewrite the tables of docs/reference/configuration.md from the parameters
 	@$(BIN)/python -m companion.config.docs docs/reference/configuration.md
 
-clean: ## forget the environment, the compiled kernels and what demo and tests left
+clean: ## delete the environment and what demo and tests left (compiled kernels: ~/.cache/osape-companion)
 	rm -rf $(VENV) .numba-cache demo-out bench-out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage
 	find $(SOURCES) -type d -name __pycache__ -prune -exec rm -rf {} +
 	rm -rf clients/python/build clients/python/*.egg-info

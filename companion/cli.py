@@ -104,8 +104,9 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     from drivers.base import DriverError
 
     from .config.loader import ConfigError
+    from .kernels.child_process import WarmupError
 
-    return DriverError, ConfigError, ValueError, OSError
+    return DriverError, ConfigError, WarmupError, ValueError, OSError
 
 
 def _print_version() -> int:

@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from drivers.simulation.camera import SimulatedDepthSource
+
+from ..cameras.factory import make_source
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.child_process import WarmupError
-from ..kernels.warmup import warm_up
+from ..kernels.warmup import ensure_compiled
 from ..live.message_json import message_json
 from ..live.status import status_lines
 from ..replay.replay import Options, replay
@@ -74,8 +77,9 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
     config = load_config(options.config) if options.config is not None else EMBEDDED
     config = demo_config(config, options)
     options.folder.mkdir(parents=True, exist_ok=True)
-    with bar("compiling the kernels (about a minute at the first run)"):
-        warm_up()
+    ensure_compiled("extractor", "simulated")
+    with bar("rendering the simulated flight, once") as on:
+        _render(config, on)
     with bar(f"flying for {options.seconds:g} s: service, autopilot and planner, each in a process of its own") as on:
         live = fly(config, options.folder, options.seconds, on)
     log = options.folder / "prisms.mcap"
@@ -87,6 +91,14 @@ def demo(options: DemoOptions, bar: Callable[[str], Any]) -> Demo:
         every = max(1, result.counts.frames // PICTURES)
         views = make_views(log, options.folder / "view", ViewOptions(every=every), on)
     return Demo(log=log, live=live, replay=result, views=views)
+
+
+def _render(config: Config, on_progress: Callable[[float], None]) -> None:
+    """Renders what the cameras will show: on a slow computer it takes longer than a camera has to open."""
+    for camera in config.cameras:
+        source = make_source(camera)
+        if isinstance(source, SimulatedDepthSource):
+            source.render_all(on_progress)
 
 
 def demo_problems(done: Demo) -> list[str]:

@@ -10,14 +10,14 @@ from pathlib import Path
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..kernels.run_kernels import run_kernels
-from ..kernels.warmup import COMPILED_S, discard_damaged
+from ..kernels.warmup import COMPILED_S, discard_damaged, ensure_compiled
 from ..log.log_directory import free_bytes
 from ..paths import folders
 from .finding import Finding
 
 
 def computer_findings(config: Config) -> Iterator[Finding]:
-    """The log directory, the kernel cache and the kernels."""
+    """The log directory, the kernel cache and the kernels, which are compiled where they are not."""
     record = config.record
     if record.record == "off":
         yield Finding("log", True, "recording is off")
@@ -26,6 +26,7 @@ def computer_findings(config: Config) -> Iterator[Finding]:
     if discarded := discard_damaged():
         text = f"{discarded} damaged files were deleted; they are compiled again now"
         yield Finding("kernel cache", False, text, DiagnosticCode.KERNEL_CACHE_DAMAGED)
+    ensure_compiled("extractor")
     begun_s = time.process_time()  # processor time: independent of the load by other programs
     run_kernels(("extractor",), metres=False)
     took_s = time.process_time() - begun_s

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import pwd
 import re
 import stat
 import subprocess
@@ -15,6 +14,7 @@ from typing import Any
 
 from ..config.loader import load_config
 from ..console import print_json, print_line, warn
+from ..kernels.jit_cache import SHARED
 from ..paths import NAME
 from .steps import (
     UNIT,
@@ -26,7 +26,6 @@ from .steps import (
     install_paths,
     interpreter_paths,
     packaged_file,
-    run_command,
 )
 
 HIDDEN = (Path("/home"), Path("/root"), Path("/run/user"))
@@ -90,7 +89,7 @@ def install_steps(paths: InstallPaths, config: Path | None, replace_config: bool
         command_step([*trigger, *match], "apply them to connected devices", not changed),
         command_step([*trigger, "--sysname-match=cpu_dma_latency"], "for how deep processors sleep", not changed),
         command_step(["systemctl", "daemon-reload"], "load the new unit", not changed),
-        Step(f"compile the kernels into {paths.cache} (a minute, several on a Raspberry Pi)", False, _warm_up(paths)),
+        Step(f"compile the kernels into {SHARED} (two minutes, more on a Raspberry Pi)", False, _compile_kernels),
         command_step(["systemctl", "enable", UNIT], "start at boot", paths.enabled.is_symlink()),
     ]
     return [*steps, command_step(["systemctl", "restart", UNIT], "now")] if start else steps
@@ -170,19 +169,13 @@ def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json
         print_json({"dry_run": dry_run, "steps": listed})
 
 
-def _warm_up(paths: InstallPaths) -> Any:
-    """Compiles the kernels as the service's user into the cache of the unit."""
-
-    def act() -> None:
-        user = pwd.getpwnam(NAME)
-        run_command(["install", "-d", "-m", "755", "-o", NAME, "-g", NAME, str(paths.cache)])
-        command = [str(Path(sysconfig.get_path("scripts")) / "companion"), "warmup"]
-        environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "NUMBA_CACHE_DIR": str(paths.cache)}
-        done = subprocess.run(
-            command, env=environment, cwd="/", user=user.pw_uid, group=user.pw_gid, extra_groups=[],
-            capture_output=True, text=True, check=False, timeout=WARMUP_TIMEOUT_S,
-        )  # fmt: skip
-        if done.returncode != 0:
-            raise InstallError(f"companion warmup failed: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
-
-    return act
+def _compile_kernels() -> None:
+    """Compiles the kernels into this environment; every user of it, so the service's too, begins with them."""
+    command = [str(Path(sysconfig.get_path("scripts")) / "companion"), "warmup"]
+    environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "NUMBA_CACHE_DIR": str(SHARED)}
+    # its progress is on stderr, which is that of this command
+    done = subprocess.run(
+        command, env=environment, cwd="/", umask=0o022, stdout=subprocess.DEVNULL, check=False, timeout=WARMUP_TIMEOUT_S
+    )
+    if done.returncode != 0:
+        raise InstallError("companion warmup failed; its error is above")

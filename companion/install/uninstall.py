@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..console import print_line
+from ..kernels.jit_cache import SHARED
 from ..paths import NAME
 from .install import carry_out
 from .steps import UNIT, InstallPaths, Step, command_step, folder_size_mb, install_paths, remove_step
@@ -44,8 +45,10 @@ def uninstall_steps(paths: InstallPaths, purge: bool) -> list[Step]:
         command_step(stop, "stop it and do not start it at boot", uninstalled),
         remove_step(paths.unit, "the service"),
         remove_step(paths.rules, "device permissions"),
-        remove_step(paths.cache, "compiled kernels"),
+        remove_step(paths.cache, "compiled kernels and other files that can be made again"),
     ]
+    if paths.live:
+        steps.append(remove_step(SHARED, "compiled kernels of this environment"))
     if purge:
         steps += [
             remove_step(paths.drop_ins, "local changes of the unit"),

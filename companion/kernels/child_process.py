@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+
+POLL_S = 0.5
 
 
 class WarmupError(Exception):
@@ -24,26 +27,31 @@ class Children:
         self._running: subprocess.Popen[str] | None = None
         self._cancelled = False
 
-    def run(self, command: Sequence[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
-        """As `subprocess.run`, with its output. Raises CancelledError once cancelled."""
+    def raise_if_cancelled(self) -> None:
+        """Raises CancelledError once cancelled."""
+        if self._cancelled:
+            raise CancelledError("compiling was cancelled: the process is shutting down")
+
+    def run(
+        self, command: Sequence[str], timeout_s: float, on_wait: Callable[[], None] = lambda: None
+    ) -> subprocess.CompletedProcess[str]:
+        """As `subprocess.run`, with its output. on_wait: called every POLL_S. Raises CancelledError once cancelled."""
         with self._lock:
-            if self._cancelled:
-                raise CancelledError("compiling was cancelled: the process is shutting down")
+            self.raise_if_cancelled()
             theirs, ours = os.pipe()  # `ours` closes when this process ends in any way, see `end_with_parent`
             process = self._running = subprocess.Popen(
                 command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
             )
             os.close(theirs)
         try:
-            out, errors = process.communicate(timeout=timeout_s)
+            out, errors = _output_of(process, timeout_s, on_wait)
         finally:
             process.kill()  # no effect after it has ended
             process.wait()
             os.close(ours)
             with self._lock:
                 self._running = None
-        if self._cancelled:
-            raise CancelledError("compiling was cancelled: the process is shutting down")
+        self.raise_if_cancelled()
         return subprocess.CompletedProcess(command, process.returncode, out, errors)
 
     def cancel(self) -> None:
@@ -52,6 +60,18 @@ class Children:
             self._cancelled = True
             if self._running is not None:
                 self._running.kill()
+
+
+def _output_of(process: subprocess.Popen[str], timeout_s: float, on_wait: Callable[[], None]) -> tuple[str, str]:
+    """Its stdout and stderr at its end. Raises TimeoutExpired."""
+    end_s = time.monotonic() + timeout_s
+    while True:
+        try:
+            return process.communicate(timeout=POLL_S)
+        except subprocess.TimeoutExpired:
+            if time.monotonic() > end_s:
+                raise
+            on_wait()
 
 
 def end_with_parent() -> None:

@@ -6,6 +6,9 @@ of its own, named by a hash of all sources; a few old ones are kept. A new direc
 older ones whose import closure is unchanged (see `seed`), so that a change recompiles only the kernels of the changed
 file and of the files that import it.
 
+An installation may bring compiled kernels along, in `share/osape-companion/kernels` of its environment: a new directory
+starts with those too. They are trusted as far as the code beside them.
+
 numba reads NUMBA_CACHE_DIR when it is imported: `companion/__init__.py` calls use_own_cache() first."""
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -27,8 +30,22 @@ from typing import Final
 from .manifest import copy_entries
 
 VARIABLE: Final = "NUMBA_CACHE_DIR"
+LOCATOR_VARIABLE: Final = "NUMBA_CACHE_LOCATOR_CLASSES"
+LOCATOR: Final = "companion.kernels.cache_locator.SourceCacheLocator"
+CODE_OPTIONS: Final = (
+    "NUMBA_BOUNDSCHECK",
+    "NUMBA_OPT",
+    "NUMBA_LOOP_VECTORIZE",
+    "NUMBA_SLP_VECTORIZE",
+    "NUMBA_DEBUGINFO",
+)
+"""Environment variables of numba that change the machine code but not numba's own key of a cached kernel."""
 ROOT: Final = Path(__file__).resolve().parents[2]
-MAX_CACHES: Final = 3
+SHARED: Final = Path(sys.prefix) / "share" / "osape-companion" / "kernels"
+"""Kernels that were compiled with the installation, for all users of this environment."""
+COMPLETE: Final = "complete-"
+"""Prefix of a file beside the cached kernels: all kernels of a group are cached for the processor that it names."""
+MAX_CACHES: Final = 6
 """Number of directories that are kept, including the one in use."""
 _PREFIX: Final = "kernels-"
 _KEYED: Final = re.compile(re.escape(_PREFIX) + "[0-9a-f]{16}")
@@ -56,9 +73,10 @@ def use_own_cache() -> Path | None:
         if _open(folder):
             if is_new:
                 with contextlib.suppress(OSError):
-                    seed(base, folder, ROOT)
+                    seed((base, SHARED), folder, ROOT)
             prune(base, folder)
             os.environ[VARIABLE] = str(folder)
+            os.environ[LOCATOR_VARIABLE] = LOCATOR
             return folder
     return None  # numba then reports the error, and `companion warmup` the remedy
 
@@ -68,29 +86,43 @@ def base_of(folder: Path) -> Path:
     return folder.parent if _KEYED.fullmatch(folder.name) else folder
 
 
+def cache_subfolder(source: Path) -> str:
+    """The directory of the kernels of a source file, relative to the cache. source: relative to the root."""
+    return ".".join(source.parent.parts) or "root"
+
+
+def _compiler() -> str:
+    """What beside the sources decides on the machine code. numba's own key has the processor."""
+    options = [f"{name}={os.environ[name]}" for name in CODE_OPTIONS if name in os.environ]
+    return " ".join([metadata.version("numba"), str(sys.implementation.cache_tag), *options])
+
+
 def source_key(root: Path) -> str:
-    """16 hex digits: hash of the sources of all kernels and of numba's version."""
-    digest = hashlib.sha256(metadata.version("numba").encode())
-    for path in _kernel_files(root):
+    """16 hex digits: hash of the sources of all kernels, the versions of numba and Python, and options of the compiler."""
+    digest = hashlib.sha256(_compiler().encode())
+    for path in kernel_files(root):
         content = path.read_bytes()
         digest.update(f"\n{path.relative_to(root)} {len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()[:16]
 
 
-def seed(base: Path, folder: Path, root: Path) -> None:
+def seed(bases: Sequence[Path], folder: Path, root: Path) -> None:
     """Links the cached kernels of older directories into a new one, for each module whose import closure is unchanged.
 
     numba replaces its files by renaming, so a link never changes the older directory. numba itself checks the kernel's
     own file."""
     closures = import_closures(root)
     missing = dict(closures)
-    older = [f for f in base.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
+    older = [f for b in bases if b.is_dir() for f in b.iterdir() if _KEYED.fullmatch(f.name) and f != folder]
     for other in sorted(older, key=_last_use, reverse=True):
         there = _closures_of(other)
         same = [name for name, key in missing.items() if there.get(name) == key]
         files = {name: _link_kernels(other, folder, name) for name in same}
         copy_entries(other, folder, [file for linked_files in files.values() for file in linked_files])
+        if other.name == folder.name:  # the same state, brought along by the installation
+            for mark in other.glob(COMPLETE + "*"):
+                shutil.copy2(mark, folder / mark.name)
         linked = {name for name, linked_files in files.items() if linked_files}
         missing = {name: key for name, key in missing.items() if name not in linked}
     (folder / _CLOSURES).write_text(json.dumps(closures))
@@ -100,7 +132,7 @@ def import_closures(root: Path) -> dict[str, str]:
     """Hash per module (`core.stages.level`): its own source, the syntax trees without docstrings of all kernel files it
     imports, and the names of all named tuples. numba's index of a kernel refers to the classes of its arguments, which
     other modules may define: it cannot be read when one of them was moved or removed."""
-    files = {_module_name(path.relative_to(root)): path for path in _kernel_files(root)}
+    files = {_module_name(path.relative_to(root)): path for path in kernel_files(root)}
     trees = {name: _without_docstrings(ast.parse(path.read_text())) for name, path in files.items()}
     packages = {name for name, path in files.items() if path.stem == "__init__"}
     imports = {
@@ -109,7 +141,7 @@ def import_closures(root: Path) -> dict[str, str]:
     }
     tuples = sorted(f"{name}.{c}" for name, tree in trees.items() for c in _named_tuples(tree))
     dumped = {name: ast.dump(tree) for name, tree in trees.items()}
-    version = metadata.version("numba")
+    version = _compiler()
     closures = {}
     for name in files:
         reached, todo = {name}, [name]
@@ -124,7 +156,8 @@ def import_closures(root: Path) -> dict[str, str]:
     return closures
 
 
-def _kernel_files(root: Path) -> list[Path]:
+def kernel_files(root: Path) -> list[Path]:
+    """The sources whose content decides on the machine code of the kernels."""
     return [*sorted((root / "core").rglob("*.py")), *(root / name for name in KERNELS_OUTSIDE_CORE)]
 
 
@@ -170,16 +203,24 @@ def _closures_of(folder: Path) -> dict[str, str]:
 def _link_kernels(source: Path, target: Path, module: str) -> list[str]:
     """Links the kernels of this module into the target directory; returns their paths relative to the source directory."""
     package, _, stem = module.rpartition(".")
-    # numba names a directory by the last directory of the source and a hash of its path
-    places = f"{package.rpartition('.')[2]}_*/{stem}.*"
-    files = [f for f in source.glob(places) if f.suffix in (".nbi", ".nbc")]
+    files = [f for f in (source / package).glob(f"{stem}.*") if f.suffix in (".nbi", ".nbc")]
     # each data file before the index that refers to it
     for file in sorted(files, key=lambda f: f.suffix):
         place = target / file.parent.name / file.name
         place.parent.mkdir(exist_ok=True)
         if not place.exists():
-            os.link(file, place)
+            _link_or_copy(file, place)
     return [str(f.relative_to(source)) for f in files]
+
+
+def _link_or_copy(file: Path, place: Path) -> None:
+    """A link where the system allows one; kernels of another user or file system are copied, with their times."""
+    try:
+        os.link(file, place)
+    except OSError:
+        part = place.with_name(f"{place.name}.{os.getpid()}.part")
+        shutil.copy2(file, part)
+        part.replace(place)
 
 
 def prune(base: Path, current: Path) -> None:

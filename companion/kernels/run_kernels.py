@@ -8,8 +8,8 @@ import numpy as np
 
 from core.types import CameraInfo, ExtractorState, FrameModel, Ground, Intrinsics
 
-MODES = ("extractor", "world")
-"""Groups of kernels: the extractor and the merged world."""
+MODES = ("extractor", "world", "simulated")
+"""Groups of kernels: the extractor, the merged world and the simulated camera."""
 
 
 def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
@@ -28,6 +28,9 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     for mode in modes:
         if mode == "world":
             _run_world_kernels()
+            continue
+        if mode == "simulated":
+            _run_simulation_kernels()
             continue
         extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
@@ -87,6 +90,14 @@ def _run_world_kernels() -> None:
     for k in range(2):
         world.add(Observation(model=model, place_m=(0.01 * k, 0.0, 0.0), t_ns=k))
     world.load(world.saved())
+
+
+def _run_simulation_kernels() -> None:
+    """Renders a small frame of a scene with all kinds of solids."""
+    from drivers.simulation.sensor_model import TYPICAL
+    from drivers.simulation.source import camera_info, render
+
+    render("street", camera_info(64, 48), pitch_rad=0.1, sensor=TYPICAL, seed=1)
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

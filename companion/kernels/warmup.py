@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import gc
 import logging
 import os
@@ -21,9 +22,11 @@ from pathlib import Path
 from typing import Any
 
 from ..console import fail, print_json, print_line
-from .child_process import CancelledError, Children, WarmupError, end_with_parent
-from .jit_cache import VARIABLE, base_of
+from .child_process import POLL_S, CancelledError, Children, WarmupError, end_with_parent
+from .jit_cache import COMPLETE, VARIABLE, base_of
 from .manifest import CACHED, MANIFEST, damaged_kernels, delete_kernels, write_manifest
+from .processor import processor
+from .progress import LOG_EVERY_S, CompiledCount, ProgressLine, Report, progress_text
 from .run_kernels import MODES, run_kernels
 
 log = logging.getLogger("companion")
@@ -31,10 +34,10 @@ log = logging.getLogger("companion")
 CHILD = "import sys; from companion.kernels.warmup import run_child; run_child(sys.argv[1:])"
 TIMEOUT_S = 1200.0
 """Compiling takes about a minute on two cores and several on a Raspberry Pi."""
-COMPLETE = "complete-"
-"""Prefix of a file beside the cached kernels: all kernels of this group are cached."""
 MARK = "loading"
 """A file beside the cached kernels while a service loads them."""
+LOCK = "compiling"
+"""A file beside the cached kernels that is locked while a process compiles them."""
 COMPILED_S = 5.0
 """Loading cached kernels takes less time, compiling them far more."""
 
@@ -72,23 +75,79 @@ def run(args: argparse.Namespace) -> int:
 
 
 def warm_up() -> Warmup:
-    """Compiles or loads every kernel in a child process. Raises WarmupError."""
+    """Compiles or loads every kernel in a child process, with a line of progress. Raises WarmupError."""
     _check_cache_place()
     folders = cache_folders()
-    deleted = discard_damaged()
-    first = _child()
-    if first.returncode != 0:
-        deleted += _delete(folders)
-        if not deleted:
-            raise WarmupError(f"the kernels do not run: {_last_line(first)}")
-        second = _child()
-        if second.returncode != 0:
-            raise WarmupError(
-                f"the kernels do not run, even after {deleted} cached files were deleted: {_last_line(second)}"
-            )
-    _tell_complete(*MODES)
+    with _progress_line() as report, _one_at_a_time(folders[0]):
+        deleted = discard_damaged()
+        first = _child(report=report)
+        if first.returncode != 0:
+            deleted += _delete(folders)
+            if not deleted:
+                raise WarmupError(f"the kernels do not run: {_last_line(first)}")
+            second = _child(report=report)
+            if second.returncode != 0:
+                raise WarmupError(
+                    f"the kernels do not run, even after {deleted} cached files were deleted: {_last_line(second)}"
+                )
+        _mark_complete(*MODES)
     cached = len(list(_cached_files(folders)))
     return Warmup(cache=tuple(str(f) for f in folders if f.is_dir()), deleted=deleted, cached=cached)
+
+
+def ensure_compiled(*modes: str) -> None:
+    """Compiles the missing kernels of these groups in a child process, with a line of progress on stderr. Returns at once
+    where all are compiled. Raises WarmupError."""
+    if named := os.environ.get(VARIABLE):
+        discard_damaged()
+        with _progress_line() as report:
+            _compile_missing(Path(named), modes, report)
+
+
+@contextlib.contextmanager
+def _progress_line() -> Iterator[Report]:
+    line = ProgressLine()
+    try:
+        yield line
+    finally:
+        line.end()
+
+
+def _compile_missing(folder: Path, modes: Sequence[str], report: Report) -> bool:
+    """Whether kernels were missing. A child that fails leaves them so: they are compiled at their first use, which shows
+    the error."""
+    if not _incomplete(folder, modes):
+        return False
+    with _one_at_a_time(folder):
+        missing = _incomplete(folder, modes)  # another process may have compiled them meanwhile
+        if missing and _child(*missing, report=report).returncode == 0:
+            _mark_complete(*missing)
+    return True
+
+
+@contextlib.contextmanager
+def _one_at_a_time(folder: Path) -> Iterator[None]:
+    """Waits while another process compiles into this directory. One that cannot be written is not locked."""
+    try:
+        descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError:
+        yield
+        return
+    try:
+        while not _locked(descriptor):
+            _CHILDREN.raise_if_cancelled()
+            time.sleep(POLL_S)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 _CHILDREN = Children()
@@ -100,11 +159,20 @@ class Loading(threading.Thread):
     def __init__(self, *modes: str) -> None:
         super().__init__(name="loading", daemon=True)
         self._modes, self._done = modes, False
+        self._next_log_s = 0.0
+        self.text = "loading kernels"
+        """What is being done, for the status of the service."""
 
     def run(self) -> None:
         with contextlib.suppress(CancelledError):  # `finish` raises instead
-            make_ready(*self._modes)
+            make_ready(*self._modes, report=self._report)
             self._done = True
+
+    def _report(self, done: int, total: int) -> None:
+        self.text = progress_text(done, total)
+        if time.monotonic() >= self._next_log_s:
+            self._next_log_s = time.monotonic() + LOG_EVERY_S
+            log.info(self.text)
 
     def cancel(self) -> None:
         """Ends a compiling child; `finish` then raises. Loading in this process continues."""
@@ -117,7 +185,7 @@ class Loading(threading.Thread):
             raise WarmupError("the kernels could not be loaded: the cause is printed above; run `companion warmup`")
 
 
-def make_ready(*modes: str) -> None:
+def make_ready(*modes: str, report: Report = lambda done, total: None) -> None:
     """Loads the kernels of these groups. Missing ones are compiled by a child process, since compiling leaves about 1
     GB allocated.
 
@@ -133,10 +201,9 @@ def make_ready(*modes: str) -> None:
     elif mark is not None:
         if discarded := discard_damaged():
             log.warning("the cache of compiled kernels is damaged: %d files deleted, compiling them again", discarded)
-        if (lacking := _incomplete(mark.parent, modes)) and _child(*lacking).returncode == 0:
-            _tell_complete(*lacking)  # otherwise compiled here, which shows the error
-        elif not lacking and not (mark.parent / MANIFEST).exists():
-            _tell_complete(*modes)  # compiled by a version without a manifest
+        compiled = _compile_missing(mark.parent, modes, report)
+        if not compiled and not (mark.parent / MANIFEST).exists():
+            _mark_complete(*modes)  # compiled by a version without a manifest
     with contextlib.suppress(OSError):  # a cache that cannot be written cannot be damaged by this process
         if mark is not None:
             mark.touch()
@@ -168,15 +235,26 @@ def discard_damaged() -> int:
 
 
 def _incomplete(folder: Path, modes: Sequence[str]) -> list[str]:
-    return [mode for mode in modes if folder.is_dir() and not (folder / (COMPLETE + mode)).exists()]
+    """The groups that are not marked as compiled for this processor."""
+    if not folder.is_dir():
+        return []
+    here = processor()
+    return [mode for mode in modes if _marked_for(folder / (COMPLETE + mode)) != here]
 
 
-def _tell_complete(*modes: str) -> None:
+def _marked_for(mark: Path) -> str | None:
+    try:
+        return mark.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+def _mark_complete(*modes: str) -> None:
     named = os.environ.get(VARIABLE)
     if named:
         with contextlib.suppress(OSError):
             for mode in modes:
-                (Path(named) / (COMPLETE + mode)).touch()
+                (Path(named) / (COMPLETE + mode)).write_text(processor(), encoding="utf-8")
             write_manifest(Path(named))
 
 
@@ -230,10 +308,18 @@ def _check_cache_place() -> None:
         ) from error
 
 
-def _child(*modes: str) -> subprocess.CompletedProcess[str]:
+def _child(*modes: str, report: Report) -> subprocess.CompletedProcess[str]:
+    """Runs the kernels of these groups, of all without arguments, in a child process; reports what it compiles."""
     command = [sys.executable, "-c", CHILD, *modes]
+    count = CompiledCount(cache_folders()[0], modes or MODES)
+    cached = count.done()
+
+    def on_wait() -> None:
+        if (done := count.done()) > cached:  # nothing is reported where all are only loaded
+            report(done, count.total)
+
     try:
-        return _CHILDREN.run(command, TIMEOUT_S)
+        return _CHILDREN.run(command, TIMEOUT_S, on_wait)
     except subprocess.TimeoutExpired as error:
         raise WarmupError(
             f"compiling did not end within {TIMEOUT_S:g} s; reduce the load of the computer and run "

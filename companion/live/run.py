@@ -114,8 +114,8 @@ def run(args: argparse.Namespace) -> int:
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
     config = load_config(args.config)
-    from ..kernels.child_process import WarmupError
-    from ..kernels.warmup import Loading
+    from ..kernels.child_process import CancelledError, WarmupError
+    from ..kernels.warmup import Loading, ensure_compiled
 
     world = ("world",) if config.publish.world else ()
     loading = Loading("extractor", *world)  # loads beside the imports, which take longer
@@ -127,6 +127,11 @@ def run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
+    if any(camera.kind == "simulated" for camera in config.cameras):
+        try:
+            ensure_compiled("simulated")  # the camera's process would compile without a line of progress
+        except CancelledError:
+            return 0
     loading.start()
     from .service import Service
 
@@ -149,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
         log.warning("safety key changed: %s", line)
     for line in expert_lines(config):
         log.warning("expert key changed: %s", line)
-    service = Service(config, folders(), warm_up)
+    service = Service(config, folders(), warm_up, lambda: loading.text)
     try:
         service.open()
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)

@@ -78,8 +78,15 @@ class Service:
     """Call `open`, then `tick` repeatedly, then `close`. `open` raises DriverError, ValueError or OSError where a
     stream's address, a key or the log directory cannot be used."""
 
-    def __init__(self, config: Config, folders: Folders, warm_up: Callable[[], None]) -> None:
-        self.config, self._folders = config, folders
+    def __init__(
+        self,
+        config: Config,
+        folders: Folders,
+        warm_up: Callable[[], None],
+        start_text: Callable[[], str] = lambda: "loading kernels",
+    ) -> None:
+        """warm_up: loads the kernels, in the pipeline's thread; start_text: what it is doing."""
+        self.config, self._folders, self._start_text = config, folders, start_text
         self._changed_safety_keys = safety_lines(config)
         self._template = template_intrinsics(config.cameras)
         self._attitude_rate, self._ground = AttitudeRateCheck(config.autopilot.attitude_hz), GroundCheck()
@@ -312,8 +319,7 @@ class Service:
             yaws = self.loop.mount_yaws
         found += [*self._template, *rate, *ground, *offset_warnings(self.config, views), *yaw_warnings(yaws)]
         if not self.started:
-            text = "starting: loading kernels, or compiling them on the first start"
-            return [Diagnostic(DiagnosticCode.STARTING, "", text)]
+            return [Diagnostic(DiagnosticCode.STARTING, "", f"starting: {self._start_text()}")]
         return found
 
     def _autopilot_view(self, now_ns: int) -> AutopilotView | None:

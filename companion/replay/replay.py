@@ -21,6 +21,7 @@ from ..cameras.masks import configured_mask
 from ..config.loader import Config, ConfigError, config_from_text, load_config
 from ..config.obstacle_range import obstacle_range_m
 from ..console import fail, print_json, progress
+from ..kernels.warmup import ensure_compiled
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
 from ..pipeline.encode import prisms_message, state_from_message
@@ -257,6 +258,7 @@ def run(args: argparse.Namespace) -> int:
         tolerance=args.tolerance,
         depth=not args.no_depth,
     )
+    ensure_compiled("extractor")
     with progress("replay") as on_progress:
         result = replay(args.input, options, on_progress)
     problems = replay_problems(result)

@@ -15,6 +15,7 @@ from drivers.logs.reader import McapRecording
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
 from .foxglove_layout import LAYOUT_NAME, write_layout
+from ..kernels.warmup import ensure_compiled
 from .frame import FrameStatus, select_frames
 from .log import read_frames
 from .page import PageBuilder
@@ -254,6 +255,8 @@ def run(args: argparse.Namespace) -> int:
     options = ViewOptions(
         every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
     )
+    if options.png:
+        ensure_compiled("extractor")  # strips are computed again for the pictures
     with progress("view") as on_progress:
         views = make_views(args.input, args.output, options, on_progress)
     if args.json:

@@ -98,6 +98,14 @@ class SimulatedDepthSource:
         self._frames = frames
         self._delivered = self._newest()
 
+    def render_all(self, on_progress: Callable[[float], None] = lambda share: None) -> None:
+        """Renders the whole flight into the folder, so that `open` has nothing to render. on_progress: takes the completed
+        share. Does nothing where frames cannot be kept."""
+        frames = FrameStore(*self._room)
+        for i in range(self._steps + 1 if frames.kept else 0):
+            self._image(frames, i)
+            on_progress((i + 1) / (self._steps + 1))
+
     def close(self) -> None:
         """May be called twice."""
         self._frames = None

@@ -15,18 +15,13 @@ from companion.config.loader import Config, config_of, load_config
 from companion.config.service import AutopilotConfig
 from companion.demo.demo import CAMERA, EMBEDDED, MAX_FPS, DemoOptions, demo_config
 from companion.demo.live import DemoError, Processes, live_config, toml_of
-from companion.kernels.run_kernels import run_kernels
 
 pytestmark = pytest.mark.process
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_demo_flies_the_service_and_makes_what_it_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    # the kernels are compiled here, as those of all other tests, and not in a child process of another start
-    monkeypatch.setattr("companion.demo.demo.warm_up", run_kernels)
+def test_the_demo_flies_the_service_and_makes_what_it_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["demo", "--fast", "--seconds", "2", "-o", str(out)]) == 0
     said = capsys.readouterr().out
@@ -69,7 +64,7 @@ def test_wrong_use(words: list[str]) -> None:
 def test_a_flight_that_does_not_exist(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("companion.demo.demo.warm_up", lambda: None)
+    monkeypatch.setattr("companion.demo.demo.ensure_compiled", lambda *modes: None)
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "front"\nkind = "simulated"\nflight = "moon"\n')
     assert main(["demo", "-c", str(config), "-o", str(tmp_path / "out")]) == 1

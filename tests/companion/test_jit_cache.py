@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import companion.kernels.jit_cache as jit_cache
-from companion.kernels.jit_cache import VARIABLE, base_of, import_closures, prune, source_key, use_own_cache
+from companion.kernels.jit_cache import VARIABLE, base_of, import_closures, prune, seed, source_key, use_own_cache
 
 pytestmark = pytest.mark.process
 
@@ -174,6 +174,48 @@ def test_an_import_from_a_package_is_part_of_the_closure(tmp_path: Path) -> None
     assert changed == {"core.types.inputs", "core.types", "core.outer"}
 
 
+def compiled(cache: Path) -> set[Path]:
+    return set(cache.rglob("*.nbc"))
+
+
+def test_a_second_installation_uses_the_kernels_of_the_first(tmp_path: Path) -> None:
+    """Neither the path nor the time of the sources is part of what numba compares."""
+    cache = tmp_path / "cache"
+    first, second = sources(tmp_path / "first", factor=2), sources(tmp_path / "second", factor=2)
+    for file in second.rglob("*.py"):
+        os.utime(file, (1_000_000_000, 1_000_000_000))
+    for root in (first, second):
+        assert python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), cache) == "21"
+        if root == first:
+            kernels = {f: f.stat().st_mtime_ns for f in compiled(cache)}
+    assert kernels
+    assert {f: f.stat().st_mtime_ns for f in compiled(cache)} == kernels
+
+
+def test_kernels_of_the_installation_are_taken_over(tmp_path: Path) -> None:
+    root = sources(tmp_path / "project", factor=2)
+    shared, own = tmp_path / "shared", tmp_path / "own"
+    assert python(KEYED.format(root=str(root)) + RUN.format(root=str(root)), shared) == "21"
+    (state,) = [f for f in shared.iterdir() if compiled(f)]
+    (state / "complete-extractor").write_text("some processor")
+    (own / state.name).mkdir(parents=True)
+    seed((own, shared), own / state.name, root)
+    assert {f.relative_to(own) for f in compiled(own)} == {f.relative_to(shared) for f in compiled(shared)}
+    assert (own / state.name / "complete-extractor").read_text() == "some processor"
+
+
+@pytest.mark.parametrize("variable", jit_cache.CODE_OPTIONS)
+def test_options_of_the_compiler_have_kernels_of_their_own(
+    tmp_path: Path, variable: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = sources(tmp_path, factor=2)
+    monkeypatch.delenv(variable, raising=False)
+    before, closures = source_key(root), import_closures(root)
+    monkeypatch.setenv(variable, "1")
+    assert source_key(root) != before
+    assert not set(import_closures(root).values()) & set(closures.values())
+
+
 def test_every_kernel_module_has_an_import_closure() -> None:
     closures = import_closures(jit_cache.ROOT)
     assert {"core.stages.free_space", "core.extractor", "drivers.simulation.ray_caster"} <= closures.keys()
@@ -217,8 +259,9 @@ def made(base: Path, *ages: int) -> list[Path]:
     return folders
 
 
-def test_old_states_are_forgotten(base: Path) -> None:
+def test_old_states_are_forgotten(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     oldest, older, newest = made(base, 90, 60, 30)
+    monkeypatch.setattr(jit_cache, "MAX_CACHES", 3)
     strangers = [base / "core_0123456789abcdef", base / "kernels-notes", base / "notes.txt"]
     for stranger in strangers[:2]:
         stranger.mkdir()
@@ -228,7 +271,8 @@ def test_old_states_are_forgotten(base: Path) -> None:
     assert [f.exists() for f in (oldest, older, newest, current, *strangers)] == [False, *[True] * 6]
 
 
-def test_what_another_process_uses_stays(base: Path) -> None:
+def test_what_another_process_uses_stays(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit_cache, "MAX_CACHES", 3)
     folders = made(base, *range(1, 7))
     with (folders[4] / "in-use").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_SH)

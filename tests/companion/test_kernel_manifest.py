@@ -29,9 +29,9 @@ def thrice(x):
 
 def made(folder: Path) -> dict[str, Path]:
     """Three files of two functions, and one that is none of numba's."""
-    (folder / "core_1").mkdir(parents=True)
+    (folder / "core").mkdir(parents=True)
     names = ("a.f-3.py311.nbi", "a.f-3.py311.1.nbc", "a.g-9.py311.nbi", "notes.txt")
-    files = {name: folder / "core_1" / name for name in names}
+    files = {name: folder / "core" / name for name in names}
     for name, file in files.items():
         file.write_bytes(name.encode() * 100)
     return files
@@ -100,8 +100,8 @@ def test_linked_kernels_keep_their_entries(tmp_path: Path) -> None:
     files = made(tmp_path / "old")
     write_manifest(tmp_path / "old")
     changed(files["a.g-9.py311.nbi"], b"x" * 1500)
-    (tmp_path / "new" / "core_1").mkdir(parents=True)
-    name = "core_1/a.g-9.py311.nbi"
+    (tmp_path / "new" / "core").mkdir(parents=True)
+    name = "core/a.g-9.py311.nbi"
     os.link(files["a.g-9.py311.nbi"], tmp_path / "new" / name)
     copy_entries(tmp_path / "old", tmp_path / "new", [name])
     assert damaged_kernels(tmp_path / "new") == [tmp_path / "new" / name]
@@ -119,12 +119,12 @@ def test_a_seeded_directory_is_checked(tmp_path: Path) -> None:
     base = tmp_path / "base"
     old, new = base / ("kernels-" + "0" * 16), base / ("kernels-" + "1" * 16)
     files = made(old)
-    seed(base, old, root)
+    seed((base,), old, root)
     write_manifest(old)
     changed(files["a.f-3.py311.nbi"], b"y" * 1500)
     new.mkdir()
-    seed(base, new, root)
-    assert damaged_kernels(new) == [new / "core_1" / "a.f-3.py311.nbi"]
+    seed((base,), new, root)
+    assert damaged_kernels(new) == [new / "core" / "a.f-3.py311.nbi"]
 
 
 @pytest.fixture

@@ -5,20 +5,26 @@ nothing takes too long for a test, and is what the first run of `make demo` does
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import companion.kernels.child_process as child_process
 import companion.kernels.warmup as warmup
 from companion.cli import main
+from companion.kernels.processor import processor
+from companion.kernels.progress import CompiledCount, Report
 
 pytestmark = pytest.mark.process
 
+SUCCESS = subprocess.CompletedProcess[str]([], 0, "", "")
 KERNEL = """
 from numba import njit
 
@@ -227,14 +233,67 @@ def test_after_the_command_a_start_needs_no_child(
     small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     warmup.warm_up()
-    monkeypatch.setattr(warmup, "_child", lambda *modes: pytest.fail("a child was started"))
+    monkeypatch.setattr(warmup, "_child", lambda *modes, report: pytest.fail("a child was started"))
     warmup.make_ready("extractor")
     assert ready == [("extractor",)]
 
 
+def test_kernels_of_another_processor_are_compiled_again(
+    small: Path, ready: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that was moved to another computer: the mark must not hide that numba compiles."""
+    warmup.warm_up()
+    for mark in small.glob(warmup.COMPLETE + "*"):
+        mark.write_text("cortex-a53 +neon")
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(warmup, "_child", lambda *modes, report: asked.append(modes) or SUCCESS)
+    for _ in range(2):
+        warmup.make_ready("extractor")
+    assert asked == [("extractor",)]
+
+
+def test_of_two_processes_one_compiles(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small.mkdir()
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(warmup, "_child", lambda *modes, report: asked.append(modes) or SUCCESS)
+    monkeypatch.setattr(warmup, "POLL_S", 0.01)
+    with (small / warmup.LOCK).open("w") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        waiting = threading.Thread(target=warmup.ensure_compiled, args=("extractor",))
+        waiting.start()
+        waiting.join(0.1)
+        assert waiting.is_alive()
+        assert asked == []
+        (small / (warmup.COMPLETE + "extractor")).write_text(processor())  # the other one has finished
+    waiting.join()
+    assert asked == []
+
+
+def test_progress_is_shown_while_a_child_compiles(
+    small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small.mkdir()
+    monkeypatch.setattr(child_process, "POLL_S", 0.01)
+    writes = "import sys, time; open(sys.argv[1], 'w'); time.sleep(0.5)"
+    kernel = small / "core.stages" / "level.pool_columns-1.py311.nbi"
+    kernel.parent.mkdir()
+    total = CompiledCount(small, ("extractor",)).total
+    monkeypatch.setattr(warmup, "CHILD", writes.replace("sys.argv[1]", repr(str(kernel))))
+    warmup.ensure_compiled("extractor")
+    assert capsys.readouterr().err == f"compiling kernels 1 of {total}, once for this version\n"
+    warmup.ensure_compiled("extractor")
+    assert capsys.readouterr().err == ""
+
+
+def test_every_group_has_its_kernels() -> None:
+    counts = [CompiledCount(Path("none"), (mode,)).total for mode in warmup.MODES]
+    assert min(counts) > 5
+    assert sum(counts) == CompiledCount(Path("none"), warmup.MODES).total
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_kernels_that_cannot_be_loaded_end_the_start(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(mode: str) -> None:
+    def refuse(mode: str, report: Report) -> None:
         raise SystemExit  # a thread's end without a word on stderr
 
     monkeypatch.setattr(warmup, "make_ready", refuse)

@@ -243,6 +243,16 @@ def test_each_frame_is_rendered_once_also_over_restarts(tmp_path: Path, monkeypa
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_all_can_be_rendered_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares: list[float] = []
+    camera(Clock(), folder=tmp_path).render_all(shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    monkeypatch.setattr(SimulatedFlight, "frame", lambda *_: pytest.fail("a frame was rendered again"))
+    with camera(Clock(), folder=tmp_path) as source:
+        assert source.read(1.0) is not None
+
+
 def test_opening_ends_although_not_all_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock()
     render = SimulatedFlight.frame

@@ -49,7 +49,7 @@ mount --bind /newroot{stage}/{home} /newroot/{home}
 mount --bind /newroot{deps} /newroot/opt/deps
 mount --bind /newroot{python} /newroot/opt/python
 cp /modules/* /newroot/opt/modules/; cp {units} /newroot/etc/systemd/system/
-cp /vm_checks.py /newroot/opt/vm_checks.py; cp -r /newroot{stage}/kernels /newroot/opt/kernels
+cp /vm_checks.py /newroot/opt/vm_checks.py
 : > /newroot/etc/fstab
 for unit in {masked}; do ln -sf /dev/null /newroot/etc/systemd/system/$unit; done
 umount /proc; umount /sys; mount --move /dev /newroot/dev 2>/dev/null
@@ -113,11 +113,6 @@ def install_software(stage: Path) -> None:
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--ignore-installed"]
     subprocess.run([*pip, "--prefix", str(home), str(source / "clients/python"), str(source)], check=True, cwd=stage)
     site = home / "lib" / f"python{sysconfig.get_python_version()}" / "site-packages"
-    for file in site.rglob("*.py"):  # numba asks for the times of kernels' sources
-        relative = file.relative_to(site)
-        original = CHECKOUT / ("clients/python" if relative.parts[0] == "osape_client" else "") / relative
-        if original.exists():
-            shutil.copystat(original, file)
     (site / "vm.pth").write_text(
         "/opt/deps\n" + f"import os; os.environ.update({PLAIN_PROCESSOR!r})\n"  # a .pth may run one line
     )
@@ -126,27 +121,17 @@ def install_software(stage: Path) -> None:
     (home / "pyvenv.cfg").write_text(f"home = {interpreter.parent}\ninclude-system-site-packages = false\n")
     command = home / "bin" / "companion"
     command.write_text(f"#!/{HOME}/bin/python3\n" + command.read_text().split("\n", 1)[1])
-    compile_kernels(stage, site)
+    compile_kernels(home, site)
     subprocess.run(["chmod", "-R", "a+rX", str(stage)], check=True)
 
 
-def compile_kernels(stage: Path, site: Path) -> None:
-    """For a plain processor, on the host; then their folders get the names that numba gives them in the machine."""
-    from numba.core.caching import _CacheLocator
-
-    made, moved = stage / "kernels-made", stage / "kernels"
+def compile_kernels(home: Path, site: Path) -> None:
+    """For a plain processor, on the host, where the installation finds them (companion/kernels/jit_cache.py)."""
+    made = home / "share" / "osape-companion" / "kernels"
     paths = os.pathsep.join([str(site), sysconfig.get_path("purelib")])
     environment = {**os.environ, **PLAIN_PROCESSOR, "NUMBA_CACHE_DIR": str(made), "PYTHONPATH": paths}
     warm = "import sys; from companion.cli import main; sys.exit(main(['warmup']))"
-    subprocess.run([sys.executable, "-c", warm], env=environment, check=True, cwd=stage, stdout=subprocess.DEVNULL)
-    shutil.rmtree(moved, ignore_errors=True)
-    newest = max(made.glob("kernels-*"), key=lambda f: f.stat().st_mtime)
-    there = Path("/") / site.relative_to(stage)
-    for package in {f.parent for top in ("core", "drivers", "companion") for f in (site / top).rglob("*.py")}:
-        here_name = _CacheLocator.get_suitable_cache_subpath(str(package / "x.py"))
-        there_name = _CacheLocator.get_suitable_cache_subpath(str(there / package.relative_to(site) / "x.py"))
-        if (newest / here_name).is_dir():
-            shutil.copytree(newest / here_name, moved / newest.name / there_name)
+    subprocess.run([sys.executable, "-c", warm], env=environment, check=True, cwd=home, stdout=subprocess.DEVNULL)
 
 
 def write_initramfs(folder: Path, stage: Path, modules: Path, checks: Path) -> None:

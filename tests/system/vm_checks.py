@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import time
@@ -122,8 +121,6 @@ def install() -> None:
     config = Path("/run/service.toml")
     config.write_text(CONFIG)
     ran("systemd-sysusers", str(HOME / "share/osape-companion/systemd/osape-companion.sysusers"))
-    shutil.copytree("/opt/kernels", f"/var/cache/{NAME}")
-    ran("chown", "-R", f"{NAME}:{NAME}", f"/var/cache/{NAME}")
     begun_us = now_us()
     done = ran(COMPANION, "install", "-c", str(config))
     tell(
