@@ -17,6 +17,7 @@ from core.types import CameraInfo, DepthFrame
 from drivers.base import DeviceNotFound
 from drivers.logs.codec import depth_message, stamp
 from drivers.logs.topics import ENCODING, TOPICS
+from drivers.optional_library import install_command
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.foxglove_scene import scene_message, transform_messages
@@ -49,7 +50,7 @@ class FoxgloveServer:
             self._sdk = importlib.import_module("foxglove")
         except ImportError as error:
             raise DeviceNotFound(
-                "the Foxglove server needs foxglove-sdk: pip install 'osape-companion[foxglove]'"
+                f"the Foxglove server needs foxglove-sdk: run {install_command('foxglove-sdk>=0.30')}"
             ) from error
         self._context = self._sdk.Context()
         try:

@@ -7,6 +7,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from drivers.optional_library import install_command
+
 from .depth import draw_depth
 from .frame import FrameStatus, ViewFrame, describe
 from .side import draw_side
@@ -29,8 +31,8 @@ def new_figure() -> Any:
         from matplotlib.figure import Figure
     except ImportError as e:
         raise ViewError(
-            "pictures need matplotlib, which is not installed: pip install 'osape-companion[view]' (--no-png draws "
-            "the page only)"
+            f"pictures need matplotlib, which is not installed: run {install_command('matplotlib>=3.8')} (--no-png "
+            "draws the page only)"
         ) from e
     figure = Figure(figsize=(WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from core.types import CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
+from ..optional_library import install_command
 
 # read by the library at its import: no signal handlers, no telemetry
 for _name, _value in (
@@ -236,7 +237,7 @@ def connect_device(settings: OakSettings) -> DeviceLink:
         import depthai as dai
     except ImportError as error:
         raise DeviceNotFound(
-            f"camera {settings.camera}: depthai is not installed; pip install 'osape-companion[oak]'"
+            f"camera {settings.camera}: depthai is not installed; run {install_command('depthai>=3.0,<4')}"
         ) from error
     found = _find(dai, settings)
     try:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from core.types import SATURATED_MM, CameraInfo, DepthFrame, Intrinsics
 
 from ..base import BadData, DeviceLost, DeviceNotFound
+from ..optional_library import install_command
 
 AHEAD_NS = 5_000_000
 """Largest accepted lead of a stamp over the present, for drivers that compute it from the device's clock."""
@@ -163,7 +164,7 @@ class LinuxpyCapture:
             from linuxpy.video import device as v4l2
         except ImportError as error:
             raise DeviceNotFound(
-                f"camera {settings.camera}: linuxpy is not installed; pip install 'osape-companion[v4l2]'"
+                f"camera {settings.camera}: linuxpy is not installed; run {install_command('linuxpy>=0.20')}"
             ) from error
         self._flag_error = v4l2.BufferFlag.ERROR
         self._device = v4l2.Device(settings.device, blocking=False)
