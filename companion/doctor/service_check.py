@@ -6,11 +6,11 @@ import time
 
 from drivers.base import DriverError
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.run_folder import run_folder
 
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
 from ..live.status import address_in_use, newest_health
-from ..paths import folders
 from .finding import Finding
 
 
@@ -18,7 +18,7 @@ def running_service(config: Config, patience_s: float) -> list[Finding] | None:
     """The diagnostics of the running service, once it has started; None when no service runs.
 
     A service that runs but sends no report is a finding of its own, since it holds the cameras and the link."""
-    address = config.publish.health.replace("{run}", str(folders().run))
+    address = config.publish.health.replace("{run}", str(run_folder()))
     try:
         if not address or not address_in_use(address):
             return None

@@ -75,10 +75,12 @@ class Publisher:
         self.published += 1
 
     def close(self) -> None:
-        """Closes the socket and releases the lock. May be called twice."""
+        """Closes the socket, deletes its file and releases the lock. May be called twice."""
         if not self._socket.closed:
             self._socket.close(0)
         if self._lock is not None:
+            # libzmq leaves the file of an ipc socket: clients would take it for a service
+            Path(self.stream.address.removeprefix("ipc://")).unlink(missing_ok=True)
             self._lock.close()
             self._lock = None
 

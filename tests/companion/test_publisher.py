@@ -215,3 +215,23 @@ def test_the_secret_does_not_show(tmp_path: Path) -> None:
 def test_the_boot_has_an_id() -> None:
     assert boot_id() == boot_id()
     assert len(boot_id()) == 36
+
+
+def test_no_socket_is_left_behind(tmp_path: Path, context: Context) -> None:
+    """A file that nobody answers on would lead clients to the wrong folder."""
+    stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
+    for _ in range(2):
+        publisher = Publisher(stream, context)
+        assert (tmp_path / "prisms").is_socket()
+        publisher.close()
+        assert not (tmp_path / "prisms").exists()
+        publisher.close()
+
+
+def test_a_refused_service_leaves_the_socket_of_the_other(tmp_path: Path, context: Context) -> None:
+    stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
+    publisher = Publisher(stream, context)
+    with pytest.raises(DeviceNotFound, match="another service"):
+        Publisher(stream, context)
+    assert (tmp_path / "prisms").is_socket()
+    publisher.close()

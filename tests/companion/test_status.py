@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import threading
 import time
 from pathlib import Path
@@ -228,5 +229,10 @@ def test_the_system_s_service_is_found_unless_the_user_runs_one(
     assert service_run.run_folder() == tmp_path / "system"
     assert folders().run == cache / "run"
     assert service_run.run_folder() == tmp_path / "system"
-    (cache / "run" / "health").write_text("")
-    assert service_run.run_folder() == cache / "run"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as service:
+        service.bind(str(cache / "run" / "health"))
+        assert service_run.run_folder() == tmp_path / "system"
+        service.listen()
+        assert service_run.run_folder() == cache / "run"
+    assert (cache / "run" / "health").is_socket()  # left behind, as by a service that was killed
+    assert service_run.run_folder() == tmp_path / "system"

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import os
+import socket
 from pathlib import Path
 
 SERVICE_NAME = "osape-companion"
 SYSTEM_RUN = Path("/run") / SERVICE_NAME
+PROBE_S = 0.2
 
 
 def run_folder() -> Path:
     """Folder of the sockets of the running service: one that this user started by hand, else the system's service. It need
-    not exist."""
+    not exist. Sockets that a service left behind when it was killed do not count: each is asked for a connection."""
     given = given_run_folder()
     if given is not None:
         return given
     own = own_run_folder()
-    return SYSTEM_RUN if SYSTEM_RUN.is_dir() and not (own / "health").exists() else own
+    return own if is_served(own) or not SYSTEM_RUN.is_dir() else SYSTEM_RUN
+
+
+def is_served(folder: Path) -> bool:
+    """Whether a process listens on a socket in a folder."""
+    try:
+        return any(_accepts(path) for path in folder.iterdir() if path.is_socket())
+    except OSError:  # there is no such folder, or this user may not read it
+        return False
+
+
+def _accepts(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(PROBE_S)
+        try:
+            probe.connect(str(path))
+        except (ConnectionRefusedError, FileNotFoundError):
+            return False
+        except OSError:  # a full queue, or no permission: it cannot be told
+            return True
+    return True
 
 
 def given_run_folder() -> Path | None:
