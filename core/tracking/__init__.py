@@ -1,0 +1,1 @@
+"""Tracked obstacles: the planes of a camera's frames, associated and filtered over time."""

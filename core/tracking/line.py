@@ -1,0 +1,92 @@
+"""The line of a track: distances of points from it, and its filter (offset and slope with their covariance)."""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inner
+from .tables import SHIFT_M
+
+_SLOPE_VARIANCE = 0.25
+"""Not tuning: variance of the slope of a line without a direction, rad^2."""
+
+
+@inner
+def along(track, x, y):
+    """s of a point, m."""
+    return (x - track.x_m) * track.tx + (y - track.y_m) * track.ty
+
+
+@inner
+def offset(track, x, y):
+    """Distance of a point from the line, m; positive on the free side."""
+    return (y - track.y_m) * track.tx - (x - track.x_m) * track.ty
+
+
+@inner
+def variance_at(track, s):
+    """Variance of the line's offset at s, m^2."""
+    return track.p00 + 2.0 * s * track.p01 + s * s * track.p11
+
+
+@inner
+def begin_line(track, d):
+    """Sets the line of a track to a detection's, with the anchor in its middle."""
+    track.x_m, track.y_m = 0.5 * (d.ax_m + d.bx_m), 0.5 * (d.ay_m + d.by_m)
+    track.tx, track.ty = d.tx, d.ty
+    track.p00, track.p01 = d.sigma_m**2, 0.0
+    track.p11 = min(_SLOPE_VARIANCE, 4.0 * d.sigma_m**2 / d.length_m**2)
+
+
+@inner
+def update_line(track, d):
+    """Corrects the line by a detection: by the distances of its two ends, each with twice the variance of its place.
+
+    Kalman filter of (offset, slope) about the present line, one measurement after the other."""
+    r = 2.0 * d.sigma_m**2
+    delta, slope = 0.0, 0.0
+    for end in range(2):
+        x = d.ax_m if end == 0 else d.bx_m
+        y = d.ay_m if end == 0 else d.by_m
+        s = along(track, x, y)
+        h0, h1 = track.p00 + s * track.p01, track.p01 + s * track.p11
+        total = h0 + s * h1 + r
+        k0, k1 = h0 / total, h1 / total
+        miss = offset(track, x, y) - delta - s * slope
+        delta += k0 * miss
+        slope += k1 * miss
+        track.p00 -= k0 * h0
+        track.p01 -= k0 * h1
+        track.p11 -= k1 * h1
+    track.x_m -= track.ty * delta
+    track.y_m += track.tx * delta
+    tx, ty = track.tx - track.ty * slope, track.ty + track.tx * slope
+    norm = math.sqrt(tx * tx + ty * ty)
+    track.tx, track.ty = tx / norm, ty / norm
+
+
+@inner
+def predict_line(track, dt_s, rules):
+    """Lets the covariance grow over dt_s about the middle of the track."""
+    track.p00 += rules.drift_m**2 * dt_s
+    turn = rules.turn_rad**2 * dt_s
+    s = 0.5 * (track.s0_m + track.s1_m)
+    track.p11 = min(_SLOPE_VARIANCE, track.p11 + turn)
+    track.p01 -= s * turn
+    track.p00 += s * s * turn
+    if abs(s) > SHIFT_M:
+        shift_anchor(track, s)
+
+
+@inner
+def shift_anchor(track, s):
+    """Moves the anchor along the line towards s, by whole cells of twice the present length."""
+    cells = 2 * int(math.floor(s / (2.0 * track.cell_m)))
+    step = cells * track.cell_m
+    track.x_m += track.tx * step
+    track.y_m += track.ty * step
+    track.p00 += 2.0 * step * track.p01 + step * step * track.p11
+    track.p01 += step * track.p11
+    track.first_cell -= cells
+    track.s0_m -= step
+    track.s1_m -= step

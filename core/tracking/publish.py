@@ -1,0 +1,56 @@
+"""The published form of the tracks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .snapshot import MovingObject, TrackSnapshot
+
+NS = 1_000_000_000
+
+
+def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float) -> TrackSnapshot:
+    """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
+    since the newest observation.
+
+    The margin contains how much nearer than the filtered line the newest observation was: no consumer that subtracts it
+    comes nearer than with the model of the frame alone. The confidence is the share of frames in view that observed the
+    track, and at most 1 - 0.5^hits."""
+    t = tracks[tracks["hits"] > 0]
+    planes = np.empty((len(t), 6), np.float32)
+    for k, s in enumerate((t["s0_m"], t["s1_m"])):
+        planes[:, 2 * k] = t["x_m"] + s * t["tx"]
+        planes[:, 2 * k + 1] = t["y_m"] + s * t["ty"]
+    planes[:, 4], planes[:, 5] = t["top_m"], t["bottom_m"]
+    middle = 0.5 * (t["s0_m"] + t["s1_m"])
+    variance = t["p00"] + 2.0 * middle * t["p01"] + middle * middle * t["p11"]
+    unseen_ns = t_ns - t["seen_ns"]
+    margin = t["margin_m"] + np.maximum(t["excess_m"], 0.0) + growth_m_s * unseen_ns / NS
+    confidence = t["hit_rate"] * (1.0 - 0.5 ** np.minimum(t["hits"], 60))
+    return TrackSnapshot(
+        ids=t["id"].copy(), planes=planes, margin_m=margin.astype(np.float32),
+        sigma_m=np.sqrt(np.maximum(variance, 0.0)).astype(np.float32), confidence=confidence.astype(np.float32),
+        state=t["state"].copy(), hits=t["hits"].copy(), age_ns=t_ns - t["first_ns"], unseen_ns=unseen_ns,
+        flags=t["plane_flags"].astype(np.uint8), object_id=t["object_id"].copy(), objects=moving_objects(objects, t_ns),
+    )  # fmt: skip
+
+
+def moving_objects(objects: NDArray[Any], t_ns: int) -> tuple[MovingObject, ...]:
+    """The objects that were declared moving."""
+    found = []
+    for o in objects[(objects["hits"] > 0) & (objects["moving_ns"] != 0)]:
+        middle, half = 0.5 * (o["top_m"] + o["bottom_m"]), 0.5 * (o["bottom_m"] - o["top_m"])
+        found.append(
+            MovingObject(
+                id=int(o["id"]), centre_m=(float(o["x_m"]), float(o["y_m"]), float(middle)),
+                half_size_m=(float(o["half_x_m"]), float(o["half_y_m"]), float(half)),
+                velocity_m_s=(float(o["vx_m_s"]), float(o["vy_m_s"])),
+                position_sigma_m=float(o["p00"]) ** 0.5, velocity_sigma_m_s=float(o["p11"]) ** 0.5,
+                cov_m2_s=float(o["p01"]), hits=int(o["hits"]), age_ns=t_ns - int(o["first_ns"]),
+                unseen_ns=t_ns - int(o["seen_ns"]),
+            )
+        )  # fmt: skip
+    return tuple(found)

@@ -1,0 +1,209 @@
+"""Tables of the tracker: tracks with their cells, detections of one frame, and the rules that kernels use.
+
+A track is a vertical rectangle on a line. The line is an anchor point and a unit tangent; s is the distance from the
+anchor along the tangent, and free space lies on the side of the normal (-ty, tx). Cells divide the line into equal
+lengths; cell k covers k*cell_m <= s < (k + 1)*cell_m. Each cell holds its own evidence, so that a part of a track can be
+removed, and a track be split.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inner, record
+
+CELLS = 32
+"""Not tuning: cells of one track; where it becomes longer, its cells become longer."""
+CELL_M = 0.25
+"""Not tuning: initial length of a cell. A narrower gap is never an opening."""
+SHIFT_M = 4.0
+"""Not tuning: the anchor follows a track whose middle is farther from it."""
+NONE = -1
+
+TRACK = record(
+    ("id", np.int64),
+    ("object_id", np.int64),
+    ("first_ns", np.int64),
+    ("seen_ns", np.int64),
+    ("x_m", np.float64),
+    ("y_m", np.float64),
+    ("tx", np.float64),
+    ("ty", np.float64),
+    ("s0_m", np.float64),
+    ("s1_m", np.float64),
+    ("top_m", np.float64),
+    ("bottom_m", np.float64),
+    ("p00", np.float64),
+    ("p01", np.float64),
+    ("p11", np.float64),
+    ("margin_m", np.float64),
+    ("excess_m", np.float64),
+    ("hit_rate", np.float64),
+    ("cell_m", np.float64),
+    ("frame_s0_m", np.float64),
+    ("frame_s1_m", np.float64),
+    ("frame_top_m", np.float64),
+    ("frame_bottom_m", np.float64),
+    ("first_cell", np.int32),
+    ("cells", np.int32),
+    ("hits", np.int32),
+    ("plane_flags", np.int32),
+    ("cluster", np.int32),
+    ("state", np.int32),
+    ("first_detection", np.int32),
+    ("reserved", np.int32),
+)
+"""A track, without padding, so that equal tables have equal bytes. x_m, y_m: anchor; tx, ty: unit tangent; s0_m, s1_m: extent; top_m < bottom_m (z down). p00, p01, p11:
+covariance of the line's offset (m) at the anchor and of its slope (rad). margin_m: of its observations, filtered;
+excess_m: how much nearer than the line the newest observation was. hit_rate: share of the frames in view that observed
+it, weighted by age. frame_...: extent of this frame's observations. first_cell, cells: index of the first cell, and
+their number. hits: frames that observed it; 0: the slot is empty. first_detection: of this frame, -1: none."""
+
+CELL = record(("seen_ns", np.int64), ("against", np.int32), ("hits", np.int32))
+"""A cell. seen_ns: newest observation; against: evidence that it is free; hits: frames that observed it, 0: it is empty."""
+
+DETECTION = record(
+    ("ax_m", np.float64),
+    ("ay_m", np.float64),
+    ("bx_m", np.float64),
+    ("by_m", np.float64),
+    ("top_m", np.float64),
+    ("bottom_m", np.float64),
+    ("tx", np.float64),
+    ("ty", np.float64),
+    ("length_m", np.float64),
+    ("margin_m", np.float64),
+    ("sigma_m", np.float64),
+    ("plane_flags", np.int32),
+    ("cluster", np.int32),
+    ("track", np.int32),
+    ("next", np.int32),
+    ("group", np.int32),
+)
+"""A plane of the frame. sigma_m: standard deviation of its place; track: slot that it updates; next: the next detection of
+the same track; group: of detections close together."""
+
+RULES = record(
+    ("gate_sigmas", np.float64),
+    ("gate_min_m", np.float64),
+    ("gate_max_m", np.float64),
+    ("drift_m", np.float64),
+    ("turn_rad", np.float64),
+    ("shrink_share", np.float64),
+    ("behind_m", np.float64),
+    ("free_sigmas", np.float64),
+    ("free_frames", np.int32),
+)
+"""What kernels use of TrackingParams."""
+
+
+class TrackTable(NamedTuple):
+    """tracks: (T,) TRACK; cells: (T, CELLS) CELL."""
+
+    tracks: NDArray[Any]
+    cells: NDArray[Any]
+
+
+def empty_table(most: int) -> TrackTable:
+    """A table of so many empty slots."""
+    return TrackTable(np.zeros(most, TRACK), np.zeros((most, CELLS), CELL))
+
+
+def detections_of(
+    planes: NDArray[np.float32], margin_m: NDArray[np.float32], flags: NDArray[np.uint8], cluster: NDArray[np.int32],
+    pose_sigma_m: float,
+) -> NDArray[Any]:  # fmt: skip
+    """(N,) DETECTION of the planes (P, 6) of a frame. Planes that are not finite, or shorter than 1 mm, are left out."""
+    rows = planes.astype(np.float64)
+    length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
+    rows, length = rows[good], length[good]
+    out = np.zeros(len(rows), DETECTION)
+    for k, name in enumerate(("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")):
+        out[name] = rows[:, k]
+    out["length_m"] = length
+    out["tx"], out["ty"] = (rows[:, 2] - rows[:, 0]) / length, (rows[:, 3] - rows[:, 1]) / length
+    margin = margin_m[good].astype(np.float64)
+    out["margin_m"] = margin
+    out["sigma_m"] = np.sqrt(0.25 * margin**2 + pose_sigma_m**2 + 1e-4)  # 95 % of the true points lie within the margin
+    out["plane_flags"], out["cluster"] = flags[good], cluster[good]
+    out["track"] = out["next"] = out["group"] = NONE
+    return out
+
+
+@inner
+def make_room(table, j, low, high):
+    """Gives slot j cells for low..high (s, m): moves the window of its cells, or doubles the length of all."""
+    track = table.tracks[j]
+    for _ in range(32):
+        first = min(int(math.floor(low / track.cell_m)), track.first_cell)
+        last = max(int(math.floor(high / track.cell_m)), track.first_cell + track.cells - 1)
+        if last - first < CELLS:
+            break
+        coarsen(table, j)
+    shift = track.first_cell - first
+    if shift > 0:
+        for k in range(track.cells - 1, -1, -1):
+            copy_cell(table, j, k, k + shift)
+        for k in range(shift):
+            clear_cell(table, j, k)
+        track.first_cell = first
+    for k in range(track.cells + shift, last - first + 1):
+        clear_cell(table, j, k)
+    track.cells = last - first + 1
+
+
+@inner
+def coarsen(table, j):
+    """Doubles the length of the cells of slot j; two become one with the stronger evidence of both."""
+    track, cells = table.tracks[j], table.cells
+    first = track.first_cell >> 1
+    count = ((track.first_cell + track.cells - 1) >> 1) - first + 1
+    offset = track.first_cell - 2 * first
+    for k in range(count):
+        lower, upper = 2 * k - offset, 2 * k - offset + 1
+        take = lower if lower >= 0 else upper
+        seen, against, hits = cells[j, take].seen_ns, cells[j, take].against, cells[j, take].hits
+        if lower >= 0 and upper < track.cells and cells[j, upper].hits > 0:
+            other = cells[j, upper]
+            against = min(against, other.against) if hits > 0 else other.against
+            seen, hits = max(seen, other.seen_ns), max(hits, other.hits)
+        cells[j, k].seen_ns, cells[j, k].against, cells[j, k].hits = seen, against, hits
+    track.first_cell, track.cells, track.cell_m = first, count, 2.0 * track.cell_m
+
+
+@inner
+def copy_cell(table, j, source, target):
+    """Copies one cell of slot j to another."""
+    cells = table.cells
+    cells[j, target].seen_ns = cells[j, source].seen_ns
+    cells[j, target].against = cells[j, source].against
+    cells[j, target].hits = cells[j, source].hits
+
+
+@inner
+def clear_cell(table, j, k):
+    """Empties a cell."""
+    cells = table.cells
+    cells[j, k].seen_ns, cells[j, k].against, cells[j, k].hits = 0, 0, 0
+
+
+@inner
+def free_slot(table, t_ns):
+    """An empty slot; where there is none, that of the track not observed longest, NONE where all are of t_ns.
+
+    Returns (slot, whether a track was removed for it)."""
+    oldest = NONE
+    for j in range(table.tracks.shape[0]):
+        if table.tracks[j].hits == 0:
+            return j, False
+        if table.tracks[j].seen_ns < t_ns and (
+            oldest == NONE or table.tracks[j].seen_ns < table.tracks[oldest].seen_ns
+        ):
+            oldest = j
+    return oldest, oldest != NONE

@@ -1,0 +1,231 @@
+"""The tracker: frames in, tracked obstacles out. The same frames give the same tracks, bit for bit.
+
+An obstacle appears with its first detection. It is removed only when enough frames observe free space through it, or when
+it is hidden or out of view for longer than the memory. Nothing in it states that space is free.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import record_of
+from .association import assign, find_pairs
+from .ego_motion import common_shift
+from .evidence import FreeView, collect_evidence, split_tracks
+from .free_view import free_view, view_bytes, view_from_bytes
+from .groups import GROUP, find_groups
+from .movers import (
+    HISTORY,
+    MOST_OBJECTS,
+    MOVER_RULES,
+    OBJECT,
+    OLD_S,
+    assign_groups,
+    carry_tracks,
+    mark_tracks,
+    predict_objects,
+    update_objects,
+)
+from .params import TrackingParams
+from .publish import snapshot_of
+from .snapshot import TrackerState, TrackingFrame, TrackSnapshot
+from .tables import CELL, CELLS, RULES, TRACK, detections_of, empty_table
+from .update import apply_detections, begin_frame
+
+NS = 1_000_000_000
+_PAIRS_PER_DETECTION = 16
+"""Not tuning: pairs considered for each detection, on average."""
+_LEAST_PAIRS = 4096
+_GROUPS = 128
+"""Not tuning: groups of a frame that may move."""
+_JUMP_M, _JUMP_SPEED_M_S = 1.0, 30.0
+"""Not tuning: a position that steps by more has been reset."""
+_WIDE = 1.6
+"""Not tuning: factor of the gate while the motion of the vehicle is estimated."""
+_VELOCITY_SHARE = 0.4
+"""Not tuning: weight of a frame in the estimated velocity of a vehicle without a position."""
+_VIEWS, _VIEW_STEP_NS = 4, NS // 5
+"""Not tuning: earlier free ranges that are kept, and the least time between them."""
+
+
+class Tracker:
+    """The tracks of one camera. counts: tracks removed for want of slots, detections left out, pairs left out."""
+
+    def __init__(self, params: TrackingParams | None = None, state: TrackerState | None = None) -> None:
+        self.params = p = params or TrackingParams()
+        self._rules = record_of(
+            RULES, p, turn_rad=math.radians(p.turn_deg), behind_m=p.free_evidence_behind_m,
+            free_sigmas=p.free_evidence_sigmas, free_frames=p.free_evidence_frames,
+        )  # fmt: skip
+        self._wide = self._rules.copy()
+        self._wide["gate_max_m"], self._wide["gate_min_m"] = _WIDE * p.gate_max_m, p.gate_max_m
+        self._mover_rules = record_of(
+            MOVER_RULES, p, min_speed_m_s=p.mover_min_speed_m_s, max_speed_m_s=p.mover_max_speed_m_s,
+            sigmas=p.mover_sigmas, max_size_m=p.mover_max_size_m,
+        )  # fmt: skip
+        self.counts = {"tracks_evicted": 0, "detections_left_out": 0, "pairs_left_out": 0}
+        self._boxes = np.zeros((p.most_tracks, 6), np.float32)
+        self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
+        self._groups, self._distances = np.zeros(_GROUPS, GROUP), np.zeros((_GROUPS, MOST_OBJECTS))
+        self._reset()
+        if state is not None:
+            self._resume(state)
+
+    def _reset(self) -> None:
+        self._table = empty_table(self.params.most_tracks)
+        self._objects = np.zeros(MOST_OBJECTS, OBJECT)
+        self._history = np.zeros((MOST_OBJECTS, HISTORY, 3))
+        self._views: list[tuple[int, FreeView]] = []
+        self._state = TrackerState()
+
+    def observe(self, frame: TrackingFrame) -> TrackSnapshot:
+        """The tracks after a frame. A frame older than the newest one begins anew. An invalid frame is no evidence: its
+        tracks only grow older."""
+        if self._state.last_ns is not None and frame.t_ns <= self._state.last_ns:
+            next_id = self._state.next_id
+            self._reset()  # the camera was restarted
+            self._state = replace(self._state, next_id=next_id)
+        last_ns = self._state.last_ns
+        dt_s = 0.0 if last_ns is None else min((frame.t_ns - last_ns) / NS, 10.0)
+        aligned = self._align(frame, dt_s)
+        begin_frame(self._table, dt_s, self._rules[0])
+        view = free_view(frame.model, frame.camera_m)
+        if frame.model.valid:
+            self._associate(frame, view, dt_s, aligned)
+        memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
+        collect_evidence(self._table, self._rules[0], view, frame.t_ns, frame.t_ns - round(memory_s * NS))
+        next_id, _, evicted = split_tracks(self._table, self._state.next_id, frame.t_ns)
+        self.counts["tracks_evicted"] += evicted
+        self._state = replace(
+            self._state, next_id=int(next_id), last_ns=frame.t_ns, positioned=frame.positioned,
+            reset_counter=frame.reset_counter, origin_m=frame.origin_m,
+        )  # fmt: skip
+        self._keep_view(view, frame)
+        growth_m_s = 0.0 if frame.positioned else self.params.speed_error_m_s
+        return snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s)
+
+    # ---- place of the tracks ------------------------------------------------------------------------------------------
+
+    def _align(self, frame: TrackingFrame, dt_s: float) -> bool:
+        """Moves the tracks to the axes of a frame; returns whether their place is exact, so that no shift has to be
+        estimated."""
+        s = self._state
+        if s.last_ns is None:
+            return True
+        step = np.subtract(frame.origin_m, s.origin_m)
+        both = frame.positioned and s.positioned and frame.reset_counter == s.reset_counter
+        if both and np.linalg.norm(step) <= _JUMP_M + _JUMP_SPEED_M_S * dt_s:
+            if dt_s > 0.0:
+                self._state = replace(s, velocity_m_s=(float(step[0]) / dt_s, float(step[1]) / dt_s))
+            return True
+        # between origins of vehicles the tracks keep their place relative to the vehicle, but for its motion
+        vx, vy = s.velocity_m_s
+        self._shift(float(step[0]) - vx * dt_s, float(step[1]) - vy * dt_s, float(step[2]))
+        self._objects["hits"] = 0
+        self._views.clear()
+        return False
+
+    def _shift(self, x_m: float, y_m: float, z_m: float) -> None:
+        tracks = self._table.tracks
+        tracks["x_m"] += x_m
+        tracks["y_m"] += y_m
+        tracks["top_m"] += z_m
+        tracks["bottom_m"] += z_m
+
+    def _estimate_motion(self, detections: NDArray[Any], dt_s: float) -> None:
+        """Moves the tracks by the common shift of the detections, and corrects the estimated velocity."""
+        count = self._find_pairs(detections, self._wide[0])
+        x, y, z = common_shift(detections, self._table.tracks, self._pairs[:count], self._scores[:count])
+        self._shift(x, y, z)
+        if dt_s > 0.0:
+            vx, vy = self._state.velocity_m_s
+            share = _VELOCITY_SHARE / dt_s
+            self._state = replace(self._state, velocity_m_s=(vx - share * x, vy - share * y))
+
+    # ---- detections ---------------------------------------------------------------------------------------------------
+
+    def _find_pairs(self, detections: NDArray[Any], rules: Any) -> int:
+        most = max(_LEAST_PAIRS, _PAIRS_PER_DETECTION * len(detections))
+        if len(self._pairs) < most:
+            self._pairs, self._scores = np.zeros((most, 3), np.int32), np.zeros(most)
+        count, lost = find_pairs(detections, self._table.tracks, self._boxes, rules, self._pairs, self._scores)
+        self.counts["pairs_left_out"] += lost
+        return int(count)
+
+    def _associate(self, frame: TrackingFrame, view: FreeView, dt_s: float, aligned: bool) -> None:
+        m = frame.model
+        detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster, self.params.pose_sigma_m)
+        if aligned and frame.positioned:
+            predict_objects(self._objects, dt_s, frame.t_ns)
+            carry_tracks(self._table.tracks, self._objects, dt_s)
+        else:
+            self._estimate_motion(detections, dt_s)
+        count = self._find_pairs(detections, self._rules[0])
+        order = np.argsort(-self._scores[:count], kind="stable")
+        assign(detections, self._table.tracks, self._pairs, order)
+        next_id, evicted, left_out = apply_detections(
+            self._table, detections, self._pairs, order, self._rules[0], self._state.next_id, frame.t_ns
+        )
+        self._state = replace(self._state, next_id=int(next_id))
+        self.counts["tracks_evicted"] += evicted
+        self.counts["detections_left_out"] += left_out
+        if frame.positioned:
+            self._follow_movers(detections, frame, view)
+
+    def _follow_movers(self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView) -> None:
+        groups, ke = self._groups, float(frame.model.ke_per_m)
+        count = find_groups(detections, view.x_m, view.y_m, ke, self.params.pose_sigma_m, groups)
+        assign_groups(groups, count, self._objects, self._mover_rules[0], self._distances)
+        old_ns = frame.t_ns - round(OLD_S * NS)
+        earlier = [v for t_ns, v in self._views if t_ns <= old_ns]
+        next_object_id = update_objects(
+            groups, count, self._objects, self._history, self._state.next_object_id, frame.t_ns, self._mover_rules[0],
+            self._rules[0], view, earlier[-1] if earlier else view, bool(earlier),
+        )  # fmt: skip
+        self._state = replace(self._state, next_object_id=int(next_object_id))
+        mark_tracks(detections, groups, self._objects, self._table.tracks)
+
+    def _keep_view(self, view: FreeView, frame: TrackingFrame) -> None:
+        """Keeps the free ranges of a frame for the comparison of moving objects."""
+        if not frame.positioned or not frame.model.valid:
+            return
+        if not self._views or frame.t_ns - self._views[-1][0] >= _VIEW_STEP_NS:
+            self._views.append((frame.t_ns, view))
+            del self._views[:-_VIEWS]
+
+    # ---- state --------------------------------------------------------------------------------------------------------
+
+    def state(self) -> TrackerState:
+        """What another tracker needs to continue identically."""
+        tracks, cells = self._table
+        slots = np.flatnonzero(tracks["hits"] > 0).astype("<i4")
+        return replace(
+            self._state, slots=slots.tobytes(), tracks=tracks[slots].tobytes(), cells=cells[slots].tobytes(),
+            objects=self._objects.tobytes(), history=self._history.tobytes(),
+            views=tuple(view_bytes(view, t_ns) for t_ns, view in self._views),
+        )  # fmt: skip
+
+    def _resume(self, state: TrackerState) -> None:
+        """Raises ValueError for a state whose parts do not fit together, or that has more tracks than the table."""
+        slots = np.frombuffer(state.slots, "<i4")
+        n, width = len(slots), CELLS * CELL.itemsize
+        if len(state.tracks) != n * TRACK.itemsize or len(state.cells) != n * width:
+            raise ValueError(f"tracker state: {n} tracks do not have their stated size; it is of another version")
+        if n and (slots.min() < 0 or slots.max() >= self.params.most_tracks or len(np.unique(slots)) != n):
+            raise ValueError(
+                f"tracker state: a track lies outside the table of {self.params.most_tracks}; was most_tracks changed?"
+            )
+        self._table.tracks[slots] = np.frombuffer(state.tracks, TRACK)
+        self._table.cells[slots] = np.frombuffer(state.cells, CELL).reshape(n, CELLS)
+        if state.objects or state.history:
+            if len(state.objects) != self._objects.nbytes or len(state.history) != self._history.nbytes:
+                raise ValueError("tracker state: its moving objects do not have their stated size")
+            self._objects[:] = np.frombuffer(state.objects, OBJECT)
+            self._history[:] = np.frombuffer(state.history).reshape(self._history.shape)
+        self._views = [view_from_bytes(data) for data in state.views]
+        self._state = replace(state, slots=b"", tracks=b"", cells=b"", objects=b"", history=b"", views=())

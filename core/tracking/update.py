@@ -1,0 +1,237 @@
+"""Applies the detections of a frame to their tracks, begins new tracks, and merges tracks of one surface."""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inner, kernel
+from .association import CONTINUES, COVERS, heights_overlap
+from .line import along, begin_line, offset, predict_line, update_line
+from .tables import CELL_M, NONE, clear_cell, free_slot, make_room
+
+_CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = 4, 8, 16, 32
+_SHRINK_REACH_M = 0.75
+"""Not tuning: an end that is observed farther inside belongs to a part of the surface."""
+_MERGE_M = 0.2
+"""Not tuning: tracks farther apart are not merged."""
+_RATE_STEP = 0.1
+"""Not tuning: weight of a frame in the hit rate."""
+_MOST_HITS = 1 << 20
+_HIT_WEIGHT = 4
+"""Not tuning: free evidence that an observation cancels; free space adds 2, another obstacle there 1."""
+
+
+@kernel
+def begin_frame(table, dt_s, rules):
+    """Prepares all tracks for the detections of a frame dt_s after the one before."""
+    for j in range(table.tracks.shape[0]):
+        t = table.tracks[j]
+        if t.hits == 0:
+            continue
+        predict_line(t, dt_s, rules)
+        t.first_detection = NONE
+        t.excess_m = 0.0
+        t.frame_s0_m, t.frame_s1_m = math.inf, -math.inf
+        t.frame_top_m, t.frame_bottom_m = math.inf, -math.inf
+
+
+@kernel
+def apply_detections(table, detections, pairs, order, rules, next_id, t_ns):
+    """Updates, begins and merges tracks. Returns (next id, tracks removed for want of slots, detections left out)."""
+    removed, left_out = 0, 0
+    for i in range(detections.shape[0]):
+        j = detections[i].track
+        if j == NONE:
+            j, evicted = free_slot(table, t_ns)
+            removed += 1 if evicted else 0
+            if j == NONE:
+                left_out += 1
+                continue
+            detections[i].track = j
+            detections[i].next = NONE
+            begin_track(table, j, detections[i], i, next_id, t_ns)
+            next_id += 1
+        observe(table, j, detections[i], rules, t_ns)
+    for j in range(table.tracks.shape[0]):
+        if table.tracks[j].hits > 0 and table.tracks[j].first_detection != NONE:
+            end_observation(table.tracks[j], detections, rules)
+    merge_pairs(table, detections, pairs, order, rules)
+    return next_id, removed, left_out
+
+
+@inner
+def begin_track(table, j, d, i, track_id, t_ns):
+    """A new track of one detection."""
+    t = table.tracks[j]
+    t.id, t.object_id, t.first_ns, t.seen_ns = track_id, 0, t_ns, t_ns - 1
+    begin_line(t, d)
+    t.s0_m, t.s1_m = -0.5 * d.length_m, 0.5 * d.length_m
+    t.top_m, t.bottom_m = d.top_m, d.bottom_m
+    t.margin_m, t.excess_m, t.hit_rate = d.margin_m, 0.0, 1.0
+    t.frame_s0_m, t.frame_s1_m = math.inf, -math.inf
+    t.frame_top_m, t.frame_bottom_m = math.inf, -math.inf
+    t.cell_m, t.first_cell, t.cells = CELL_M, int(math.floor(t.s0_m / CELL_M)), 1
+    clear_cell(table, j, 0)
+    t.hits, t.plane_flags, t.cluster, t.state, t.first_detection = 0, d.plane_flags, d.cluster, 0, i
+
+
+@inner
+def observe(table, j, d, rules, t_ns):
+    """One observation of a track: its line, extent, cells and margin. Extents grow at once."""
+    t = table.tracks[j]
+    if t.hits > 0:
+        far = max(abs(offset(t, d.ax_m, d.ay_m)), abs(offset(t, d.bx_m, d.by_m)))
+        if far > rules.gate_max_m:  # the detection covers a track of another direction: it replaces its line
+            replace_line(table, j, d)
+        else:
+            update_line(t, d)
+    if t.seen_ns != t_ns:
+        t.plane_flags = d.plane_flags
+    else:
+        t.plane_flags = (t.plane_flags | d.plane_flags) & ~2 | (t.plane_flags & d.plane_flags & 2)
+    sa, sb = along(t, d.ax_m, d.ay_m), along(t, d.bx_m, d.by_m)
+    low, high = min(sa, sb), max(sa, sb)
+    t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
+    t.top_m, t.bottom_m = min(t.top_m, d.top_m), max(t.bottom_m, d.bottom_m)
+    t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low), max(t.frame_s1_m, high)
+    t.frame_top_m, t.frame_bottom_m = min(t.frame_top_m, d.top_m), max(t.frame_bottom_m, d.bottom_m)
+    make_room(table, j, low, high)
+    for k in range(int(math.floor(low / t.cell_m)), int(math.floor(high / t.cell_m)) + 1):
+        c = table.cells[j, k - t.first_cell]
+        if c.hits == 0 or c.seen_ns != t_ns:
+            c.seen_ns = t_ns
+            c.hits = min(c.hits + 1, _MOST_HITS)
+            c.against = max(0, c.against - _HIT_WEIGHT)
+    near = max(offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m))
+    t.excess_m = max(t.excess_m, near)
+    if t.seen_ns != t_ns:
+        t.hit_rate += _RATE_STEP * (1.0 - t.hit_rate)
+        t.hits = min(t.hits + 1, _MOST_HITS)
+        t.seen_ns = t_ns
+        t.cluster = d.cluster
+        if d.margin_m < t.margin_m:
+            t.margin_m += rules.shrink_share * (d.margin_m - t.margin_m)
+    t.margin_m = max(t.margin_m, d.margin_m)
+
+
+@inner
+def replace_line(table, j, d):
+    """Gives a track the line and extent of a detection that covers it."""
+    t = table.tracks[j]
+    hits = 0
+    for k in range(t.cells):
+        hits = max(hits, table.cells[j, k].hits)
+    begin_line(t, d)
+    t.s0_m, t.s1_m = -0.5 * d.length_m, 0.5 * d.length_m
+    t.top_m, t.bottom_m = d.top_m, d.bottom_m
+    t.cell_m, t.first_cell, t.cells = CELL_M, int(math.floor(t.s0_m / CELL_M)), 1
+    clear_cell(table, j, 0)
+    make_room(table, j, t.s0_m, t.s1_m)
+    for k in range(t.cells):
+        clear_cell(table, j, k)
+        table.cells[j, k].hits = hits
+
+
+@inner
+def end_observation(t, detections, rules):
+    """Lets the extent of an observed track shrink towards this frame's observations, where no border of the image cut
+    them."""
+    cut = 0
+    k = t.first_detection
+    for _ in range(detections.shape[0]):
+        if k == NONE:
+            break
+        cut |= detections[k].plane_flags
+        k = detections[k].next
+    share = rules.shrink_share
+    if cut & (_CUT_LEFT | _CUT_RIGHT) == 0:
+        if t.frame_s0_m - t.s0_m < _SHRINK_REACH_M:
+            t.s0_m += share * (t.frame_s0_m - t.s0_m)
+        if t.s1_m - t.frame_s1_m < _SHRINK_REACH_M:
+            t.s1_m += share * (t.frame_s1_m - t.s1_m)
+    whole = t.frame_bottom_m - t.frame_top_m >= 0.6 * (t.bottom_m - t.top_m)
+    share = share if whole else 0.3 * share
+    if cut & _CUT_TOP == 0:
+        t.top_m += share * (t.frame_top_m - t.top_m)
+    if cut & _CUT_BOTTOM == 0:
+        t.bottom_m += share * (t.frame_bottom_m - t.bottom_m)
+
+
+@inner
+def merge_pairs(table, detections, pairs, order, rules):
+    """Merges a track into that of a detection which covers it, or which continues both."""
+    tracks = table.tracks
+    for n in order:
+        i, j = pairs[n, 0], pairs[n, 1]
+        k = detections[i].track
+        if k == NONE or tracks[k].hits == 0:
+            continue
+        if k == j or tracks[j].hits == 0:
+            continue
+        if pairs[n, 2] == COVERS:
+            if tracks[j].first_detection == NONE:
+                absorb(table, k, j)
+        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], rules):
+            absorb(table, k, j)
+
+
+@inner
+def same_surface(t, other, rules):
+    """Whether another track lies on this one's line, overlaps it, and is not observed beside it in this frame."""
+    if t.tx * other.tx + t.ty * other.ty < 0.0:
+        return False
+    low, high, far = math.inf, -math.inf, 0.0
+    for end in range(2):
+        s = other.s0_m if end == 0 else other.s1_m
+        x, y = other.x_m + s * other.tx, other.y_m + s * other.ty
+        at = along(t, x, y)
+        low, high = min(low, at), max(high, at)
+        far = max(far, abs(offset(t, x, y)))
+    if far > min(_MERGE_M, rules.gate_max_m):
+        return False
+    if min(high, t.s1_m) - max(low, t.s0_m) <= 0.0 or heights_overlap(other, t) < 0.5:
+        return False
+    if other.first_detection == NONE:
+        return True
+    begin, end_s = math.inf, -math.inf
+    for end in range(2):
+        s = other.frame_s0_m if end == 0 else other.frame_s1_m
+        at = along(t, other.x_m + s * other.tx, other.y_m + s * other.ty)
+        begin, end_s = min(begin, at), max(end_s, at)
+    apart = min(end_s, t.frame_s1_m) - max(begin, t.frame_s0_m) <= _MERGE_M
+    return apart or min(other.frame_bottom_m, t.frame_bottom_m) <= max(other.frame_top_m, t.frame_top_m)
+
+
+@inner
+def absorb(table, j, other):
+    """Merges the slot `other` into slot j. The id and age of the track observed more often remain."""
+    t, o = table.tracks[j], table.tracks[other]
+    low = along(t, o.x_m + o.s0_m * o.tx, o.y_m + o.s0_m * o.ty)
+    high = along(t, o.x_m + o.s1_m * o.tx, o.y_m + o.s1_m * o.ty)
+    low, high = min(low, high), max(low, high)
+    if o.hits > t.hits:
+        t.id, t.hits, t.hit_rate = o.id, o.hits, o.hit_rate
+        t.object_id = o.object_id
+    t.first_ns = min(t.first_ns, o.first_ns)
+    t.top_m, t.bottom_m = min(t.top_m, o.top_m), max(t.bottom_m, o.bottom_m)
+    make_room(table, j, low, high)
+    for k in range(o.cells):
+        c = table.cells[other, k]
+        if c.hits == 0:
+            continue
+        s = (o.first_cell + k + 0.5) * o.cell_m
+        s = min(max(s, o.s0_m), o.s1_m)
+        at = along(t, o.x_m + s * o.tx, o.y_m + s * o.ty)
+        half = 0.499 * min(o.cell_m, o.s1_m - o.s0_m)
+        first = int(math.floor((at - half) / t.cell_m)) - t.first_cell
+        last = int(math.floor((at + half) / t.cell_m)) - t.first_cell
+        for m in range(max(0, first), min(t.cells - 1, last) + 1):
+            own = table.cells[j, m]
+            if own.hits == 0:
+                own.seen_ns, own.against, own.hits = c.seen_ns, c.against, c.hits
+            else:
+                own.against = min(own.against, c.against)
+                own.hits = max(own.hits, c.hits)
+                own.seen_ns = max(own.seen_ns, c.seen_ns)
+    t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
+    o.hits = 0
