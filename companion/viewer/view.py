@@ -14,8 +14,8 @@ from drivers.logs.reader import McapRecording
 
 from ..config.loader import ConfigError, config_from_text
 from ..console import fail, print_json, print_line, progress, warn
-from .foxglove_layout import LAYOUT_NAME, write_layout
 from ..kernels.warmup import ensure_compiled
+from .foxglove_layout import LAYOUT_NAME, write_layout
 from .frame import FrameStatus, select_frames
 from .log import read_frames
 from .page import PageBuilder
