@@ -134,14 +134,20 @@ class Params:
         "ramps by which it is judged whether the camera smears rise by more than this much noise",
     )
     smear_min_share: float = critical(
-        0.65, 0.0, 1.0, "", "a camera smears where more than this share of its edges are ramps (1: never)"
+        0.7, 0.0, 1.0, "", "a camera smears where more than this share of its edges are ramps (1: never)"
     )
     smear_min_edges: float = number(
         60.0, 1.0, 10000.0, "", "a frame with fewer edges in every fourth row, at 480 rows, does not count for that"
     )
     smear_memory: float = number(0.9, 0.5, 0.999, "", "share of the judgement so far that is kept at each frame")
     smear_min_frames: int = number(
-        5, 2, 30, "frames", "frames with enough edges before a camera can be judged to smear"
+        5, 2, 30, "frames", "frames with enough edges by whose mean share of ramps a camera is judged"
+    )
+    smear_clear_share: float = critical(
+        0.75, 0.0, 1.0, "", "in fewer frames a camera smears where more than this share of its edges are ramps"
+    )
+    smear_clear_edges: float = number(
+        180.0, 1.0, 10000.0, "", "and the frame has at least so many edges in every fourth row, at 480 rows"
     )
     smear_footprint_px: float = number(
         2.0,

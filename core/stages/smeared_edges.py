@@ -7,8 +7,8 @@ it is plausible by itself and the same from frame to frame, but nothing stands t
 Three conditions separate a ramp from a surface seen at a slant. It is so steep that a surface which continued it would pass
 close by the camera. It is narrow: the depth beyond its near end is known and does not continue the slope of 1/Z. Where that
 depth is unknown (a hole, the border of the image), the pixel is kept and is no evidence. And a camera that smears has hardly
-any edge without a ramp. The last is judged first, from the edges of several frames: until then, and for a camera whose edges
-are judged to be sharp, all pixels stay.
+any edge without a ramp. The last is judged first, from the edges of several frames, or of one frame where they are many and
+nearly all are ramps. Until then, and for a camera whose edges are judged to be sharp, all pixels stay.
 """
 
 from __future__ import annotations
@@ -203,35 +203,59 @@ def drop_ramps(depth_mm, inverse, span, reach, least, relative, straight, down, 
     return measured, far
 
 
-def observe_edges(
-    state: ExtractorState, depth_mm: NDArray[np.uint16], limits: RampLimits, params: Params
-) -> ExtractorState:
+@dataclass(frozen=True, slots=True)
+class EdgeCounts:
+    """Edges of one frame, in every fourth row: ramps and steps (see `count_edges`), and the rows of the image."""
+
+    ramps: int
+    steps: int
+    rows: int
+
+    @property
+    def total(self) -> int:
+        """Ramps and steps."""
+        return self.ramps + self.steps
+
+    def at_least(self, edges: float) -> bool:
+        """Whether there are so many, at 480 rows."""
+        return self.total >= edges * self.rows / 480
+
+
+def edges_of(depth_mm: NDArray[np.uint16], limits: RampLimits) -> EdgeCounts:
+    """The edges of a depth image (H, W) uint16, of those that no noise makes."""
+    ramps, steps = count_edges(
+        depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
+    )
+    return EdgeCounts(int(ramps), int(steps), depth_mm.shape[0])
+
+
+def observe_edges(state: ExtractorState, edges: EdgeCounts, params: Params) -> ExtractorState:
     """The state after a frame: `edge_ramps` and `edge_steps`, the shares of ramps and of steps among the edges of each frame,
     summed up with weights that fall by smear_memory from a frame to the one before.
 
     After n frames both together are 1 - smear_memory ** n. A frame with few edges is no evidence and changes nothing."""
-    p = params
-    counts = count_edges(
-        depth_mm, _ROW_STEP, limits.span_px, limits.reach_px, limits.judged_per_m, limits.relative, limits.straight
-    )
-    ramps, steps = map(int, counts)
-    if ramps + steps < p.smear_min_edges * depth_mm.shape[0] / 480:
+    if not edges.at_least(params.smear_min_edges):
         return state
-    memory, weight = p.smear_memory, (1.0 - p.smear_memory) / (ramps + steps)
+    memory, weight = params.smear_memory, (1.0 - params.smear_memory) / edges.total
     return replace(
         state,
-        edge_ramps=memory * state.edge_ramps + weight * ramps,
-        edge_steps=memory * state.edge_steps + weight * steps,
+        edge_ramps=memory * state.edge_ramps + weight * edges.ramps,
+        edge_steps=memory * state.edge_steps + weight * edges.steps,
     )
 
 
-def smears(state: ExtractorState, params: Params) -> bool:
-    """Whether the camera smears its edges, by those of at least smear_min_frames frames; with fewer it does not."""
-    edges = state.edge_ramps + state.edge_steps
+def smears(state: ExtractorState, edges: EdgeCounts, params: Params) -> bool:
+    """Whether the camera smears its edges. state: after this frame; edges: of this frame.
+
+    From smear_min_frames frames on their mean share of ramps decides. Before that the frame needs smear_clear_edges edges and
+    the mean must exceed smear_clear_share, which no view of a camera with sharp edges comes near."""
+    p, weight = params, state.edge_ramps + state.edge_steps
     # The half frame keeps rounding out of the comparison.
-    if edges <= 1.0 - params.smear_memory ** (params.smear_min_frames - 0.5):
-        return False
-    return state.edge_ramps > params.smear_min_share * edges
+    if weight > 1.0 - p.smear_memory ** (p.smear_min_frames - 0.5):
+        return state.edge_ramps > p.smear_min_share * weight
+    return (
+        edges.at_least(p.smear_clear_edges) and state.edge_ramps > max(p.smear_clear_share, p.smear_min_share) * weight
+    )
 
 
 def drop_smeared_edges(
@@ -298,8 +322,9 @@ def remove_smeared_edges(
     """Judges the camera by the edges of this frame and the frames before, and takes ramps out of marks (H, W) uint16 where it
     smears its edges."""
     limits = ramp_limits(info, ke_per_m, params)
-    after = observe_edges(state, depth_mm, limits, params)
-    if not smears(after, params):
+    edges = edges_of(depth_mm, limits)
+    after = observe_edges(state, edges, params)
+    if not smears(after, edges, params):
         return SmearedEdges(active=False, state=after, free_marks=marks)
     seen_to, measured, far = drop_smeared_edges(depth_mm, marks, info, R_level_optical, ground, limits, params, buffers)
     return SmearedEdges(active=True, state=after, free_marks=seen_to, measured=measured, far=far)

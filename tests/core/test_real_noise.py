@@ -43,11 +43,9 @@ def test_a_range_of_20_m_gives_a_bounded_number_of_planes(recording: list[tuple[
         assert model.valid
         planes.append(len(model.planes))
         smeared.append(model.stats.smeared_px)
-    judged = Params().smear_min_frames - 1
-    assert max(smeared[:judged]) == 0, "the camera is not judged by fewer frames"
-    assert min(smeared[judged:]) > 0, "from then on each frame has ramps"
-    assert np.median(planes[judged:]) <= 60, "measured: 59.5"
-    assert max(planes[judged:]) <= 95, "measured: 94, goal 60"
+    assert min(smeared) > 0, "the ramps of the first frame are clear, and each frame has some"
+    assert np.median(planes) <= 60, "measured: 59.5"
+    assert max(planes) <= 95, "measured: 94, goal 60"
 
 
 @pytest.mark.parametrize("prior", [0.0015, 0.005])

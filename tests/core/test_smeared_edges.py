@@ -14,9 +14,10 @@ from core.frames import R_CAMFRD_OPTICAL
 from core.params import Params
 from core.stages.classify import classify, measured_mm
 from core.stages.smeared_edges import (
+    EdgeCounts,
     RampLimits,
-    count_edges,
     drop_smeared_edges,
+    edges_of,
     observe_edges,
     ramp_limits,
     smears,
@@ -155,25 +156,26 @@ def test_a_camera_is_judged_by_its_edges() -> None:
     for sensor, expected in ((SMEARED, True), (SHARP, False)):
         state = ExtractorState()
         for frame in range(P.smear_min_frames):
-            state = observe_edges(state, measure(stripes(), INFO, sensor, 1, frame), limits(), P)
+            edges = edges_of(measure(stripes(), INFO, sensor, 1, frame), limits())
+            state = observe_edges(state, edges, P)
             assert state.edge_ramps + state.edge_steps > 0.0
-        assert smears(state, P) is expected
+            assert smears(state, edges, P) is expected
 
 
 def test_a_frame_without_edges_is_no_evidence() -> None:
-    state = observe_edges(ExtractorState(), measure(stripes(), INFO, SMEARED, 1), limits(), P)
-    wall = measure(np.full((120, 160), 5.0), INFO, SMEARED, 1)
-    assert observe_edges(state, wall, limits(), P) == state
-    assert not smears(observe_edges(ExtractorState(), wall, limits(), P), P)
+    state = observe_edges(ExtractorState(), edges_of(measure(stripes(), INFO, SMEARED, 1), limits()), P)
+    wall = edges_of(measure(np.full((120, 160), 5.0), INFO, SMEARED, 1), limits())
+    assert observe_edges(state, wall, P) == state
+    assert not smears(observe_edges(ExtractorState(), wall, P), wall, P)
 
 
 def test_a_few_sharp_frames_do_not_turn_the_verdict_and_many_do() -> None:
-    state = observe_edges(JUDGED, measure(stripes(), INFO, SMEARED, 1), limits(), P)
-    sharp = measure(stripes(), INFO, SHARP, 1)
+    state = observe_edges(JUDGED, edges_of(measure(stripes(), INFO, SMEARED, 1), limits()), P)
+    sharp = edges_of(measure(stripes(), INFO, SHARP, 1), limits())
     verdicts = []
     for _ in range(30):
-        state = observe_edges(state, sharp, limits(), P)
-        verdicts.append(smears(state, P))
+        state = observe_edges(state, sharp, P)
+        verdicts.append(smears(state, sharp, P))
     assert verdicts[0]
     assert not verdicts[-1]
 
@@ -196,7 +198,7 @@ def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ra
     gone, _ = dropped(depth)
     solid = np.where(gone, 5000, depth).astype(np.uint16)
     p = replace(P, profile_layer_m=0.5)
-    state = observe_edges(JUDGED, depth, limits(), P)
+    state = observe_edges(JUDGED, edges_of(depth, limits()), P)
     free = Extractor(p).extract(depth, INFO, R_CAMFRD_OPTICAL, state)[0].free
     bound = Extractor(replace(p, smear_min_share=1.0)).extract(solid, INFO, R_CAMFRD_OPTICAL)[0].free
     assert free.free_to_m.max() > 3.0
@@ -221,12 +223,12 @@ def test_a_wall_at_a_slant_beside_a_hole_is_neither_evidence_nor_dropped(offset_
     """Where the depth beyond the near end is unknown, a surface and a ramp look the same."""
     depth = grazing_wall(offset_m, nearest_m)
     low_noise = replace(WIDE, ke_per_m=0.002)
-    ramps, steps = count_edges_of(depth, low_noise)
-    assert ramps <= 0.1 * steps or ramps + steps < P.smear_min_edges * 120 / 480
+    edges = edges_of(depth, limits(low_noise))
+    assert edges.ramps <= 0.1 * edges.steps or not edges.at_least(P.smear_min_edges)
     state = ExtractorState()
     for _ in range(2 * P.smear_min_frames):
-        state = observe_edges(state, depth, limits(low_noise), P)
-    assert not smears(state, P)
+        state = observe_edges(state, edges, P)
+        assert not smears(state, edges, P)
     assert not dropped(depth, info=low_noise)[0].any()
 
 
@@ -236,29 +238,44 @@ def test_the_extractor_keeps_a_wall_at_a_slant_beside_a_hole() -> None:
     for _ in range(2):
         model, state = extractor.extract(depth, replace(WIDE, ke_per_m=0.002), R_CAMFRD_OPTICAL, state)
         assert model.stats.smeared_px == 0
-        assert not smears(state, P)
-
-
-def count_edges_of(depth: Depth, info: CameraInfo) -> tuple[int, int]:
-    """(ramps, steps) of an image."""
-    edges = ramp_limits(info, info.ke_per_m or KE, P)
-    ramps, steps = count_edges(
-        depth, 4, edges.span_px, edges.reach_px, edges.judged_per_m, edges.relative, edges.straight
-    )
-    return int(ramps), int(steps)
 
 
 def test_sharp_edges_before_the_sky_are_steps() -> None:
     depth = np.full((120, 160), FAR_MM, np.uint16)
     for pole in range(12):
         depth[:, 8 + 12 * pole : 12 + 12 * pole] = 4000
-    assert count_edges_of(depth, INFO) == (0, 2 * 12 * 30)
+    assert edges_of(depth, limits()) == EdgeCounts(ramps=0, steps=2 * 12 * 30, rows=120)
 
 
-def test_one_frame_is_not_enough_to_take_ramps_out() -> None:
-    depth, state, verdicts = measure(stripes(), INFO, SMEARED, 1), ExtractorState(), []
-    for _ in range(P.smear_min_frames + 1):
-        state = observe_edges(state, depth, limits(), P)
-        verdicts.append(smears(state, P))
-    assert P.smear_min_frames > 1
-    assert verdicts == [False] * (P.smear_min_frames - 1) + [True, True]
+def verdicts_over(edges: EdgeCounts, frames: int) -> list[bool]:
+    """What `smears` says after each of so many frames with the same edges."""
+    state, verdicts = ExtractorState(), []
+    for _ in range(frames):
+        state = observe_edges(state, edges, P)
+        verdicts.append(smears(state, edges, P))
+    return verdicts
+
+
+def test_one_frame_is_enough_where_nearly_all_of_many_edges_are_ramps() -> None:
+    edges = edges_of(measure(stripes(), INFO, SMEARED, 1), limits())
+    assert edges.at_least(P.smear_clear_edges)
+    assert edges.ramps > P.smear_clear_share * edges.total
+    assert verdicts_over(edges, 1) == [True]
+
+
+@pytest.mark.parametrize(
+    ("share", "total"),
+    [(0.5 * (P.smear_min_share + P.smear_clear_share), 2.0 * P.smear_clear_edges), (1.0, 0.9 * P.smear_clear_edges)],
+    ids=["a share that is not clear", "few edges"],
+)
+def test_one_frame_is_not_enough_otherwise(share: float, total: float) -> None:
+    ramps = round(share * total)
+    edges = EdgeCounts(ramps=ramps, steps=round(total) - ramps, rows=480)
+    assert edges.at_least(P.smear_min_edges)
+    assert verdicts_over(edges, P.smear_min_frames + 1) == [False] * (P.smear_min_frames - 1) + [True, True]
+
+
+def test_a_clear_frame_after_one_of_sharp_edges_is_not_enough() -> None:
+    sharp, ramps = EdgeCounts(ramps=0, steps=400, rows=480), EdgeCounts(ramps=400, steps=0, rows=480)
+    state = observe_edges(observe_edges(ExtractorState(), sharp, P), ramps, P)
+    assert not smears(state, ramps, P)
