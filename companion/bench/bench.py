@@ -13,6 +13,7 @@ from typing import Any, Final
 from core.extractor import Extractor
 from core.params import Params
 
+from ..argument_types import number_in
 from ..config.loader import load_config
 from ..console import fail, print_json, print_line, progress
 from ..kernels.child_process import WarmupError
@@ -85,20 +86,17 @@ def _measured(view: FrameSequence, extractor: Extractor, frames: int, bar: Calla
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion bench`."""
     parser = subparsers.add_parser("bench", help="measure the frame rate that this computer reaches")
-    parser.add_argument("--frames", type=_frames, default=FRAMES, metavar="N", help=f"frames per view ({FRAMES})")
+    parser.add_argument(
+        "--frames", type=number_in(int, 10, 100_000), default=FRAMES, metavar="N", help=f"frames per view ({FRAMES})"
+    )
     parser.add_argument("--size", type=_size, default=SIZE, metavar="WxH", help="size of the depth image (640x480)")
-    parser.add_argument("--hz", type=_hz, default=HZ, metavar="N", help=f"frame rate of the camera ({HZ:g})")
+    parser.add_argument(
+        "--hz", type=number_in(float, 0.1, 1000.0), default=HZ, metavar="N", help=f"frame rate of the camera ({HZ:g})"
+    )
     parser.add_argument(
         "-c", "--config", type=Path, metavar="FILE", help="configuration whose [extractor] section is used"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def _frames(text: str) -> int:
-    value = int(text)
-    if not 10 <= value <= 100_000:
-        raise argparse.ArgumentTypeError("expected 10..100000")
-    return value
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -106,13 +104,6 @@ def _size(text: str) -> tuple[int, int]:
     if not found or not all(64 <= int(side) <= 4096 for side in found.groups()):
         raise argparse.ArgumentTypeError("expected width x height in pixels, 64..4096 each, such as 640x480")
     return int(found[1]), int(found[2])
-
-
-def _hz(text: str) -> float:
-    value = float(text)
-    if not 0.1 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError("expected 0.1..1000")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from typing import Any
 from drivers.simulation.camera import SimulatedDepthSource
 
 from ..cameras.factory import make_source
+from ..argument_types import number_in
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig
@@ -119,18 +120,13 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("demo", help="fly the live service in a simulation, without hardware")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="DIR", help=f"folder ({OUTPUT})")
     parser.add_argument("-c", "--config", type=Path, metavar="FILE", help="a configuration with a simulated camera")
-    parser.add_argument("--seconds", type=_seconds, metavar="S", help=f"duration of the flight ({SECONDS:g} s)")
+    parser.add_argument(
+        "--seconds", type=number_in(float, 1.0, 600.0), metavar="S", help=f"duration of the flight ({SECONDS:g} s)"
+    )
     parser.add_argument(
         "--fast", action="store_true", help=f"{FAST_SECONDS:g} s with images {FAST_WIDTH_PX} pixels wide"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 1.0 <= value <= 600.0:
-        raise argparse.ArgumentTypeError("expected 1..600")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:

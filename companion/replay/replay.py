@@ -17,6 +17,7 @@ from drivers.logs.reader import LoggedMessage, McapRecording
 from drivers.logs.topics import TOPICS
 from osape_client.proto import osape_v1_pb2 as pb
 
+from ..argument_types import number_in
 from ..cameras.masks import configured_mask
 from ..config.loader import Config, ConfigError, config_from_text, load_config
 from ..config.obstacle_range import obstacle_range_m
@@ -233,20 +234,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--check", action="store_true", help="compare with the prisms in the log")
     parser.add_argument(
         "--tolerance",
-        type=_tolerance,
+        type=number_in(float, 0.0, 1.0),
         default=0.0,
         metavar="X",
         help="allowed relative difference for --check on another processor type",
     )
     parser.add_argument("--no-depth", action="store_true", help="leave the depth images out of OUT.mcap")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-
-
-def _tolerance(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError("expected 0..1")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:

@@ -110,6 +110,7 @@ def test_kernels_that_cannot_be_made_ready_are_reported(
         (["--size", "640"], "such as 640x480"),
         (["--size", "16x9000"], "64..4096"),
         (["--frames", "1"], "expected 10..100000"),
+        (["--frames", "ten"], "'ten': expected 10..100000"),
         (["--hz", "0"], "expected 0.1..1000"),
     ],
 )
