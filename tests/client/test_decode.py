@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 
 import core.types
 import core.world.snapshot
 import osape_client
+from companion.pipeline.encode import MODEL_FIELDS
+from companion.pipeline.fast_encode import encode_model
 from osape_client.decode import model_from_message
 from osape_client.proto import osape_v1_pb2 as pb
+from osape_client.query.space import PlacedModel, Space
+from tests.core.worlds import house, seen
 
 OF_THE_SERVICE_ONLY = {"cause", "stats", "ke_per_m", "strips"}
 """Fields of a FrameModel that a client reads from the message itself, or that are not published."""
@@ -27,13 +32,38 @@ OF_THE_SERVICE_ONLY = {"cause", "stats", "ke_per_m", "strips"}
     ],
 )
 def test_the_fields_are_those_of_the_algorithm(client: type, service: type) -> None:
-    assert [f.name for f in fields(client)] == [f.name for f in fields(service) if f.name not in OF_THE_SERVICE_ONLY]
+    theirs = {f.name: f.type for f in fields(service) if f.name not in OF_THE_SERVICE_ONLY}
+    ours = {f.name: f.type for f in fields(client)}
+    assert list(ours) == list(theirs)
+    assert ours == theirs
 
 
 @pytest.mark.parametrize("name", ["PlaneFlags", "FreeEnd"])
 def test_the_numbers_of_enums_are_those_of_the_algorithm(name: str) -> None:
     client, service = getattr(osape_client, name), getattr(core.types, name)
     assert {m.name: m.value for m in client} == {m.name: m.value for m in service}
+
+
+def test_a_decoded_model_gives_the_answers_of_the_model_that_was_sent() -> None:
+    model = seen(house(9.0, 0.0), (0.0, 0.0), 0.0, 0).model
+    message = pb.PrismsFrame(valid=True, stats=pb.FrameStats())
+    message.MergeFromString(encode_model(MODEL_FIELDS, model))
+    decoded = model_from_message(message)
+    assert decoded is not None
+    points = np.random.default_rng(1).uniform([-1.0, -8.0, -4.0], [14.0, 8.0, 4.0], (4000, 3))
+    here = (0.0, 0.0, 0.0)
+    answers = [Space([PlacedModel(m, here)]).points(points, 0.2) for m in (model, decoded)]
+    assert (answers[0] == answers[1]).all()
+    assert len(set(answers[0].tolist())) == 3
+
+
+@pytest.mark.parametrize("wrong", [{"planes": np.zeros((2, 5), np.float32)}, {"hits": np.zeros(3, np.int64)}])
+def test_both_snapshots_take_and_refuse_the_same_arrays(wrong: dict[str, np.ndarray]) -> None:
+    for kind in (osape_client.WorldSnapshot, core.world.snapshot.WorldSnapshot):
+        empty = kind.empty()
+        assert not any(len(getattr(empty, f.name)) for f in fields(kind) if f.name not in ("section", "ground"))
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            replace(empty, **wrong)
 
 
 def test_a_valid_frame_with_a_cause_is_refused() -> None:
