@@ -88,7 +88,7 @@ def test_what_the_comparison_of_worlds_sees() -> None:
 
 
 def test_the_streams_hold_what_they_are_for() -> None:
-    """No golden result may be one of a model that says nothing: each stream has what it was flown for."""
+    """No golden result may be an empty model: each stream shows what it was recorded for."""
     told = {name: totals(load(name)) for name in STREAMS}
     for name in STREAMS:
         frames = load(name)["frames"]

@@ -195,7 +195,7 @@ def test_free_cells_of_a_world_in_a_solid_are_wrong_and_those_beside_it_are_not(
 
 
 def answers(frame: Rendered, model: FrameModel, monkeypatch: pytest.MonkeyPatch) -> ReaderCounts:
-    """What the check of readers finds where the extractor says this of a frame."""
+    """Errors that the check of readers finds for this model of a frame."""
     with monkeypatch.context() as patch:
         patch.setattr(Extractor, "extract", lambda *_: (model, None))
         return judge_readers(replace(random_frame(3, 0), frame=frame), Extractor(Params()))

@@ -85,7 +85,7 @@ def test_quick_figures_do_not_land_in_the_documentation() -> None:
 
 
 def test_a_section_runs_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its Markdown comes back; a signal or a status is told."""
+    """Its Markdown is returned; a signal or an exit status is reported."""
     seen = {}
 
     def child(status: int) -> None:

@@ -104,7 +104,7 @@ def niche(width: float) -> Rendered:
 
 
 def test_notch() -> None:
-    """A notch too narrow for the vehicle is spanned by either form; only the corrected one says that nothing was seen
+    """A notch too narrow for the vehicle is spanned by either form; only the corrected one reports that nothing was seen
     there. A niche that it could fly into stays open; the printed merge closes it a metre and a half before its back."""
     narrow, wide = both(niche(1.2)), both(niche(3.0))
     assert first_hit(narrow["safe"], 0.0, 0.0) == pytest.approx(6.0, abs=0.3)
@@ -159,7 +159,7 @@ def test_two_sided_occlusion() -> None:
     assert len(np.unique(model.cluster)) == 3
     inside = [p for p in model.planes if 4.6 < min(p[0], p[2]) < 11.0]
     assert inside == []
-    # the printed form draws planes only and says nothing of what is free behind them
+    # the printed form has planes only and no free space behind them
     paper = both(r)["paper"]
     assert first_hit(paper, beside, 0.0) > 10.0
 

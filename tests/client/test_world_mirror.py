@@ -46,7 +46,7 @@ def compiled() -> None:
 
 
 class Speaker:
-    """A world whose messages go out when told to, as the service's thread does it."""
+    """A world that publishes its messages on request, as the thread of the service does."""
 
     def __init__(self, folder: Path, boot: str = "one") -> None:
         self.context: zmq.Context = zmq.Context()
@@ -72,7 +72,7 @@ def now() -> int:
 
 
 def followed(speaker: Speaker, mirror: WorldMirror) -> bool:
-    """Another look at the walls is told; whether the mirror can be used then."""
+    """Publishes another observation of the walls; whether the mirror can be used then."""
     look(speaker)
     return mirror.update(0.1)
 
@@ -183,7 +183,7 @@ def test_what_is_old_or_has_no_position_is_not_free(speaker: Speaker) -> None:
         assert mirror.space.points([[4, 0, 0], [8, 0, 0]], 0.2).tolist() == [Occupancy.UNKNOWN, Occupancy.OCCUPIED]
         assert until(lambda: not mirror.update(0.05) and "no frame with a position for" in mirror.cause, 60.0)
         assert until(follows, 60.0)
-        speaker.close()  # a service that ends says nothing any more
+        speaker.close()  # a service that ended sends nothing
         assert until(lambda: not mirror.usable, 5.0)
         assert mirror.space.points([[4, 0, 0]]).tolist() == [Occupancy.UNKNOWN]
         assert "old" in mirror.cause

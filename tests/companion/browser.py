@@ -60,7 +60,7 @@ class Browser:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        os.close(self._out)  # it ends when nobody speaks to it any more
+        os.close(self._out)  # it ends when the pipe is closed
         try:
             self.process.wait(10.0)
         except subprocess.TimeoutExpired:
@@ -176,5 +176,5 @@ def opened(folder: Path, size: str = "1200,800") -> Iterator[Browser]:
     """A browser whose pages have nothing to complain of at the end."""
     with Browser(folder / "profile", size) as browser:
         yield browser
-        browser.call("Browser.getVersion")  # what was said until now is heard
+        browser.call("Browser.getVersion")  # messages until now are received
         assert not browser.complaints

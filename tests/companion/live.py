@@ -90,7 +90,7 @@ class Ear(threading.Thread):
         return found[0]
 
     def _words(self, since_ns: int) -> list[str]:
-        """What was said instead, each thing once."""
+        """What was printed instead, each line once."""
         texts = [
             "; ".join(m.troubles) or "OK" if isinstance(m, pb.Health) else m.cause_text or "valid"
             for m in self.since(since_ns)

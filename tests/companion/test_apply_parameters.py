@@ -39,7 +39,7 @@ GOOD = {
         "PRX1_TYPE": 2, "AVOID_ENABLE": 3, "AVOID_MARGIN": 2.0, "AVOID_BEHAVE": 1, "AVOID_BACKUP_SPD": 0.0, "OA_TYPE": 1,
     },
 }  # fmt: skip
-"""OA_TYPE is left as it is: how somebody wants paths planned is not ours to say."""
+"""OA_TYPE is not changed: the kind of path planning is the user's choice."""
 
 
 @contextmanager
@@ -177,7 +177,7 @@ def test_a_line_on_which_two_speak_is_not_written_to(tmp_path: Path) -> None:
 def test_good_parameters_are_left_alone(tmp_path: Path) -> None:
     for kind, good in (*PARAMETERS.items(), *GOOD.items()):
         assert changes(facts(kind, good), Config()) == []
-        assert changes(facts(kind, {}), Config()) == []  # what was not told is not known to be wrong
+        assert changes(facts(kind, {}), Config()) == []  # an unknown value is not reported as wrong
     with flying(PX4, tmp_path, GOOD[PX4]) as (line, config):
         assert steps(config, lambda wanted: True) == [(True, "nothing to change")]
         assert sets(line) == []

@@ -169,7 +169,7 @@ def test_another_vehicle_has_parameters_of_its_own() -> None:
 @pytest.mark.parametrize("forged", [20.0, 0.5])
 @pytest.mark.parametrize("first", [True, False])
 def test_a_forged_value_beside_the_true_one_never_moves_the_wall(forged: float, first: bool) -> None:
-    """Farther, the vehicle flies on into what nobody sees; nearer, it backs away without end."""
+    """Farther away, the vehicle flies on into unobserved space; nearer, it backs away without end."""
     reader = ParameterReader()
     reader.begin(ARDUPILOT)
     autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT))

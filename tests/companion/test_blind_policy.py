@@ -132,7 +132,7 @@ def test_ardupilot_is_shown_a_wall_where_it_holds_its_place_for_as_long_as_it_is
             for aside_deg in (-40.0, -22.5, 22.5, 40.0):  # towards a corner of its fence it creeps
                 wanted = (2.0 * math.cos(math.radians(aside_deg)), 2.0 * math.sin(math.radians(aside_deg)))
                 assert math.hypot(*vehicle.velocity_m_s(wanted, t_ns)) < 0.03 + 0.085 * margin_m
-            assert vehicle.room_m(180.0, t_ns) == math.inf  # nobody looks there in any case
+            assert vehicle.room_m(180.0, t_ns) == math.inf  # no camera observes it in any case
 
 
 def test_a_camera_that_never_saw_is_blind_from_the_start() -> None:
@@ -265,7 +265,7 @@ def test_a_blind_camera_is_believed_after_good_frames_in_a_row() -> None:
 
 
 def test_a_near_obstacle_that_leaves_the_view_is_remembered_where_it_stands() -> None:
-    """A pole 3 m ahead; the vehicle flies 2 m forward and turns right by 90 degrees, and nobody looks there any more."""
+    """A pole 3 m ahead; the vehicle flies 2 m forward and turns right by 90 degrees, and no camera observes it any more."""
     memory = ObstacleMemory(AVOID)
     first = front_seen(wall_at(0.0, 3.0))
     assert np.isinf(memory.recall(first, [], Here(0.0, (10.0, 5.0, -3.0), 1), NS).distance_m).all()

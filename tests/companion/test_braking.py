@@ -190,7 +190,7 @@ def test_ardupilots_low_pass_as_delivered_brakes_in_time() -> None:
 @pytest.mark.parametrize("fault", ["camera", "autopilot's motion"])
 @pytest.mark.parametrize("reader", [px4, ardupilot])
 def test_it_stops_when_the_chain_breaks(reader: type, fault: str) -> None:
-    """Towards a wall that nobody sees any more."""
+    """Towards a wall that is no longer observed."""
     flight = Flight(facade(), reader())
     if fault == "camera":
         flight.dies_at_m = 9.0

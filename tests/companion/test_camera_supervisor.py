@@ -125,7 +125,7 @@ def test_the_cause_that_a_camera_gives_is_reported(tmp_path: Path) -> None:
 
 
 def starts_of(folder: Path, habit: str, monkeypatch: pytest.MonkeyPatch, starts: int) -> list[float]:
-    """How long a camera of this habit was waited with before each new start, in order; nobody really waits."""
+    """The waits before each restart of a camera that behaves so, in order; the test does not wait."""
     waits: list[float] = []
     monkeypatch.setattr(CameraSupervisor, "_wait", lambda self, seconds: waits.append(seconds))
     slow = SupervisorParams(first_backoff_s=0.5, longest_backoff_s=4.0)

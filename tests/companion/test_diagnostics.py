@@ -71,7 +71,7 @@ def test_a_rate_that_rises_or_ends_is_not_low() -> None:
     check.check(2.0, 0)
     assert check.check(MIN_ATTITUDE_HZ, 2 * S) == []
     assert check.check(2.0, 4 * S) == []
-    assert check.check(0.0, 6 * S) == []  # silence is told by its age
+    assert check.check(0.0, 6 * S) == []  # silence is reported by its age
     assert check.check(2.0, 8 * S) == []
 
 

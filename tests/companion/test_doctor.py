@@ -147,7 +147,7 @@ def test_a_full_disk_is_reported(
 
 
 def test_a_running_service_is_asked(live: Live, capsys: pytest.CaptureFixture[str]) -> None:
-    """It has no autopilot and says so, once its start is over; the doctor takes neither camera nor line from it."""
+    """The running service reports a missing autopilot after its start; the doctor opens neither its camera nor its link."""
     try:
         health = live.ear("health", pb.Health)
         live.start()

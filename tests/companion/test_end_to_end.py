@@ -115,7 +115,7 @@ def test_replay_checks_its_own_log(prisms: Path) -> None:
 
 
 def test_a_check_that_fails(prisms: Path, tmp_path: Path) -> None:
-    """Other parameters than those that made the log: it says where and exits with 1."""
+    """With other parameters than those of the log it reports the differences and exits with 1."""
     config = tmp_path / "other.toml"
     config.write_text("[extractor]\npassable_width_m = 1.0\n")
     done = companion("replay", prisms, "--check", "-c", config, "--json")

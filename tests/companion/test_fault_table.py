@@ -105,7 +105,7 @@ class Flown:
         return [told for told in self.line.change(those) if told[0] >= since_ns]
 
     def sees(self) -> bool:
-        """Whether it tells the field ahead clear."""
+        """Whether it reports the sectors ahead as clear."""
         told = self.told()
         return bool(told) and told[-1][2][0] == CLEAR_CM
 
@@ -215,7 +215,7 @@ def packed(message: Any, component: int) -> bytes:
 
 
 def conflicts(flown: Flown) -> list[bytes]:
-    """A second companion that sees all clear, attitudes of another component, answers to a TIMESYNC that nobody asked."""
+    """A second companion that reports clear sectors, attitudes of another component, answers to a TIMESYNC request that was not sent."""
     clear = dialect.MAVLink_obstacle_distance_message(0, 4, [CLEAR_CM] * 72, 5, 20, 1200, 5.0, 0.0, 12)
     attitude = dialect.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0)
     beat = dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[flown.kind], 0, 0, 4, 3)
@@ -245,7 +245,7 @@ def test_other_senders_do_not_make_a_blind_service_send_clear(flown: Flown) -> N
 
 
 def test_a_forged_kind_of_autopilot_brings_the_wall_and_no_silence(flown: Flown) -> None:
-    """Heartbeats in the autopilot's own name that say another kind: told what is safe for both."""
+    """Heartbeats of the autopilot's identity with another kind: the messages are safe for both kinds."""
     forged = AUTOPILOT_IDS[ARDUPILOT if flown.kind == PX4 else PX4]
     beat = packed(dialect.MAVLink_heartbeat_message(2, forged, 0, 0, 4, 3), 1)
     flown.delivers = False

@@ -76,7 +76,7 @@ def test_what_is_sent_when_blind_is_the_same_in_each_mode(
     avoidance = Avoidance(AVOID, ("front",), 0.3, lambda: vehicle(kind, number, armed), lambda message: None)
     avoidance.announce(INFO)
     if oa_type is not None:
-        for t_ns in (NS, 4 * NS):  # a value counts when it was told again
+        for t_ns in (NS, 4 * NS):  # a value counts when it was received again
             avoidance.tick(t_ns)
             for name_of, value in (("OA_TYPE", oa_type), ("AVOID_MARGIN", 3.0)):
                 avoidance.message(dialect.MAVLink_param_value_message(name_of.encode(), value, 9, 1, 0), t_ns)

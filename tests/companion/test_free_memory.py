@@ -89,7 +89,7 @@ def test_far_away_from_it_and_back_the_grid_holds_nothing_wrong() -> None:
 def test_what_a_camera_looks_at_now_is_not_remembered() -> None:
     memory = remembering()
     assert not free(memory, START, 4.0, 0.0, 0.0, (looking(0.0, free=False),))
-    assert not free(memory, START, 4.0, 0.0, -0.7, (View(AHEAD, HERE),))  # nobody knows where it looks
+    assert not free(memory, START, 4.0, 0.0, -0.7, (View(AHEAD, HERE),))  # its direction is unknown
     assert free(memory, START, 4.0, 0.0, -0.7, (looking(-25.0, free=False),))  # above its image
 
 

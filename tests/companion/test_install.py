@@ -169,7 +169,7 @@ def test_sizes_are_those_of_all_files_below(tmp_path: Path) -> None:
     assert folder_size_mb(tmp_path) == 1.5
 
 
-# ---- what systemd says of the unit --------------------------------------------------------------------------------
+# ---- checks of the unit by systemd -------------------------------------------------------------------------------
 
 
 @pytest.fixture

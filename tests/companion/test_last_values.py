@@ -33,7 +33,7 @@ def avoidance(folder: Path, system_id: int = 1, kind: str = "ArduPilot") -> Avoi
 
 
 def told_margin(part: Avoidance, value: float) -> None:
-    """The autopilot says AVOID_MARGIN for two seconds."""
+    """The autopilot sends AVOID_MARGIN for two seconds."""
     part.tick(NS)
     for k in range(20):
         part.parameters.take(dialect.MAVLink_param_value_message(b"AVOID_MARGIN", value, 9, 1, 0), NS + k * NS // 10)

@@ -97,7 +97,7 @@ def test_the_inbox_is_bounded_and_counts_what_gave_way() -> None:
 
 
 def test_what_gives_way_is_never_the_description_of_a_camera() -> None:
-    """As at a first start, when kernels are compiled for a minute and nobody takes anything out."""
+    """As at a first start, when kernels are compiled for a minute and nothing is taken from the queue."""
     event_queue = EventQueue(max_items=10)
     other = dataclasses.replace(INFO, camera="right")
     event_queue.put([attitude(0), INFO, attitude(1), other])

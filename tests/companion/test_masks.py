@@ -89,7 +89,7 @@ def test_an_arm_is_an_obstacle_until_it_is_masked_and_then_unknown() -> None:
 
 
 def test_behind_a_mask_no_wall_stands_for_ever_and_in_a_blind_view_it_does() -> None:
-    """Of the masked sectors nobody would ever say that they are clear: they count as looked into by nobody. When the camera
+    """Masked sectors can never be clear: they count as unobserved. When the camera
     is blind, what is seen of them below the arm is gone too."""
     builder, _, now_ns = flown(ARM)
     values = told(builder, "ArduPilot", now_ns)

@@ -133,7 +133,7 @@ def test_each_cause_of_silence_returns(cause):
 
 def test_the_causes_are_those_of_the_schema():
     assert len(set(CAUSES.values())) == len(CAUSES)
-    live_only = {pb.CAUSE_CAMERA}  # no frame at all: said by the service, never by the pipeline
+    live_only = {pb.CAUSE_CAMERA}  # no frame at all: set by the service, never by the pipeline
     assert set(CAUSES.values()) | {pb.CAUSE_NONE} | live_only == set(pb.Cause.values())
     names = {pb.Cause.Name(number).removeprefix("CAUSE_") for number in pb.Cause.values()}
     assert {c.name for c in CAUSES} == names - {"NONE", "CAMERA"}

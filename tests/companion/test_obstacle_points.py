@@ -33,7 +33,7 @@ MS = 1_000_000
 
 
 def read(points_m: np.ndarray, avoid: AvoidParams = AVOID, at_once: bool = False) -> ArduPilotLayers:
-    """What ArduPilot makes of a scan, once it is told the next one."""
+    """The scan as ArduPilot has it after the next one began."""
     layers = ArduPilotLayers(ArduPilotReader(), at_once)
     for k in range(2):
         for message in obstacle_points_messages(points_m, 1000 + k, avoid):
@@ -63,7 +63,7 @@ def test_the_middle_layer_is_what_obstacle_distance_tells(cm: list[int], at_once
 def test_nothing_above_or_below_is_lost(
     walls: list[tuple[float, float, float, float, float, float, float]], radius_m: float
 ) -> None:
-    """Every point of every plane that lies in an outer layer: its face there is told as near as it is, or
+    """Every point of every plane that lies in an outer layer: its face there is sent at its distance or
     nearer."""
     avoid = replace(AVOID, radius_m=radius_m)
     planes = np.array([(ax, ay, bx, by, top, top + high) for ax, ay, bx, by, top, high, _ in walls])
@@ -74,7 +74,7 @@ def test_nothing_above_or_below_is_lost(
         for share in np.linspace(0.0, 1.0, 97):
             x, y = plane[0:2] + share * (plane[2:4] - plane[0:2])
             azimuth, step_m = math.degrees(math.atan2(y, x)), math.hypot(*(plane[2:4] - plane[0:2])) / 64
-            # beside the border of a face what is told may stand in the face beside it, and closes both
+            # near the border of a face an obstacle may be in the next face, and closes both
             if abs((azimuth + 22.5) % 45.0 - 22.5) > 22.0 - math.degrees(step_m / max(0.01, math.hypot(x, y))):
                 continue
             for z in np.linspace(plane[4], plane[5], 25):
@@ -87,7 +87,7 @@ def test_nothing_above_or_below_is_lost(
         for face in range(8):
             if nearest[layer, face] < avoid.max_distance_m - 0.4:
                 assert told[layer][face] <= max(nearest[layer, face], avoid.min_distance_m + 0.01) + 0.01
-    assert told[MIDDLE] == [math.inf] * 8  # is told by the sectors alone
+    assert told[MIDDLE] == [math.inf] * 8  # is sent by the sectors alone
 
 
 def test_a_branch_above_the_band_is_sent_in_the_upper_layer_and_not_ahead() -> None:

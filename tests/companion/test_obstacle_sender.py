@@ -156,7 +156,7 @@ def test_a_frozen_camera_is_blind_as_soon_as_it_is_known_to_be_though_its_stamps
 
 
 def test_the_last_word_of_one_that_is_stopped_is_blind() -> None:
-    """Stopped within a round of the thread, what was told before would else be the last."""
+    """Stopped within a cycle of the thread, the message before would otherwise be the last."""
     chain = Chain(CLEAR)
     chain.now_ns = time.monotonic_ns() - NS
     posted: list[Any] = []
@@ -326,7 +326,7 @@ def test_a_remembered_obstacle_outlives_the_attitude() -> None:
 
 
 def test_a_model_that_cannot_be_reckoned_with_is_blindness_and_not_the_end() -> None:
-    """Whatever goes wrong, both autopilots are told of blindness, and good frames end it."""
+    """Every fault is sent to both autopilots as blind, and valid frames end it."""
     chain = Chain(CLEAR)
     chain.fly(1.0)
     chain.builder.result(replace(chain.builder._newest["front"], transform=None))

@@ -45,7 +45,7 @@ def test_a_beam_is_sent_while_the_vehicle_is_under_it_and_only_then() -> None:
 @pytest.mark.parametrize("pitch_deg", [0.0, 10.0, 20.0])
 @pytest.mark.parametrize("ceiling_m", [0.7, 1.0, 2.0])
 def test_under_a_ceiling_the_sent_distance_is_not_larger_than_the_true_one(ceiling_m: float, pitch_deg: float) -> None:
-    """Of a rendered room, whether its ceiling was found or not: what is told upward is no farther than the ceiling."""
+    """Of a rendered room, whether its ceiling was found or not: the distance sent upward is no farther than the ceiling."""
     seen = model_of(room(ceiling_m), height_m=1.5, pitch_rad=math.radians(pitch_deg))
     known = Overhead(UP)
     known.see(View(seen, AHEAD), Here(0.0, (0.0, 0.0, -1.5), 1), NS)
@@ -83,7 +83,7 @@ def test_obstacles_ahead_below_and_invalid_models_are_nothing_overhead() -> None
 
 
 def up_of(chain: Chain, avoid: AvoidParams) -> list[float]:
-    """What DISTANCE_SENSOR upward says now."""
+    """The present distance of the upward DISTANCE_SENSOR."""
     messages = messages_of(chain.told(ARDUPILOT), "ArduPilot", avoid, chain.now_ns)
     return [
         m.current_distance / 100.0 for m in messages if m.get_type() == "DISTANCE_SENSOR" and m.orientation == UPWARD
@@ -92,7 +92,7 @@ def up_of(chain: Chain, avoid: AvoidParams) -> list[float]:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_blind_service_sends_the_beam_for_a_while_and_then_nothing(fault: str) -> None:
-    """It never tells clear; ArduPilot forgets half a second after the last word, and climbs as without us."""
+    """It never sends clear; half a second after the last message ArduPilot climbs as without the companion."""
     over = (0.2, -3.0, 0.2, 3.0, -4.0, -2.5)
     chain = Chain(model(over, free_to_m=13.0, view_deg=72.0), UP)
     chain.position = (0.0, 0.0, -5.0)
@@ -100,7 +100,7 @@ def test_a_blind_service_sends_the_beam_for_a_while_and_then_nothing(fault: str)
     assert up_of(chain, UP) == [2.5]
     assert up_of(chain, replace(UP, upward=False)) == [2.5]  # told is told; who does not want it does not reckon it
     broken(chain, fault, 0.4)
-    assert up_of(chain, UP) in ([2.5], [])  # without an attitude nobody knows where the vehicle is
+    assert up_of(chain, UP) in ([2.5], [])  # without an attitude the direction upward is unknown
     broken(chain, fault, 6.0)
     assert up_of(chain, UP) == []
 

@@ -248,7 +248,7 @@ def test_a_frame_is_not_a_sample_anomaly():
     ("z_m", "seen_m", "with_pose", "expected_m"),
     [
         (-3.5, float("nan"), True, 3.5),  # no frame has seen the ground yet: the height is a hint
-        (-3.5, 2.0, True, 2.0),  # what was seen goes before what is told
+        (-3.5, 2.0, True, 2.0),  # a measured value goes before a configured one
         (-3.5, float("nan"), False, float("nan")),
         (0.2, float("nan"), True, float("nan")),  # below the origin: no height
     ],

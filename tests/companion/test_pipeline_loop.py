@@ -121,7 +121,7 @@ class Breaks(Pipeline):
 
 
 def two_frames(folder: Path, said: list[str], fault: Callable[[], None]) -> PipelineThread:
-    """A loop that has been given two frames, of which the second is `fault`'s. said: what was sent and recorded."""
+    """A loop that has been given two frames, of which the second is `fault`'s. said: what was published and recorded."""
     recorder, event_queue = Heard(folder, said), EventQueue()
     loop = PipelineThread(
         Breaks(fault), event_queue, StalenessMonitor(("front",), 0.3), lambda result, prisms: said.append(f"sent {result.sequence}"),

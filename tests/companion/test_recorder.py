@@ -164,7 +164,7 @@ def test_who_listens_goes_first_and_an_end_does_not_wait(tmp_path: Path, monkeyp
     recorder = Recorder(tmp_path, run_info("live"), SMALL)
     recorder.open()
     recorder.begin(frames[0].t_arrival_ns, pipeline.cameras, pipeline.state())
-    assert until(lambda: recorder.status.recording)  # a few bytes wake nobody, and wait for no one
+    assert until(lambda: recorder.status.recording)  # a few bytes neither wake the thread nor wait for it
     monkeypatch.setattr(recorder_module, "_IDLE_S", 3600.0)
     time.sleep(0.5)  # the wait at hand is over, and one that only a frame ends has begun
     recorder.event(frames[0])
@@ -331,7 +331,7 @@ def test_two_flights_in_one_second_have_two_names(tmp_path: Path) -> None:
 
 
 class Says:
-    """An extractor that says nothing at once: nothing has to be compiled."""
+    """An extractor that returns an empty model at once: nothing has to be compiled."""
 
     def extract(self, depth: Any, info: CameraInfo, R: Any, state: Any = None, *, keep_strips: bool = False) -> Any:
         return blind_model(info, InvalidCause.NO_MEASUREMENT, Params()), ExtractorState()

@@ -353,7 +353,7 @@ def test_the_nearest_point_of_a_sector_has_its_own_direction() -> None:
 def test_a_pole_is_lost_in_no_direction_and_at_no_distance(
     angle_deg: float, distance_m: float, width_m: float, clear: bool, known: bool
 ) -> None:
-    """Where the way to it was not seen PX4 is told that nothing is known, which stops it, unless the pole is near;
+    """Where the way to it was not seen PX4 is sent unknown, which stops it, unless the pole is near;
     ArduPilot, to which that means clear, is told the pole."""
     pole = wall_at(angle_deg, distance_m, width_m)
     around = scan([View(model(pole, free_to_m=13.0 if clear else 0.0), HERE)], AVOID)

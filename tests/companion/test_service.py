@@ -99,7 +99,7 @@ def flying(module_flying: Flying) -> Iterator[Flying]:
 def test_frames_flow_with_the_attitude_of_their_exposure(flying: Flying) -> None:
     begun_ns = time.monotonic_ns()
     assert until(lambda: sum(m.valid for m in flying.prisms.since(begun_ns)) > 60)
-    # a busy machine may be blind for a moment, and says so
+    # on a busy machine a frame may be blind for a moment, and is reported as blind
     frames = [m for m in flying.prisms.since(begun_ns) if m.valid]
     assert all(m.frame == "ned" for m in frames)
     assert sum(len(m.planes.corners_m) > 0 for m in frames) > 50

@@ -158,7 +158,7 @@ def test_whatever_breaks_in_a_flight_is_reported(tmp_path: Path, renders: Path) 
             told = line.change(
                 lambda a: [(1000 * m.time_usec, set(m.distances)) for m in a.of_kind("OBSTACLE_DISTANCE")]
             )
-            time.sleep(0.2)  # what it was told by has come here, too
+            time.sleep(0.2)  # the message before has arrived here, too
             seen_ns = [m.t_exposure_ns for m in prisms.since(begun_ns) if m.valid]
             return [v for t, v in told if t > seen_ns[0] and not any(0 <= t - s <= 4 * NS // 10 for s in seen_ns)]
 

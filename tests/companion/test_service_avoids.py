@@ -84,7 +84,7 @@ class Told:
         return [m.text for m in self.line.change(lambda a: a.of_kind("STATUSTEXT"))]
 
     def sees(self) -> bool:
-        """Whether something ahead was told in the newest message that no policy says."""
+        """Whether the newest message has an obstacle ahead that is not of a failsafe policy."""
         told = self.messages()
         return bool(told) and any(v not in (65535, 266, 302) for v in (told[-1][1][i] for i in FRONT))
 
@@ -125,7 +125,7 @@ def test_parameters_are_read_and_what_they_keep_from_braking_is_reported(told: T
 def test_a_dead_camera_is_blind_on_the_wire_in_time(told: Told) -> None:
     assert until(told.sees)
     told.health.wait(lambda h: not any("CP_DIST" in t for t in h.troubles), 30.0)  # read again after the test before
-    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # it says nothing and nobody is told that it ended
+    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # it sends nothing, and its end is not reported
     stopped_ns = time.monotonic_ns()
     assert until(lambda: told.messages()[-1][0] > stopped_ns + NS, 3.0)
     newest_ns = max(m.t_exposure_ns for m in told.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)

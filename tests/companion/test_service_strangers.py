@@ -40,7 +40,7 @@ def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             assert until(told.sees)
             told.health.wait(lambda h: h.state == pb.Health.STATE_ACTIVE and not h.troubles, 30.0)
             yield told
-            assert line.change(lambda a: a.of_kind("PARAM_SET")) == []  # whatever it was told
+            assert line.change(lambda a: a.of_kind("PARAM_SET")) == []  # whatever it received
             assert live.stop() == 0
         finally:
             live.close()
@@ -73,7 +73,7 @@ def speaking(told: Told, words: Callable[[int], list[bytes]]) -> Iterator[None]:
 
 
 def noise_and_strangers(k: int) -> list[bytes]:
-    """Bytes of nothing, messages with a flipped bit, another vehicle's, answers to what nobody asked."""
+    """Bytes of nothing, messages with a flipped bit, another vehicle's, answers to requests that were not sent."""
     dice = random.Random(k)
     other = {0: 12, 1: 3}[k % 2]
     attitude = dialect.MAVLink_attitude_message(k, 1.5, 0.5, 0.0, 0.0, 0.0, 0.0)
@@ -91,8 +91,8 @@ def noise_and_strangers(k: int) -> list[bytes]:
 
 
 def blind_after(told: Told, seconds: float) -> list[tuple[float, list[int]]]:
-    """The camera hangs for so long: (seconds after its newest exposure, what was told ahead) from 0.4 s on."""
-    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # nobody is told that it ended
+    """The camera hangs for so long: (seconds after its newest exposure, what was sent for ahead) from 0.4 s on."""
+    os.kill(told.live.camera_pids()["front"], signal.SIGSTOP)  # its end is not reported
     stopped_ns = time.monotonic_ns()
     assert until(lambda: time.monotonic_ns() > stopped_ns + round(seconds * NS), seconds + 5.0)
     newest_ns = max(m.t_exposure_ns for m in told.prisms.since(0) if m.valid and m.t_exposure_ns < stopped_ns)

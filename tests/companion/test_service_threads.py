@@ -73,7 +73,7 @@ def served(service: Service) -> Iterator[list[int]]:
 
 
 class Autopilot:
-    """An armed ArduPilot on UDP that keeps what it is told."""
+    """An armed ArduPilot on UDP that keeps the messages it receives."""
 
     def __init__(self, service: Service) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -110,7 +110,7 @@ def test_a_column_that_was_not_measured_hides_the_wall_behind_it(wall_at_10_m: R
 
 
 def farther_than(found: SectorScan, distance_m: float) -> NDArray[np.bool_]:
-    """(72,) sectors that are told clear, or as an obstacle farther from the vehicle's middle than this."""
+    """(72,) sectors that are sent as clear, or as an obstacle farther from the vehicle's middle than this."""
     behind = (found.state == SectorState.OBSTACLE) & (found.distance_m + AVOID.radius_m > distance_m)
     return np.asarray((found.state == SectorState.CLEAR) | behind)
 
@@ -119,7 +119,7 @@ def farther_than(found: SectorScan, distance_m: float) -> NDArray[np.bool_]:
 def test_a_column_that_hides_a_quarter_of_a_sector_hides_what_is_behind_it(
     wall_at_10_m: Rendered, width_m: float
 ) -> None:
-    """At 3 m a sector is 0.26 m wide. Least shares that are not told: docs/reference/limits.md."""
+    """At 3 m a sector is 0.26 m wide. Least shares that are not detected: docs/reference/limits.md."""
     for right_m in np.linspace(-1.2, 1.2, 37).tolist():
         found = scan([view_of(wall_at_10_m, without_texture(width_m, 3.0, right_m))], AVOID)
         left, right = (math.atan((right_m + side * width_m / 2) / 3.0) for side in (-1, 1))
@@ -144,7 +144,7 @@ def test_px4_does_not_fly_towards_the_column(wall_at_10_m: Rendered, bin_deg: in
     assert px4.bins_cm(NS)[0] == UNKNOWN
     for degrees in (-5.0, 0.0, 4.0):
         assert px4.room_m(degrees, NS) == 0.0
-    assert px4.room_m(20.0, NS) > 5.0  # beside it the wall is told where it stands
+    assert px4.room_m(20.0, NS) > 5.0  # beside it the wall is sent at its place
 
 
 @pytest.mark.parametrize("one_pass", [False, True])
@@ -233,7 +233,7 @@ def unseen_behind(distance_m: float) -> SectorScan:
 
 
 def test_an_unseen_way_survives_in_the_coarse_bins() -> None:
-    """A bin of 10 degrees stands for three sectors: one of them unseen, it is not told by its neighbours."""
+    """A bin of 10 degrees stands for three sectors: one of them unseen, its neighbours do not decide it."""
     values = np.full(SECTORS, clear_cm(AVOID), np.uint16)
     values[10:13] = (900, UNKNOWN, 950)
     out = for_coarse_bins(values, clear_cm(AVOID), 200)
@@ -244,7 +244,7 @@ def test_an_unseen_way_survives_in_the_coarse_bins() -> None:
 
 
 def test_where_unknown_means_clear_the_plane_is_better_than_nothing() -> None:
-    """At the border of the view no wall stands: there ArduPilot keeps the plane, PX4 is told that nothing is known."""
+    """At the border of the view no wall stands: there ArduPilot keeps the plane, PX4 is sent unknown."""
     found = unseen_behind(5.0)
     everywhere, nowhere = np.ones(SECTORS, bool), np.zeros(SECTORS, bool)
     border = ObstacleView(found, nothing_remembered(), nowhere, everywhere, nowhere, 0)

@@ -53,7 +53,7 @@ VALID = f"{STATE} === 'valid' && app.frames.shown?.length > 0"
 
 
 def said(words: str) -> str:
-    """That the page is red and says so."""
+    """That the page is red and shows the cause."""
     return f"{STATE} !== 'valid' && document.getElementById('banner').className === 'blind' && {BANNER}.includes({words!r})"
 
 

@@ -105,7 +105,7 @@ def test_page_asks_nothing_of_the_network() -> None:
     ours = page.replace((VIEWER / "three.module.min.js").read_text("utf-8"), "")
     assert len(ours) < len(page) - 500_000, "three.js lies in the page"
     assert not re.search(r"https?://", ours)
-    # the one address in three.js is the name of an XML namespace, which nobody loads
+    # the one address in three.js is the name of an XML namespace, which is never loaded
     assert set(re.findall(r"https?://[\w./-]+", page)) == {"http://www.w3.org/1999/xhtml"}
     assert not re.search(r"<(link|iframe|object)\b|\b(src|href)\s*=\s*[\"'](?!data:)", ours)
     assert "default-src 'none'" in page

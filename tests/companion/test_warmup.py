@@ -187,7 +187,7 @@ warmup.make_ready("extractor")
 
 @pytest.fixture
 def ready(small: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]:
-    """What make_ready runs, told instead of done; objects are the collector's again at the end."""
+    """What make_ready would run, recorded and not run; objects are the collector's again at the end."""
     ran: list[tuple[str, ...]] = []
     monkeypatch.setattr(warmup, "run_kernels", lambda modes, metres: ran.append(tuple(modes)))
     yield ran

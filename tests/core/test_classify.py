@@ -170,11 +170,11 @@ def test_leaves_alone_do_not_raise_the_noise(seed: int) -> None:
     assert noise_tiles(image, 225.0, p)[1] > 2.0 * 0.002 * 225.0
     assert estimate_ke(image, 225.0, 0.002, math.nan, math.nan, p) == 0.002
     assert estimate_ke(image, 225.0, 0.002, 0.003, math.nan, p) == 0.003
-    # what is known to be less than was believed is taken all the same
+    # noise below the prior is accepted all the same
     assert estimate_ke(image, 225.0, 0.05, math.nan, math.nan, p) == pytest.approx(0.6 * 0.05, rel=0.025)
     # and what was measured over time outranks both
     assert estimate_ke(image, 225.0, 0.006, math.nan, 0.002, p) == pytest.approx(0.002, rel=0.025)
-    # and a wall over a part of the picture tells
+    # and a wall over a part of the image shows it
     image[:, 160:] = marks(noisy(flat_wall(info, 6.0), 0.004, seed), info)[:, 160:]
     assert estimate_ke(image, 225.0, 0.002, math.nan, math.nan, p) == pytest.approx(0.004, rel=0.15)
 
@@ -227,7 +227,7 @@ def test_the_roughness_of_tiles_against_its_definition(seed: int, step: int, row
             if len(bends) < 20:
                 assert out[v, u] == -1
             else:
-                # in the bin of 0.05 px that holds the (lower) median; beyond the last bin a tile is only said to be rough
+                # in the bin of 0.05 px that holds the (lower) median; beyond the last bin a tile only counts as rough
                 median = sorted(bends)[(len(bends) + 1) // 2 - 1]
                 assert out[v, u] == pytest.approx(min(median, 25.6), abs=0.0501)
 

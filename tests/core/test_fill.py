@@ -122,7 +122,7 @@ def test_an_opening_that_goes_on_to_the_side_stays() -> None:
 
 
 def test_a_narrow_opening_at_the_edge_of_what_is_seen_stays() -> None:
-    """Twenty columns are less than Ws, but nobody knows how far it goes on."""
+    """Twenty columns are less than Ws, but the width beyond the border is unknown."""
     t = Strips(cols=60)
     for u in range(60):
         if u < 40:

@@ -51,7 +51,7 @@ def short_camera(max_range_m: float) -> CameraInfo:
 def test_far_is_free_only_as_deep_as_the_camera_measures(
     max_range_m: float, pitch_deg: float, roll_deg: float, told_by: str
 ) -> None:
-    """An image that is far all over, since the sensor says so or since all it measures lies beyond the clip."""
+    """An image that is far all over, either from the sensor or since all depths lie beyond the range clip."""
     info, R = short_camera(max_range_m), level(math.radians(pitch_deg), math.radians(roll_deg))
     value = FAR_MM if told_by == "sensor" else round(1000.0 * 1.01 * max_range_m)
     model, _ = Extractor(Params()).extract(np.full((120, 160), value, np.uint16), info, R)

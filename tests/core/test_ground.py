@@ -203,7 +203,7 @@ def wall_without_ground(pitch: float, seed: int) -> np.ndarray:
 
 
 def test_the_lower_part_of_a_wall_is_no_ground_however_noisy() -> None:
-    """Noise hides that a low band of it is upright; that it does not recede from row to row, all of it together tells."""
+    """Noise hides that a low band of it is upright; all of it together shows that it does not recede from row to row."""
     info = camera_info(320, 240, ke_per_m=0.01)
     invented = 0
     for seed in range(12):
@@ -329,7 +329,7 @@ def test_beyond_where_the_ground_may_hide_an_obstacle_its_layer_is_unknown() -> 
     """4 m up, with noise of 0.005, an obstacle of 0.6 m drowns beyond 7.5 m: nothing there is free down to the ground."""
     info = camera_info(320, 240, ke_per_m=0.005)
     depth = noisy(ground_image(VIEW, 4.0, -0.3), 0.005, 6)
-    depth[depth == 0] = FAR_MM  # a sensor that tells the sky
+    depth[depth == 0] = FAR_MM  # a sensor that reports the sky
     model = extract(depth, info, level(-0.3))
     assert model.ground.seen
     blind = model.ground.blind_beyond_m

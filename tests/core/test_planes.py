@@ -215,7 +215,7 @@ def test_walls_that_do_not_meet_keep_their_ends(change: str) -> None:
 
 
 def test_an_end_is_cut_back_only_where_the_other_takes_over_its_height() -> None:
-    """A high wall that overshoots a low one by 20 cm keeps its end: nobody stands in for its upper part."""
+    """A high wall that overshoots a low one by 20 cm keeps its end: no other plane covers its upper part."""
     for high, kept in ((-3.0, True), (-1.0, False)):
         planes = plane_table((6.0, -2.0, 6.0, 2.2, high, 1), (5.9, 2.0, 3.0, 2.0, -1, 1))
         refine.extend_to_corners(2, planes, plain(reach_m=0.5, reach_t=40 / F), CLOSED)

@@ -378,7 +378,7 @@ def test_noise_in_blocks_is_blind_and_teaches_nothing(pixels: int, pitch: float)
     assert model.stats.dropped_strips > 24 * 320
     assert state == before
     loud = extract(depth, VIEW, level(pitch), max_strips_per_column=1024.0)
-    assert loud.valid  # it is this that tells it, and nothing else does
+    assert loud.valid  # only this check refuses it
 
 
 def test_leaves_all_over_the_picture_are_no_noise() -> None:

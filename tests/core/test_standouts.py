@@ -27,7 +27,7 @@ P = Params()
 
 
 class Measured:
-    """Strips as measured planes a, b: each of the plane that `plane_of_strip` says."""
+    """Strips as measured planes a, b: each of the plane in `plane_of_strip`."""
 
     def __init__(self, table: Strips, lines: list[tuple[float, float]], plane_of_strip: np.ndarray) -> None:
         self.t, self.count, size = table, len(lines), 2 * table.n + 16

@@ -77,7 +77,7 @@ def extract(
 
 
 def seen(scene: Scene | SceneBuilder, info: CameraInfo = VIEW, **look: object) -> Rendered:
-    """A scene rendered by a perfect sensor that tells sky as far."""
+    """A scene rendered by a perfect sensor that reports sky as far."""
     made = scene.build() if isinstance(scene, SceneBuilder) else scene
     return render(made, info, **{"sensor": CLEAN, **look})
 

@@ -62,7 +62,7 @@ def seen(
 
 
 def blind(t_ns: int) -> Observation:
-    """A frame that says nothing."""
+    """An invalid frame."""
     return Observation(
         model=blind_model(INFO, InvalidCause.NO_MEASUREMENT, Params()), place_m=(0.0, 0.0, 0.0), t_ns=t_ns
     )

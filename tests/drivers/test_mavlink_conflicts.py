@@ -76,7 +76,7 @@ def test_one_with_our_ids_is_named_and_our_own_words_brought_back_are_not() -> N
 
 @pytest.mark.parametrize(("true", "forged"), [(PX4, 3), (ARDUPILOT, 12)])
 def test_heartbeats_that_contradict_each_other_make_an_autopilot_of_no_known_kind(true: str, forged: int) -> None:
-    """What is told to such a one is safe for both: the policy goes by the kind."""
+    """The messages are safe for both kinds: the policy depends on the kind."""
     c = talk(true)
     c.run(2.0)
     for _ in range(5):

@@ -146,7 +146,7 @@ def test_an_autopilot_whose_heartbeats_are_lost_but_not_other_messages_still_rec
 
 
 def test_of_distances_that_wait_the_newest_alone_goes_out() -> None:
-    """After a gap of the line a row of old ones would stand before what is true now, and tell of free ways."""
+    """After a gap of the link, old messages would be sent before the present one, with directions that were free then."""
     c = talk(PX4, boot_at_ns=90 * NS)
     c.run(2.0)
     for cm in (1201, 900, 300):
@@ -325,7 +325,7 @@ def test_every_good_frame_is_handed_to_the_log_as_it_came() -> None:
     c = Conversation(MavlinkSession(on_frame=lambda data, t_ns: frames.append((data, t_ns))), [autopilot])
     c.run(2.0)
     again = MavlinkSession()
-    samples = again.receive(frames)  # what was logged says the same to a new session, save for the clock
+    samples = again.receive(frames)  # the logged bytes give the same in a new session, except for the clock
     assert len(frames) == c.session.received
     assert [type(s) for s in samples] == [type(s) for s in c.samples]
 
@@ -421,7 +421,7 @@ def test_points_and_distances_up_and_down_count_too() -> None:
 
 
 def test_of_scans_of_points_and_of_distances_the_newest_alone_waits() -> None:
-    """A scan is sent whole; what an older one told is true no more, whichever message told it."""
+    """A scan is sent whole; an older one is outdated, whichever message it was sent in."""
     c = talk(ARDUPILOT)
     c.run(2.0)
     session = c.session
@@ -501,4 +501,4 @@ def test_an_autopilot_that_was_heard_before_the_start_counts_before_its_heartbea
         c.run(1.5)
         assert c.session.vehicle is not None
         assert c.session.vehicle.heartbeat_ns > 0
-        assert not c.session.vehicle.armed  # what its heartbeat says counts from then on
+        assert not c.session.vehicle.armed  # its heartbeat counts from then on

@@ -1,4 +1,4 @@
-"""Signatures: what is believed, what is sent, and the timestamps that never go back."""
+"""Signatures: which messages are accepted, what is sent, and timestamps that never decrease."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_signing_that_ends_in_flight_is_reported_and_its_return_too() -> None:
     assert obstacles(c) == 20
 
 
-# ---- what is believed -------------------------------------------------------------------------------------------------
+# ---- what is accepted ------------------------------------------------------------------------------------------------
 
 
 def test_one_forged_packet_with_a_far_timestamp_does_not_lock_out_the_true_stream() -> None:
@@ -196,7 +196,7 @@ def test_every_bit_of_a_signed_packet_counts() -> None:
     s = signing()
     good = bytes(message(KEY, NOW).get_msgbuf())
     decoder = dialect.MAVLink(None)
-    for at in range(len(good) - 13, len(good)):  # the block of the signature: elsewhere the checksum tells
+    for at in range(len(good) - 13, len(good)):  # the block of the signature: elsewhere the checksum detects it
         for bit in range(8):
             bad = bytearray(good)
             bad[at] ^= 1 << bit

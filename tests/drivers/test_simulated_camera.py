@@ -95,7 +95,7 @@ def test_where_the_plan_says_so_there_is_no_attitude() -> None:
 
 
 def test_a_frame_that_was_fetched_before_it_arrived_is_that_of_its_exposure() -> None:
-    """Beside a camera that fetches at once; also after nobody came for one in time, and after it was closed and opened."""
+    """Beside a camera that fetches at once; also after a frame was not fetched in time, and after it was closed and opened."""
     clock = Clock()
     source = camera(clock)
     plain = SimulatedDepthSource(short(), INFO, Simulation(fps=10.0), clock)

@@ -113,7 +113,7 @@ def test_a_camera(make: Callable[[Path], Camera], tmp_path: Path) -> None:
 
 
 def ended(source: DepthSource, more: Callable[[], None]) -> bool:
-    """Whether a device that delivers no more is told, after what it had: by silence or as lost; never by an old frame."""
+    """Whether a device that delivers no more is reported after its last frame: as silent or as lost, never by an old frame."""
     for _ in range(FRAMES - 2):
         more()
     newest_ns = 0

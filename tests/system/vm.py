@@ -179,7 +179,7 @@ def in_order(modules: Path, wanted: tuple[str, ...]) -> list[str]:
 
 
 def run_machine(machine: Machine, timeout_s: float) -> tuple[dict[str, Any], str]:
-    """Runs it to its end; what the script found, and all that the console said."""
+    """Runs it to its end; the results of the script, and the whole console output."""
     command = [
         "qemu-system-x86_64", "-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", "3000", "-nographic",
         "-no-reboot", "-kernel", str(machine.kernel), "-initrd", str(machine.folder / "initramfs.gz"),

@@ -22,11 +22,11 @@ async function unpack(text) {
 }
 
 class App {
-  /** live: what this page follows, null for a log. */
+  /** live: the connection to a service, null for a log. */
   constructor(data, live = null) {
     Object.assign(this, { data, live, at: 0, camera: live ? 0 : -1, playing: Boolean(live) });
     this.view = "behind";
-    THREE.ColorManagement.enabled = false; // the scale's colours are meant as they are
+    THREE.ColorManagement.enabled = false; // the colours of the scale are final
     this.renderer = new THREE.WebGLRenderer({ canvas: $("canvas"), antialias: true, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.eye = new THREE.PerspectiveCamera(55, 1, 0.05, 1000);
@@ -42,7 +42,7 @@ class App {
     this.show(this.at);
   }
 
-  /** Asks for one drawing at the next refresh. */
+  /** Requests one drawing at the next refresh. */
   ask() {
     if (this.asked) return;
     this.asked = true;
@@ -186,7 +186,7 @@ class App {
     else this.show(next);
   }
 
-  /** One more frame of what this page follows; the oldest gives way. */
+  /** Adds a frame of the service; the oldest is removed. */
   append(frame) {
     const { frames } = this.data;
     frames.push(frame);
@@ -201,21 +201,21 @@ class App {
     else $("slider").value = String(this.at);
   }
 
-  /** The merged world, in the place of the one before: planes in whole centimetres of ned. */
+  /** Replaces the merged world: planes in whole centimetres of ned. */
   merged(planes) {
     this.planes = planes;
     this.frames.merged(planes);
     this.ask();
   }
 
-  /** What came before is of another service. */
+  /** Removes all frames: another service has started. */
   forget() {
     this.data.frames.splice(0, this.data.frames.length - 1);
     this.images.clear();
     this.show(0);
   }
 
-  /** A camera that came or changed. */
+  /** Adds or changes a camera. */
   meet() {
     const { cameras } = this.data;
     $("camera").replaceChildren(...cameras.map((camera, k) => new Option(camera.name, String(k), false, k === this.camera)));
@@ -370,7 +370,7 @@ class App {
   }
 }
 
-/** A page that follows a service says so from then on, whatever comes: what it shows may be old. */
+/** A page that follows a service always shows the state of the connection: its picture may be old. */
 function complain(error) {
   if (window.live) window.live.broken ??= error instanceof Error ? error : new Error(String(error));
   $("banner").className = "blind";

@@ -1,6 +1,6 @@
-// A page that follows a service: asks its own server again and again, one question at a time, and tells at every moment how
-// old what it shows is. Whatever keeps news away (service, server, connection, this page itself) makes the age grow, and an
-// age that is too great is told across the page: an old picture never passes for the present.
+// A page that follows a service: sends one request after another to its server, and always shows the age of its picture. Any
+// fault (of the service, the server, the connection or this page) makes the age grow. A picture that is too old is marked across
+// the page, so that it is never taken for the present.
 
 const CUT_MS = 1000, OLD_S = 1, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
 export const KEPT = 300;
@@ -13,7 +13,7 @@ export function span(seconds) {
   return seconds < 120 ? `${Math.round(seconds)} s` : `${Math.round(seconds / 60)} min`;
 }
 
-/** What the page says of itself now: {state, word, text, age}. state: valid, blind, stale, cut, waiting or paused; word: large across
+/** The state that the page shows: {state, word, text, age}. state: valid, blind, stale, cut, waiting or paused; word: large across
  *  the page, "" for none. seen: {heard_ms: since an answer came, null before the first; since_s: of its ages at most; news: it;
  *  shown_s: how old the frame is that is drawn, null without; following: whether it is meant to be the newest}. */
 export function verdict(seen, stale_s) {
@@ -50,7 +50,7 @@ export class Live {
     $("speed").hidden = true;
     $("hint").textContent = $("hint").textContent.replace("space: play", "← and space: stop, End: now");
     setInterval(() => this.tell(), TELL_MS);
-    document.addEventListener("visibilitychange", () => this.tell()); // a page that slept tells its age before all else
+    document.addEventListener("visibilitychange", () => this.tell()); // a page that was suspended shows its age first
     this.#ask();
   }
 
@@ -77,9 +77,9 @@ export class Live {
     }
   }
 
-  /** asked: when the question was sent; the answer was made no sooner than held_ms later, so no age is told too small. */
+  /** asked: when the request was sent; the answer was made at least held_ms later, so no age is shown too small. */
   #take(news, asked) {
-    if (news.name !== this.name) { // another server, with numbers of its own
+    if (news.name !== this.name) { // another server, which numbers its answers anew
       this.name = news.name;
       this.app?.forget();
     }

@@ -1,4 +1,4 @@
-// The page's own arithmetic: no drawing, no document. Lengths in metres, angles in radians, z down, unless told.
+// Computations of the page, without drawing or document. Lengths in metres, angles in radians, z down, unless noted.
 
 export const UNKNOWN = 0, FAR = 255, FIRST = 1, LAST = 254;
 export const INFERRED = 1, UNKNOWN_BEHIND = 2, IRREGULAR = 64;
@@ -88,7 +88,7 @@ export function prismWalls(frame) {
   return walls;
 }
 
-/** What is special about a wall, in words. */
+/** The flags of a wall as text. */
 export function flagWords(flags) {
   return FLAG_WORDS.filter(([bit]) => flags & bit).map(([, words]) => words).join(", ") || "fully measured";
 }

@@ -1,5 +1,5 @@
-// What is drawn of one frame. Everything is made anew for each frame; the old is given back to the graphics card once the new
-// has been drawn, so that the card's programs, which both use, are not compiled again for each. Words are kept.
+// Draws one frame. All objects are created for each frame. The old ones are disposed of after the new ones have been drawn, so
+// that the shader programs, which both use, are not compiled again. Text textures are cached.
 
 import * as THREE from "three";
 import * as model from "viewer/model";
@@ -26,7 +26,7 @@ export class FrameScene {
     this.walls = null;
   }
 
-  /** Gives back what is drawn no more; after the drawing of what came in its place. */
+  /** Disposes of objects that are no longer drawn, after their replacements have been drawn. */
   release() {
     for (const o of this.gone) {
       if (!o.isSprite) o.geometry?.dispose(); // all sprites share one
@@ -58,7 +58,7 @@ export class FrameScene {
     this.#walls(frame, show, camera);
   }
 
-  /** Takes the merged world in the place of the one before; planes: whole centimetres of ned, six numbers each. */
+  /** Replaces the merged world; planes: whole centimetres of ned, six numbers each. */
   merged(planes) {
     for (const o of this.world.children) {
       o.geometry.dispose();
@@ -83,7 +83,7 @@ export class FrameScene {
       new THREE.LineSegments(made(edges), new THREE.LineBasicMaterial({ ...look, opacity: 0.35 })));
   }
 
-  /** Puts it where the frame stands in it; a frame without a position has no place there. */
+  /** Moves it to the position of the frame; it is hidden for a frame without a position. */
   #placeWorld(frame, show) {
     const level = show.world !== "ned", yaw = level ? frame.heading : 0;
     this.world.visible = Boolean(show.merged && frame.pos);
