@@ -45,7 +45,7 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 # since they wait for most of their time. A file stays with one worker: its tests share what it renders and compiles.
 test: lint ## all checks, at most 10 minutes on two cores (15 with an empty kernel cache)
 	@echo "== kernels without the JIT"
-	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
+	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
 	@echo "== kernels with bounds checks"
 	@NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n 2 -m "nojit and unit" tests/core
 	@echo "== unit tests"

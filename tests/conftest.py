@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +19,9 @@ use_own_cache()  # before any test imports numba: kernels of these very sources,
 # No example fails because the machine is busy.
 settings.register_profile("fixed", deadline=None, derandomize=True)
 settings.register_profile("nightly", deadline=None, derandomize=False, print_blob=True, max_examples=500)
-settings.load_profile("fixed")
+# `nojit`: kernels as Python take a hundred times as long. The pass with bounds checks has all examples of `fixed`.
+settings.register_profile("nojit", deadline=None, derandomize=True, max_examples=20)
+settings.load_profile("nojit" if os.environ.get("NUMBA_DISABLE_JIT") == "1" else "fixed")
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 
