@@ -65,7 +65,7 @@ which makes its own environment and rewrites these pages; `make bench ARGS='--on
 
 Where a goal is missed: why, what was tried and what would do it, in `docs/research/attempts.md`, for time in `docs/research/speed.md`.
 
-On a drone, without this checkout, `companion bench` tells how fast that machine is.
+On a drone, without this checkout, `companion bench` measures that machine.
 
 How to read the times: one thread on one core, after everything is compiled, medians of many frames that differ in their noise. *Processor* is the time that the core worked for us; *wall* is what a clock on the wall shows, other work on the machine included. To compare two machines, or two days, compare the ratios to the reference workload of the same run.
 

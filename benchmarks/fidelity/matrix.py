@@ -105,7 +105,7 @@ PARTS: dict[str, Part] = {
     "noise": Part("more noise", lambda s: spread(SCENES, s, FEW_TILTS_DEG, kes=MORE_KE)),
     "faults": Part("each fault alone", lambda s: spread(FEW_SCENES, s, FEW_TILTS_DEG, faults=FAULTS)),
     "heights": Part("height above ground", lambda s: spread(HIGH_SCENES, s, HIGH_TILTS_DEG, heights=HEIGHTS_M)),
-    "told": Part("noise told wrongly", lambda s: spread(FEW_SCENES, s, FEW_TILTS_DEG, told=_told)),
+    "told": Part("wrong configured noise", lambda s: spread(FEW_SCENES, s, FEW_TILTS_DEG, told=_told)),
 }
 """Name -> cases."""
 QUICK_SCENES = (

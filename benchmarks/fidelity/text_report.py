@@ -8,7 +8,7 @@ from benchmarks.fidelity.goals import MEASURES, Measure, byte_ratio, error_ratio
 from benchmarks.fidelity.result import Row
 
 _HEAD = (
-    f"{'scene':<16}{'roll/pitch':>10}{'h m':>5}{'ke (told)':>16}{'faults':>8}{'mean':>7}{'p95':>6}"
+    f"{'scene':<16}{'roll/pitch':>10}{'h m':>5}{'ke (configured)':>16}{'faults':>8}{'mean':>7}{'p95':>6}"
     f"{'miss%':>7}{'-marg%':>7}{'seen%':>7}{'!free%':>7}{'phan%':>7}{'op.ph%':>7}{'op.st%':>7}{'early%':>7}"
     f"{'planes':>7}{'bytes':>7}{'n/grid':>7}{'B/grid':>7}{'err/grid':>9}{'ground':>8}{'ke est':>8}"
 )

@@ -53,7 +53,7 @@ PRINTED_OPENINGS = {"window": ((2.9, 2.1), (2.7, 2.0)), "corridor": ((5.8, 2.2),
 @dataclass(frozen=True, slots=True)
 class Condition:
     """How the depth image came about. ke_per_m: its noise, sigma_Z = ke Z^2; faults: holes, mismatches, flying pixels
-    as well; told_per_m: the noise that the method is told."""
+    as well; told_per_m: the noise that the method is configured with."""
 
     name: str
     ke_per_m: float
@@ -179,7 +179,7 @@ def prism_bytes(model: FrameModel) -> int:
 
 def rays_under(frame: Rendered, condition: Condition, params: Params) -> Rays:
     """The true rays of a frame taken under a condition. Obstacles closer to the end of the range than three sigma of the
-    noise that the method is told do not count, whatever the true noise: it gives that stretch up."""
+    noise that the method is configured with do not count, whatever the true noise: it gives that stretch up."""
     blind = round(condition.blind_left_px * frame.info.intrinsics.width / 640)
     rays = rays_of(frame, condition.ke_per_m, params.min_obstacle_height_m, blind)
     within = frame.truth.depth_m < clear_range_m(

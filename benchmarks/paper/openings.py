@@ -85,7 +85,7 @@ def sizes(frame: Rendered, planes: np.ndarray) -> list[OpeningSize]:
 
 
 def _ground_line(frame: Rendered) -> np.ndarray:
-    """A plane (1, 6) from the ground down along the first opening's wall: nobody passes there, and no model says so."""
+    """A plane (1, 6) from the ground down along the first opening's wall: no vehicle passes there, and no model has it as an obstacle."""
     o = frame.scene.openings[0]
     to_level = rotation_level_ned(horizontal_heading_rad(frame.R_ned_optical))
     a, b = np.array([*o.a_m, 0.0]), np.array([*o.b_m, 0.0])
@@ -187,7 +187,7 @@ def tables(rows: list[OpeningRow]) -> str:
     return (
         f"Least / median / greatest over distances of {distances} m and {len({r.seed for r in rows})} seeds:\n\n"
         f"{table(['opening', 'model', 'depth', 'width, m', 'height, m', 'area left free, %'], lines, words=3)}\n\n"
-        f"The slit of {SLIT_M[0]:g} x {SLIT_M[1]:g} m beside the window, which nobody can pass:\n\n"
+        f"The slit of {SLIT_M[0]:g} x {SLIT_M[1]:g} m beside the window, which no vehicle can pass:\n\n"
         f"{table(['depth', 'model', 'filled', 'left free, %'], slits, words=2)}"
     )
 

@@ -111,7 +111,7 @@ def extraction(frame: Rendered, params: Params) -> Callable[[], Any]:
 
 
 def gridding(frame: Rendered, cell_m: float) -> Callable[[], Any]:
-    """Depth to points above the ground (which it is told) to polygons on a grid."""
+    """Depth to points above the ground (which is given) to polygons on a grid."""
 
     def job() -> GridPrisms:
         cloud = cloud_of(frame, CAMERA.ke_per_m)

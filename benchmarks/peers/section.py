@@ -158,7 +158,7 @@ _FAIR = """## What this does not say
 
 - OctoMap is made for many frames of one place, where its chances wear noise down; here it has one frame, as all have. The grid and the voxels would gain by it too.
 - A voxel keeps what is there and nothing more. Ours fills gaps that are too small to pass, by intent: that costs open rays stopped and shows in the distances of foliage.
-- The distance to a surface is unkind to bodies: where noise makes a wall a metre thick, the truth is in the middle of it. *To the body* is unkind to sheets: a body thick enough holds every truth. Both are given; phantom tells which bodies are too thick.
+- The distance to a surface is unkind to bodies: where noise makes a wall a metre thick, the truth is in the middle of it. *To the body* is unkind to sheets: a body thick enough holds every truth. Both are given; phantom shows which bodies are too thick.
 - A patch stands for what is flat, and what is not flat it leaves out: its missed rays are what a plane extractor costs in foliage.
 
 Again: `python -m benchmarks --only peers`, a rough look with `--quick`."""

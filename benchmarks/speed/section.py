@@ -104,7 +104,7 @@ def section(out: Path, quick: bool) -> str:
             left_out(timed, lap.effort.too_slow_ms),
             f"Medians of {runs} frames (640x480; half of that at other sizes; fewer where {runs} would take more than "
             f"{lap.effort.budget_s:g} s) that differ in their noise, one after the other as in flight. Tilted is {TILT_DEG:g} degrees, "
-            f"the scenes are those of the held-out seed {SEED}. *Blind*: the frame is told to say nothing. "
+            f"the scenes are those of the held-out seed {SEED}. *Blind*: the frame is invalid. "
             f"The reference workload ({WORDS}) took {reference_ms:.2f} ms of the processor, {lap.reference.times().wall():.2f} ms by the "
             "wall, and ran between all frames.\n",
             "## Where the time goes\n",

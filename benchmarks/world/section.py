@@ -78,7 +78,7 @@ def page(
             "medians for the others.\n",
             truth_table(found),
             "Far from a flight's end its drift shows: a wall seen a hundred metres of flight ago stands a metre off, and is "
-            "*missed* where it stands too far behind. Drift needs another remedy than merging (jumps are told apart, "
+            "*missed* where it stands too far behind. Drift needs another remedy than merging (jumps are detected, "
             "[merged world](../../explanation/merged-world.md)). Phantoms past trees are planes of single looks through leaves.\n",
             "## Growing\n",
             f"![Worlds after a tenth, a third, two thirds and all of a flight]({GROWING_PNG})\n",

@@ -1,5 +1,5 @@
-"""What we ask for and send, in bytes a second, against what a line carries. Serial lines carry both ways at once, each
-way at the line's rate; UDP and TCP have no bound worth speaking of."""
+"""The requested and sent messages in bytes per second, compared with the capacity of the line. Serial lines carry their rate
+in each direction at once; UDP and TCP have no relevant limit."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""One companion's side of a MAVLink conversation, without input, output or clock: bytes and instants in, samples and
-bytes out. `drivers.mavlink.link` puts it on a line.
+"""The companion's side of a MAVLink link, without input, output or clock: bytes and times in, samples and bytes out.
+`drivers.mavlink.link` connects it to a transport.
 
-Nothing but a hello (on lines whose other end waits for one) is sent before the autopilot's own heartbeat was seen.
+Before the first heartbeat of the autopilot only heartbeats are sent, and only on links whose other end waits for them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAV_STATE_STANDBY, MAV_STATE_ACTIVE, MAV_STATE_CRITICAL = 3, 4, 5
 MAV_MODE_FLAG_SAFETY_ARMED = 128
 AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 SILENT_NS = 3 * NS
-"""An autopilot that said nothing for this long is gone; another one may take its place."""
+"""Without messages for this long an autopilot counts as disconnected; another one may take its place."""
 HEARTBEAT_ID, COMMAND_ACK_ID, TIMESYNC_ID = 0, 77, 111
 _READ = frozenset({HEARTBEAT_ID, COMMAND_ACK_ID})
 MOST_SOURCES = 16
@@ -39,7 +39,7 @@ STATUSTEXT_ID = 253
 
 
 class MavlinkSession:
-    """Feed it with `receive` and `due`, in the order in which things happen; one thread at a time."""
+    """`receive` and `due` are called in the order of events, by one thread at a time."""
 
     def __init__(
         self,
@@ -51,10 +51,11 @@ class MavlinkSession:
         reads: frozenset[int] | None = None,
         expected: Vehicle | None = None,
     ) -> None:
-        """on_frame: is given every good frame as it came (but without a signature), with its arrival, for the log.
-        on_message: every good message of the autopilot of these kinds (reads; None: of all but its motion), decoded, which
-        is most of the work. signing: with our key; without it nothing is signed, and everything is believed.
-        expected: the autopilot that was heard before this start: any message of it counts, before its first heartbeat."""
+        """on_frame: called with every accepted frame as received (without its signature) and its arrival time, for the log.
+        on_message: called with every accepted message of the autopilot of the kinds in `reads` (None: all but its motion),
+        decoded, which is most of the work. signing: with the companion's key; without a key nothing is signed and unsigned
+        messages are accepted. expected: the autopilot of the run before: any message of it counts before its first
+        heartbeat."""
         self.params = params or MavlinkParams()
         self.clock = ClockFilter(clock)
         self.system_status = MAV_STATE_STANDBY
@@ -86,9 +87,9 @@ class MavlinkSession:
     def receive(
         self, chunks: list[Chunk], sources: Sequence[Source] | None = None
     ) -> list[AttitudeSample | PoseSample]:
-        """The samples in what arrived, in its order. sources: who sent each chunk, None: one for all; half a message of one
-        must not swallow the whole ones of another. `last_chunk` then states in which chunk the autopilot sent last,
-        None: in none."""
+        """The samples in the received chunks, in their order. sources: the sender of each chunk, None: the same for all; a
+        partial message of one sender does not affect those of another. `last_chunk` is then the index of the newest chunk
+        of the autopilot, None: there is none."""
         samples: list[AttitudeSample | PoseSample] = []
         self.last_chunk = None
         for self._place, (data, arrival_ns) in enumerate(chunks):
@@ -100,11 +101,11 @@ class MavlinkSession:
         return samples
 
     def new_line(self) -> None:
-        """The line was opened anew: half a message of the old one must not spoil the first of the new."""
+        """Discards partial messages after the transport was opened again."""
         self._splitters.clear()
 
     def _splitter(self, source: Source) -> MessageSplitter:
-        """Of one sender; of the newest few, since anybody may make up addresses."""
+        """The splitter of a sender. Only the newest senders have one, since addresses can be forged."""
         splitter = self._splitters.get(source)
         if splitter is None:
             splitter = self._splitters[source] = MessageSplitter(self._splitter_counts)
@@ -152,7 +153,7 @@ class MavlinkSession:
         return expected
 
     def _is_read(self, kind: int) -> bool:
-        """Whether anybody reads such a message, which is not one of motion: decoding takes by far most of the time."""
+        """Whether a message of this kind, other than motion, is used: decoding takes most of the time."""
         return kind in _READ or (self._on_message is not None and (self._reads is None or kind in self._reads))
 
     def _moves(self, frame: Frame, kind: int, arrival_ns: int) -> AttitudeSample | PoseSample | None:
@@ -176,13 +177,13 @@ class MavlinkSession:
         self._follow_clock()
 
     def _follow_clock(self) -> None:
-        """A clock that began anew belongs to an autopilot that booted: it has forgotten what we asked for."""
+        """Requests rates and times again after a restart of the autopilot's clock: it has rebooted."""
         if self.clock.restarts != self._clock_restarts:
             self._clock_restarts = self.clock.restarts
             self._begin_anew()
 
     def _speaks(self, kind: int, arrival_ns: int) -> None:
-        """The autopilot said something."""
+        """Notes a message of the autopilot."""
         self._heard_ns, self.last_chunk = arrival_ns, self._place
         self.rates.heard(kind, arrival_ns)
 

@@ -1,12 +1,12 @@
-"""The lines on which an autopilot speaks: serial, UDP in and out, TCP. Bytes with the instant of their arrival.
+"""Transports to an autopilot: serial, UDP in and out, TCP. Bytes with their arrival times.
 
     serial:/dev/serial/by-id/usb-...:921600      (the rate may be left out: 921600)
-    udpin:0.0.0.0:14540                          waits for the autopilot; answers go to where it spoke from
-    udpout:127.0.0.1:14550                       speaks first, to a router or a ground station
+    udpin:0.0.0.0:14540                          waits for the autopilot; answers go to its address
+    udpout:127.0.0.1:14550                       sends first, to a router or a ground station
     tcp:127.0.0.1:5760
 
-A transport knows nothing of MAVLink. Every failure is a DriverError that names the line, the cause and the remedy; the
-one who holds it closes it and opens a new one after a while.
+A transport does not depend on MAVLink. Every failure is a DriverError that names the address, the cause and the remedy; the
+owner then closes the transport and opens a new one later.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _LONGEST_NS = 10_000_000
 _BUFFER_BYTES = 1 << 20
 """Of a UDP socket, as far as the system allows: room for the autopilot beside a flood until the next read."""
 Chunk = tuple[bytes, int]
-"""Bytes and the instant of their arrival, monotonic ns."""
+"""Bytes and their arrival time, monotonic ns."""
 Source = tuple[str, int] | None
-"""Who sent them: host and port; None: a line with one other end."""
+"""The sender: host and port; None: a line with one other end."""
 
 
 class Transport(Protocol):
@@ -44,22 +44,22 @@ class Transport(Protocol):
 
     @property
     def bytes_per_s(self) -> float | None:
-        """What the line carries; None: no bound worth speaking of."""
+        """Data rate of the line; None: no relevant limit."""
         ...
 
     @property
     def speaks_first(self) -> bool:
-        """Whether the other end waits for a word of ours before it sends anything."""
+        """Whether the other end sends nothing before it has received a message."""
         ...
 
     @property
     def sources(self) -> list[Source] | None:
-        """Who sent each chunk of the newest `read`; None: always the one other end."""
+        """The sender of each chunk of the newest `read`; None: there is one other end."""
         ...
 
     @property
     def flood(self) -> FloodFilter | None:
-        """What drops floods from foreign addresses; None: the line has one other end."""
+        """The filter of floods from other addresses; None: there is one other end."""
         ...
 
     def wait(self, timeout_s: float) -> None:
@@ -76,8 +76,7 @@ class Transport(Protocol):
         ...
 
     def answer(self, chunk: int) -> None:
-        """What is written from now on is for the one who sent this chunk of the newest `read`: others may send to our
-        port, too."""
+        """From now on `write` sends to the sender of this chunk of the newest `read`: others may send to the port, too."""
         ...
 
     def close(self) -> None: ...
@@ -163,7 +162,7 @@ class SerialLine:
         try:
             os.write(self._port.fileno(), data)
         except BlockingIOError:
-            return  # the line is full: what is lost here will be sent anew, later, with newer content
+            return  # the buffer is full: later messages have newer content
         except (OSError, serial.SerialException, TypeError) as error:
             raise DeviceLost(f"{self._address}: {_reason(error)}; was it unplugged?") from error
 
@@ -175,7 +174,7 @@ class SerialLine:
 
 
 class UdpLine:
-    """A UDP socket. udpin speaks to whoever spoke last until `answer` says who is meant; udpout to its host always."""
+    """A UDP socket. udpin sends to the last sender until `answer` selects one; udpout always sends to its host."""
 
     bytes_per_s = None
 
@@ -222,7 +221,7 @@ class UdpLine:
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
-                continue  # nobody listened to our last word; that is no failure of ours
+                continue  # the port of the receiver was closed when the last datagram arrived
             except OSError as error:
                 raise DeviceLost(f"{self._address}: {_reason(error)}") from error
             arrival_ns = time.monotonic_ns()
