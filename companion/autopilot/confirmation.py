@@ -3,7 +3,8 @@
 Single mismatches of a stereo camera, of 3 to 8 pixels, appear as planes anywhere before the true surface, in about 2 % of the
 frames before a bare wall. Sent at once and remembered, each of them stops the vehicle for seconds, and PX4 v1.16 flies
 backwards from one nearer than CP_DIST. A plane of few pixels is therefore used only if a plane was found at its place in one
-of the FRAMES frames before. It costs a thin obstacle one frame; a plane of more pixels is used at once.
+of the FRAMES frames before, in two of them if its pixels cover less than 1 cm2. It costs a thin obstacle one frame; a plane of more
+pixels is used at once.
 
 The same holds for free space: a mismatch ends it in one direction of one frame. A sector that one frame does not see, after
 SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again.
@@ -18,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import FrameModel
+from core.types import FrameModel, Intrinsics
 
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import heading_rad
@@ -30,11 +31,17 @@ FRAMES = 3
 """A plane found in any of so many frames before confirms one at its place: thin obstacles are not found in each frame."""
 LONGEST_NS = NS // 2
 """Older frames confirm nothing."""
-PLACE_M = 0.3
+PLACE_M, NEAR_PLACE_M, PLACE_SHARE = 0.3, 0.05, 0.15
+"""Two planes are at one place within PLACE_M, near the vehicle within NEAR_PLACE_M and PLACE_SHARE of the range: most mismatches
+appear just before the camera, where two of them would often lie within PLACE_M of each other."""
 SIGMAS = 4.0
 GREATEST_SPEED_M_S = 20.0
 """Without a position or velocity: the vehicle, or what it sees, may move this fast. Faster than a multicopter flies in the modes
 in which autopilots avoid obstacles. A greater value confirms planes at more places: it sends more, never less."""
+TINY_M2 = 1e-4
+"""Area on an object that the pixels of a plane cover. With less, a plane must be found in two of the frames before: most mismatches
+appear just before the camera, where they are so small, and two at one place are frequent there. A wire across the image, or any
+body in which a vehicle could be caught, covers more at that distance."""
 FULL_IMAGE_PX = 320 * 240
 """`confirm_px` is meant for an image of so many pixels; it grows with the image."""
 
@@ -52,9 +59,9 @@ class _Planes:
 class PlaneConfirmation:
     """`take` each valid result of one camera, in order. least_px: planes with this support or less need a second frame."""
 
-    def __init__(self, avoid: AvoidParams, image_px: int) -> None:
-        self._avoid = avoid
-        self.least_px = avoid.confirm_px * max(1.0, image_px / FULL_IMAGE_PX)
+    def __init__(self, avoid: AvoidParams, intrinsics: Intrinsics) -> None:
+        self._avoid, self._focal_px = avoid, math.sqrt(intrinsics.fx * intrinsics.fy)
+        self.least_px = avoid.confirm_px * max(1.0, intrinsics.width * intrinsics.height / FULL_IMAGE_PX)
         self._frames: deque[_Planes] = deque(maxlen=FRAMES)
 
     def take(self, result: PrismsResult) -> PrismsResult:
@@ -70,8 +77,11 @@ class PlaneConfirmation:
             range_m = _range_m(result, planes)
             weak = (model.support_px <= self.least_px) & (range_m < self._avoid.remember_m + self._avoid.radius_m)
             for i in np.flatnonzero(weak):
-                slack_m = PLACE_M + SIGMAS * model.ke_per_m * float(range_m[i]) ** 2
-                doubtful[i] = not any(_found(planes, int(i), frame, slack_m) for frame in recent)
+                place_m = min(PLACE_M, NEAR_PLACE_M + PLACE_SHARE * float(range_m[i]))
+                slack_m = place_m + SIGMAS * model.ke_per_m * float(range_m[i]) ** 2
+                area_m2 = float(model.support_px[i]) * (float(range_m[i]) / self._focal_px) ** 2
+                found = sum(_found(planes, int(i), frame, slack_m) for frame in recent)
+                doubtful[i] = found < (2 if area_m2 < TINY_M2 else 1)
         self._frames.append(planes)
         return replace(result, model=without(model, doubtful)) if doubtful.any() else result
 

@@ -127,8 +127,7 @@ class ObstacleReportBuilder:
         with self._lock:
             self._infos[info.camera] = info
             self._looks[info.camera] = looks
-            k = info.intrinsics
-            self._confirmation[info.camera] = PlaneConfirmation(self._avoid, k.width * k.height)
+            self._confirmation[info.camera] = PlaneConfirmation(self._avoid, info.intrinsics)
 
     def result(self, result: PrismsResult) -> None:
         """The result of a frame, valid or not."""

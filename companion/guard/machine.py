@@ -41,6 +41,8 @@ STANDS_M_S = 0.4
 """Slower than this the vehicle counts as stopped."""
 SPARE_STOP_NS = 2 * NS
 """More than the computed braking time, until a stop mode that does not brake is followed by the next command."""
+DOUBT_NS = 2 * NS
+"""Doubt is announced when it lasts: after a start the first COMMAND_ACK takes a moment."""
 GAP_NS = 5 * NS
 """After a longer time without the vehicle, an unconfirmed stop is judged anew: somebody may have had the vehicle meanwhile."""
 
@@ -65,6 +67,8 @@ class GuardMachine:
     _brakes_until_ns: int | None = None
     _heard_ns: int | None = None
     _failure_announced: bool = False
+    _doubt_since_ns: int = 0
+    _doubt_announced: str = ""
 
     def __post_init__(self) -> None:
         memory = self.memory
@@ -125,7 +129,9 @@ class GuardMachine:
         if self.memory.state is GuardState.UNAVAILABLE:
             limited = self.memory.limit_m_s > 0.0
             self._change(now, state=GuardState.LIMITED if limited else GuardState.WATCHING, cause="")
-            out.append(Announcement("guard: active"))
+            if self._doubt_announced:
+                self._doubt_announced = ""
+                out.append(Announcement("guard: active"))
         verdict = now.verdict
         assert verdict is not None
         if verdict.action is Action.STOP and not (self.memory.blind_stop and not verdict.sees):
@@ -144,9 +150,12 @@ class GuardMachine:
 
     def _doubts(self, doubt: str, now: GuardInput) -> list[Output]:
         """It would not be sure that a command has the right effect: none is sent, and that is announced."""
-        if self.memory.state is GuardState.UNAVAILABLE and self.memory.cause == doubt:
+        if self.memory.state is not GuardState.UNAVAILABLE or self.memory.cause != doubt:
+            self._change(now, state=GuardState.UNAVAILABLE, cause=doubt)
+            self._doubt_since_ns = now.now_ns
+        if now.now_ns - self._doubt_since_ns < DOUBT_NS or self._doubt_announced == doubt:
             return []
-        self._change(now, state=GuardState.UNAVAILABLE, cause=doubt)
+        self._doubt_announced = doubt
         return [Announcement(f"guard: off, {doubt}", critical=True)]
 
     # ---- speed ------------------------------------------------------------------------------------------------------

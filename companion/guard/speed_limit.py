@@ -47,7 +47,8 @@ class SpeedLimiter:
             return None
         allowed_m_s = max(self.guard.least_limit_m_s, _stepped(verdict.allowed_m_s))
         lower = allowed_m_s < (self.speed_m_s or math.inf)
-        if verdict.action is Action.SLOW and lower:
+        near = speed_m_s + LIMIT_STEP_M_S > allowed_m_s  # a vehicle that stands needs no limit yet
+        if verdict.action is Action.SLOW and lower and (near or self.speed_m_s > 0.0):
             return self._send(allowed_m_s, now_ns)
         if self.speed_m_s <= 0.0:
             return None

@@ -16,7 +16,9 @@ from ..mavlink.dialect import dialect
 from ..mavlink.parser import MessageSplitter
 from .firmware_models.ardupilot import ArduPilotReader
 from .firmware_models.ardupilot_layers import ArduPilotHeights, ArduPilotLayers
+from .firmware_models.auto_flight import AutoFlight
 from .firmware_models.px4 import UNKNOWN, Px4Reader
+from .firmware_models.timed_flight import TimedFlight
 from .flight_path import VehicleState
 
 NS = 1_000_000_000
@@ -60,7 +62,8 @@ class FirmwareProfile:
     time at boot, in units of signatures; 0 is that of one that has no clock. mavlink_1: it uses MAVLink 1.
     version: of its firmware, None: a usual one;
     hides_version: it does not answer AUTOPILOT_VERSION. landed_state: MAV_LANDED_STATE, 0: it is not known.
-    proximity_started: PRX1_TYPE was set when it started."""
+    proximity_started: PRX1_TYPE was set when it started. flight: it flies by itself, by its mode and by commands; the mode and the
+    motion are then those of the flight."""
 
     kind: str = PX4
     system_id: int = 1
@@ -82,6 +85,7 @@ class FirmwareProfile:
     hides_version: bool = False
     landed_state: int = 0
     proximity_started: bool = True
+    flight: AutoFlight | None = None
 
 
 class SimulatedAutopilot:
@@ -106,6 +110,7 @@ class SimulatedAutopilot:
         self.stubborn: set[str] = set()
         self.silent = self.deaf = self.mute = False
         self._next_ns: dict[int, int] = {}
+        self._flight = TimedFlight(self.profile.flight)
         self._moved: tuple[int | None, VehicleState] = (None, hovering(0))
         self._intervals: dict[int, float] = {}
         self._answers: list[bytes] = []
@@ -154,6 +159,10 @@ class SimulatedAutopilot:
             elif kind == "COMMAND_LONG" and (message.command, int(message.param1)) == (_REQUEST_MESSAGE, _SYS_STATUS):
                 present = _PROXIMITY if self.profile.proximity_started else 0
                 self._answer(dialect.MAVLink_sys_status_message(present, present, present, *[0] * 10))
+            elif kind == "COMMAND_LONG":
+                ack = self._flight.answer(message, (self.profile.system_id, self.profile.component_id), now_ns)
+                if ack is not None:
+                    self._answer(ack)
             elif kind == "REQUEST_DATA_STREAM":
                 for number in _STREAMS.get(int(message.req_stream_id), ()):
                     self._intervals[number] = float(message.req_message_rate)
@@ -244,7 +253,8 @@ class SimulatedAutopilot:
         out, self._answers = self._answers, []
         if self.silent or self.mute:
             return []
-        if self._is_due(_HEARTBEAT, 1.0, now_ns):
+        self._flight.until(now_ns)
+        if self._is_due(_HEARTBEAT, self._intervals.get(_HEARTBEAT, 1.0), now_ns):
             out.append(self._pack(self._heartbeat()))
         hidden = _ATTITUDES if self.profile.hides_attitude(now_ns) else ()
         for number, hz in list(self._intervals.items()):
@@ -273,12 +283,14 @@ class SimulatedAutopilot:
 
     def _heartbeat(self) -> Any:
         p = self.profile
-        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, p.custom_mode, 4, 3)
+        mode = p.custom_mode if p.flight is None else p.flight.mode
+        return dialect.MAVLink_heartbeat_message(2, AUTOPILOT_IDS[p.kind], 128 if p.armed else 0, mode, 4, 3)
 
     def _state(self, now_ns: int) -> VehicleState:
         """Once for all messages of an instant: it takes longer than they do."""
         if self._moved[0] != now_ns:
-            self._moved = (now_ns, self.profile.motion(now_ns))
+            flight = self.profile.flight
+            self._moved = (now_ns, self.profile.motion(now_ns) if flight is None else flight.state())
         return self._moved[1]
 
     def _attitude(self, now_ns: int) -> list[Any]:

@@ -299,7 +299,7 @@ def test_blindness_stops_once() -> None:
 
 def test_nothing_is_stopped_before_anything_was_seen() -> None:
     f = Flight(verdict=BLIND)
-    out = f.step(20)
+    out = f.step(30)
     assert commands(out) == []
     assert texts(out) == ["guard: off, nothing seen since take-off"]
 
@@ -353,6 +353,12 @@ def test_no_limit_above_the_speed_before() -> None:
     f.machine.acknowledged(DO_CHANGE_SPEED, 0)
     f.verdict = replace(FREE, allowed_m_s=15.0, speed_m_s=2.0)
     assert all(c.speed_m_s <= 3.0 for c in commands(f.step(200)) if isinstance(c, SpeedCommand))
+
+
+def test_a_vehicle_that_stands_is_not_limited() -> None:
+    """Its speed would become the highest to which the limit is raised."""
+    f = Flight(verdict=replace(NARROW, speed_m_s=0.2, allowed_m_s=0.0))
+    assert f.step(20) == []
 
 
 def test_no_limit_in_offboard_nor_when_refused() -> None:

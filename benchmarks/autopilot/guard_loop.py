@@ -1,0 +1,215 @@
+"""One vehicle with the guard in made-up time: rendered depth, pipeline, obstacle output, guard, link, autopilot model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from companion.autopilot.failsafe import AutopilotNow
+from companion.autopilot.publisher import ObstacleReportBuilder
+from companion.config.avoidance import AvoidParams
+from companion.config.guard import GuardParams
+from companion.guard.braking import braking_of
+from companion.guard.guard import Guard
+from companion.guard.path_sight import PathSight, path_sight
+from companion.pipeline.pipeline import Pipeline, PrismsResult
+from core.extractor import Extractor
+from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.mavlink.commands import DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MODE, SET_MESSAGE_INTERVAL
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session import LinkStatus, Vehicle
+from drivers.simulation.firmware_models.auto_flight import AutoFlight
+from drivers.simulation.scenes import Scene
+from drivers.simulation.sensor_model import SensorModel
+from drivers.simulation.source import render
+
+NS = 1_000_000_000
+MS = 1_000_000
+TICK_NS = 20 * MS
+FRAME_NS = NS // 12
+DECIDE_NS = NS // 15
+HEARTBEAT_NS = NS // 5
+FRAME_LATE_NS = 70 * MS
+"""From the exposure to the result: camera, USB, extraction."""
+LINK_NS = 40 * MS
+"""Each way, between the service and the autopilot."""
+SYSTEM, COMPONENT = 1, 196
+NO_CLOCK = ClockEstimate(ClockSource.NONE)
+
+
+@dataclass(slots=True)
+class LoopRecord:
+    """What happened. stops: (instant, speed) of each stop command's first attempt; limits: number of speed commands; texts of
+    STATUSTEXT. shown_ns: exposure of the first frame whose obstacles do not leave the braking distance; stop_ns: instant of the
+    first stop command after it."""
+
+    stops: list[tuple[int, float]] = field(default_factory=list)
+    limits: int = 0
+    texts: list[str] = field(default_factory=list)
+    shown_ns: int | None = None
+    stop_ns: int | None = None
+
+
+class GuardLoop:
+    """`run` flies. kind: PX4 or ArduPilot. blind_ns: from this instant on the camera gives no frames."""
+
+    def __init__(
+        self, scene: Scene, camera: CameraInfo, sensor: SensorModel, flight: AutoFlight, kind: str, seed: int,
+        guard: GuardParams | None = None, avoid: AvoidParams | None = None,
+    ) -> None:  # fmt: skip
+        self.scene, self.camera, self.sensor, self.flight, self.kind, self.seed = (
+            scene,
+            camera,
+            sensor,
+            flight,
+            kind,
+            seed,
+        )
+        self.avoid, self.params = avoid or AvoidParams(), guard or GuardParams(enabled=True)
+        self.braking = braking_of(self.params, self.avoid)
+        self.record = LoopRecord()
+        self.now_ns = 100 * NS
+        self.blind_ns: int | None = None
+        extractor = Extractor()
+        self._pipeline = Pipeline((camera,), lambda info: extractor)
+        self.guard = Guard(self.params, self.avoid, COMPONENT, self._vehicle, self._link_status, self._post, None)
+        self._builder = ObstacleReportBuilder(self.avoid, (camera.camera,), 0.3, observer=self._observe)
+        self._builder.announce(camera)
+        self._later: list[tuple[int, Callable[[], None]]] = []
+        self._heartbeat = (flight.mode, self.now_ns)
+        self._frame = 0
+        self._next_frame_ns = self._next_decide_ns = self._next_heartbeat_ns = self.now_ns
+        self._stop_mode_asked = False
+
+    # ---- what the guard is given -------------------------------------------------------------------------------------
+
+    def _vehicle(self) -> Vehicle:
+        mode, heard_ns = self._heartbeat
+        return Vehicle(SYSTEM, self.kind, 2, True, mode, heard_ns)
+
+    def _link_status(self) -> LinkStatus:
+        return LinkStatus(
+            vehicle=self._vehicle(),
+            clock=NO_CLOCK,
+            clock_restarts=0,
+            attitude_hz=50.0,
+            position_hz=50.0,
+            received=0,
+            counts={},
+        )
+
+    def _observe(self, surroundings: Any) -> None:
+        self.guard.observe(surroundings)
+        self._note(path_sight(surroundings, self.avoid, self.params))
+
+    def _note(self, sight: PathSight) -> None:
+        obstacle_m = min(sight.obstacle_m, sight.weak_obstacle_m)
+        speed_m_s = sight.speed_m_s or 0.0
+        if self.record.shown_ns is None and speed_m_s > 0.3 and self.braking.needed_m(speed_m_s) > obstacle_m:
+            self.record.shown_ns = sight.exposed_ns
+
+    def _post(self, message: Any) -> None:
+        kind = message.get_type()
+        if kind == "STATUSTEXT":
+            self.record.texts.append(str(message.text))
+        if kind != "COMMAND_LONG":
+            return
+        assert message.target_system == SYSTEM
+        if message.command in (DO_SET_MODE, DO_REPOSITION):
+            if self.guard.memory.attempts == 1:
+                self.record.stops.append((self.now_ns, self.flight.speed_m_s))
+            if self.record.shown_ns is not None and self.record.stop_ns is None:
+                self.record.stop_ns = self.now_ns
+        self.record.limits += message.command == DO_CHANGE_SPEED
+        self._after(LINK_NS, lambda: self._command(message))
+
+    def _command(self, message: Any) -> None:
+        result = 0 if message.command == SET_MESSAGE_INTERVAL else self.flight.command(message)
+        if result is not None:
+            ack = dialect.MAVLink_command_ack_message(message.command, result, 0, 0, SYSTEM, COMPONENT)
+            self._after(LINK_NS, lambda: self.guard.message(ack, self.now_ns))
+
+    def _after(self, delay_ns: int, act: Callable[[], None]) -> None:
+        self._later.append((self.now_ns + delay_ns, act))
+
+    # ---- time -------------------------------------------------------------------------------------------------------
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Flies for so long, or until a condition holds."""
+        end_ns = self.now_ns + round(seconds * NS)
+        while self.now_ns < end_ns and not until():
+            self.tick()
+
+    def tick(self) -> None:
+        """One step of TICK_NS."""
+        self.now_ns += TICK_NS
+        self.flight.step(TICK_NS / NS)
+        due = [act for t_ns, act in self._later if t_ns <= self.now_ns]
+        self._later = [(t_ns, act) for t_ns, act in self._later if t_ns > self.now_ns]
+        for act in due:
+            act()
+        self._send_motion()
+        if self.now_ns >= self._next_heartbeat_ns:
+            self._next_heartbeat_ns += HEARTBEAT_NS
+            beat = (self.flight.mode, self.now_ns + LINK_NS)
+            self._after(LINK_NS, lambda: setattr(self, "_heartbeat", beat))
+        if self.now_ns >= self._next_frame_ns:
+            self._next_frame_ns += FRAME_NS
+            if self.blind_ns is None or self.now_ns < self.blind_ns:
+                self._expose()
+        if self.now_ns >= self._next_decide_ns:
+            self._next_decide_ns += DECIDE_NS
+            self._builder.decide(AutopilotNow(kind=self.kind, margin_m=2.0, cp_dist_m=3.0), self.now_ns)
+        self.guard.step(self.now_ns)
+
+    def _send_motion(self) -> None:
+        s, t_ns = self.flight.state(), self.now_ns
+        samples: list[AttitudeSample | PoseSample] = [
+            AttitudeSample(t_ns, t_ns, s.q_ned_frd_wxyz, s.rates_frd_rad_s),
+            PoseSample(t_ns, t_ns, s.position_ned_m, s.velocity_ned_m_s),
+        ]
+        for sample in samples:
+            self._pipeline.handle(sample)
+        self._builder.samples(samples)
+
+    def _expose(self) -> None:
+        s, t_ns, number = self.flight.state(), self.now_ns, self._frame
+        self._frame += 1
+        roll, pitch, yaw = s.euler_rad
+        seen = render(
+            self.scene, self.camera, roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw, position_ned_m=s.position_ned_m,
+            sensor=self.sensor, seed=self.seed, frame=number,
+        )  # fmt: skip
+
+        def arrive() -> None:
+            frame = DepthFrame(
+                camera=self.camera.camera,
+                sequence=number,
+                t_exposure_ns=t_ns,
+                t_arrival_ns=self.now_ns,
+                depth_mm=seen.depth_mm,
+            )
+            for output in self._pipeline.handle(frame):
+                if isinstance(output, PrismsResult):
+                    self._builder.result(output)
+
+        self._after(FRAME_LATE_NS, arrive)
+
+    @property
+    def place_m(self) -> np.ndarray:
+        """(3,) ned."""
+        x, y = self.flight.position_m
+        return np.array([x, y, -self.flight.height_m])
+
+    @property
+    def direction(self) -> np.ndarray:
+        """(2,) of the velocity; of the heading while the vehicle stands."""
+        speed = self.flight.speed_m_s
+        if speed < 0.1:
+            return np.array([math.cos(self.flight.heading_rad), math.sin(self.flight.heading_rad)])
+        return self.flight.velocity_m_s / speed

@@ -1,0 +1,287 @@
+"""Models of the modes in which an autopilot flies by itself, for closed-loop tests: mission, guided and stop modes.
+
+`Px4AutoFlight`: Mission, Return, Offboard with velocity setpoints, Hold. The trajectory is limited in acceleration and jerk
+(MPC_ACC_HOR, MPC_JERK_AUTO), Hold stops along it (Navigator: preproject_stop_point).
+`CopterAutoFlight`: AUTO, RTL, GUIDED, BRAKE, LOITER. AUTO is limited by WPNAV_ACCEL and WPNAV_JERK, BRAKE by
+BRAKE_MODE_DECEL_RATE, the lean angle and PSC_JERK_XY, LOITER by LOIT_BRK_ACCEL after LOIT_BRK_DELAY.
+
+Both answer MAV_CMD_DO_SET_MODE, DO_REPOSITION and DO_CHANGE_SPEED as the sources do (see drivers.mavlink.commands). The vehicle is
+a point with the lag of its attitude; horizontal motion only, the height is that of the mission. Positions in ned, metres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mavlink.commands import (
+    CHANGE_MODE_FLAG,
+    COPTER_BRAKE,
+    COPTER_LOITER,
+    DO_CHANGE_SPEED,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    PX4_AUTO,
+    PX4_AUTO_LOITER,
+    px4_mode_number,
+)
+from ..flight_path import VehicleState, body_rates
+from .px4_position_mode import speed_from_distance_m_s
+
+Vector = NDArray[np.float64]
+GRAVITY_M_S2 = 9.81
+ATTITUDE_LAG_S = 0.15
+"""Time constant from a commanded acceleration to the vehicle's."""
+DRAG_PER_S = 0.15
+"""Deceleration by air per speed: the vehicle leans forward in steady flight."""
+PX4_MISSION, PX4_RETURN = px4_mode_number(PX4_AUTO, 4), px4_mode_number(PX4_AUTO, 5)
+PX4_HOLD, PX4_OFFBOARD = px4_mode_number(PX4_AUTO, PX4_AUTO_LOITER), px4_mode_number(6, 0)
+PX4_POSITION = px4_mode_number(3, 0)
+COPTER_AUTO, COPTER_GUIDED, COPTER_RTL = 3, 4, 6
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+"""MAV_RESULT."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Of the horizontal motion, SI units. delay_s: before a stop mode begins to brake."""
+
+    acceleration_m_s2: float
+    jerk_m_s3: float
+    delay_s: float = 0.0
+
+
+@dataclass(slots=True, eq=False)
+class AutoFlight:
+    """`command` with each COMMAND_LONG, `step` flies. waypoints_m: (N, 2), flown in order; the vehicle stops at each.
+
+    yaw_first: the vehicle turns to the next waypoint before it flies there (PX4: MPC_YAW_MODE 4). velocity_target_m_s: (2,) of
+    Offboard or GUIDED. deaf: commands are not received; stubborn: they are acknowledged and have no effect."""
+
+    waypoints_m: Vector
+    height_m: float
+    cruise_m_s: float
+    mode: int
+    position_m: Vector = field(default_factory=lambda: np.zeros(2))
+    velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
+    heading_rad: float = 0.0
+    yaw_rate_rad_s: float = math.radians(60.0)
+    yaw_first: bool = True
+    velocity_target_m_s: Vector = field(default_factory=lambda: np.zeros(2))
+    deaf: bool = False
+    stubborn: bool = False
+    next_waypoint: int = 0
+    _speed_m_s: float = field(init=False)
+    _wanted_acceleration: Vector = field(default_factory=lambda: np.zeros(2))
+    _acceleration: Vector = field(default_factory=lambda: np.zeros(2))
+    _mode_s: float = 0.0
+    _turn_rad_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._speed_m_s = self.cruise_m_s
+
+    # ---- of one autopilot --------------------------------------------------------------------------------------------
+
+    def _mission_modes(self) -> tuple[int, ...]:
+        raise NotImplementedError
+
+    def _guided_mode(self) -> int:
+        raise NotImplementedError
+
+    def _limits(self) -> Limits:
+        raise NotImplementedError
+
+    def _set_mode(self, message: Any) -> int:
+        raise NotImplementedError
+
+    def _reposition(self, message: Any) -> int:
+        raise NotImplementedError
+
+    def _change_speed(self, speed_m_s: float) -> int:
+        raise NotImplementedError
+
+    # ---- in ---------------------------------------------------------------------------------------------------------
+
+    def command(self, message: Any) -> int | None:
+        """MAV_RESULT of a COMMAND_LONG; None: no answer, since it is not received or not one of these."""
+        if self.deaf:
+            return None
+        if message.command == DO_SET_MODE:
+            return ACCEPTED if self.stubborn else self._set_mode(message)
+        if message.command == DO_REPOSITION:
+            return ACCEPTED if self.stubborn else self._reposition(message)
+        if message.command == DO_CHANGE_SPEED:
+            return ACCEPTED if self.stubborn else self._change_speed(float(message.param2))
+        return None
+
+    def enter(self, mode: int) -> None:
+        """Changes the mode, as by the pilot."""
+        if mode != self.mode:
+            self.mode, self._mode_s = mode, 0.0
+            self._speed_m_s = self.cruise_m_s
+
+    # ---- motion -----------------------------------------------------------------------------------------------------
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last waypoint was reached."""
+        return self.next_waypoint >= len(self.waypoints_m)
+
+    def step(self, dt_s: float) -> None:
+        """Flies for a short time, 20 ms or less."""
+        self._mode_s += dt_s
+        limits, target = self._limits(), self._velocity_target()
+        wanted = np.zeros(2)
+        if target is not None:
+            wanted = _towards(self.velocity_m_s, target, limits)
+        elif self._mode_s >= limits.delay_s:
+            wanted = _towards(self.velocity_m_s, np.zeros(2), limits)
+        change = wanted - self._wanted_acceleration
+        most = limits.jerk_m_s3 * dt_s
+        self._wanted_acceleration = self._wanted_acceleration + _shortened(change, most)
+        self._acceleration += (self._wanted_acceleration - self._acceleration) * dt_s / (ATTITUDE_LAG_S + dt_s)
+        self.velocity_m_s = self.velocity_m_s + self._acceleration * dt_s
+        self.position_m = self.position_m + self.velocity_m_s * dt_s
+        self._turn(dt_s)
+
+    def _velocity_target(self) -> Vector | None:
+        """(2,) m/s; None: the vehicle brakes."""
+        if self.mode == self._guided_mode():
+            return self.velocity_target_m_s
+        if self.mode not in self._mission_modes() or self.finished:
+            return None
+        to_go = self.waypoints_m[self.next_waypoint] - self.position_m
+        distance_m = float(np.hypot(*to_go))
+        if distance_m < 0.3 and float(np.hypot(*self.velocity_m_s)) < 0.5:
+            self.next_waypoint += 1
+            return np.zeros(2)
+        if self.yaw_first and abs(self._yaw_error()) > math.radians(10.0) and distance_m > 1.0:
+            return np.zeros(2)
+        limits = self._limits()
+        # margin for the lag of the attitude
+        speed = speed_from_distance_m_s(limits.jerk_m_s3, 0.8 * limits.acceleration_m_s2, 0.8 * distance_m)
+        out: Vector = to_go / max(distance_m, 1e-6) * min(self._speed_m_s, speed, 1.5 * distance_m)
+        return out
+
+    def _yaw_error(self) -> float:
+        """From the heading to the direction of flight, radians."""
+        if self.mode == self._guided_mode():
+            wanted = self.velocity_target_m_s
+        elif self.mode in self._mission_modes() and not self.finished:
+            wanted = self.waypoints_m[self.next_waypoint] - self.position_m
+        else:
+            return 0.0
+        if float(np.hypot(*wanted)) < 0.5:
+            return 0.0
+        return math.remainder(math.atan2(wanted[1], wanted[0]) - self.heading_rad, math.tau)
+
+    def _turn(self, dt_s: float) -> None:
+        wanted = max(-self.yaw_rate_rad_s, min(self.yaw_rate_rad_s, 2.0 * self._yaw_error()))
+        self._turn_rad_s += (wanted - self._turn_rad_s) * dt_s / (0.2 + dt_s)
+        self.heading_rad = math.remainder(self.heading_rad + self._turn_rad_s * dt_s, math.tau)
+
+    @property
+    def speed_m_s(self) -> float:
+        """Horizontal."""
+        return float(np.hypot(*self.velocity_m_s))
+
+    def state(self) -> VehicleState:
+        """Position, velocity and attitude. The vehicle leans by its acceleration and against the air."""
+        lean = (self._acceleration + DRAG_PER_S * self.velocity_m_s) / GRAVITY_M_S2
+        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        forward, right = c * lean[0] + s * lean[1], c * lean[1] - s * lean[0]
+        euler = (math.atan(right), -math.atan(forward), self.heading_rad)
+        x, y = self.position_m
+        return VehicleState(
+            position_ned_m=(float(x), float(y), -self.height_m),
+            velocity_ned_m_s=(float(self.velocity_m_s[0]), float(self.velocity_m_s[1]), 0.0),
+            euler_rad=euler,
+            rates_frd_rad_s=body_rates(euler, (0.0, 0.0, self._turn_rad_s)),
+        )
+
+
+class Px4AutoFlight(AutoFlight):
+    """PX4 with default parameters."""
+
+    def _mission_modes(self) -> tuple[int, ...]:
+        return PX4_MISSION, PX4_RETURN
+
+    def _guided_mode(self) -> int:
+        return PX4_OFFBOARD
+
+    def _limits(self) -> Limits:
+        if self.mode == PX4_OFFBOARD:  # the setpoint is not smoothed; MPC_ACC_HOR_MAX
+            return Limits(acceleration_m_s2=5.0, jerk_m_s3=20.0)
+        return Limits(acceleration_m_s2=3.0, jerk_m_s3=4.0)
+
+    def _set_mode(self, message: Any) -> int:
+        if not int(message.param1) & 1:
+            return DENIED
+        self.enter(px4_mode_number(int(message.param2), int(message.param3)))
+        return ACCEPTED
+
+    def _reposition(self, message: Any) -> int:
+        if int(message.param2) & CHANGE_MODE_FLAG:
+            self.enter(PX4_HOLD)
+        return ACCEPTED
+
+    def _change_speed(self, speed_m_s: float) -> int:
+        """Accepted in every mode; without effect in Offboard. Not above 0: the default speed."""
+        self._speed_m_s = speed_m_s if speed_m_s > 0.0 else self.cruise_m_s
+        return ACCEPTED
+
+
+class CopterAutoFlight(AutoFlight):
+    """ArduCopter with default parameters."""
+
+    def _mission_modes(self) -> tuple[int, ...]:
+        return COPTER_AUTO, COPTER_RTL
+
+    def _guided_mode(self) -> int:
+        return COPTER_GUIDED
+
+    def _limits(self) -> Limits:
+        if self.mode == COPTER_BRAKE:  # BRAKE_MODE_DECEL_RATE is 7.5; ANGLE_MAX of 30 degrees gives less
+            return Limits(acceleration_m_s2=5.0, jerk_m_s3=5.0)
+        if self.mode == COPTER_LOITER:
+            return Limits(acceleration_m_s2=2.5, jerk_m_s3=5.0, delay_s=1.0)
+        if self.mode == COPTER_GUIDED:
+            return Limits(acceleration_m_s2=2.5, jerk_m_s3=5.0)
+        return Limits(acceleration_m_s2=2.5, jerk_m_s3=2.0)
+
+    def _set_mode(self, message: Any) -> int:
+        if not int(message.param1) & 1:
+            return DENIED
+        self.enter(int(message.param2))
+        return ACCEPTED
+
+    def _reposition(self, message: Any) -> int:
+        """Coordinates are needed; GUIDED to a place is not modelled."""
+        return DENIED
+
+    def _change_speed(self, speed_m_s: float) -> int:
+        if speed_m_s <= 0.0:
+            return DENIED
+        if self.mode not in (COPTER_AUTO, COPTER_RTL, COPTER_GUIDED):
+            return FAILED
+        self._speed_m_s = speed_m_s
+        return ACCEPTED
+
+
+def _towards(velocity: Vector, target: Vector, limits: Limits) -> Vector:
+    """Acceleration that brings the velocity to the target without passing it, with limited jerk."""
+    gap = target - velocity
+    size = float(np.hypot(*gap))
+    most = min(limits.acceleration_m_s2, 2.0 * size, math.sqrt(1.2 * limits.jerk_m_s3 * size))
+    out: Vector = gap / max(size, 1e-9) * most
+    return out
+
+
+def _shortened(v: Vector, most: float) -> Vector:
+    length = float(np.hypot(*v))
+    out: Vector = v * min(1.0, most / max(length, 1e-9))
+    return out
