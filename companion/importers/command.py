@@ -22,12 +22,17 @@ from ..console import fail, print_json, print_line, warn
 from ..log.log_writer import refuse_output, write_recording
 from ..log.provenance import run_info
 from ..pipeline.sync import NS
-from .folder import FolderSource
+from .depth_summary import DepthSummary, DepthTally
+from .folder import open_folder
+from .frame_list import FrameListSource
 from .report import ImportOptions, Report, RosTopics
 from .ros2 import Ros2Source
+from .ros2_files import is_bag
+from .tum import is_tum, open_tum
 
 REMEDY_NO_SOURCE = (
-    "expected a directory with intrinsics.json, frames.csv and depth PNGs, or a ROS 2 recording as an .mcap file"
+    "expected a directory with intrinsics.json, frames.csv and depth PNGs, a TUM RGB-D directory, or a ROS 2 recording "
+    "(.mcap, .db3, or the bag's directory)"
 )
 
 
@@ -41,7 +46,10 @@ class Imported:
     attitudes: int
     poses: int
     duration_s: float
+    depth: DepthSummary
+    file_list: Path | None
     notes: tuple[str, ...]
+    warnings: tuple[str, ...]
     problems: tuple[str, ...]
 
 
@@ -65,6 +73,9 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
         report.problem("recording", f"{path}: no frame could be used")
     return Imported(
         output=output,
+        depth=counted.depth.summary(),
+        file_list=write_file_list(output, source.files),
+        warnings=tuple(report.all_warnings()),
         frames=counted.kinds[DepthFrame],
         frames_named=source.frame_count,
         attitudes=counted.kinds[AttitudeSample],
@@ -75,23 +86,38 @@ def import_recording(path: Path, output: Path, options: ImportOptions, config: C
     )
 
 
-def open_recording(path: Path, options: ImportOptions, report: Report) -> FolderSource | Ros2Source:
+def write_file_list(output: Path, files: dict[int, str]) -> Path | None:
+    """Writes OUT.files.csv, which leads from a frame's number to its file; None where frames are not files."""
+    if not files:
+        return None
+    path = output.with_suffix(".files.csv")
+    lines = [f"{number},{name}\n" for number, name in sorted(files.items())]
+    path.write_text("sequence,file\n" + "".join(lines), encoding="utf-8")
+    return path
+
+
+def open_recording(path: Path, options: ImportOptions, report: Report) -> FrameListSource | Ros2Source:
     """The reader of a directory or file. Raises DriverError."""
     if path.is_dir():
-        return FolderSource(path, options, report)
+        if is_tum(path):
+            return open_tum(path, options, report)
+        return Ros2Source(path, options, report) if is_bag(path) else open_folder(path, options, report)
     if not path.exists():
         raise DeviceNotFound(f"{path}: does not exist; {REMEDY_NO_SOURCE}")
-    if path.suffix.lower() in (".db3", ".bag"):
-        raise BadData(f"{path}: not an MCAP file; convert it first (ros2 bag convert, or the mcap tool)")
+    if path.suffix.lower() == ".bag":
+        raise BadData(
+            f"{path}: a ROS 1 bag; convert it first (rosbags-convert of the package rosbags, or the mcap tool)"
+        )
     return Ros2Source(path, options, report)
 
 
 class _Counted:
     """Passes the events of a source on and counts them."""
 
-    def __init__(self, source: FolderSource | Ros2Source) -> None:
+    def __init__(self, source: FrameListSource | Ros2Source) -> None:
         self._source = source
         self.kinds: Counter[type[Event]] = Counter()
+        self.depth = DepthTally()
         self._exposures: list[int] = []
 
     @property
@@ -109,6 +135,7 @@ class _Counted:
             self.kinds[type(event)] += 1
             if isinstance(event, DepthFrame):
                 self._exposures.append(event.t_exposure_ns)
+                self.depth.add(event.depth_mm)
             yield event
 
     def close(self) -> None:
@@ -118,7 +145,12 @@ class _Counted:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion import`."""
     parser = subparsers.add_parser("import", help="convert a recording into a log")
-    parser.add_argument("source", type=Path, metavar="DIR|FILE", help="directory with depth PNGs, or a ROS 2 .mcap")
+    parser.add_argument(
+        "source",
+        type=Path,
+        metavar="DIR|FILE",
+        help="directory with depth PNGs or stereo pairs, TUM directory, ROS 2 .mcap, .db3 or bag",
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.mcap", help="the log to write")
     parser.add_argument(
         "-c",
@@ -142,21 +174,25 @@ def add_parser(subparsers: Any) -> None:
     camera.add_argument("--min-range-m", type=float, metavar="M", help="nearer depth is no measurement")
     camera.add_argument("--max-range-m", type=float, metavar="M", help="farther depth is no measurement")
     camera.add_argument("--ke", type=float, metavar="1/M", help="depth noise: sigma_Z = ke * Z^2")
-    folder = parser.add_argument_group("a folder")
+    folder = parser.add_argument_group("a folder, and the log of the flight (.tlog, PX4 .ulg, ArduPilot .bin)")
     folder.add_argument(
         "--frame-latency-ms", type=_latency, default=50.0, metavar="MS", help="delay from exposure to arrival (50 ms)"
     )
     log = folder.add_mutually_exclusive_group()
     log.add_argument(
         "--tlog",
+        "--attitude-log",
         type=Path,
         metavar="FILE",
-        help="take the attitude from this log (default: the .tlog in the directory)",
+        help="take the attitude from this log (default: the one in the directory)",
     )
-    log.add_argument(
-        "--no-tlog", action="store_true", help="take the attitude from frames.csv even if there is a .tlog"
+    log.add_argument("--no-tlog", action="store_true", help="take the attitude from frames.csv even if there is a log")
+    folder.add_argument(
+        "--tlog-epoch",
+        type=_epoch_us,
+        metavar="UNIX_S",
+        help="time of t_ns 0 in the log, unix seconds (seconds since its start where it has no GPS)",
     )
-    folder.add_argument("--tlog-epoch", type=_epoch_us, metavar="UNIX_S", help="unix time of t_ns 0, seconds")
     folder.add_argument("--system-id", type=int, metavar="ID", help="system id of the vehicle, if the log has several")
     ros = parser.add_argument_group("ROS 2 recording (needed where several topics fit)")
     for name in ("depth", "info", "attitude", "pose"):
@@ -176,6 +212,8 @@ def run(args: argparse.Namespace) -> int:
         _print_summary(done)
     for note in done.notes if args.json else ():
         warn(note)
+    for warning in () if args.json else done.warnings:
+        warn(warning)
     for problem in done.problems:
         fail(problem)
     if done.problems:
@@ -214,8 +252,12 @@ def _print_summary(done: Imported) -> None:
     print_line(
         f"{done.output}: {done.frames} frames over {done.duration_s:.1f} s, {done.attitudes} attitudes, {done.poses} positions"
     )
+    if done.frames:
+        print_line(f"  {done.depth}")
     for note in done.notes:
         print_line(f"  {note}")
+    if done.file_list is not None:
+        print_line(f"  {done.file_list} leads from a frame's number to its file")
     if not done.problems:
         print_line(f"next: companion replay {done.output} -o prisms.mcap")
 
@@ -228,7 +270,10 @@ def _json(done: Imported) -> dict[str, Any]:
         "attitudes": done.attitudes,
         "poses": done.poses,
         "duration_s": round(done.duration_s, 6),
+        "depth": done.depth.as_json(),
+        "file_list": None if done.file_list is None else str(done.file_list),
         "notes": list(done.notes),
+        "warnings": list(done.warnings),
         "problems": list(done.problems),
     }
 

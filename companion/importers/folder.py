@@ -1,119 +1,82 @@
-"""Reads a directory with depth PNGs, intrinsics.json, frames.csv and optionally a .tlog.
+"""Reads a directory with depth PNGs (or raw stereo pairs), frames.csv and optionally the log of the flight.
 
 frames.csv: `file`, `t_ns` (mid-exposure), `roll_rad`, `pitch_rad`, `yaw_rad` (frd to ned, ZYX, as in MAVLink), and
-optionally `x_m`, `y_m`, `z_m` (ned). Other columns are ignored. With a .tlog, attitude and position are taken from it.
+optionally `x_m`, `y_m`, `z_m` (ned). Other columns are ignored. With a .tlog, .ulg or .bin, attitude and position are taken
+from it. Depth PNGs need intrinsics.json; stereo pairs the camera's SN<serial>.conf, see stereo.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from core.frames import quaternion_from_euler
-from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
-from drivers.base import BadData, Event
+from core.types import AttitudeSample, PoseSample
+from drivers.base import BadData
 
-from ..pipeline.sync import NS
+from .flight_log import TiltRow, find_flight_log, flight_log_samples
+from .frame_list import FrameListSource, Samples
 from .frames_csv import FrameRow, looks_like_degrees, read_rows
+from .images import DepthImages, PngImages
 from .intrinsics_json import read_intrinsics
-from .png import read_depth_png
-from .report import ImportOptions, Report, spans, uncovered
-from .tlog import TiltRow, tlog_samples
+from .report import ImportOptions, Report, attitude_rate_problem, spans, uncovered
+from .stereo import StereoImages, find_calibration
 
 
-class FolderSource:
-    """A recording in a directory (EventSource). Problems with single rows and images are added to `report`; the rest is
-    delivered. Raises BadData where nothing can be delivered. frame_count: number of rows."""
+def open_folder(folder: Path, options: ImportOptions, report: Report) -> FrameListSource:
+    """The recording of a directory. Problems with single rows and images are added to `report`; the rest is delivered.
+    Raises BadData where nothing can be delivered."""
+    log = find_flight_log(folder, options)
+    calibration = None if (folder / "intrinsics.json").exists() else find_calibration(folder)
+    described = None if calibration is not None else read_intrinsics(folder / "intrinsics.json", options)
+    rows, count = read_rows(folder / "frames.csv", report, angles_needed=log is None)
+    if not rows:
+        raise BadData(f"{folder / 'frames.csv'}: no usable row; expected one for each depth image")
+    images: DepthImages
+    if calibration is not None:
+        images = StereoImages(folder, calibration, rows[0], options, report)
+    else:
+        assert described is not None
+        images = PngImages(folder, *described)
+    folder_rows = _FolderRows(folder, rows, report)
+    folder_rows.report_unlisted()
+    samples = folder_rows.from_log(log, options) if log is not None else folder_rows.from_rows()
+    return FrameListSource(images, rows, samples, options, report, frame_count=count)
 
-    def __init__(self, folder: Path, options: ImportOptions, report: Report) -> None:
-        self._folder, self._options, self._report = folder, options, report
-        self._info, self._coding = read_intrinsics(folder / "intrinsics.json", options)
-        self._rows, self.frame_count = read_rows(folder / "frames.csv", report)
-        if not self._rows:
-            raise BadData(f"{folder / 'frames.csv'}: no usable row; expected one for each depth image")
-        self._report_unlisted()
-        self._attitudes, self._poses = self._samples()
-        self.shift_ns = self._shift()
 
-    @property
-    def cameras(self) -> tuple[CameraInfo, ...]:
-        """The camera."""
-        return (self._info,)
+class _FolderRows:
+    """The rows of frames.csv, and what is wrong with them."""
 
-    def close(self) -> None:
-        """Does nothing: no file stays open."""
+    def __init__(self, folder: Path, rows: list[FrameRow], report: Report) -> None:
+        self._folder, self._rows, self._report = folder, rows, report
 
-    def events(self) -> Iterator[Event]:
-        """All events in order of arrival; images are read when due."""
-
-        def arrival(item: AttitudeSample | PoseSample | FrameRow) -> int:
-            return self._arrival_ns(item) if isinstance(item, FrameRow) else item.t_arrival_ns
-
-        # samples come before a frame of the same arrival, which may use them
-        items: list[AttitudeSample | PoseSample | FrameRow] = [*self._attitudes, *self._poses, *self._rows]
-        for item in sorted(items, key=arrival):
-            if not isinstance(item, FrameRow):
-                yield self._shifted(item)
-                continue
-            try:
-                yield self._frame(item)
-            except BadData as error:
-                self._report.problem("image", f"frames.csv line {item.line}: {error}")
-
-    def _arrival_ns(self, row: FrameRow) -> int:
-        return row.t_ns + round(self._options.frame_latency_s * NS)
-
-    def _frame(self, row: FrameRow) -> DepthFrame:
-        k = self._info.intrinsics
-        depth_mm = read_depth_png(
-            self._folder / row.file, (k.width, k.height), self._coding.unit_mm, self._coding.invalid
-        )
-        return DepthFrame(
-            camera=self._info.camera,
-            sequence=row.number,
-            t_exposure_ns=row.t_ns + self.shift_ns,
-            t_arrival_ns=self._arrival_ns(row) + self.shift_ns,
-            depth_mm=depth_mm,
-        )
-
-    def _shifted(self, s: AttitudeSample | PoseSample) -> AttitudeSample | PoseSample:
-        t_ns, arrival_ns = s.t_ns + self.shift_ns, s.t_arrival_ns + self.shift_ns
-        if isinstance(s, AttitudeSample):
-            return AttitudeSample(t_ns, arrival_ns, s.q_ned_frd_wxyz, s.rates_frd_rad_s)
-        return PoseSample(t_ns, arrival_ns, s.position_ned_m, s.velocity_ned_m_s, s.reset_counter)
-
-    def _shift(self) -> int:
-        """Shift in whole seconds that makes all timestamps 0 or later, as a log requires."""
-        samples: list[AttitudeSample | PoseSample] = [*self._attitudes, *self._poses]
-        first = min([r.t_ns for r in self._rows] + [s.t_ns for s in samples])
-        shift_ns = -(first // NS) * NS if first < 0 else 0
-        if shift_ns:
-            self._report.note(f"all timestamps were shifted by {shift_ns // NS} s, so that none is negative")
-        return shift_ns
-
-    def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:
-        log = self._tlog()
+    def from_log(self, log: Path, options: ImportOptions) -> Samples:
+        """Attitudes and positions of the flight log."""
         exposures = [r.t_ns for r in self._rows]
-        if log is not None:
-            rows = [TiltRow(r.t_ns, r.euler_rad[0], r.euler_rad[1]) for r in self._rows if r.euler_rad is not None]
-            attitudes, poses = tlog_samples(log, (min(exposures), max(exposures)), rows, self._options, self._report)
-        else:
-            attitudes = [
-                AttitudeSample(r.t_ns, r.t_ns, quaternion_from_euler(*r.euler_rad))
-                for r in self._rows
-                if r.euler_rad is not None and not looks_like_degrees(r)
-            ]
-            poses = [PoseSample(r.t_ns, r.t_ns, r.position_ned_m) for r in self._rows if r.position_ned_m is not None]
-            self._report_unusable()
-        missing = uncovered(exposures, [a.t_ns for a in attitudes], self._options.sync)
-        if missing and log is not None:
-            missing_ns = set(missing)
-            lines = spans(r.line for r in self._rows if r.t_ns in missing_ns)
+        rows = [TiltRow(r.t_ns, r.euler_rad[0], r.euler_rad[1]) for r in self._rows if r.euler_rad is not None]
+        found = flight_log_samples(log, (min(exposures), max(exposures)), rows, options, self._report)
+        stamps = [a.t_ns for a in found[0]]
+        too_slow = attitude_rate_problem(exposures, stamps, options.sync)
+        missing = set(uncovered(exposures, stamps, options.sync))
+        if too_slow:
+            self._report.problem("attitude", f"{log.name}: {too_slow}")
+        elif missing:
+            lines = spans(r.line for r in self._rows if r.t_ns in missing)
             self._report.problem(
                 "attitude",
                 f"{log.name}: no attitude near the frames of frames.csv line {lines}; these frames are kept without "
                 "attitude",
             )
+        return found
+
+    def from_rows(self) -> Samples:
+        """Attitudes and positions of frames.csv."""
+        self._report_unusable()
+        attitudes = [
+            AttitudeSample(r.t_ns, r.t_ns, quaternion_from_euler(*r.euler_rad))
+            for r in self._rows
+            if r.euler_rad is not None and not looks_like_degrees(r)
+        ]
+        poses = [PoseSample(r.t_ns, r.t_ns, r.position_ned_m) for r in self._rows if r.position_ned_m is not None]
         return attitudes, poses
 
     def _report_unusable(self) -> None:
@@ -124,7 +87,7 @@ class FolderSource:
             self._report.problem(
                 "attitude",
                 f"{path}: {len(without_attitude)} rows without a usable attitude (line {spans(without_attitude)}): "
-                "the frames are kept without attitude; fill in roll_rad, pitch_rad and yaw_rad, or add a .tlog",
+                "the frames are kept without attitude; fill in roll_rad, pitch_rad and yaw_rad, or add the autopilot's log (.tlog, .ulg, .bin)",
             )
         too_large = [r.line for r in self._rows if looks_like_degrees(r)]
         if too_large:
@@ -142,20 +105,9 @@ class FolderSource:
                 "the frames are kept without position; fill in x_m, y_m and z_m",
             )
 
-    def _tlog(self) -> Path | None:
-        if self._options.tlog is not None or not self._options.use_tlog:
-            return self._options.tlog
-        found = sorted(self._folder.glob("*.tlog"))
-        if len(found) > 1:
-            names = ", ".join(f.name for f in found)
-            raise BadData(
-                f"{self._folder}: several logs ({names}); choose one with --tlog FILE or use none with --no-tlog"
-            )
-        return found[0] if found else None
-
-    def _report_unlisted(self) -> None:
+    def report_unlisted(self) -> None:
         """Reports images without a row: they have no time and are not used."""
-        listed = {(self._folder / r.file).resolve() for r in self._rows}
+        listed = {(self._folder / name).resolve() for r in self._rows for name in (r.file, r.file_right) if name}
         for parent in sorted({p.parent for p in listed}):
             unlisted = [p.name for p in sorted(parent.glob("*.png")) if p not in listed]
             if unlisted:

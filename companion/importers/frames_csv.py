@@ -21,7 +21,7 @@ POSITION = ("x_m", "y_m", "z_m")
 MAX_ANGLE_RAD = 2.0 * math.pi
 """Largest plausible angle of an attitude in radians."""
 GAP_FACTOR, GAP_MIN_S = 5.0, 0.5
-"""A pause of this multiple of the median interval, and of at least this length, is reported."""
+"""A pause of this multiple of the median interval, and of at least this length, is a warning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,11 +34,12 @@ class FrameRow:
     t_ns: int
     euler_rad: tuple[float, float, float] | None
     position_ned_m: tuple[float, float, float] | None
+    file_right: str = ""
 
 
-def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
+def read_rows(path: Path, report: Report, angles_needed: bool = True) -> tuple[list[FrameRow], int]:
     """(usable rows in order of time, number of rows). Problems with other rows are reported. Raises BadData for a file
-    without the columns of image and time."""
+    without the columns of image and time. angles_needed: no flight log gives the attitude."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
@@ -58,9 +59,11 @@ def read_rows(path: Path, report: Report) -> tuple[list[FrameRow], int]:
     if duplicated:
         raise BadData(f"{path} line 1: column {', '.join(duplicated)} is duplicated; remove one")
     missing_angles = [c for c in ATTITUDE if c not in columns]
-    if missing_angles:
+    if missing_angles and angles_needed:
         report.problem(
-            "column", f"{path} line 1: column {', '.join(missing_angles)} is missing: no frame has an attitude"
+            "column",
+            f"{path} line 1: column {', '.join(missing_angles)} is missing: no frame has an attitude; add them, or put the "
+            "autopilot's log (.tlog, .ulg, .bin) into the folder",
         )
     usable = [row for n, (line, cells) in enumerate(content) if (row := _row(path, line, n, cells, report)) is not None]
     rows = _in_order(path, usable, report)
@@ -117,6 +120,7 @@ def _row(path: Path, line: int, number: int, cells: dict[str | None, Any], repor
         t_ns=t_ns,
         euler_rad=_three(cells, ATTITUDE),
         position_ned_m=_three(cells, POSITION),
+        file_right=cells.get("file_right") or "",
     )
 
 
@@ -141,8 +145,8 @@ def _report_gaps(path: Path, rows: list[FrameRow], report: Report) -> None:
     usual = median(intervals)
     for (a, b), interval in zip(pairwise(rows), intervals, strict=True):
         if interval > max(GAP_FACTOR * usual, GAP_MIN_S):
-            report.problem(
+            report.warning(
                 "gap",
-                f"{path} lines {a.line}-{b.line}: a gap of {interval:.2f} s (median: {usual:.3f} s); rows are "
-                "missing or the camera was interrupted",
+                f"{path} lines {a.line}-{b.line}: a pause of {interval:.2f} s (median: {usual:.3f} s); the recording was "
+                "paused, or rows are missing",
             )

@@ -5,7 +5,9 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 from ..config.camera import CameraConfig
 from ..config.sync import SyncParams
@@ -44,12 +46,14 @@ class ImportOptions:
 
 @dataclass(slots=True)
 class Report:
-    """problems: missing or unused parts (the import fails, the readable part is kept); notes: decisions of the importer
-    that the user should know."""
+    """problems: missing or unused parts (the import fails, the readable part is kept); warnings: what will limit the use
+    of the log, although nothing is missing; notes: decisions of the importer that the user should know."""
 
     problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     _of_kind: dict[str, int] = field(default_factory=dict)
+    _of_warning: dict[str, int] = field(default_factory=dict)
 
     def problem(self, kind: str, text: str) -> None:
         """Adds a problem; of each kind the first SHOWN are kept."""
@@ -57,10 +61,21 @@ class Report:
         if self._of_kind[kind] <= SHOWN:
             self.problems.append(text)
 
+    def warning(self, kind: str, text: str) -> None:
+        """Adds a warning; of each kind the first SHOWN are kept."""
+        self._of_warning[kind] = self._of_warning.get(kind, 0) + 1
+        if self._of_warning[kind] <= SHOWN:
+            self.warnings.append(text)
+
     def note(self, text: str) -> None:
         """Adds a note once."""
         if text not in self.notes:
             self.notes.append(text)
+
+    def all_warnings(self) -> list[str]:
+        """The warnings, and the number of further ones of each kind."""
+        more = [f"... and {n - SHOWN} more: {kind}" for kind, n in self._of_warning.items() if n > SHOWN]
+        return self.warnings + more
 
     def all_problems(self) -> list[str]:
         """The problems, and the number of further ones of each kind."""
@@ -90,3 +105,20 @@ def uncovered(exposures_ns: Sequence[int], attitudes_ns: Sequence[int], sync: Sy
         if not near or (min(near) > sync.max_extrapolation_s * NS and not between):
             out.append(t)
     return out
+
+
+def attitude_rate_problem(exposures_ns: Sequence[int], attitudes_ns: Sequence[int], sync: SyncParams) -> str:
+    """Why the attitudes come too seldom, "" if they do not: frames between two attitudes farther apart than
+    `max_gap_s` cannot be used, as in a log of a telemetry radio (2 to 4 Hz)."""
+    stamps = sorted(set(attitudes_ns))
+    if len(stamps) < 3 or not exposures_ns:
+        return ""
+    interval_s = median(b - a for a, b in pairwise(stamps)) / NS
+    if interval_s <= sync.max_gap_s:
+        return ""
+    usable = len(exposures_ns) - len(uncovered(exposures_ns, stamps, sync))
+    return (
+        f"the attitude comes at {1.0 / interval_s:.1f} Hz: {usable} of {len(exposures_ns)} frames can be used, since nothing "
+        f"is interpolated between attitudes more than {sync.max_gap_s:g} s apart. A log of a telemetry radio is too slow: "
+        "take the autopilot's own log (PX4 .ulg, ArduPilot .bin), or record ATTITUDE at 50 Hz on the vehicle"
+    )

@@ -1,4 +1,4 @@
-"""Reads a ROS 2 recording (MCAP) with depth images, camera info and the vehicle's attitude.
+"""Reads a ROS 2 recording (MCAP, bag folder, .db3) with depth images, camera info and the vehicle's attitude.
 
 Two passes: the first reads everything except the images and chooses topics; the second delivers the images with the
 samples that had arrived. The log time is the arrival time, the header's stamp the time of measurement."""
@@ -13,15 +13,18 @@ from typing import Any
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, Intrinsics, PoseSample
 from drivers.base import BadData, Event
-from drivers.logs.reader import open_scan
-from drivers.logs.record_scanner import Damage, Logged
 from drivers.logs.topics import TOPICS
+from drivers.mavlink.tlog import map_boot_clock
 
 from ..pipeline.sync import NS
-from .report import ImportOptions, Report, uncovered
-from .ros2_decode import CAMERA_INFO, IMAGE, MOTION_TYPES, TF, Ros2Decoder, type_of
-from .ros2_frames import DEPTH_TYPES, TransformTree, depth_from_image, mount_of, rigid
+from .flight_log import flight_log_samples
+from .report import ImportOptions, Report, attitude_rate_problem, uncovered
+from .ros2_decode import CAMERA_INFO, COMPRESSED, IMAGE, MOTION_TYPES, TF
+from .ros2_depth import depth_of, encoding_of
+from .ros2_files import open_ros
+from .ros2_frames import DEPTH_TYPES, TransformTree, mount_of, rigid
 from .ros2_motion import Motion
+from .ros2_px4 import PX4_TYPES, px4_stamp_ns
 
 CLOCKS_APART_NS = 5 * NS
 """Log times farther than this from the stamps belong to another clock (simulated time, a recorder without a clock)."""
@@ -42,7 +45,7 @@ class Ros2Source:
 
     def __init__(self, path: Path, options: ImportOptions, report: Report) -> None:
         self._path, self._options, self._report = path, options, report
-        self._decode = Ros2Decoder()
+        self._recording = open_ros(path, report)
         self._types: dict[str, str] = {}
         self._first_images: dict[str, Any] = {}
         self._infos: dict[str, Any] = {}
@@ -50,13 +53,17 @@ class Ros2Source:
         self._static_tree = TransformTree()
         self._motion = Motion(options.topics.base_frame)
         self._delays_ns: list[int] = []
+        self._image_delays_ns: list[int] = []
+        self._log_span_ns: dict[str, tuple[int, int]] = {}
         self._scan_topics()
         self._offset_ns = self._clock_offset()
+        self._map_px4_stamps()
         self._depth_topic = self._choose_depth()
         self._info = self._camera_info()
         self._attitudes, self._poses = self._samples()
         self.frame_count = self._counts[self._depth_topic]
         self.shift_ns = 0
+        self.files: dict[int, str] = {}
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
@@ -90,8 +97,15 @@ class Ros2Source:
                 exposures.append(t_ns)
                 yield frame
         yield from waiting[next_sample:]
-        missing = uncovered(exposures, [a.t_ns for a in self._attitudes], self._options.sync)
-        if missing:
+        self._report_uncovered(exposures)
+
+    def _report_uncovered(self, exposures: list[int]) -> None:
+        """Reports frames without an attitude near them."""
+        stamps, sync = [a.t_ns for a in self._attitudes], self._options.sync
+        missing = uncovered(exposures, stamps, sync)
+        if too_slow := attitude_rate_problem(exposures, stamps, sync):
+            self._report.problem("attitude", f"{self._path}: {too_slow}")
+        elif missing:
             begin = (missing[0] - exposures[0]) / NS
             self._report.problem(
                 "attitude",
@@ -102,66 +116,75 @@ class Ros2Source:
     def _frame(self, number: int, t_ns: int, arrival_ns: int, message: Any) -> DepthFrame | None:
         k = self._info.intrinsics
         where = f"{self._path}: {self._depth_topic} image {number}"
-        if (message.width, message.height) != (k.width, k.height):
-            self._report.problem(
-                "image",
-                f"{where}: {message.width}x{message.height} pixels, but the camera info says {k.width}x{k.height}",
-            )
-            return None
         try:
-            depth_mm = depth_from_image(message)
+            depth_mm = depth_of(self._types[self._depth_topic], message)
         except BadData as error:
             self._report.problem("image", f"{where}: {error}")
+            return None
+        height, width = depth_mm.shape
+        if (width, height) != (k.width, k.height):
+            self._report.problem(
+                "image", f"{where}: {width}x{height} pixels, but the camera info says {k.width}x{k.height}"
+            )
             return None
         return DepthFrame(
             camera=self._info.camera, sequence=number, t_exposure_ns=t_ns, t_arrival_ns=arrival_ns, depth_mm=depth_mm
         )
 
     def _images(self) -> Iterator[tuple[int, Any]]:
-        for item in self._messages():
-            if item.channel.topic == self._depth_topic:
-                message = self._decode(item)
+        for item in self._recording.items():
+            if item.topic == self._depth_topic:
+                message = item.decode()
                 if message is None:
                     self._report.problem("image", f"{self._path}: an image of {self._depth_topic} cannot be decoded")
                 else:
-                    yield item.message.log_time, message
-
-    def _messages(self) -> Iterator[Logged]:
-        """ROS messages in file order; damage is reported once."""
-        scan = open_scan(self._path)
-        try:
-            for item in scan.items():
-                if isinstance(item, Damage):
-                    text = f"{self._path}: {item.cause} (byte {item.offset}); the readable part was kept"
-                    if text not in self._report.problems:
-                        self._report.problem("damage", text)
-                elif isinstance(item, Logged) and item.schema is not None:
-                    yield item
-        finally:
-            scan.close()
+                    yield item.log_ns, message
 
     def _scan_topics(self) -> None:
         undecoded: dict[str, int] = {}
-        for item in self._messages():
-            topic, kind = item.channel.topic, type_of(item.schema.name if item.schema else "")
+        for item in self._recording.items():
+            topic, kind = item.topic, item.kind
             self._types[topic] = kind
             self._counts[topic] = self._counts.get(topic, 0) + 1
-            once = self._first_images if kind == IMAGE else self._infos if kind == CAMERA_INFO else None
+            first_ns, last_ns = self._log_span_ns.get(topic, (item.log_ns, item.log_ns))
+            self._log_span_ns[topic] = min(first_ns, item.log_ns), max(last_ns, item.log_ns)
+            is_image = kind in (IMAGE, COMPRESSED)
+            once = self._first_images if is_image else self._infos if kind == CAMERA_INFO else None
             if (once is not None and topic in once) or not (once is not None or kind == TF or kind in MOTION_TYPES):
                 continue
-            message = self._decode(item)
+            message = item.decode()
             if message is None:
                 undecoded[topic] = undecoded.get(topic, 0) + 1
             elif once is not None:
                 once[topic] = message
+                if is_image:
+                    self._image_delays_ns.append(item.log_ns - stamp_ns(message.header))
             elif kind == TF:
-                self._transforms(topic, message, item.message.log_time)
+                self._transforms(topic, message, item.log_ns)
+            elif kind in PX4_TYPES:
+                self._motion.add_message(topic, kind, message, px4_stamp_ns(message), item.log_ns)
             else:
-                self._delays_ns.append(item.message.log_time - stamp_ns(message.header))
-                self._motion.add_message(topic, kind, message, stamp_ns(message.header), item.message.log_time)
+                self._delays_ns.append(item.log_ns - stamp_ns(message.header))
+                self._motion.add_message(topic, kind, message, stamp_ns(message.header), item.log_ns)
         for topic, number in undecoded.items():
             self._report.problem(
                 "decode", f"{self._path}: {number} messages of {topic} do not fit their definition in the file"
+            )
+
+    def _map_px4_stamps(self) -> None:
+        """Maps the stamps of PX4 to those of the images where its clock was not synchronised (UXRCE_DDS_SYNCT = 0)."""
+        for topic, points in self._motion.px4_points().items():
+            if abs(median_low(log_ns - t_ns for t_ns, log_ns in points) - self._offset_ns) <= CLOCKS_APART_NS:
+                continue
+            drift, offset_us = map_boot_clock([(t_ns // 1_000_000, log_ns // 1000) for t_ns, log_ns in points])
+
+            def mapped(t_ns: int, drift: float = drift, offset_us: float = offset_us) -> int:
+                return round(t_ns * (1.0 + drift) + 1000.0 * offset_us) - self._offset_ns
+
+            self._motion.restamp(topic, mapped)
+            self._report.note(
+                f"stamps of {topic} are of PX4's own clock: mapped to the log times by the smallest delay; set the PX4 "
+                "parameter UXRCE_DDS_SYNCT to 1 for exact stamps"
             )
 
     def _transforms(self, topic: str, message: Any, log_ns: int) -> None:
@@ -177,15 +200,16 @@ class Ros2Source:
 
     def _clock_offset(self) -> int:
         """Offset of the log times from the stamps' clock; 0 unless they belong to another clock."""
-        if not self._delays_ns:
+        delays_ns = self._delays_ns or self._image_delays_ns
+        if not delays_ns:
             return 0
-        usual = median_low(self._delays_ns)
+        usual = median_low(delays_ns)
         if abs(usual) <= CLOCKS_APART_NS:
             return 0
         self._report.note(
             "log times and stamps belong to different clocks: the smallest delay between them is assumed to be zero"
         )
-        return min(d for d in self._delays_ns if abs(d - usual) <= CLOCKS_APART_NS)
+        return min(d for d in delays_ns if abs(d - usual) <= CLOCKS_APART_NS)
 
     def _arrival_ns(self, log_ns: int, t_ns: int) -> int | None:
         """The arrival on the stamps' clock, not before the measurement; None for an implausible stamp."""
@@ -193,7 +217,7 @@ class Ros2Source:
         return max(arrival_ns, t_ns) if t_ns > 0 and abs(arrival_ns - t_ns) <= MAX_STAMP_ERROR_NS else None
 
     def _choose_depth(self) -> str:
-        images = {t: m.encoding for t, m in self._first_images.items()}
+        images = {t: encoding_of(self._types[t], m) for t, m in self._first_images.items()}
         depth = [t for t, encoding in images.items() if encoding in DEPTH_TYPES]
         wanted = self._options.topics.depth
         if wanted is not None and wanted not in depth:
@@ -213,9 +237,7 @@ class Ros2Source:
             return "it is a log of this software: replay it directly"
         kinds = sorted(set(self._types.values()))
         there = ", ".join(f"{kind} ({self._topics_of(kind)})" for kind in kinds[:6]) or "nothing at all"
-        compressed = [t for t, kind in self._types.items() if kind == "sensor_msgs/CompressedImage"]
-        hint = f"; compressed images ({compressed[0]}) must be republished as sensor_msgs/Image" if compressed else ""
-        return f"expected sensor_msgs/Image 16UC1 or 32FC1, found {there}{hint}"
+        return f"expected sensor_msgs/Image or compressedDepth with 16UC1 or 32FC1, found {there}"
 
     def _topics_of(self, kind: str) -> str:
         topics = sorted(t for t, k in self._types.items() if k == kind)
@@ -261,7 +283,10 @@ class Ros2Source:
 
     def _samples(self) -> tuple[list[AttitudeSample], list[PoseSample]]:
         topics = self._options.topics
-        attitude = _choose_topic(self._path, "attitude", topics.attitude, self._motion.attitude_topics(), self._types)
+        if self._options.tlog is not None:
+            first_ns, last_ns = (t - self._offset_ns for t in self._log_span_ns[self._depth_topic])
+            return flight_log_samples(self._options.tlog, (first_ns, last_ns), (), self._options, self._report)
+        attitude = self._attitude_topic()
         pose_topics = self._motion.pose_topics()
         pose: str | None = topics.pose
         if pose is None:
@@ -292,6 +317,18 @@ class Ros2Source:
             )
         return [a for a in kept[0] if a is not None], [p for p in kept[1] if p is not None]
 
+    def _attitude_topic(self) -> str:
+        """The topic with the attitude. Raises BadData with what was found."""
+        wanted, there = self._options.topics.attitude, self._motion.attitude_topics()
+        named = ", ".join(f"{t} ({self._types[t]})" for t in there)
+        if wanted is not None and wanted not in there:
+            raise BadData(f"{self._path}: no attitude on {wanted}; available: {named or 'none'}")
+        if wanted is None and len(there) > 1:
+            raise BadData(f"{self._path}: several topics with attitude: {named}; choose with --attitude-topic")
+        if wanted is None and not there:
+            raise BadData(f"{self._path}: no attitude in it; {self._motion.hint()}")
+        return wanted or there[0]
+
     def _attitude(self, a: AttitudeSample) -> AttitudeSample | None:
         arrival_ns = self._arrival_ns(a.t_arrival_ns, a.t_ns)
         return None if arrival_ns is None else replace(a, t_arrival_ns=arrival_ns)
@@ -299,22 +336,6 @@ class Ros2Source:
     def _pose(self, p: PoseSample) -> PoseSample | None:
         arrival_ns = self._arrival_ns(p.t_arrival_ns, p.t_ns)
         return None if arrival_ns is None else replace(p, t_arrival_ns=arrival_ns)
-
-
-def _choose_topic(path: Path, what: str, wanted: str | None, there: list[str], types: dict[str, str]) -> str:
-    named = ", ".join(f"{t} ({types[t]})" for t in there)
-    if wanted is not None:
-        if wanted not in there:
-            raise BadData(f"{path}: no {what} on {wanted}; available: {named or 'none'}")
-        return wanted
-    if len(there) == 1:
-        return there[0]
-    if there:
-        raise BadData(f"{path}: several topics with {what}: {named}; choose with --{what}-topic")
-    raise BadData(
-        f"{path}: no {what} in it; expected Odometry, PoseStamped, Imu with an orientation, or transforms of the base frame "
-        "(--base-frame)"
-    )
 
 
 def _joined(topics: list[str]) -> str:

@@ -12,9 +12,12 @@ from mcap_ros2.decoder import DecoderFactory
 
 from drivers.logs.record_scanner import Logged
 
+from .ros2_px4 import PX4_TYPES, VEHICLE_ATTITUDE, VEHICLE_ODOMETRY
+
 IMAGE, CAMERA_INFO, TF = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "tf2_msgs/TFMessage"
 ODOMETRY, POSE, IMU = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "sensor_msgs/Imu"
-MOTION_TYPES: Final = (ODOMETRY, POSE, IMU)
+MOTION_TYPES: Final = (ODOMETRY, POSE, IMU, *PX4_TYPES)
+COMPRESSED: Final = "sensor_msgs/CompressedImage"
 
 _HEADER = ("header.stamp.sec", "header.stamp.nanosec", "header.frame_id")
 
@@ -25,6 +28,7 @@ def _paths(prefix: str, names: str) -> tuple[str, ...]:
 
 _READ: Final[dict[str, tuple[str, ...]]] = {
     IMAGE: (*_HEADER, "width", "height", "encoding", "is_bigendian", "step", "data"),
+    COMPRESSED: (*_HEADER, "format", "data"),
     CAMERA_INFO: ("width", "height", "d", "k"),
     TF: ("transforms",),
     ODOMETRY: (
@@ -36,6 +40,13 @@ _READ: Final[dict[str, tuple[str, ...]]] = {
         *_paths("twist.twist.angular", "xyz"),
     ),
     POSE: (*_HEADER, *_paths("pose.position", "xyz"), *_paths("pose.orientation", "wxyz")),
+    VEHICLE_ATTITUDE: ("timestamp", "timestamp_sample", "q"),
+    VEHICLE_ODOMETRY: (
+        "timestamp",
+        "timestamp_sample",
+        "q",
+        *("position", "velocity_frame", "velocity", "angular_velocity"),
+    ),
     IMU: (*_HEADER, "orientation_covariance", *_paths("orientation", "wxyz"), *_paths("angular_velocity", "xyz")),
 }
 _READ_OF_TRANSFORM: Final = (
@@ -44,9 +55,14 @@ _READ_OF_TRANSFORM: Final = (
     *_paths("transform.translation", "xyz"),
     *_paths("transform.rotation", "wxyz"),
 )
-_MIN: Final = {CAMERA_INFO: ("k", 9), IMU: ("orientation_covariance", 9)}
+_MIN: Final = {
+    CAMERA_INFO: ("k", 9),
+    IMU: ("orientation_covariance", 9),
+    VEHICLE_ATTITUDE: ("q", 4),
+    VEHICLE_ODOMETRY: ("q", 4),
+}
 """Arrays that are read by index, and their minimum length."""
-_ERRORS: Final = (
+DECODE_ERRORS: Final = (
     struct.error,
     McapError,
     InvalidSpecification,
@@ -66,6 +82,16 @@ def type_of(schema_name: str) -> str:
     return schema_name.replace("/msg/", "/")
 
 
+def complete(kind: str, message: Any) -> bool:
+    """Whether a decoded message has the fields and array lengths that are read. Raises one of DECODE_ERRORS where a field is
+    missing."""
+    attrgetter(*_READ[kind])(message)
+    for transform in message.transforms if kind == TF else ():
+        attrgetter(*_READ_OF_TRANSFORM)(transform)
+    name, minimum = _MIN.get(kind, ("", 0))
+    return not name or len(getattr(message, name)) >= minimum
+
+
 class Ros2Decoder:
     """Decodes messages of the supported types; None where a message does not fit its definition, or the definition not
     its type."""
@@ -79,13 +105,6 @@ class Ros2Decoder:
         try:
             decode = self._factory.decoder_for(item.channel.message_encoding, item.schema)
             message = decode(item.message.data) if decode is not None else None
-            if message is not None:
-                attrgetter(*_READ[kind])(message)
-                for transform in message.transforms if kind == TF else ():
-                    attrgetter(*_READ_OF_TRANSFORM)(transform)
-                name, minimum = _MIN.get(kind, ("", 0))
-                if name and len(getattr(message, name)) < minimum:
-                    return None
-        except _ERRORS:
+            return message if message is not None and complete(kind, message) else None
+        except DECODE_ERRORS:
             return None
-        return message

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from .ros2_frames import (
     to_ned,
     triple,
 )
+from .ros2_px4 import PX4_TYPES, VEHICLE_ATTITUDE, VELOCITY_BODY, px4_rotation, px4_vector
 
 Between = Callable[[str, str], Rigid | None]
 """(target frame, source frame) -> transform; None where no chain connects them."""
@@ -49,12 +51,18 @@ class Motion:
         self._base = base_frame
         self._readings: dict[str, list[Reading]] = {}
         self._invalid: dict[str, int] = {}
+        self._px4: dict[str, str] = {}
+        self.without_orientation: Counter[str] = Counter()
+        """Topic -> number of Imu messages that say that they have no orientation."""
         self._tree = TransformTree()
 
     def attitude_topics(self) -> list[str]:
         """Topics with rotations; transforms only where there is no other topic, since they are usually derived from
         one."""
         has_values = [t for t in self._readings if not t.endswith("/tf")]
+        px4 = [t for t, kind in self._px4.items() if kind == VEHICLE_ATTITUDE and t in self._readings]
+        if px4:  # PX4 publishes the same attitude as VehicleOdometry too
+            has_values = [t for t in has_values if t not in self._px4 or t in px4]
         return sorted(has_values or self._readings)
 
     def pose_topics(self) -> list[str]:
@@ -68,10 +76,14 @@ class Motion:
 
     def add_message(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
         """Adds one message of a type in MOTION_TYPES."""
+        if kind in PX4_TYPES:
+            self._add_px4(topic, kind, message, t_ns, log_ns)
+            return
         world, body = message.header.frame_id, self._base
         rates = velocity = t_m = None
         if kind == IMU:
             if message.orientation_covariance[0] == -1.0:  # means "no orientation" by the message's definition
+                self.without_orientation[topic] += 1
                 return
             R = rotation_from_message(message.orientation)
             world, body = "", message.header.frame_id or self._base
@@ -87,6 +99,33 @@ class Motion:
             self._invalid[topic] = self._invalid.get(topic, 0) + 1
         else:
             self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, world, body))
+
+    def _add_px4(self, topic: str, kind: str, message: Any, t_ns: int, log_ns: int) -> None:
+        """A message of PX4, whose ned and frd become the world and base frames of the other readings."""
+        self._px4[topic] = kind
+        R_ned_frd = px4_rotation(message)
+        if R_ned_frd is None:
+            self._invalid[topic] = self._invalid.get(topic, 0) + 1
+            return
+        R_world_ned, R_frd_base = to_ned("").T, to_frd(self._base)
+        rates = velocity = t_m = None
+        if kind != VEHICLE_ATTITUDE:
+            position, rates = px4_vector(message.position), px4_vector(message.angular_velocity)
+            velocity = px4_vector(message.velocity)
+            if velocity is not None and message.velocity_frame != VELOCITY_BODY:
+                velocity = R_ned_frd.T @ velocity
+            t_m = None if position is None else R_world_ned @ position
+            rates, velocity = (None if v is None else R_frd_base.T @ v for v in (rates, velocity))
+        R = R_world_ned @ R_ned_frd @ R_frd_base
+        self._add(topic, Reading(t_ns, log_ns, R, t_m, rates, velocity, "", self._base))
+
+    def restamp(self, topic: str, stamp_ns: Callable[[int], int]) -> None:
+        """Maps the stamps of a topic to another clock."""
+        self._readings[topic] = [replace(r, t_ns=stamp_ns(r.t_ns)) for r in self._readings.get(topic, [])]
+
+    def px4_points(self) -> dict[str, list[tuple[int, int]]]:
+        """(stamp, log time), ns, of each topic of PX4."""
+        return {t: [(r.t_ns, r.log_ns) for r in self._readings[t]] for t in self._px4 if t in self._readings}
 
     def add_static(self, parent: str, child: str, placed: Rigid) -> None:
         """Adds a constant transform."""
@@ -105,6 +144,21 @@ class Motion:
 
     def _add(self, topic: str, reading: Reading) -> None:
         self._readings.setdefault(topic, []).append(reading)
+
+    def hint(self) -> str:
+        """For a recording without attitude: what was found instead, and what to do."""
+        expected = (
+            "expected Odometry, PoseStamped, Imu with an orientation, VehicleAttitude or VehicleOdometry of PX4, or "
+            "transforms of the base frame (--base-frame); or give the autopilot's log with --tlog"
+        )
+        if not self.without_orientation:
+            return expected
+        topic, number = self.without_orientation.most_common(1)[0]
+        return (
+            f"the {number} Imu messages of {topic} say that they have no orientation (orientation_covariance[0] = -1), only "
+            "rates and acceleration, which give no attitude: run a filter such as imu_filter_madgwick over the recording, "
+            f"or record the autopilot's attitude; {expected}"
+        )
 
     def attitudes(self, topic: str, between: Between) -> list[AttitudeSample]:
         """Attitudes of the base frame, ned from frd, in file order. Rates that are always zero were never filled in (a

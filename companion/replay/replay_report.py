@@ -138,6 +138,10 @@ def print_report(result: Replay, output: Path | None) -> None:
     if t.valid:
         mean = f"{t.planes / t.valid:.1f} planes and {t.prisms / t.valid:.1f} prisms per frame on average"
         print_line(f"{t.valid} valid frames: {mean}; ground found in {t.ground_seen}")
+        print_line(
+            f"{t.view.mean_measured_share:.0%} of the pixels measured; at the camera's height {t.view.mean_free_share:.0%} of the "
+            f"directions free for a metre or more, none in {t.view.nothing_free} frames"
+        )
     for camera, ke in sorted(t.ke_per_m.items()):
         print_line(
             f"{camera}: obstacles are detected up to {result.obstacle_range_m[camera]:.1f} m at the estimated depth "
@@ -152,6 +156,8 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"warning: {warning}" if warning else f"camera {offset.camera}: exposure time offset: {offset.text}")
     for anomaly, n in result.sample_anomalies.items():
         print_line(f"{n} {anomaly.replace('_', ' ', 1).replace('_', ' ')}")
+    for advice in t.advice():
+        print_line(f"warning: {advice.text}")
     if result.comparison is not None:
         _print_check(result.comparison)
     if output is not None:

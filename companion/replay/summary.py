@@ -6,12 +6,15 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from core.codes import texts_of
-from core.types import DepthFrame, InvalidCause
+from core.types import AttitudeSample, DepthFrame, InvalidCause
 from drivers.base import Event
 
 from ..pipeline.pipeline import FrameDecision, Output
 from ..pipeline.sync import DropCause
+from .advice import Advice, ViewTally, advice_of
 
 
 @dataclass(slots=True)
@@ -31,6 +34,8 @@ class ReplayCounts:
     first_dropped: FrameDecision | None = None
     ke_per_m: dict[str, float] = field(default_factory=dict)
     """Depth noise of the last valid frame of each camera."""
+    view: ViewTally = field(default_factory=ViewTally)
+    _attitude_ns: list[int] = field(default_factory=list)
 
     def event(self, event: Event) -> None:
         """Counts an input."""
@@ -38,6 +43,8 @@ class ReplayCounts:
             self.frames += 1
         else:
             self.samples += 1
+            if isinstance(event, AttitudeSample):
+                self._attitude_ns.append(event.t_ns)
 
     def output(self, output: Output) -> None:
         """Counts an output."""
@@ -59,6 +66,18 @@ class ReplayCounts:
         self.planes += len(output.model.planes)
         self.prisms += len(output.model.prisms)
         self.ground_seen += output.model.ground.seen
+        self.view.add(output.model, 0.0 if output.transform is None else output.transform.translation_m[2])
+
+    @property
+    def attitude_hz(self) -> float:
+        """Usual rate of the attitude, from the median interval; 0 with less than three."""
+        stamps = np.unique(self._attitude_ns)
+        return float(1e9 / np.median(np.diff(stamps))) if len(stamps) > 2 else 0.0
+
+    def advice(self) -> list[Advice]:
+        """What limits the use of the results."""
+        causes = (DropCause.NO_ATTITUDE, DropCause.ATTITUDE_STALE, DropCause.GAP_TOO_WIDE)
+        return advice_of(self.view, self.frames, sum(self.dropped[c.value] for c in causes), self.attitude_hz)
 
     def as_json(self) -> dict[str, Any]:
         """The counts for `--json`."""
@@ -74,4 +93,8 @@ class ReplayCounts:
             "planes": self.planes,
             "prisms": self.prisms,
             "ground_seen": self.ground_seen,
+            "free_share": round(self.view.mean_free_share, 4),
+            "measured_share": round(self.view.mean_measured_share, 4),
+            "attitude_hz": round(self.attitude_hz, 2),
+            "advice": [{"code": str(a.code), "text": a.text} for a in self.advice()],
         }

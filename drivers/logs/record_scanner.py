@@ -32,6 +32,19 @@ bytes each."""
 _FIRST_PRIVATE: Final = 0x80
 
 
+def _not_mcap(begin: bytes) -> str:
+    """Why the first bytes of a file are not those of an MCAP file. The magic contains a line end, so that it shows a copy
+    in text mode."""
+    if not begin:
+        return "empty"
+    if begin.startswith((b"\x89MCAP0\n", b"\x89MCAP0\r\r\n")):
+        return (
+            "it was an MCAP file, but a copy in text mode changed its line ends, which destroys it: copy it again in "
+            "binary mode (ftp: binary; git: `*.mcap binary` in .gitattributes)"
+        )
+    return "does not begin with the MCAP magic"
+
+
 @dataclass(frozen=True, slots=True)
 class Damage:
     """An unreadable place. fatal: nothing after it can be read."""
@@ -74,8 +87,9 @@ class McapScan:
         try:
             self._size = self._stream.seek(0, io.SEEK_END)
             self._stream.seek(0)
-            if self._stream.read(len(MAGIC)) != MAGIC:
-                raise NotMcap("empty" if self._size == 0 else "does not begin with the MCAP magic")
+            begin = self._stream.read(len(MAGIC))
+            if begin != MAGIC:
+                raise NotMcap(_not_mcap(begin))
             self.summary = self._read_summary()
         except BaseException:
             self._stream.close()

@@ -83,8 +83,10 @@ class TlogPose(Timed):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleLog:
-    """What one vehicle's autopilot said. kind: the message the attitudes are from; boots: how often it (re)started;
-    drift: of its clock against the recorder's, largest of all boots; strange: messages left out because their record stamp is damaged."""
+    """Attitudes and poses of one vehicle's autopilot. kind: the message of the attitudes; boots: how often it (re)started;
+    drift: of its clock against the recorder's, largest of all boots; strange: messages left out because their record stamp
+    is damaged; unix: whether stamps are unix time, otherwise they count from the autopilot's start; damaged: a part of the
+    file could not be read."""
 
     system: int
     kind: str
@@ -93,6 +95,8 @@ class VehicleLog:
     boots: int
     drift: float
     strange: int
+    unix: bool = True
+    damaged: bool = False
 
 
 def read_tlog(path: Path) -> Tlog:

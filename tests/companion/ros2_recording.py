@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
 
+from companion.importers.ros2_frames import R_FRD_FLU, R_NED_ENU
 from core.frames import rotation_from_euler
 
 HEADER = "std_msgs/Header header\n"
@@ -71,6 +74,16 @@ DEFINITIONS = {
     + _VECTOR
     + _QUATERNION,
     "std_msgs/msg/String": "string data\n",
+    "sensor_msgs/msg/CompressedImage": HEADER + "string format\nuint8[] data\n" + _HEADER + _TIME,
+    "px4_msgs/msg/VehicleAttitude": (
+        "uint64 timestamp\nuint64 timestamp_sample\nfloat32[4] q\nfloat32[4] delta_q_reset\nuint8 quat_reset_counter\n"
+    ),
+    "px4_msgs/msg/VehicleOdometry": (
+        "uint64 timestamp\nuint64 timestamp_sample\nuint8 POSE_FRAME_NED = 1\nuint8 pose_frame\nfloat32[3] position\n"
+        "float32[4] q\nuint8 velocity_frame\nfloat32[3] velocity\nfloat32[3] angular_velocity\n"
+        "float32[3] position_variance\nfloat32[3] orientation_variance\nfloat32[3] velocity_variance\n"
+        "uint8 reset_counter\nint8 quality\n"
+    ),
 }
 
 NS = 1_000_000_000
@@ -118,9 +131,38 @@ class RosFlight:
     log_offset_ns: int = 0
     motion_until_s: float = 2.0
     plain: bool = False
+    stamp_offset_ns: int = 0
+    """Added to the stamps of images and of motion."""
+    px4_clock_ns: int = 0
+    """Added to the stamps of PX4."""
+
+    def entries(self) -> list[tuple[int, str, str, dict[str, Any]]]:
+        """(log time, topic, type, message) in order of log time."""
+        return sorted(self._entries(), key=lambda e: e[0])
 
     def write(self, path: Path) -> Path:
-        """The recording in order of log time."""
+        """The recording as MCAP."""
+        return self._write(path, self.entries())
+
+    def write_parts(self, folder: Path, parts: int) -> None:
+        """The recording as several files, as a recorder splits it."""
+        entries = self.entries()
+        for i in range(parts):
+            some = entries[i * len(entries) // parts : (i + 1) * len(entries) // parts]
+            self._write(folder / f"bag_{i}.mcap", some)
+
+    def _write(self, path: Path, entries: list[tuple[int, str, str, dict[str, Any]]]) -> Path:
+        with path.open("wb") as stream:
+            compression = CompressionType.NONE if self.plain else CompressionType.ZSTD
+            writer = Writer(stream, chunk_size=16_384, compression=compression, enable_crcs=not self.plain)
+            schemas = {kind: writer.register_msgdef(kind, text) for kind, text in DEFINITIONS.items()}
+            for log_ns, topic, kind, message in entries:
+                stamp = log_ns + self.log_offset_ns
+                writer.write_message(topic, schemas[kind], message, log_time=stamp, publish_time=stamp)
+            writer.finish()
+        return path
+
+    def _entries(self) -> list[tuple[int, str, str, dict[str, Any]]]:
         entries: list[tuple[int, str, str, dict[str, Any]]] = []
         for topic in self.info_topics:
             entries.append((START_NS, topic, "sensor_msgs/msg/CameraInfo", self.camera_info()))
@@ -129,19 +171,16 @@ class RosFlight:
         for i in range(self.frames):
             t_ns = START_NS + i * NS // 10
             for topic in self.depth_topics:
-                entries.append((t_ns + self.latency_ns, topic, "sensor_msgs/msg/Image", self.image(t_ns, i)))
+                stamp_ns = t_ns + self.stamp_offset_ns
+                if topic.endswith("/compressedDepth"):
+                    message = self.compressed(stamp_ns, i)
+                    entries.append((t_ns + self.latency_ns, topic, "sensor_msgs/msg/CompressedImage", message))
+                else:
+                    entries.append((t_ns + self.latency_ns, topic, "sensor_msgs/msg/Image", self.image(stamp_ns, i)))
         for i in range(int(self.motion_until_s * 50)):
             t_ns = START_NS - NS // 10 + i * NS // 50
-            entries += [(t_ns + 4_000_000, *self.moved(kind, t_ns)) for kind in self.motion]
-        with path.open("wb") as stream:
-            compression = CompressionType.NONE if self.plain else CompressionType.ZSTD
-            writer = Writer(stream, chunk_size=16_384, compression=compression, enable_crcs=not self.plain)
-            schemas = {kind: writer.register_msgdef(kind, text) for kind, text in DEFINITIONS.items()}
-            for log_ns, topic, kind, message in sorted(entries, key=lambda e: e[0]):
-                stamp = log_ns + self.log_offset_ns
-                writer.write_message(topic, schemas[kind], message, log_time=stamp, publish_time=stamp)
-            writer.finish()
-        return path
+            entries += [(t_ns + 4_000_000, *self.moved(kind, t_ns + self.stamp_offset_ns)) for kind in self.motion]
+        return entries
 
     def camera_info(self) -> dict[str, Any]:
         k = [30.0, 0.0, 19.5, 0.0, 30.0, 14.5, 0.0, 0.0, 1.0]
@@ -181,7 +220,45 @@ class RosFlight:
             "data": data,
         }
 
+    def compressed(self, t_ns: int, number: int) -> dict[str, Any]:
+        """As image_transport's compressedDepth: 12 bytes of parameters, then a PNG."""
+        a, b = 1000.0, -1.5
+        raw = expected_depth(number)
+        if self.encoding == "32FC1":
+            with np.errstate(divide="ignore"):
+                raw = np.where(raw > 0, np.rint(a / (raw / 1000.0) + b), 0).astype(np.uint16)
+        done, png = cv2.imencode(".png", raw)
+        assert done
+        data = struct.pack("<iff", 0, a, b) + png.tobytes()
+        return {
+            "header": header(t_ns, self.depth_frame),
+            "format": f"{self.encoding}; compressedDepth png",
+            "data": data,
+        }
+
+    def px4(self, kind: str, t_ns: int) -> tuple[str, str, dict[str, Any]]:
+        """PX4's messages of the same motion, in ned and frd."""
+        q = quaternion(R_NED_ENU @ R_ENU_FLU @ R_FRD_FLU)
+        stamp_us = (t_ns + self.px4_clock_ns) // 1000
+        message: dict[str, Any] = {
+            "timestamp": stamp_us + 500,
+            "timestamp_sample": stamp_us,
+            "q": [q[k] for k in "wxyz"],
+        }
+        if kind == "px4 attitude":
+            message |= {"delta_q_reset": [1.0, 0.0, 0.0, 0.0], "quat_reset_counter": 0}
+            return "/fmu/out/vehicle_attitude", "px4_msgs/msg/VehicleAttitude", message
+        rates = R_FRD_FLU @ np.array(RATES_FLU)
+        message |= {
+            "pose_frame": 1, "position": [float(v) for v in R_NED_ENU @ np.array(POSITION_ENU)], "velocity_frame": 3,
+            "velocity": [1.0, -0.5, 0.25], "angular_velocity": [float(v) for v in rates], "reset_counter": 0,
+            "quality": 0, **{f"{name}_variance": [0.0] * 3 for name in ("position", "orientation", "velocity")},
+        }  # fmt: skip
+        return "/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry", message
+
     def moved(self, kind: str, t_ns: int) -> tuple[str, str, dict[str, Any]]:
+        if kind.startswith("px4"):
+            return self.px4(kind, t_ns)
         pose = {"position": vector(*POSITION_ENU), "orientation": quaternion(R_ENU_FLU)}
         if kind == "odometry":
             twist = {"linear": vector(1.0, 0.5, -0.25), "angular": vector(*RATES_FLU)}

@@ -190,12 +190,13 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
         (("replay", "absent.mcap"), "absent.mcap: the file does not exist", "check the path"),
         (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log with the extension .mcap"),
         (("import", "absent", "-o", "x.mcap"), "absent: does not exist", "expected a directory with intrinsics.json"),
-        (("import", ".", "-o", "x.mcap"), "intrinsics.json: cannot be read", "it must contain width, height, fx, fy"),
+        (("import", "empty", "-o", "x.mcap"), "intrinsics.json: cannot be read", "it must contain width, height, fx, fy"),
         (("replay", "text.mcap", "-o", "text.mcap"), "would overwrite this input", "give -o another name"),
         (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
     ],
 )
 def test_failures(words: tuple[str, ...], cause: str, remedy: str, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
     (tmp_path / "text.mcap").write_text("this is no log\n")
     (tmp_path / "wrong.toml").write_text("[extractor]\npassable_widht_m = 2.0\n")
     done = companion(*words, cwd=tmp_path)

@@ -156,20 +156,48 @@ def rows_with(changes: dict[int, str | None], count: int = 10) -> list[str]:
         ({4: "depth/000004.png,400000000,0,0,0,0,nan,0"}, "1 rows without a usable position (line 6)", 10),
         ({4: "depth/000004.png,9" + "9" * 30 + ",0,0,0,0,0,0"}, "out of range", 9),
         ({4: None, 5: None}, "2 images in depth/ have no row (000004.png, 000005.png)", 8),
-        (dict.fromkeys(range(2, 9)), "lines 3-4: a gap of 0.80 s (median: 0.100 s)", 13),
     ],
 )
 def test_bad_rows_are_reported_with_their_lines(
     changes: dict[int, str | None], words: str, kept: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    count = 20 if kept == 13 else 10
-    there = len(rows_with(changes, count))
-    status, out = imported(write_folder(tmp_path / "rec", count, rows_with(changes, count)))
+    there = len(rows_with(changes))
+    status, out = imported(write_folder(tmp_path / "rec", 10, rows_with(changes)))
     said = capsys.readouterr().err
     assert status == 1
     assert words in said
     assert f"{kept} of {there} frames kept" in said
     assert len(frames_of(out)) == kept
+
+
+def test_a_pause_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = rows_with(dict.fromkeys(range(2, 9)), 20)
+    folder = write_folder(tmp_path / "rec", 20, rows)
+    for number in range(2, 9):
+        (folder / "depth" / f"{number:06d}.png").unlink()
+    status, out = imported(folder)
+    assert status == 0
+    assert "warning: " in (said := capsys.readouterr().err)
+    assert "lines 3-4: a pause of 0.80 s (median: 0.100 s)" in said
+    assert len(frames_of(out)) == 13
+
+
+def test_a_frames_number_leads_to_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out = imported(write_folder(tmp_path / "rec", 4))
+    assert status == 0
+    lines = out.with_suffix(".files.csv").read_text().splitlines()
+    assert lines[0] == "sequence,file"
+    assert f"{frames_of(out)[2].sequence},depth/000002.png" in lines
+    assert "out.files.csv" in capsys.readouterr().out
+
+
+def test_the_import_says_how_much_is_measured_and_how_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out = imported(write_folder(tmp_path / "rec", 3), "--json")
+    assert status == 0
+    depth = json.loads(capsys.readouterr().out)["depth"]
+    images = [f.depth_mm for f in frames_of(out)]
+    assert depth["measured_share"] == pytest.approx(np.mean([i[4::8, 4::8] > 0 for i in images]), abs=1e-3)
+    assert depth["reach_m"] == pytest.approx(np.percentile(np.stack(images)[:, 4::8, 4::8], 95) / 1000, abs=0.2)
 
 
 def test_a_row_without_attitude_keeps_its_frame_and_invents_nothing(tmp_path: Path) -> None:

@@ -221,6 +221,8 @@ def test_our_own_log_and_a_strange_file_are_refused(tmp_path: Path, capsys: pyte
     assert main(["import", str(strange), "-o", str(tmp_path / "x.mcap")]) == 1
     assert "not an MCAP file" in capsys.readouterr().err
     assert main(["import", str(strange.rename(tmp_path / "a.db3")), "-o", str(tmp_path / "x.mcap")]) == 1
+    assert "not a readable ROS 2 bag" in capsys.readouterr().err
+    assert main(["import", str((tmp_path / "a.db3").rename(tmp_path / "a.bag")), "-o", str(tmp_path / "x.mcap")]) == 1
     assert "convert it first" in capsys.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""Attitude and position from a .tlog on the clock of the frames beside it."""
+"""Attitude and position from the log of a flight (.tlog, PX4 .ulg, ArduPilot .bin) on the clock of the frames."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from core.frames import euler_from_rotation, quaternion_from_euler, rotation_from_quaternion
 from core.types import AttitudeSample, PoseSample
 from drivers.base import BadData
+from drivers.mavlink.dataflash import read_dataflash
 from drivers.mavlink.tlog import TlogAttitude, VehicleLog, read_tlog, vehicle_log
+from drivers.mavlink.ulog import read_ulog
 
 from .report import ImportOptions, Report
 
+SUFFIXES = (".tlog", ".ulg", ".bin")
 AROUND_US = 1_000_000
 """Samples this long before the first and after the last frame are kept."""
 GRID_US = 20_000
@@ -36,15 +39,39 @@ class TiltRow:
     pitch_rad: float
 
 
-def tlog_samples(
+def find_flight_log(folder: Path, options: ImportOptions) -> Path | None:
+    """The log to take the attitude from: the given one, or the only one in the folder. Raises BadData for several."""
+    if options.tlog is not None or not options.use_tlog:
+        return options.tlog
+    found = sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES)
+    if len(found) > 1:
+        names = ", ".join(f.name for f in found)
+        raise BadData(f"{folder}: several logs ({names}); choose one with --tlog FILE or use none with --no-tlog")
+    return found[0] if found else None
+
+
+def read_flight_log(path: Path, options: ImportOptions, report: Report) -> VehicleLog:
+    """The log, by its extension. Raises DriverError."""
+    if path.suffix.lower() in (".ulg", ".bin"):
+        vehicle = read_ulog(path) if path.suffix.lower() == ".ulg" else read_dataflash(path)
+        clock = "" if vehicle.unix else ", without GPS time"
+        report.note(f"attitude from {path.name}: {vehicle.kind}{clock}")
+        if vehicle.damaged:
+            report.note(f"{path.name}: damaged; the rest was read")
+        return vehicle
+    log = read_tlog(path)
+    vehicle = vehicle_log(log, options.system_id)
+    _report_log(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
+    return vehicle
+
+
+def flight_log_samples(
     path: Path, frames_ns: tuple[int, int], rows: Sequence[TiltRow], options: ImportOptions, report: Report
 ) -> tuple[list[AttitudeSample], list[PoseSample]]:
     """Samples around the frames (first and last t_ns) on the frames' clock.
 
     Raises BadData when the log has none, or when the offset of its clock cannot be determined."""
-    log = read_tlog(path)
-    vehicle = vehicle_log(log, options.system_id)
-    _report_log(path, vehicle, log.bad_frames, log.skipped_bytes, log.truncated, report)
+    vehicle = read_flight_log(path, options, report)
     epoch_us = options.tlog_epoch_us
     if epoch_us is None:
         epoch_us = _derived_epoch(path, vehicle, frames_ns, rows, report)
@@ -53,7 +80,7 @@ def tlog_samples(
     if not near:
         own = vehicle.attitudes[0].stamp_us, vehicle.attitudes[-1].stamp_us
         raise BadData(
-            f"{path}: no attitude at the time of the frames: with t_ns 0 at unix {seconds(epoch_us)} s they span "
+            f"{path}: no attitude at the time of the frames: with t_ns 0 at {_unix(vehicle)}{seconds(epoch_us)} s they span "
             f"{seconds(first)}..{seconds(last)}, the log {seconds(own[0])}..{seconds(own[1])}; check --tlog-epoch"
         )
     attitudes = [s for a in near if (s := _attitude(a, epoch_us)) is not None]
@@ -102,22 +129,27 @@ def _derived_epoch(
 ) -> int:
     """Unix microseconds of t_ns 0 if only one value is plausible. Raises BadData otherwise."""
     own = vehicle.attitudes[0].t_us, vehicle.attitudes[-1].t_us
-    if own[0] - AROUND_US <= frames_ns[0] / 1000 and frames_ns[1] / 1000 <= own[1] + AROUND_US:
+    # small stamps of both clocks may coincide by accident; unix times do not
+    if vehicle.unix and own[0] - AROUND_US <= frames_ns[0] / 1000 and frames_ns[1] / 1000 <= own[1] + AROUND_US:
         report.note(f"t_ns of frames.csv are unix times within {path.name} and used as such (--tlog-epoch 0)")
         return 0
     match = match_tilt(vehicle, rows)
     if match is None:
         raise BadData(
             f"{path}: the offset between its clock and t_ns of frames.csv is unknown, and roll and pitch match at "
-            "several times or nowhere; give the unix time of t_ns 0 with --tlog-epoch SECONDS, or leave the log out "
+            f"several times or nowhere; give the {'unix time' if vehicle.unix else 'time of this log'} of t_ns 0 with --tlog-epoch SECONDS, or leave the log out "
             "with --no-tlog"
         )
     epoch_us, rms_rad = match
     report.note(
-        f"t_ns 0 is at unix {seconds(epoch_us)} s: the only time at which roll and pitch of frames.csv agree with "
+        f"t_ns 0 is at {_unix(vehicle)}{seconds(epoch_us)} s: the only time at which roll and pitch of frames.csv agree with "
         f"{path.name} (rms {math.degrees(rms_rad):.2f} deg); set explicitly with --tlog-epoch {seconds(epoch_us)}"
     )
     return epoch_us
+
+
+def _unix(vehicle: VehicleLog) -> str:
+    return "unix " if vehicle.unix else "this log's "
 
 
 def match_tilt(vehicle: VehicleLog, rows: Sequence[TiltRow]) -> tuple[int, float] | None:

@@ -1,0 +1,58 @@
+"""Depth images of ROS messages: sensor_msgs/Image, and CompressedImage of the compressedDepth transport."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import FAR_MM, UNKNOWN_MM
+from drivers.base import BadData
+
+from .png import SIGNATURE
+from .ros2_decode import COMPRESSED
+from .ros2_frames import depth_from_image
+
+_CONFIG: Final = struct.Struct("<iff")
+"""Before the PNG of compressedDepth: format, and two parameters A, B of the quantised inverse depth."""
+
+
+def encoding_of(kind: str, message: Any) -> str:
+    """The encoding of an image message, such as 16UC1; of a compressed image, its whole format where it is no depth."""
+    if kind != COMPRESSED:
+        return str(message.encoding)
+    encoding, _, transport = str(message.format).partition(";")
+    is_depth = "compressedDepth" in transport or ("png" in transport and encoding.strip() in ("16UC1", "mono16"))
+    return encoding.strip() if is_depth else str(message.format)
+
+
+def depth_of(kind: str, message: Any) -> NDArray[np.uint16]:
+    """(H, W) uint16 millimetres of an image message. Raises BadData."""
+    return depth_from_image(message) if kind != COMPRESSED else _compressed_depth(message)
+
+
+def _compressed_depth(message: Any) -> NDArray[np.uint16]:
+    """16UC1: millimetres as PNG. 32FC1: 16-bit PNG of the inverse depth, Z = A / (value - B) metres, 0: unknown."""
+    data, transport = bytes(message.data), str(message.format)
+    if "rvl" in transport.lower():
+        raise BadData("compressedDepth with RVL; record it with the parameter format = png, or republish it as Image")
+    header = 0 if data.startswith(SIGNATURE) else _CONFIG.size
+    if not data[header:].startswith(SIGNATURE):
+        raise BadData("a compressed depth image that contains no PNG")
+    raw = cv2.imdecode(np.frombuffer(data, np.uint8, offset=header), cv2.IMREAD_UNCHANGED)
+    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
+        raise BadData("a compressed depth image whose PNG is damaged or not 16-bit grey")
+    if not transport.startswith("32FC1"):
+        depth = np.array(raw, np.uint16)
+        depth[raw >= FAR_MM] = UNKNOWN_MM
+        return depth
+    if header == 0:
+        raise BadData("a compressed 32FC1 image without the parameters of its inverse depth")
+    _, a, b = _CONFIG.unpack_from(data)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        millimetres = np.rint(1000.0 * a / (raw.astype(np.float64) - b))
+        valid = (raw > 0) & (millimetres > 0) & (millimetres < FAR_MM)
+    return np.where(valid, millimetres, UNKNOWN_MM).astype(np.uint16)

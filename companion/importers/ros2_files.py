@@ -1,0 +1,136 @@
+"""The messages of a ROS 2 recording: one MCAP file, or a bag (folder with metadata.yaml, .db3), read by rosbags.
+
+MCAP files are read by this software's own scanner, which keeps what is readable of a damaged file. A folder of MCAP files is
+read in the order of their names."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from drivers.base import BadData, DeviceNotFound
+from drivers.logs.reader import open_scan
+from drivers.logs.record_scanner import Damage, Logged
+
+from .report import Report
+from .ros2_decode import DECODE_ERRORS, Ros2Decoder, complete, type_of
+from .ros2_px4 import DEFINITIONS
+
+METADATA: Final = "metadata.yaml"
+BAG_SUFFIXES: Final = (".db3", ".mcap")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RosItem:
+    """One message, not yet decoded. kind: type without `msg/`; decode: gives the message, None where it does not fit its
+    definition."""
+
+    topic: str
+    kind: str
+    log_ns: int
+    decode: Callable[[], Any]
+
+
+class RosRecording(Protocol):
+    """A recording that can be read several times."""
+
+    def items(self) -> Iterator[RosItem]:
+        """All messages in the order of the recording."""
+        ...
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a folder is a ROS 2 bag; a log of this software may lie beside frames.csv."""
+    if (path / "frames.csv").exists():
+        return False
+    return (path / METADATA).is_file() or any(f.suffix in BAG_SUFFIXES for f in path.iterdir())
+
+
+def open_ros(path: Path, report: Report) -> RosRecording:
+    """The reader of a file or folder. Raises DriverError."""
+    if path.is_dir():
+        mcaps = sorted(path.glob("*.mcap"), key=_natural)
+        if mcaps:
+            return McapFiles(mcaps, report)
+        if (path / METADATA).is_file():
+            return RosBag([path])
+        return RosBag(sorted(path.glob("*.db3"), key=_natural))
+    return RosBag([path]) if path.suffix.lower() == ".db3" else McapFiles([path], report)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts flight_2 before flight_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+class McapFiles:
+    """MCAP files, one after the other; damage is reported once."""
+
+    def __init__(self, paths: list[Path], report: Report) -> None:
+        self._paths, self._report = paths, report
+        self._decode = Ros2Decoder()
+
+    def items(self) -> Iterator[RosItem]:
+        """All messages in file order."""
+        for path in self._paths:
+            scan = open_scan(path)
+            try:
+                for item in scan.items():
+                    if isinstance(item, Damage):
+                        text = f"{path}: {item.cause} (byte {item.offset}); the readable part was kept"
+                        if text not in self._report.problems:
+                            self._report.problem("damage", text)
+                    elif isinstance(item, Logged) and item.schema is not None:
+                        yield self._item(item, type_of(item.schema.name))
+            finally:
+                scan.close()
+
+    def _item(self, item: Logged, kind: str) -> RosItem:
+        return RosItem(item.channel.topic, kind, item.message.log_time, lambda: self._decode(item))
+
+
+class RosBag:
+    """A bag read by rosbags (extra `recordings`). Raises DeviceNotFound without it, BadData for an unreadable bag.
+
+    Bags that contain no definitions (ROS 2 before Iron) are read with those of ROS 2 Humble and PX4."""
+
+    def __init__(self, paths: list[Path]) -> None:
+        self._paths = paths
+        try:
+            self._highlevel = importlib.import_module("rosbags.highlevel")
+            self._typesys = importlib.import_module("rosbags.typesys")
+        except ImportError as error:
+            raise DeviceNotFound(
+                f"{paths[0]}: ROS 2 bags need rosbags: install the extra `recordings` of osape-companion, or rosbags; or "
+                "convert the bag to MCAP (ros2 bag convert)"
+            ) from error
+
+    def items(self) -> Iterator[RosItem]:
+        """All messages in the order of their log times."""
+        store = self._typesys.get_typestore(self._typesys.Stores.ROS2_HUMBLE)
+        for name, text in DEFINITIONS.items():
+            store.register(self._typesys.get_types_from_msg(text, name))
+        try:
+            with self._highlevel.AnyReader(self._paths, default_typestore=store) as reader:
+                for connection, log_ns, data in reader.messages():
+                    yield self._item(reader, connection, log_ns, data)
+        except (self._highlevel.AnyReaderError, OSError) as error:
+            raise BadData(
+                f"{self._paths[0]}: not a readable ROS 2 bag ({error}); try `ros2 bag reindex`, or convert it to MCAP"
+            ) from error
+
+    def _item(self, reader: Any, connection: Any, log_ns: int, data: bytes) -> RosItem:
+        kind = type_of(connection.msgtype)
+
+        def decode() -> Any:
+            try:
+                message = reader.deserialize(data, connection.msgtype)
+                return message if complete(kind, message) else None
+            except (self._highlevel.AnyReaderError, *DECODE_ERRORS):
+                return None
+
+        return RosItem(connection.topic, kind, log_ns, decode)

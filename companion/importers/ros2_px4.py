@@ -1,0 +1,50 @@
+"""px4_msgs in ROS 2 recordings: VehicleAttitude and VehicleOdometry, already in ned and frd.
+
+Stamps are microseconds; the uXRCE-DDS client maps them to the companion's clock unless its UXRCE_DDS_SYNCT is 0."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.frames import rotation_from_quaternion
+
+VEHICLE_ATTITUDE: Final = "px4_msgs/VehicleAttitude"
+VEHICLE_ODOMETRY: Final = "px4_msgs/VehicleOdometry"
+PX4_TYPES: Final = (VEHICLE_ATTITUDE, VEHICLE_ODOMETRY)
+VELOCITY_BODY: Final = 3
+"""VehicleOdometry.velocity_frame: 1 ned, 2 frd (world-fixed), 3 frd of the body."""
+
+DEFINITIONS: Final = {
+    "px4_msgs/msg/VehicleAttitude": (
+        "uint64 timestamp\nuint64 timestamp_sample\nfloat32[4] q\nfloat32[4] delta_q_reset\nuint8 quat_reset_counter\n"
+    ),
+    "px4_msgs/msg/VehicleOdometry": (
+        "uint64 timestamp\nuint64 timestamp_sample\nuint8 pose_frame\nfloat32[3] position\nfloat32[4] q\n"
+        "uint8 velocity_frame\nfloat32[3] velocity\nfloat32[3] angular_velocity\nfloat32[3] position_variance\n"
+        "float32[3] orientation_variance\nfloat32[3] velocity_variance\nuint8 reset_counter\nint8 quality\n"
+    ),
+}
+"""For bags without definitions; PX4 1.14 and later."""
+
+Floats = NDArray[np.float64]
+
+
+def px4_stamp_ns(message: Any) -> int:
+    """Time of the measurement, ns."""
+    return int(message.timestamp_sample or message.timestamp) * 1000
+
+
+def px4_rotation(message: Any) -> Floats | None:
+    """(3, 3) R_ned_frd; None when the quaternion is not one (PX4 writes NaN for "not known")."""
+    w, x, y, z = (float(v) for v in message.q)
+    return rotation_from_quaternion((w, x, y, z)) if 0.9 < math.hypot(w, x, y, z) < 1.1 else None
+
+
+def px4_vector(values: Any) -> Floats | None:
+    """(3,) of a message's array; None when it is not finite."""
+    vector = np.array([float(v) for v in values])
+    return vector if np.isfinite(vector).all() else None

@@ -1,0 +1,97 @@
+"""Raw stereo pairs of a ZED as depth images: rectified and matched as by the camera's driver.
+
+A pair is one side-by-side image (column `file`), or two images (columns `file` and `file_right`). The factory calibration
+SN<serial>.conf lies in the same folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from core.types import CameraInfo
+from drivers.base import BadData
+from drivers.cameras.stereo import MatchParams, StereoDepth, vertical_disparity_px
+from drivers.cameras.zed_calibration import load_zed_calibration
+from drivers.cameras.zed_uvc import DISPARITY_SIGMA_PX, MAX_VERTICAL_PX, MIN_CORNERS, halves
+
+from .frames_csv import FrameRow
+from .report import ImportOptions, Report
+
+Gray = NDArray[np.uint8]
+
+
+def find_calibration(folder: Path) -> Path | None:
+    """The calibration of a folder with stereo pairs; None: it has none. Raises BadData for several."""
+    found = sorted(folder.glob("SN*.conf"))
+    if len(found) > 1:
+        raise BadData(f"{folder}: several calibrations ({', '.join(f.name for f in found)}); leave that of the camera")
+    return found[0] if found else None
+
+
+class StereoImages:
+    """Pairs of one calibration; the first one gives the size of the images. Raises DriverError."""
+
+    def __init__(
+        self, folder: Path, calibration: Path, first: FrameRow, options: ImportOptions, report: Report
+    ) -> None:
+        self._folder = folder
+        left, right = self._pair(first)
+        height, width = left.shape
+        c = options.camera
+        match = MatchParams(
+            disparities=c.disparities, correlation=c.match_correlation, texture=c.match_texture, period=c.match_period
+        )
+        self._stereo = StereoDepth(load_zed_calibration(calibration, width, height), match)
+        self._check(calibration, left, right, report)
+        ke = DISPARITY_SIGMA_PX / (self._stereo.intrinsics.fx * self._stereo.baseline_m)
+        info = CameraInfo(c.name, self._stereo.intrinsics, ke_per_m=min(max(ke, 1e-4), 0.05))
+        self.info = c.applied_to(info)
+        nearest_m = self._stereo.intrinsics.fx * self._stereo.baseline_m / c.disparities
+        report.note(
+            f"stereo pairs matched with {calibration.name}: {width}x{height} px, baseline "
+            f"{1000 * self._stereo.baseline_m:.0f} mm, {c.disparities} disparities (nearest {nearest_m:.2f} m)"
+        )
+
+    def _check(self, calibration: Path, left: Gray, right: Gray, report: Report) -> None:
+        """Raises BadData when the corners of both images are on different rows after rectification."""
+        rows_px, corners = vertical_disparity_px(*self._stereo.rectified(left, right))
+        if corners < MIN_CORNERS:
+            report.warning("stereo", f"too few corners in the first pair ({corners}) to check {calibration}")
+        elif abs(rows_px) > MAX_VERTICAL_PX:
+            raise BadData(
+                f"{calibration}: both images differ by {rows_px:+.1f} px in height after rectification; the calibration "
+                "belongs to another camera, or left and right are exchanged"
+            )
+
+    def read(self, row: FrameRow) -> NDArray[np.uint16]:
+        """(H, W) uint16 millimetres in the rectified left image. Raises BadData."""
+        left, right = self._pair(row)
+        k = self.info.intrinsics
+        if left.shape != (k.height, k.width):
+            raise BadData(
+                f"{self._folder / row.file}: {left.shape[1]}x{left.shape[0]} px, the first pair has {k.width}x{k.height}"
+            )
+        return self._stereo.depth(left, right)
+
+    def _pair(self, row: FrameRow) -> tuple[Gray, Gray]:
+        left = self._image(row.file)
+        if not row.file_right:
+            if left.shape[1] < 2 * left.shape[0]:
+                raise BadData(
+                    f"{self._folder / row.file}: {left.shape[1]}x{left.shape[0]} px is not a side-by-side pair; name the "
+                    "right image in a column file_right"
+                )
+            return halves(left)
+        right = self._image(row.file_right)
+        if right.shape != left.shape:
+            raise BadData(f"{self._folder / row.file_right}: its size differs from that of {row.file}")
+        return left, right
+
+    def _image(self, name: str) -> Gray:
+        image = cv2.imread(str(self._folder / name), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise BadData(f"{self._folder / name}: no readable image; the file is named in frames.csv")
+        return np.asarray(image, np.uint8)

@@ -1,0 +1,86 @@
+"""Attitude and position from an ArduPilot log (.bin), read by pymavlink's DFReader.
+
+Stamps (`TimeUS`) count from the start of the autopilot; where the log has a GPS time they are mapped to unix time."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from statistics import median_low
+from typing import Any, Final
+
+from pymavlink import DFReader
+
+from ..base import BadData, DeviceNotFound
+from .tlog import TlogAttitude, TlogPose, VehicleLog
+from .ulog import NO_RATES
+
+MAGIC: Final = b"\xa3\x95"
+ATTITUDE: Final = "ATT"
+POSITIONS: Final = ("XKF1", "NKF1")
+"""Estimates of position and velocity of EKF3 and EKF2."""
+GPS_EPOCH_UNIX_S: Final = 315_964_800
+LEAP_S: Final = 18
+"""Leap seconds between GPS time and UTC since 2017."""
+_WEEK_S: Final = 7 * 86_400
+
+
+def read_dataflash(path: Path) -> VehicleLog:
+    """Raises DeviceNotFound (no file) and BadData (not an ArduPilot log, no attitude in it)."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(len(MAGIC))
+    except OSError as error:
+        raise DeviceNotFound(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    if head != MAGIC:
+        raise BadData(f"{path}: not an ArduPilot log (.bin begins with a3 95); copy it again from the autopilot")
+    attitudes: list[tuple[int, TlogAttitude]] = []
+    poses: dict[str, list[tuple[int, TlogPose]]] = {kind: [] for kind in POSITIONS}
+    offsets_us: list[int] = []
+    for message in _messages(path):
+        kind, t_us = message.get_type(), int(message.TimeUS)
+        if kind == ATTITUDE:
+            euler = math.radians(message.Roll), math.radians(message.Pitch), math.radians(message.Yaw)
+            attitudes.append((t_us, TlogAttitude(float(t_us), t_us, None, euler, NO_RATES)))
+        elif kind in poses and int(getattr(message, "C", 0)) == 0:  # of the first estimator
+            position = float(message.PN), float(message.PE), float(message.PD)
+            velocity = float(message.VN), float(message.VE), float(message.VD)
+            poses[kind].append((t_us, TlogPose(float(t_us), t_us, position, velocity)))
+        elif kind == "GPS" and message.GWk > 0:
+            offsets_us.append(_unix_us(message) - t_us)
+    if not attitudes:
+        raise BadData(f"{path}: no {ATTITUDE} in it; set the attitude bits of the ArduPilot parameter LOG_BITMASK")
+    shift_us = median_low(offsets_us) if offsets_us else 0
+    placed = poses["XKF1"] or poses["NKF1"]
+    return VehicleLog(
+        system=1,
+        kind=ATTITUDE,
+        attitudes=[TlogAttitude(t + shift_us, t + shift_us, None, a.euler_rad, a.rates_rad_s) for t, a in attitudes],
+        poses=[TlogPose(t + shift_us, t + shift_us, p.position_m, p.velocity_m_s) for t, p in placed],
+        boots=1,
+        drift=0.0,
+        strange=0,
+        unix=bool(offsets_us),
+    )
+
+
+def _messages(path: Path) -> list[Any]:
+    """All messages of the kinds that are used."""
+    try:
+        log = DFReader.DFReader_binary(str(path), zero_time_base=True)
+        try:
+            found = []
+            while (message := log.recv_match(type=[ATTITUDE, "GPS", *POSITIONS])) is not None:
+                if hasattr(message, "TimeUS"):
+                    found.append(message)
+            return found
+        finally:
+            log.close()
+    except (struct.error, ValueError, LookupError, TypeError) as error:
+        raise BadData(f"{path}: damaged ({error}); copy it again from the autopilot") from error
+
+
+def _unix_us(gps: Any) -> int:
+    """Unix microseconds of a GPS message: week and milliseconds of the week."""
+    return (GPS_EPOCH_UNIX_S + int(gps.GWk) * _WEEK_S - LEAP_S) * 1_000_000 + int(gps.GMS) * 1000

@@ -1,0 +1,126 @@
+"""The autopilot's own log beside the frames: PX4 .ulg and ArduPilot .bin, read by pyulog and pymavlink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from core.frames import quaternion_from_euler
+from core.types import AttitudeSample, DepthFrame, PoseSample
+from drivers.base import Event
+
+from .flight_logs import write_dataflash, write_ulog
+from .recordings import EPOCH_US, events_of, tilt, write_folder, write_tlog
+from .ros2_recording import NS, START_NS, RosFlight
+
+Write = Callable[..., Path]
+KINDS = pytest.mark.parametrize(("write", "name"), [(write_ulog, "log.ulg"), (write_dataflash, "log.bin")])
+NO_ANGLES = [f"depth/{i:06d}.png,{EPOCH_US * 1000 + i * 100_000_000}" for i in range(20)]
+
+
+@pytest.fixture(autouse=True)
+def _pyulog() -> None:
+    pytest.importorskip("pyulog", reason="pyulog is not installed (extra recordings)")
+
+
+def imported(source: Path, *words: str) -> tuple[int, list[Event]]:
+    out = source.parent / "out.mcap"
+    out.unlink(missing_ok=True)
+    status = main(["import", str(source), "-o", str(out), *words])
+    return status, list(events_of(out)) if out.exists() else []
+
+
+@KINDS
+def test_a_log_with_gps_time_needs_neither_angles_nor_an_epoch(
+    write: Write, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    write(folder / name, 3.0)
+    status, events = imported(folder)
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert f"attitude from {name}" in captured.out
+    first_ns = min(e.t_exposure_ns for e in events if isinstance(e, DepthFrame))
+    attitudes = {round((a.t_ns - first_ns) / 1e6): a for a in events if isinstance(a, AttitudeSample)}
+    assert attitudes[1000].q_ned_frd_wxyz == pytest.approx(quaternion_from_euler(*tilt(1.0), 0.1), abs=1e-5)
+    poses = [e for e in events if isinstance(e, PoseSample)]
+    assert poses[1].position_ned_m == pytest.approx((1.0, 2.0, -3.0))
+    assert poses[1].velocity_ned_m_s == pytest.approx((0.1, 0.2, 0.3))
+
+
+@KINDS
+def test_a_log_without_gps_time_is_matched_by_its_motion(
+    write: Write, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 60)
+    write(folder / name, 30.0, start_s=-10.0, gps=False)
+    status, events = imported(folder)
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "t_ns 0 is at this log's 17.00" in captured.out
+    assert len([e for e in events if isinstance(e, AttitudeSample)]) > 300
+
+
+@KINDS
+def test_small_stamps_of_both_clocks_are_not_taken_for_the_same_time(
+    write: Write, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The autopilot's clock holds t_ns 8..10 s, but nothing says that it is the same clock."""
+    rows = [f"depth/{i:06d}.png,{8 * NS + i * NS // 10}" for i in range(20)]
+    folder = write_folder(tmp_path / "rec", 20, rows, heading="file,t_ns")
+    write(folder / name, 30.0, gps=False)
+    assert imported(folder)[0] == 1
+    assert "give the time of this log of t_ns 0 with --tlog-epoch" in capsys.readouterr().err
+    assert imported(folder, "--tlog-epoch", "0")[0] == 0
+
+
+@KINDS
+def test_a_file_that_is_none(write: Write, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 5)
+    whole = write(folder / name, 1.0).read_bytes()
+    (folder / name).write_bytes(b"hello" + whole)
+    assert imported(folder)[0] == 1
+    assert name in (said := capsys.readouterr().err)
+    assert "copy it again" in said
+
+
+def test_the_rate_of_a_telemetry_radio_is_named_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    write_ulog(folder / "log.ulg", 3.0, hz=2.0)
+    assert imported(folder)[0] == 1
+    said = capsys.readouterr().err
+    assert "the attitude comes at 2.0 Hz: 4 of 20 frames can be used" in said
+    assert ".bin" in said
+
+
+def test_frames_without_angles_beside_a_tlog_are_right_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    write_tlog(folder / "a.tlog", 5.0)
+    status, events = imported(folder)
+    assert status == 0, capsys.readouterr().err
+    assert len([e for e in events if isinstance(e, AttitudeSample)]) > 90
+
+
+def test_without_angles_and_without_a_log_the_remedy_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_folder(tmp_path / "rec", 20, NO_ANGLES, heading="file,t_ns")
+    assert imported(folder)[0] == 1
+    assert ".tlog, .ulg, .bin" in capsys.readouterr().err
+
+
+def test_a_ros_recording_without_attitude_takes_it_from_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shift_ns = EPOCH_US * 1000 - START_NS
+    source = RosFlight(motion=(), stamp_offset_ns=shift_ns, log_offset_ns=shift_ns).write(tmp_path / "in.mcap")
+    log = write_ulog(tmp_path / "log.ulg", 3.0)
+    status, events = imported(source, "--attitude-log", str(log))
+    assert status == 0, capsys.readouterr().err
+    assert len([e for e in events if isinstance(e, DepthFrame)]) == 10
+    assert len([e for e in events if isinstance(e, AttitudeSample)]) > 90

@@ -1,0 +1,189 @@
+"""ROS 2 recordings as people have them: PX4's messages, compressed depth, bags, missing orientation."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.cli import main
+from core.frames import rotation_from_euler, rotation_from_quaternion
+from core.types import AttitudeSample, PoseSample
+
+from .recordings import events_of, frames_of
+from .ros2_recording import DEFINITIONS, NS, START_NS, RosFlight, expected_depth
+
+R_NED_FRD = rotation_from_euler(0.1, 0.2, math.pi / 2 - 0.7)
+
+
+def imported(source: Path, *words: str) -> tuple[int, Path]:
+    out = source.parent / "out.mcap"
+    return main(["import", str(source), "-o", str(out), *words]), out
+
+
+@pytest.mark.parametrize("motion", [("px4 attitude",), ("px4 odometry",), ("px4 attitude", "px4 odometry")])
+def test_px4_messages_give_the_attitude(motion: tuple[str, ...], tmp_path: Path) -> None:
+    status, out = imported(RosFlight(motion=motion).write(tmp_path / "in.mcap"))
+    assert status == 0
+    events = events_of(out)
+    attitudes = [e for e in events if isinstance(e, AttitudeSample)]
+    assert len(attitudes) == 100
+    R = rotation_from_quaternion(attitudes[3].q_ned_frd_wxyz)
+    np.testing.assert_allclose(R, R_NED_FRD, atol=1e-6)
+    assert attitudes[0].t_ns == START_NS - NS // 10
+    poses = [e for e in events if isinstance(e, PoseSample)]
+    assert bool(poses) is ("px4 odometry" in motion)
+    if poses:
+        assert poses[0].position_ned_m == pytest.approx((4.0, 3.0, -5.0))
+        assert poses[0].velocity_ned_m_s == pytest.approx(R_NED_FRD @ [1.0, -0.5, 0.25], abs=1e-6)
+
+
+def test_px4_stamps_of_its_own_clock_are_mapped_to_the_images(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = RosFlight(motion=("px4 attitude",), px4_clock_ns=-90 * NS)
+    status, out = imported(flight.write(tmp_path / "in.mcap"))
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert "UXRCE_DDS_SYNCT" in captured.out
+    attitudes = [e for e in events_of(out) if isinstance(e, AttitudeSample)]
+    assert abs(attitudes[10].t_ns - (START_NS + NS // 10)) <= 5_000_000  # the smallest delay, 4 ms, is taken as none
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_compressed_depth(encoding: str, tmp_path: Path) -> None:
+    flight = RosFlight(encoding=encoding, depth_topics=("/cam/depth/image/compressedDepth",), frames=2)
+    flight.info_topics = ("/cam/depth/image/camera_info",)
+    status, out = imported(flight.write(tmp_path / "in.mcap"))
+    assert status == 0
+    for number, frame in enumerate(frames_of(out)):
+        wanted = expected_depth(number).astype(float)
+        # 32FC1 has steps of the inverse depth: at Z metres, Z * Z millimetres for A = 1000
+        tolerance = 0 if encoding == "16UC1" else 1 + (wanted / 1000) ** 2
+        assert (np.abs(frame.depth_mm - wanted) <= tolerance).all()
+
+
+def test_a_colour_image_is_not_taken_for_depth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = RosFlight(encoding="rgb8", depth_topics=("/cam/colour/compressedDepth",))
+    assert imported(flight.write(tmp_path / "in.mcap"))[0] == 1
+    assert "no depth image" in capsys.readouterr().err
+
+
+def test_an_imu_without_orientation_is_named_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert imported(RosFlight(motion=("imu without orientation",)).write(tmp_path / "in.mcap"))[0] == 1
+    said = capsys.readouterr().err
+    assert "100 Imu messages of /imu say that they have no orientation" in said
+    assert "imu_filter_madgwick" in said
+
+
+def test_a_copy_in_text_mode_is_recognised(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = RosFlight().write(tmp_path / "in.mcap")
+    source.write_bytes(source.read_bytes().replace(b"\r\n", b"\n"))
+    assert source.read_bytes()[:8].hex(" ") == "89 4d 43 41 50 30 0a 01"
+    for words in (["import", str(source), "-o", str(tmp_path / "o.mcap")], ["info", str(source)]):
+        assert main(words) == 1
+        assert "text mode" in capsys.readouterr().err
+
+
+# ---- bags -----------------------------------------------------------------------------------------------------------
+
+
+def write_bag(folder: Path, entries: list[Any], storage: str, definitions: bool = True) -> Path:
+    """A bag of rosbags' own writer."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed (extra recordings)")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    for kind, text in DEFINITIONS.items():
+        if kind.startswith("px4_msgs"):
+            store.register(typesys.get_types_from_msg(text, kind))
+    plugin = rosbag2.StoragePlugin.MCAP if storage == "mcap" else rosbag2.StoragePlugin.SQLITE3
+    with rosbag2.Writer(folder, version=9 if definitions else 8, storage_plugin=plugin) as writer:
+        connections = {}
+        for log_ns, topic, kind, content in entries:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            message = ros_message(store, kind, content)
+            writer.write(connections[topic], log_ns, store.serialize_cdr(message, kind))
+    return folder
+
+
+def ros_message(store: Any, kind: str, content: Any) -> Any:
+    """The message of rosbags from nested dictionaries."""
+    _, fields = store.fielddefs[kind]
+    values = {}
+    for name, (node, described) in fields:
+        value = content[name]
+        if int(node) == 2:  # another message
+            value = ros_message(store, described, value)
+        elif int(node) in (3, 4):  # array, sequence
+            (inner, what), _ = described
+            if int(inner) == 2:
+                value = [ros_message(store, what, v) for v in value]
+            elif isinstance(value, bytes):
+                value = np.frombuffer(value, np.uint8)
+            else:
+                value = np.array(value, what[0])
+        values[name] = value
+    return store.types[kind](**values)
+
+
+def full(entries: list[Any]) -> list[Any]:
+    """With the fields that the tests' own CameraInfo leaves out."""
+    rest = {"binning_x": 0, "binning_y": 0,
+            "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}}  # fmt: skip
+    return [
+        (t, topic, kind, message | rest if kind.endswith("CameraInfo") else message)
+        for t, topic, kind, message in entries
+    ]
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+@pytest.mark.parametrize("motion", ["odometry", "px4 attitude"])
+def test_a_bag_folder(storage: str, motion: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = write_bag(tmp_path / "bag", full(RosFlight(motion=(motion,)).entries()), storage)
+    status, out = imported(bag)
+    assert status == 0, capsys.readouterr().err
+    frames = frames_of(out)
+    assert len(frames) == 10
+    assert np.array_equal(frames[3].depth_mm[1:], expected_depth(3)[1:])
+    attitudes = [e for e in events_of(out) if isinstance(e, AttitudeSample)]
+    np.testing.assert_allclose(rotation_from_quaternion(attitudes[3].q_ned_frd_wxyz), R_NED_FRD, atol=1e-6)
+
+
+def test_a_db3_file_and_a_folder_without_metadata(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = write_bag(tmp_path / "bag", full(RosFlight(motion=("px4 odometry",)).entries()), "sqlite3")
+    (database,) = bag.glob("*.db3")
+    (alone := tmp_path / "alone.db3").write_bytes(database.read_bytes())
+    status, out = imported(alone)
+    assert status == 0, capsys.readouterr().err
+    assert len(frames_of(out)) == 10
+    (bag / "metadata.yaml").unlink()
+    status, out = imported(bag)
+    assert status == 0, capsys.readouterr().err
+    assert len(frames_of(out)) == 10
+
+
+def test_split_files_are_one_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    whole = RosFlight(frames=20, motion_until_s=3.0).write(tmp_path / "whole.mcap")
+    assert imported(whole)[0] == 0
+    expected = [f.t_exposure_ns for f in frames_of(tmp_path / "out.mcap")]
+    RosFlight(frames=20, motion_until_s=3.0).write_parts(bag, parts=11)
+    status, out = imported(bag)
+    assert status == 0, capsys.readouterr().err
+    assert [f.t_exposure_ns for f in frames_of(out)] == expected  # part 10 comes after part 9
+
+
+def test_a_bag_without_rosbags_names_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.db3").write_bytes(b"SQLite format 3\0")
+    monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
+    assert imported(tmp_path / "a.db3")[0] == 1
+    assert "need rosbags" in capsys.readouterr().err
