@@ -190,7 +190,11 @@ def test_wrong_use(words: tuple[str, ...], tmp_path: Path) -> None:
         (("replay", "absent.mcap"), "absent.mcap: the file does not exist", "check the path"),
         (("info", "text.mcap"), "text.mcap: not an MCAP file", "give a log with the extension .mcap"),
         (("import", "absent", "-o", "x.mcap"), "absent: does not exist", "expected a directory with intrinsics.json"),
-        (("import", "empty", "-o", "x.mcap"), "intrinsics.json: cannot be read", "it must contain width, height, fx, fy"),
+        (
+            ("import", "empty", "-o", "x.mcap"),
+            "intrinsics.json: cannot be read",
+            "it must contain width, height, fx, fy",
+        ),
         (("replay", "text.mcap", "-o", "text.mcap"), "would overwrite this input", "give -o another name"),
         (("check-config", "wrong.toml"), "passable_widht_m: no such key", "did you mean passable_width_m?"),
     ],

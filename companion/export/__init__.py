@@ -1,0 +1,1 @@
+"""Writes the results of a log in formats of other programs."""

@@ -1,0 +1,172 @@
+"""`companion export`: the results of a log as CSV, NPZ, Parquet or glTF."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drivers.base import BadData, DeviceNotFound
+from drivers.logs.reader import McapRecording
+
+from ..console import fail, print_json, print_line
+from ..pipeline.pipeline import PrismsResult
+from ..viewer.log import view_frame
+from ..viewer.placement import placed_model
+from .gltf import glb
+from .tables import Table, Tables, read_tables
+
+FORMATS: Final = ("csv", "npz", "parquet", "gltf")
+
+
+def export(path: Path, out: Path, kind: str, frame: int | None = None) -> tuple[list[Path], int, str]:
+    """(written files, frames, damage of the log). frame: for glTF, the sequence of the frame; None: that with most planes.
+
+    csv and parquet: one file per table in the directory `out`; npz and gltf: the file `out`. Raises DriverError, OSError,
+    and ValueError for a log without results or without the frame."""
+    _check_output(out, kind)
+    tables, damage, chosen = Tables(), "", _Chosen(frame)
+    with McapRecording(path) as source:
+        infos = {info.camera: info for info in source.cameras}
+        try:
+            for result in read_tables(source, tables):
+                chosen.add(result)
+        except BadData as error:
+            damage = str(error)
+        frames = len(tables.rows["frames"])
+        if not frames:
+            raise ValueError(f"{path}: no prisms in this log: run `companion replay` first. {damage}".strip())
+        if kind == "gltf":
+            return [_write_gltf(out, chosen, infos)], frames, damage
+    return _write_tables(out, kind, tables.arrays()), frames, damage
+
+
+def _check_output(out: Path, kind: str) -> None:
+    """Raises ValueError for a file without the extension of its format: neither a log nor another file is overwritten."""
+    suffix = {"npz": ".npz", "gltf": ".glb"}.get(kind)
+    if suffix is not None and out.suffix != suffix:
+        raise ValueError(f"{out}: give -o a file with the extension {suffix}")
+    if suffix is None and out.exists() and not out.is_dir():
+        raise ValueError(f"{out}: is a file; {kind} is written into a directory")
+
+
+class _Chosen:
+    """The frame for glTF, and the positions of the vehicle."""
+
+    def __init__(self, sequence: int | None) -> None:
+        self._sequence = sequence
+        self.result: PrismsResult | None = None
+        self.positions: list[tuple[float, float, float]] = []
+
+    def add(self, result: PrismsResult) -> None:
+        if result.pose is not None:
+            self.positions.append(result.pose.position_ned_m)
+        if not result.valid or result.model is None:
+            return
+        if self._sequence is not None:
+            self.result = result if result.sequence == self._sequence else self.result
+        elif (
+            self.result is None or self.result.model is None or len(result.model.planes) > len(self.result.model.planes)
+        ):
+            self.result = result
+
+    def require(self) -> PrismsResult:
+        """The frame. Raises ValueError where there is none."""
+        if self.result is None:
+            which = "a valid frame" if self._sequence is None else f"a valid frame {self._sequence}"
+            raise ValueError(f"the log has not {which}; `companion export -f csv` lists all frames")
+        return self.result
+
+
+def _write_gltf(out: Path, chosen: _Chosen, infos: dict[str, Any]) -> Path:
+    result = chosen.require()
+    model = placed_model(view_frame(result, infos[result.camera], None))
+    assert model is not None
+    name = f"{result.camera} frame {result.sequence}"
+    out.write_bytes(glb(model.prisms, np.array(chosen.positions).reshape(-1, 3), name))
+    return out
+
+
+def _write_tables(out: Path, kind: str, tables: dict[str, Table]) -> list[Path]:
+    if kind == "npz":
+        np.savez_compressed(out, **{f"{t}.{c}": values for t, table in tables.items() for c, values in table.items()})
+        return [out]
+    write = _csv if kind == "csv" else _parquet_writer()
+    out.mkdir(parents=True, exist_ok=True)
+    paths = [out / f"{name}.{kind}" for name in tables]
+    for path, table in zip(paths, tables.values(), strict=True):
+        write(path, table)
+    return paths
+
+
+def _csv(path: Path, table: Table) -> None:
+    """Text with the shortest digits that give the same number; NaN is empty."""
+    columns = [
+        [_text(v) for v in values.tolist()] if values.dtype.kind != "f" else _numbers(values)
+        for values in table.values()
+    ]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(table)
+        writer.writerows(zip(*columns, strict=True))
+
+
+def _text(value: Any) -> str:
+    return str(int(value)) if isinstance(value, bool) else str(value)
+
+
+def _numbers(values: Any) -> list[str]:
+    return ["" if np.isnan(v) else np.format_float_positional(v, trim="-") for v in values]
+
+
+def _parquet_writer() -> Any:
+    """Raises DeviceNotFound without pyarrow."""
+    try:
+        arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise DeviceNotFound(
+            "Parquet needs pyarrow: install the extra `parquet` of osape-companion, or pyarrow; or export csv or npz"
+        ) from error
+
+    def write(path: Path, table: Table) -> None:
+        arrays = {k: v.tolist() if v.dtype.kind == "U" else v for k, v in table.items()}
+        schema = arrow.schema([(k, _arrow_type(arrow, v)) for k, v in table.items()])
+        parquet.write_table(arrow.table(arrays, schema=schema), path, compression="zstd")
+
+    return write
+
+
+def _arrow_type(arrow: Any, values: Any) -> Any:
+    return arrow.string() if values.dtype.kind == "U" else arrow.from_numpy_dtype(values.dtype)
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion export`."""
+    parser = subparsers.add_parser("export", help="write the results of a log as CSV, NPZ, Parquet or glTF")
+    parser.add_argument("input", type=Path, metavar="FILE.mcap", help="a log with prisms")
+    parser.add_argument(
+        "-f", "--format", choices=FORMATS, required=True, help="csv, parquet: a directory; npz, gltf: a file"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="directory or file to write")
+    parser.add_argument(
+        "--frame", type=int, metavar="N", help="gltf: number of the frame (default: that with most planes)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: success; 1: the log could not be read to its end."""
+    files, frames, damage = export(args.input, args.output, args.format, args.frame)
+    if args.json:
+        print_json({"frames": frames, "files": [str(f) for f in files], "damage": damage or None})
+    else:
+        print_line(f"{frames} frames")
+        for file in files:
+            print_line(f"written  {file}")
+    if damage:
+        fail(damage)
+    return 1 if damage else 0
