@@ -16,7 +16,7 @@ from ..cameras.factory import make_source
 from ..argument_types import number_in
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
-from ..config.service import AutopilotConfig
+from ..config.service import AutopilotConfig, RecordParams
 from ..console import fail, print_json, print_line, progress, warn
 from ..kernels.child_process import WarmupError
 from ..kernels.warmup import ensure_compiled
@@ -31,6 +31,7 @@ OUTPUT = Path("demo-out")
 CAMERA = CameraConfig(name="front", kind="simulated", flight="demo", width_px=640, fps=30.0, seed=0)
 EMBEDDED = Config(
     cameras=(CAMERA,), autopilot=AutopilotConfig(address="udpin:127.0.0.1:14540"),
+    record=RecordParams(record="off"),
 )  # fmt: skip
 """The embedded default, equal to configs/simulated.toml."""
 MAX_FPS = 15.0

@@ -19,6 +19,7 @@ from drivers.base import DriverError
 from ..autopilot.parameter_writer import Change, apply
 from ..autopilot.restart_pending import TEXT as RESTART_TEXT
 from ..config.differences import expert_lines, safety_lines
+from ..config.installed import INSTALLED, config_path
 from ..config.loader import Config, load_config
 from ..console import print_json, print_line
 from ..diagnostic import DiagnosticCode
@@ -104,7 +105,7 @@ def _measure_mounts(config: Config, args: argparse.Namespace) -> int:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion doctor`."""
     parser = subparsers.add_parser("doctor", help="check all parts before a flight")
-    parser.add_argument("-c", "--config", type=Path, metavar="FILE", required=True, help="configuration of the service")
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration of the service ({INSTALLED})")
     parser.add_argument(
         "--patience", type=float, default=25.0, metavar="S", help="time limit for each camera and the autopilot (25 s)"
     )
@@ -127,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError("--yes needs --apply")
     if args.json and args.apply and not args.yes:
         raise ValueError("--apply asks for a typed yes; with --json add --yes")
-    config = load_config(args.config)
+    config = load_config(config_path(args.config))
     if args.mount:
         if args.apply:
             raise ValueError("--mount and --apply exclude each other; use one after the other")

@@ -16,12 +16,13 @@ from itertools import groupby
 from typing import cast
 
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
+from drivers.base import Event
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.recorder import Recorder
-from ..pipeline.encode import prisms_bytes
+from ..pipeline.encode import prisms_bytes, state_message
 from ..pipeline.events import Item, LogMessage, RawFrame, Sample, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
@@ -205,7 +206,7 @@ class PipelineThread:
             self._record_raw_frames([item])
             return
         self._log_clock(item.t_arrival_ns)
-        self._record_later(lambda log: log.event(item))
+        self._record_event(item)
         begun_ns, begun_cpu_ns = time.monotonic_ns(), time.thread_time_ns()
         outputs = self._pipeline.handle(item)
         done_ns, cpu_ns = time.monotonic_ns(), time.thread_time_ns() - begun_cpu_ns
@@ -259,6 +260,18 @@ class PipelineThread:
             add(LatencyStage.EXPOSURE_TO_PUBLISH, published_ns - frame.t_exposure_ns)
 
     # ---- recording ----------------------------------------------------------------------------------------------------
+
+    def _record_event(self, event: Event) -> None:
+        """Records a sample or a frame. Where depth images are left out, each recorded one has the state before it, so
+        that a replay gives the same result."""
+        recorder = self._recorder
+        if isinstance(event, DepthFrame) and recorder is not None:
+            if not recorder.keeps_depth(event.camera, event.t_exposure_ns):
+                return
+            if recorder.skips_depth:
+                state = self._pipeline.camera_state(event.camera)
+                self._record_later(lambda log: log.message("state", state_message(state), event.t_arrival_ns))
+        self._record_later(lambda log: log.event(event))
 
     def _record_later(self, call: Callable[[Recorder], None]) -> None:
         """Adds a call of the recorder that is made after the prisms are published."""

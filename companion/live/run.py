@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from ..config.differences import expert_lines, safety_lines
+from ..config.installed import INSTALLED, config_path
 from ..config.loader import load_config
 from ..console import print_line
 from ..paths import folders
+from .record_note import RecordRate, record_note
 from .sd_notify import Notifier
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
     """Runs the main loop until stopped (0) or until a required part has ended (1)."""
     previous: list[str] = []
     ready = False
+    record_rate = RecordRate()
     next_alive_s = 0.0
     next_tick_s = time.monotonic()
     while not stop.is_set():
@@ -78,6 +81,10 @@ def serve(service: Service, notifier: Notifier, stop: threading.Event, tick_s: f
                 notifier.extend_timeout(60.0)  # kernels are being compiled
             if not stalled:
                 notifier.feed_watchdog()
+            if service.recorder is not None and (
+                note := record_rate.note(service.recorder.status, time.monotonic_ns())
+            ):
+                log.info(note)
         now = [d.line() for d in service.diagnostics]
         _log_changes(now, previous)
         notifier.status("; ".join(service.diagnostic_texts) or "OK")
@@ -103,9 +110,7 @@ def _without_digits(line: str) -> str:
 def add_parser(subparsers: Any) -> None:
     """The command line of `companion run`."""
     parser = subparsers.add_parser("run", help="run the live service: cameras and autopilot in, obstacles out")
-    parser.add_argument(
-        "-c", "--config", type=Path, metavar="FILE", required=True, help="configuration file, such as configs/oak.toml"
-    )
+    parser.add_argument("-c", "--config", type=Path, metavar="FILE", help=f"configuration file ({INSTALLED})")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -113,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     gc.disable()  # the start creates many objects that stay; they are frozen at its end, then collection is enabled
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
-    config = load_config(args.config)
+    config = load_config(config_path(args.config))
     from ..kernels.child_process import CancelledError, WarmupError
     from ..kernels.warmup import Loading, ensure_compiled
 
@@ -154,7 +159,9 @@ def run(args: argparse.Namespace) -> int:
         log.warning("safety key changed: %s", line)
     for line in expert_lines(config):
         log.warning("expert key changed: %s", line)
-    service = Service(config, folders(), warm_up, lambda: loading.text)
+    here = folders()
+    log.info(record_note(config, here))
+    service = Service(config, here, warm_up, lambda: loading.text)
     try:
         service.open()
         return serve(service, notifier, stop, 1.0 / config.service.blind_hz)

@@ -27,6 +27,7 @@ from ..config.service import RecordParams
 from ..pipeline.events import RawFrame
 from ..pipeline.pipeline import Output, PipelineState
 from .current_file import Begin, CurrentLog, LogRemovedError
+from .depth_rate import DepthRate
 from .log_directory import new_flight
 from .log_writer import LogWriter
 from .repair import Repairs
@@ -95,6 +96,7 @@ class Recorder:
         self._dropped = 0
         self._repairs = Repairs(folder)
         self._thread = WatchedThread(self._work, "recorder")
+        self._depth_rate = DepthRate(self._params.depth_hz)
         self.flight = ""
 
     def open(self) -> None:
@@ -146,11 +148,17 @@ class Recorder:
 
     def event(self, event: Event) -> None:
         """Records an event of the hardware."""
-        if isinstance(event, DepthFrame):
-            if self._params.depth:
-                self._enqueue(lambda log: log.event(event), event.depth_mm.nbytes)
-        else:
-            self._enqueue(lambda log: log.event(event), _SMALL)
+        size = event.depth_mm.nbytes if isinstance(event, DepthFrame) else _SMALL
+        self._enqueue(lambda log: log.event(event), size)
+
+    def keeps_depth(self, camera: str, t_exposure_ns: int) -> bool:
+        """Whether to record this depth image. To be asked once per image."""
+        return self._params.depth and self._depth_rate.keeps(camera, t_exposure_ns)
+
+    @property
+    def skips_depth(self) -> bool:
+        """Whether images between recorded ones are left out: each recorded one then needs the state before it."""
+        return self._depth_rate.limited
 
     def events(self, events: Sequence[Event]) -> None:
         """Records several samples as one queue item."""

@@ -145,9 +145,10 @@ class Pipeline:
         self._states = {info.camera: CameraState() for info in cameras}
         self.counts: Counter[str] = Counter()
         if state is not None:
-            self._resume(state)
+            self.resume(state)
 
-    def _resume(self, state: PipelineState) -> None:
+    def resume(self, state: PipelineState) -> None:
+        """Continues with the cameras of this state; its samples are added."""
         for name, camera in state.cameras:
             if name in self._states:
                 self._states[name] = camera
@@ -159,6 +160,10 @@ class Pipeline:
     def state(self) -> PipelineState:
         """A snapshot of the state to start another pipeline with."""
         return PipelineState(tuple(self._states.items()), self._sync.attitudes.samples, self._sync.poses.samples)
+
+    def camera_state(self, camera: str) -> PipelineState:
+        """The part of `state` that belongs to one camera."""
+        return PipelineState(tuple((name, state) for name, state in self._states.items() if name == camera))
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:

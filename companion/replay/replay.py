@@ -29,7 +29,7 @@ from ..pipeline.encode import prisms_message, state_from_message
 from ..pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from .compare import Comparison, Key, key_of
-from .replay_report import Replay, print_report, replay_problems, report
+from .replay_report import Replay, depth_note, print_report, replay_problems, report
 from .summary import ReplayCounts
 
 
@@ -86,7 +86,7 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         skipped = _skipped_live(path) if options.check else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
-        events = _without(_events(source, comparison), skipped)
+        events = _without(_events(source, comparison, pipeline), skipped)
         monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
         for info in pipeline.cameras:
             monitor.announce(info)
@@ -105,7 +105,11 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         sink.end()
         result.sample_anomalies = pipeline.sample_anomalies()
         result.exposure_offsets = monitor.offsets()
-        result.configured_offsets_ms = _configured_offsets_ms(source)
+        recorded = _recorded_config(source)
+        result.configured_offsets_ms = {
+            info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras
+        }
+        result.depth_note = depth_note(recorded.record)
         result.obstacle_range_m = {
             info.camera: obstacle_range_m(info, result.counts.ke_per_m.get(info.camera), config.extractor)
             for info in cameras
@@ -153,17 +157,14 @@ def _config(options: Options, source: McapRecording) -> Config:
         config = load_config(options.config)
         _refuse_unknown_cameras(config, options.config, source)
         return config
+    return _recorded_config(source)
+
+
+def _recorded_config(source: McapRecording) -> Config:
+    """The configuration with which the frames were recorded; the defaults where the log has none."""
     if source.run is not None and source.run.config_json:
         return config_from_text(source.run.config_json, f"the configuration in {source.path}")
     return Config()
-
-
-def _configured_offsets_ms(source: McapRecording) -> dict[str, float]:
-    """`exposure_offset_ms` of each camera when its frames were recorded: that of the log's own configuration."""
-    recorded = Config()
-    if source.run is not None and source.run.config_json:
-        recorded = config_from_text(source.run.config_json, f"the configuration in {source.path}")
-    return {info.camera: recorded.camera(info.camera).exposure_offset_ms for info in source.cameras}
 
 
 def _refuse_unknown_cameras(config: Config, path: Path, source: McapRecording) -> None:
@@ -184,10 +185,12 @@ def _refuse_unknown_cameras(config: Config, path: Path, source: McapRecording) -
 
 def _state(source: McapRecording) -> PipelineState | None:
     """The state at the beginning of the log. Raises BadData when it cannot be used."""
-    if source.snapshot is None:
-        return None
+    return None if source.snapshot is None else _decoded(source, source.snapshot)
+
+
+def _decoded(source: McapRecording, state: pb.StateSnapshot) -> PipelineState:
     try:
-        return state_from_message(source.snapshot)
+        return state_from_message(state)
     except ValueError as error:
         raise BadData(
             f"{source.path}: {TOPICS['state'].name}: {error}; the frames depend on it. Use another copy of the file, "
@@ -195,11 +198,17 @@ def _state(source: McapRecording) -> PipelineState | None:
         ) from error
 
 
-def _events(source: McapRecording, comparison: Comparison | None) -> Iterator[Event]:
-    """The events; prisms of the log are passed to the comparison."""
-    for item in source.events_with(*(("prisms",) if comparison is not None else ())):
+def _events(source: McapRecording, comparison: Comparison | None, pipeline: Pipeline) -> Iterator[Event]:
+    """The events; prisms of the log are passed to the comparison, states within the log to the pipeline: a log without all
+    depth images (`[record] depth_hz`) has one before each image."""
+    begun = False
+    for item in source.events_with("state", *(("prisms",) if comparison is not None else ())):
         if not isinstance(item, LoggedMessage):
+            begun = True
             yield item
+        elif isinstance(item.message, pb.StateSnapshot):
+            if begun:
+                pipeline.resume(_decoded(source, item.message))
         elif comparison is not None and isinstance(item.message, pb.PrismsFrame):
             comparison.logged(item.message)
 

@@ -9,6 +9,7 @@ from typing import Any
 from core.codes import text_of
 from core.types import InvalidCause
 
+from ..config.service import RecordParams
 from ..console import print_line
 from ..pipeline.pipeline import UNPUBLISHED_DROPS, FrameDecision
 from ..pipeline.sync import DropCause
@@ -32,6 +33,20 @@ class Replay:
     exposure_offsets: tuple[ExposureOffset, ...] = ()
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
     obstacle_range_m: dict[str, float] = field(default_factory=dict)
+    depth_note: str = ""
+    """What the check cannot compare, of a log that was recorded without all depth images."""
+
+
+def depth_note(record: RecordParams) -> str:
+    """What a log recorded so lacks for a replay; empty: nothing."""
+    if not record.depth:
+        return "the log was recorded with [record] depth = false: no frame can be computed again"
+    if record.depth_hz > 0.0:
+        return (
+            f"the log was recorded with [record] depth_hz = {record.depth_hz:g}: frames between the recorded images cannot "
+            "be computed again; the others begin with their recorded state and are compared completely"
+        )
+    return ""
 
 
 def replay_problems(result: Replay) -> list[str]:
@@ -94,6 +109,7 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
             "first_difference": str(comparison.first) if comparison.first else None,
             "missing_from_log": [_named(key) for key in comparison.only_computed],
             "without_depth": [_named(key) for key in comparison.only_logged],
+            "note": result.depth_note,
         }
     return {
         "input": str(path),
@@ -160,6 +176,8 @@ def print_report(result: Replay, output: Path | None) -> None:
         print_line(f"warning: {advice.text}")
     if result.comparison is not None:
         _print_check(result.comparison)
+        if result.depth_note:
+            print_line(f"check: {result.depth_note}")
     if output is not None:
         print_line(f"written: {output}")
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.cli import main
 from companion.config.loader import Config
 from companion.config.service import RecordParams
 from companion.live.event_queue import EventQueue
@@ -117,9 +118,10 @@ def test_every_file_of_an_eventful_flight_replays_bit_for_bit(tmp_path: Path, re
     assert whole["CAUSE_ATTITUDE_STALE"] >= 1
 
 
-def recorder_in(folder: Path) -> Recorder:
+def recorder_in(folder: Path, params: RecordParams | None = None) -> Recorder:
     """One that writes into this folder."""
-    return Recorder(folder, run_info("live", Config()), RecordParams())
+    config = Config(record=params or RecordParams())
+    return Recorder(folder, run_info("live", config), config.record)
 
 
 def loop_of(
@@ -181,6 +183,46 @@ def test_frames_passed_over_by_a_busy_pipeline_are_in_the_log_and_passed_over_ag
     assert result.comparison.passed
     assert result.comparison.compared == len(said) == 4
     assert said == [0, 1, 2, 20]
+
+
+def recorded(folder: Path, params: RecordParams) -> Path:
+    """The log of 21 frames in one second, whose estimate of the noise depends on the frames before."""
+    flight = SimulatedFlight("street", width=320, height=240, duration_s=1.0, rates=Rates(depth_hz=20.0))
+    recorder, event_queue, said = recorder_in(folder, params), EventQueue(), list[int]()
+    loop = loop_of(event_queue, recorder, lambda result, prisms: said.append(result.sequence))
+    recorder.open()
+    loop.open()
+    event_queue.put([camera_info(320, 240, ke_per_m=flight.cameras[0].ke_per_m)])
+    for event in flight.events():
+        if isinstance(event, DepthFrame):
+            event_queue.put_frame(event)
+            assert until(lambda frames=event.sequence + 1: len(said) == frames, 30.0)  # type: ignore[misc]
+        else:
+            event_queue.put([event])
+    loop.close()
+    recorder.close()
+    (log,) = folder.iterdir()
+    return log
+
+
+def test_of_a_log_with_fewer_images_those_replay_bit_for_bit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = recorded(tmp_path / "logs", RecordParams(depth_hz=5.0))
+    assert kinds(log)["state"] == 1 + 6
+    assert main(["replay", str(log), "--check"]) == 0
+    said = capsys.readouterr().out
+    assert "check: 6 frames compared bit by bit: equal" in said
+    assert "check: 15 frames not comparable, without depth" in said
+    assert "depth_hz = 5: frames between the recorded images cannot be computed again" in said
+
+
+def test_a_log_without_images_says_that_nothing_can_be_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = recorded(tmp_path / "logs", RecordParams(depth=False))
+    assert main(["replay", str(log), "--check"]) == 1
+    assert "[record] depth = false: no frame can be computed again" in capsys.readouterr().out
 
 
 def test_a_second_camera_that_opens_while_the_kernels_are_loaded_leaves_no_log_without_an_image(tmp_path: Path) -> None:
