@@ -28,6 +28,8 @@ COMMANDS: Final[dict[str, tuple[str, str]]] = {
     "export": ("export.command", "write the results of a log as CSV, NPZ, Parquet or glTF"),
     "info": ("log.info", "show the content of a log: topics, rates, gaps, damage"),
     "recover": ("log.recover", "repair a damaged or unfinished log"),
+    "setup": ("setup.setup", "find cameras and autopilot, and write a configuration"),
+    "configs": ("install.configs", "list the shipped configurations, or copy one"),
     "check-config": ("config.check_config", "check a configuration file"),
     "install": ("install.install", "install the service on this computer (needs root)"),
     "uninstall": ("install.uninstall", "remove the service from this computer (needs root)"),

@@ -23,6 +23,7 @@ class DiagnosticCode(Code):
     CAMERA_FEW_MEASURED = "camera_few_measured", "almost no pixel of the camera holds a measurement"
     CAMERA_RATE_LOW = "camera_rate_low", "the camera's frame rate is below the configured one"
     TEMPLATE_INTRINSICS = "template_intrinsics", "the intrinsics are those of the shipped configuration"
+    INTRINSICS_DIFFER = "intrinsics_differ", "the configured intrinsics differ from those that the camera reports"
     EXPOSURE_TIME_OFFSET = "exposure_time_offset", "the exposure stamps do not fit the attitude"
     # mount and ground
     MOUNT_ERROR = "mount_error", "the mount differs from its configuration; frames are invalid"

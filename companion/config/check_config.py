@@ -13,6 +13,7 @@ from .camera import CameraConfig
 from .differences import Difference, differences
 from .loader import ConfigError, load_config
 from .obstacle_range import obstacle_range_m
+from .template_intrinsics import template_texts
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,9 +33,13 @@ def run(args: argparse.Namespace) -> int:
         fail(str(error))
         return 1
     found = differences(config)
+    refused = [text for _, text in template_texts(config.cameras)]
     if args.json:
-        print_json({"file": str(args.file), "ok": True, "problems": [], "changes": _as_json(found)})
-        return 0
+        print_json({"file": str(args.file), "ok": not refused, "problems": refused, "changes": _as_json(found)})
+    for text in refused:
+        fail(f"{args.file}: {text}")
+    if args.json or refused:
+        return 1 if refused else 0
     print_line(f"{args.file}: usable")
     cameras = ", ".join(f"{c.name} ({c.kind})" for c in config.cameras) or "none (every camera as recorded)"
     print_line(f"  cameras: {cameras}")

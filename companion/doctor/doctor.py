@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -28,6 +28,7 @@ from .autopilot_check import autopilot_findings
 from .camera_check import camera_finding
 from .computer_check import computer_findings
 from .finding import Finding
+from .intrinsics_check import intrinsics_findings
 from .measure_mount import measured_mounts
 from .service_check import running_service
 
@@ -43,6 +44,7 @@ def examine(config: Config, patience_s: float) -> Iterator[Finding]:
         if not config.cameras:
             text = "none is configured: add a [[camera]] to the configuration"
             yield Finding("cameras", False, text, DiagnosticCode.NO_CAMERA_CONFIGURED)
+        yield from intrinsics_findings(config.cameras)
         for camera in config.cameras:
             yield camera_finding(camera, config, patience_s)
         yield from autopilot_findings(config, patience_s)
@@ -133,15 +135,23 @@ def run(args: argparse.Namespace) -> int:
         if args.apply:
             raise ValueError("--mount and --apply exclude each other; use one after the other")
         return _measure_mounts(config, args)
-    findings = []
     writing = applied(config, args.patience, yes=args.yes) if args.apply else iter(())
-    for finding in chain(writing, examine(config, args.patience)):
-        findings.append(finding)
-        if not args.json:
-            print_line(f"{'ok ' if finding.ok else ' ! '} {finding.part}: {finding.text}")
-    ok = all(f.ok for f in findings)
+    found = chain(writing, examine(config, args.patience))
     if args.json:
+        findings = list(found)
+        ok = all(f.ok for f in findings)
         print_json({"ok": ok, "findings": [asdict(f) for f in findings]})
-    elif ok:
-        print_line("no fault found")
+    else:
+        ok = print_findings(found)
     return 0 if ok else 1
+
+
+def print_findings(findings: Iterable[Finding]) -> bool:
+    """Prints each finding as it is made; returns whether there is no fault."""
+    ok = True
+    for finding in findings:
+        print_line(f"{'ok ' if finding.ok else ' ! '} {finding.part}: {finding.text}")
+        ok &= finding.ok
+    if ok:
+        print_line("no fault found")
+    return ok

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import PurePath
 
 from ..config.camera import CameraConfig
 from ..config.loader import Config
+from ..config.template_intrinsics import template_texts
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.pipeline import PrismsResult
 from ..self_check.exposure_offset import warning_text
@@ -22,30 +22,11 @@ LOW_FOR_NS = 3 * NS
 WELL_MEASURED_SHARE = 0.9
 GROUND_FRAMES = 300
 """Number of well measured frames without ground since the start of a camera: 10 s at 30 Hz."""
-TEMPLATE_V4L2_PX = (383.0, 383.0, 320.0, 240.0)
-"""fx, fy, cx, cy of configs/v4l2.toml."""
-TEMPLATE_ZED_CALIBRATION = "SN12345678.conf"
-"""Placeholder in configs/zed.toml."""
 
 
 def template_intrinsics(cameras: Iterable[CameraConfig]) -> list[Diagnostic]:
-    """Cameras whose intrinsics are those of the shipped configuration. An OAK reports its own intrinsics."""
-    found = []
-    for c in cameras:
-        if c.kind == "v4l2" and (c.fx_px, c.fy_px, c.cx_px, c.cy_px) == TEMPLATE_V4L2_PX:
-            what = "fx_px, fy_px, cx_px and cy_px are those of the shipped configs/v4l2.toml"
-            remedy = "read the intrinsics of this camera with the manufacturer's tool and enter them"
-        elif c.kind == "zed" and PurePath(c.calibration).name == TEMPLATE_ZED_CALIBRATION:
-            what = f"calibration names {TEMPLATE_ZED_CALIBRATION}, the placeholder of the shipped configs/zed.toml"
-            remedy = "download the calibration file for this camera's serial number and enter its path"
-        else:
-            continue
-        text = (
-            f"camera {c.name}: {what}; with the intrinsics of another camera, positions and heights of obstacles are "
-            f"wrong: {remedy}"
-        )
-        found.append(Diagnostic(DiagnosticCode.TEMPLATE_INTRINSICS, c.name, text))
-    return found
+    """Cameras whose intrinsics are those of the shipped configuration."""
+    return [Diagnostic(DiagnosticCode.TEMPLATE_INTRINSICS, name, text) for name, text in template_texts(cameras)]
 
 
 def attitude_rate_low(rate_hz: float, wanted_hz: float) -> Diagnostic:

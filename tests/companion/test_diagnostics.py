@@ -11,13 +11,12 @@ from typing import Any, cast
 import pytest
 
 from companion.config.loader import Config, config_of, load_config
+from companion.config.template_intrinsics import TEMPLATE_V4L2_PX, TEMPLATE_ZED_CALIBRATION
 from companion.doctor.autopilot_check import link_findings
 from companion.doctor.doctor import config_findings
 from companion.live.diagnostics import (
     GROUND_FRAMES,
     MIN_ATTITUDE_HZ,
-    TEMPLATE_V4L2_PX,
-    TEMPLATE_ZED_CALIBRATION,
     AttitudeRateCheck,
     GroundCheck,
     template_intrinsics,

@@ -1,0 +1,49 @@
+"""Compares the configured intrinsics of a RealSense with those that the device reports."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterable, Iterator
+
+from drivers.base import DriverError
+from drivers.cameras.realsense_calibration import LIBRARY, read_calibration
+
+from ..config.camera import CameraConfig
+from ..diagnostic import DiagnosticCode
+from .finding import Finding
+
+FOCAL_SHARE = 0.005
+"""Largest relative difference of focal lengths: half a percent of each distance to the side."""
+CENTRE_PX = 2.0
+UNIT_SHARE = 0.001
+
+
+def intrinsics_findings(cameras: Iterable[CameraConfig]) -> Iterator[Finding]:
+    """One finding per RealSense on V4L2; none without its library, which the service does not need."""
+    if importlib.util.find_spec(LIBRARY) is None:
+        return
+    for camera in cameras:
+        if camera.kind == "v4l2" and "realsense" in camera.device.lower():
+            yield _finding(camera)
+
+
+def _finding(camera: CameraConfig) -> Finding:
+    part = f"camera {camera.name}"
+    try:
+        device = read_calibration(camera.width_px, camera.height_px)
+    except DriverError as error:
+        return Finding(part, True, f"its intrinsics cannot be compared: {error}")
+    k = device.intrinsics
+    pairs = (
+        ("fx_px", camera.fx_px, k.fx, FOCAL_SHARE * k.fx), ("fy_px", camera.fy_px, k.fy, FOCAL_SHARE * k.fy),
+        ("cx_px", camera.cx_px, k.cx, CENTRE_PX), ("cy_px", camera.cy_px, k.cy, CENTRE_PX),
+        ("depth_unit_mm", camera.depth_unit_mm, device.depth_unit_mm, UNIT_SHARE * device.depth_unit_mm),
+    )  # fmt: skip
+    wrong = [f"{key} = {value:.4f}" for key, said, value, near in pairs if said is None or abs(said - value) > near]
+    if wrong:
+        text = f"RealSense {device.serial} reports other values than the configuration: set {', '.join(wrong)}"
+        return Finding(part, False, text, DiagnosticCode.INTRINSICS_DIFFER)
+    emitter = {True: "on", False: "off", None: "none"}[device.emitter]
+    return Finding(
+        part, True, f"intrinsics and depth unit are those of RealSense {device.serial}; dot projector: {emitter}"
+    )

@@ -1,0 +1,55 @@
+"""`companion configs`: lists the shipped configurations and copies one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..console import print_json, print_line
+from .steps import packaged_file
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion configs`."""
+    parser = subparsers.add_parser("configs", help="list the shipped configurations, or copy one")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="configuration to copy, such as oak")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the copy (NAME.toml in this directory)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: listed or copied. Raises ValueError for an unknown name or an existing file."""
+    shipped = {f.stem: f for f in sorted(packaged_file("configs", "default.toml").parent.glob("*.toml"))}
+    if args.name is None:
+        if args.json:
+            print_json({"configs": {name: str(path) for name, path in shipped.items()}})
+            return 0
+        for name, path in shipped.items():
+            print_line(f"{name:12s} {_purpose(path)}")
+        print_line(
+            "`companion configs NAME` copies one into this directory; `companion setup` writes one for your devices"
+        )
+        return 0
+    source = shipped.get(args.name.removesuffix(".toml"))
+    if source is None:
+        raise ValueError(f"no configuration {args.name!r}; there are {', '.join(shipped)}")
+    target = args.output or Path(f"{source.stem}.toml")
+    if target.exists():
+        raise ValueError(f"{target} exists; name another file with -o")
+    target.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    if args.json:
+        print_json({"written": str(target)})
+    else:
+        print_line(f"written: {target}; adapt it, then run: companion check-config {target}")
+    return 0
+
+
+def _purpose(path: Path) -> str:
+    """The first sentence of the file's first comment."""
+    text = " ".join(
+        line.lstrip("# ")
+        for line in path.read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
+        if line.startswith("#")
+    )
+    return text.partition(". ")[0].rstrip(".:")

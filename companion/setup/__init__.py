@@ -1,0 +1,1 @@
+"""Writes a configuration for the devices that are connected."""

@@ -1,0 +1,103 @@
+"""The text of a configuration, with comments, from a few answers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.cameras.realsense_calibration import DepthCalibration
+
+SIZES = {
+    "oak": (640, 400, 30.0, 15.0),
+    "zed": (672, 376, 15.0, 12.0),
+    "v4l2": (640, 480, 30.0, 6.0),
+    "simulated": (640, 480, 30.0, 20.0),
+}
+"""Width and height in px, frames per second and range in metres, as in the shipped configurations."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answers:
+    """What a configuration is made of. pitch_deg: upwards; position_m: forward, right, down of the autopilot; width_m,
+    height_m: of the vehicle with rotors; calibration: of a v4l2 camera; calibration_file: of a zed."""
+
+    kind: str
+    device: str = ""
+    pitch_deg: float = 0.0
+    yaw_deg: float = 0.0
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    width_m: float = 1.0
+    height_m: float = 0.5
+    autopilot: str = ""
+    send: bool = False
+    record: str = "always"
+    calibration: DepthCalibration | None = None
+    calibration_file: str = ""
+
+
+def configuration_text(answers: Answers) -> str:
+    """TOML that `companion check-config` accepts, unless the calibration of a v4l2 or zed camera is missing."""
+    a = answers
+    lines = [
+        "# Written by `companion setup`. docs/reference/configuration.md lists every key; check a change with",
+        "# `companion check-config FILE` and `companion doctor -c FILE`. Angles are in degrees.",
+        "",
+        "[extractor]",
+        _line("passable_height_m", round(max(0.2, 2.0 * a.height_m), 2), "least height of an opening that stays open: twice the vehicle"),
+        _line("passable_width_m", round(max(0.2, 2.0 * a.width_m), 2), "least width of an opening that stays open: twice the vehicle"),
+        "",
+        *_camera(a),
+        "",
+        "[autopilot]",
+        _line("address", a.autopilot, "" if a.autopilot else "none was found: serial:/dev/serial/by-id/NAME:BAUD or udpin:HOST:PORT"),
+        "",
+        "[avoid]",
+        _line("send", a.send, "send obstacles to the autopilot; `companion doctor` names the parameters it needs"),
+        _line("radius_m", round(a.width_m / 2.0, 3), "of the vehicle, rotors included"),
+        _line("band_above_m", round(max(0.8, a.height_m / 2.0 + 0.5), 2), "obstacles in this band of heights stop the vehicle"),
+        _line("band_below_m", round(max(0.8, a.height_m / 2.0 + 0.5), 2)),
+        "",
+        "[record]",
+        _line("record", a.record, '"always", "armed" or "off"'),
+        _line("depth_hz", 0.0, "0: every depth image; a lower rate writes less, see docs/reference/commands.md"),
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _camera(a: Answers) -> list[str]:
+    width, height, fps, range_m = SIZES[a.kind]
+    forward, right, down = a.position_m
+    lines = ["[[camera]]", _line("name", "front"), _line("kind", a.kind)]
+    if a.device:
+        lines.append(_line("device", a.device))
+    lines += [_line("width_px", width), _line("height_px", height), _line("fps", fps)]
+    if a.kind == "zed":
+        lines.append(_line("calibration", a.calibration_file, "SN<serial>.conf of this camera, from the maker's site"))
+    if a.kind == "v4l2":
+        lines += _intrinsics(a.calibration)
+    return [
+        *lines,
+        _line("pitch_deg", a.pitch_deg, "mount: upwards is positive; check it with `companion doctor --mount`"),
+        _line("yaw_deg", a.yaw_deg, "mount: to the right is positive"),
+        _line("x_m", forward, "position relative to the autopilot: forward, right, down"),
+        _line("y_m", right),
+        _line("z_m", down),
+        _line("max_range_m", range_m, "farthest depth that is used"),
+    ]
+
+
+def _intrinsics(calibration: DepthCalibration | None) -> list[str]:
+    if calibration is None:
+        remedy = "fx_px, fy_px, cx_px, cy_px and depth_unit_mm: enter those of this camera (docs/how-to/connect-realsense.md)"
+        return [f"# {remedy}"]
+    k = calibration.intrinsics
+    values = {"fx_px": k.fx, "fy_px": k.fy, "cx_px": k.cx, "cy_px": k.cy, "depth_unit_mm": calibration.depth_unit_mm}
+    return [
+        _line(key, round(value, 4), "read from the device" if key == "fx_px" else "") for key, value in values.items()
+    ]
+
+
+def _line(key: str, value: Any, comment: str = "") -> str:
+    text = f"{key} = {json.dumps(value)}"  # numbers, strings and booleans are the same in JSON and TOML
+    return f"{text:<30} # {comment}" if comment else text

@@ -1,0 +1,60 @@
+"""Finds the line on which an autopilot sends heartbeats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.session import MavlinkSession
+from drivers.mavlink.transport import parse_address
+
+from ..autopilot.session_factory import params_of
+from ..config.loader import Config
+from ..doctor.wait import wait_until
+
+BAUDS: Final = (921600, 115200, 57600)
+UDP: Final = ("udpin:0.0.0.0:14540", "udpin:0.0.0.0:14550")
+"""Where PX4 sends to a companion computer, and where autopilots and routers send to a ground station."""
+HEARTBEAT_S: Final = 2.5
+"""Autopilots send a heartbeat each second."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundAutopilot:
+    """address: as in [autopilot]; name: PX4 or another kind, with its system id."""
+
+    address: str
+    name: str
+
+
+def candidates(ports: Sequence[str]) -> Iterator[str]:
+    """Addresses to try: serial ports at the usual speeds (a USB device of an autopilot has none), then UDP."""
+    for port in ports:
+        is_autopilot = "FTDI" not in port and "CP210" not in port and "usb-" in port
+        for baud in BAUDS[:1] if is_autopilot else BAUDS:
+            yield f"serial:{port}:{baud}"
+    yield from UDP
+
+
+def hear(address: str, seconds: float = HEARTBEAT_S) -> FoundAutopilot | None:
+    """The autopilot on an address; None where no heartbeat arrives."""
+    session = MavlinkSession(params_of(Config()))
+    link = MavlinkLink(parse_address(address), session, lambda samples: None)
+    link.open()
+    try:
+        wait_until(lambda: session.vehicle is not None, seconds)
+        vehicle = session.vehicle
+    finally:
+        link.close()
+    return None if vehicle is None else FoundAutopilot(address, f"{vehicle.autopilot}, system {vehicle.system_id}")
+
+
+def find_autopilot(addresses: Sequence[str], say: Callable[[str], None]) -> FoundAutopilot | None:
+    """The first address with an autopilot."""
+    for address in addresses:
+        say(f"listening on {address} ...")
+        if (found := hear(address)) is not None:
+            return found
+    return None

@@ -1,0 +1,173 @@
+"""`companion setup`: finds the devices, asks what it cannot find, writes a configuration and runs the doctor."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from drivers.base import DriverError
+from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
+from drivers.mavlink.transport import parse_address
+
+from ..config.loader import ConfigError, load_config
+from ..console import print_line, warn
+from ..doctor.doctor import examine, print_findings
+from .configuration import SIZES, Answers, configuration_text
+from .devices import FoundCamera, find_cameras, find_serial_ports
+from .listen import candidates, find_autopilot
+
+OUTPUT = Path("companion.toml")
+PATIENCE_S = 25.0
+
+
+def add_parser(subparsers: Any) -> None:
+    """The command line of `companion setup`."""
+    parser = subparsers.add_parser("setup", help="find the devices and write a configuration")
+    parser.add_argument("-o", "--output", type=Path, default=OUTPUT, metavar="FILE", help=f"configuration ({OUTPUT})")
+    parser.add_argument("--replace", action="store_true", help="replace an existing file")
+    parser.add_argument(
+        "--yes", action="store_true", help="ask nothing: take the flags, the found devices and defaults"
+    )
+    parser.add_argument("--camera", metavar="KIND[:DEVICE]", help=f"one of {', '.join(SIZES)}, with its device")
+    parser.add_argument("--autopilot", metavar="ADDRESS", help="as in [autopilot]; `none`: no autopilot")
+    parser.add_argument("--pitch", type=float, metavar="DEG", help="camera mount, upwards is positive (0)")
+    parser.add_argument("--yaw", type=float, metavar="DEG", help="camera mount, to the right is positive (0)")
+    parser.add_argument(
+        "--position", type=float, nargs=3, metavar=("X", "Y", "Z"), help="of the camera from the autopilot, in metres: forward, right, down"
+    )  # fmt: skip
+    parser.add_argument("--width", type=float, metavar="M", help="width of the vehicle with rotors (1.0)")
+    parser.add_argument("--height", type=float, metavar="M", help="height of the vehicle (0.5)")
+    parser.add_argument("--calibration", metavar="FILE", default="", help="of a ZED: its SN<serial>.conf")
+    parser.add_argument("--send", action="store_true", help="send obstacles to the autopilot")
+    parser.add_argument(
+        "--record", choices=("always", "armed", "off"), default="always", help="when to record (always)"
+    )
+    parser.add_argument("--no-doctor", action="store_true", help="do not run the doctor at the end")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0: written, and the doctor found no fault; 1: written, with a fault. Raises ValueError for answers that cannot be
+    used, DriverError and OSError."""
+    if args.output.exists() and not args.replace:
+        raise ValueError(f"{args.output} exists; add --replace, or name another file with -o")
+    ask = Questions(silent=args.yes or not sys.stdin.isatty())
+    answers = collect(args, ask)
+    args.output.write_text(configuration_text(answers), encoding="utf-8")
+    print_line(f"written: {args.output}")
+    try:
+        config = load_config(args.output)
+    except ConfigError as error:
+        print_line(f"it is not complete yet: {'; '.join(error.problems)}")
+        print_line(f"edit {args.output}, then run: companion doctor -c {args.output}")
+        return 1
+    ok = True if args.no_doctor else print_findings(examine(config, PATIENCE_S))
+    print_line(f"next: companion run -c {args.output}, or install the service: sudo companion install -c {args.output}")
+    return 0 if ok else 1
+
+
+class Questions:
+    """Asks on the terminal; where it is silent, every answer is the default."""
+
+    def __init__(self, *, silent: bool) -> None:
+        self._silent = silent
+
+    def text(self, question: str, default: str) -> str:
+        """A line of text; an empty one is the default."""
+        if self._silent:
+            return default
+        sys.stdout.write(f"{question} [{default}]: ")
+        sys.stdout.flush()
+        return sys.stdin.readline().strip() or default
+
+    def number(self, question: str, default: float) -> float:
+        """A number; asks again for anything else."""
+        while True:
+            text = self.text(question, f"{default:g}")
+            try:
+                return float(text)
+            except ValueError:
+                warn(f"{text!r} is not a number")
+
+    def unless_given(self, value: float | None, question: str, default: float) -> float:
+        """The value of a flag, else the answer."""
+        return self.number(question, default) if value is None else value
+
+
+def collect(args: argparse.Namespace, ask: Questions) -> Answers:
+    """The answers from flags, devices and questions."""
+    camera = _camera(args.camera, ask)
+    pitch = ask.unless_given(args.pitch, "camera mount, pitch in degrees (a camera that looks down is negative)", 0.0)
+    yaw = ask.unless_given(args.yaw, "camera mount, yaw in degrees (to the right is positive)", 0.0)
+    x, y, z = args.position or (
+        ask.number(f"position of the camera from the autopilot in metres: {axis}", 0.0) for axis in ("forward", "right", "down")
+    )  # fmt: skip
+    width = ask.unless_given(args.width, "width of the vehicle with rotors, in metres", 1.0)
+    height = ask.unless_given(args.height, "height of the vehicle, in metres", 0.5)
+    if not (0.0 < width <= 10.0 and 0.0 < height <= 5.0):
+        raise ValueError(f"a vehicle of {width:g} x {height:g} m: expected a width up to 10 m and a height up to 5 m")
+    return Answers(
+        kind=camera.kind, device=camera.device, pitch_deg=pitch, yaw_deg=yaw, position_m=(x, y, z), width_m=width,
+        height_m=height, autopilot=_autopilot(args.autopilot, ask), send=args.send, record=args.record,
+        calibration=_calibration(camera), calibration_file=args.calibration,
+    )  # fmt: skip
+
+
+def _camera(given: str | None, ask: Questions) -> FoundCamera:
+    """The camera of the flag, else one of those found. Raises ValueError for an unknown kind, or where none is found."""
+    if given:
+        kind, _, device = given.partition(":")
+        if kind not in SIZES:
+            raise ValueError(f"--camera {given}: expected one of {', '.join(SIZES)}, such as v4l2:/dev/v4l/by-id/NAME")
+        return FoundCamera(kind, device, kind)
+    found = find_cameras()
+    for k, camera in enumerate(found):
+        print_line(f"camera {k + 1}: {camera.name} {camera.device}".rstrip())
+    if not found:
+        raise ValueError(
+            "no camera was found on USB: check cable and power (`lsusb`), or name one with --camera KIND:DEVICE; "
+            "--camera simulated needs no hardware"
+        )
+    number = int(ask.number("which camera", 1.0)) if len(found) > 1 else 1
+    if not 1 <= number <= len(found):
+        raise ValueError(f"camera {number}: expected 1..{len(found)}")
+    return found[number - 1]
+
+
+def _autopilot(given: str | None, ask: Questions) -> str:
+    """The address of the flag, else the first with a heartbeat. Raises ValueError for one that cannot be used."""
+    if given == "none":
+        return ""
+    if given:
+        parse_address(given)
+        return given
+    ports = find_serial_ports()
+    print_line(f"serial ports: {', '.join(ports) or 'none'}")
+    say: Callable[[str], None] = print_line
+    if (found := find_autopilot(tuple(candidates(ports)), say)) is not None:
+        print_line(f"autopilot: {found.name} on {found.address}")
+        return found.address
+    warn("no heartbeat of an autopilot: check cable, power and the baud rate of its port")
+    address = ask.text("address of the autopilot (empty: none)", "")
+    if address:
+        parse_address(address)
+    return address
+
+
+def _calibration(camera: FoundCamera) -> DepthCalibration | None:
+    """Of a RealSense, where it can be read."""
+    if camera.kind != "v4l2":
+        return None
+    width_px, height_px, *_ = SIZES["v4l2"]
+    try:
+        calibration = read_calibration(width_px, height_px, camera.serial)
+    except DriverError as error:
+        warn(str(error))
+        return None
+    emitter = {True: "on", False: "off", None: "none"}[calibration.emitter]
+    print_line(
+        f"intrinsics read from RealSense {calibration.serial}; depth unit {calibration.depth_unit_mm:g} mm; emitter {emitter}"
+    )
+    return calibration

@@ -1,0 +1,268 @@
+"""`companion setup` and `companion configs`: from connected devices to a configuration."""
+
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import companion.setup.setup as setup
+from companion.cli import main
+from companion.config.camera import CameraConfig
+from companion.config.loader import load_config
+from companion.diagnostic import DiagnosticCode
+from companion.doctor import intrinsics_check
+from companion.setup.configuration import SIZES, Answers, configuration_text
+from companion.setup.devices import FoundCamera, find_cameras, find_serial_ports
+from companion.setup.listen import candidates
+from core.types import Intrinsics
+from drivers.base import DeviceNotFound
+from drivers.cameras.realsense_calibration import DepthCalibration, read_calibration
+
+CALIBRATION = DepthCalibration(Intrinsics(640, 480, 391.2, 391.3, 322.1, 238.7), 1.0, True, "123")
+D435 = "usb-Intel_R__RealSense_TM__Depth_Camera_435-video-index0"
+
+
+def usb(folder: Path, *devices: tuple[str, str, str]) -> Path:
+    """A tree as below /sys/bus/usb/devices: vendor, product and serial number of each."""
+    for k, (vendor, product, serial) in enumerate(devices):
+        place = folder / "usb" / f"1-{k}"
+        place.mkdir(parents=True)
+        for name, text in (("idVendor", vendor), ("product", product), ("serial", serial)):
+            (place / name).write_text(text + "\n")
+    return folder / "usb"
+
+
+def video(folder: Path, *names: str) -> Path:
+    (folder / "video").mkdir()
+    for name in names:
+        (folder / "video" / name).write_text("")
+    return folder / "video"
+
+
+def test_cameras_are_found_by_their_makers(tmp_path: Path) -> None:
+    devices = usb(
+        tmp_path, ("03e7", "Movidius MyriadX", "1944"), ("2b03", "ZED 2i", "77"),
+        ("8086", "Intel(R) RealSense(TM) Depth Camera 435", "88"), ("8086", "a hub", "1"), ("1d6b", "xHCI", "0"),
+    )  # fmt: skip
+    nodes = video(tmp_path, "usb-STEREOLABS_ZED_2i_OV0001-video-index0", D435, D435.replace("index0", "index1"))
+    assert [(c.kind, c.device) for c in find_cameras(devices, nodes)] == [
+        ("oak", ""),
+        ("zed", str(nodes / "usb-STEREOLABS_ZED_2i_OV0001-video-index0")),
+        ("v4l2", str(nodes / D435)),
+    ]
+
+
+def test_several_oaks_have_their_ids(tmp_path: Path) -> None:
+    devices = usb(tmp_path, ("03e7", "Movidius", "A"), ("03e7", "Movidius", "B"))
+    assert [c.device for c in find_cameras(devices, tmp_path)] == ["A", "B"]
+
+
+def test_no_devices_at_all(tmp_path: Path) -> None:
+    assert find_cameras(tmp_path / "none", tmp_path / "none") == []
+    assert find_serial_ports(tmp_path / "none", tmp_path) == []
+
+
+def test_serial_ports_by_id_come_first(tmp_path: Path) -> None:
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    (by_id / "usb-FTDI_1").write_text("")
+    (tmp_path / "ttyAMA0").write_text("")
+    assert find_serial_ports(by_id, tmp_path) == [str(by_id / "usb-FTDI_1"), str(tmp_path / "ttyAMA0")]
+
+
+def test_an_adapter_is_tried_at_several_speeds_and_an_autopilot_at_one() -> None:
+    tried = list(candidates(["/dev/serial/by-id/usb-FTDI_1", "/dev/serial/by-id/usb-Holybro_2"]))
+    assert len([a for a in tried if "FTDI" in a]) == 3
+    assert len([a for a in tried if "Holybro" in a]) == 1
+    assert tried[-1].startswith("udpin:")
+
+
+@pytest.mark.parametrize("kind", list(SIZES))
+def test_the_written_configuration_is_usable(kind: str, tmp_path: Path) -> None:
+    answers = Answers(
+        kind=kind, device="/dev/v4l/by-id/x" if kind in ("zed", "v4l2") else "", pitch_deg=-12.5, position_m=(0.1, 0.0, -0.05),
+        width_m=0.6, height_m=0.3, autopilot="serial:/dev/ttyAMA0:921600", send=True, calibration=CALIBRATION,
+        calibration_file="/etc/osape-companion/SN1.conf",
+    )  # fmt: skip
+    (tmp_path / "a.toml").write_text(configuration_text(answers))
+    config = load_config(tmp_path / "a.toml")
+    (camera,) = config.cameras
+    assert (camera.kind, camera.pitch_deg, camera.x_m, camera.z_m) == (kind, -12.5, 0.1, -0.05)
+    assert (config.avoid.radius_m, config.avoid.send) == (0.3, True)
+    assert (config.extractor.passable_width_m, config.extractor.passable_height_m) == (1.2, 0.6)
+    if kind == "v4l2":
+        assert (camera.fx_px, camera.cy_px) == (391.2, 238.7)
+    assert main(["check-config", str(tmp_path / "a.toml")]) == 0
+
+
+def test_without_intrinsics_the_file_names_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    out = tmp_path / "c.toml"
+    assert (
+        main(["setup", "--yes", "--camera", f"v4l2:/dev/v4l/by-id/{D435}", "--autopilot", "none", "-o", str(out)]) == 1
+    )
+    said = capsys.readouterr()
+    assert "pip install 'pyrealsense2>=2.54'" in said.err
+    assert "not complete yet" in said.out
+    assert "fx_px" in out.read_text()
+
+
+def test_flags_alone_are_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "c.toml"
+    words = ["setup", "--yes", "--camera", "oak", "--autopilot", "udpin:0.0.0.0:14540", "--pitch", "-20", "--no-doctor"]
+    assert main([*words, "--width", "0.8", "--height", "0.4", "--position", "0.1", "0", "0", "-o", str(out)]) == 0
+    assert load_config(out).autopilot.address == "udpin:0.0.0.0:14540"
+    assert main([*words, "-o", str(out)]) == 1
+    assert "--replace" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "cause"),
+    [
+        (["--camera", "kinect"], "expected one of oak"),
+        (["--camera", "oak", "--autopilot", "com3"], "autopilot address"),
+        (["--camera", "oak", "--autopilot", "none", "--width", "0"], "a vehicle of 0 x 0.5 m"),
+    ],
+)
+def test_wrong_flags_write_nothing(
+    words: list[str], cause: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["setup", "--yes", "--no-doctor", "-o", str(tmp_path / "c.toml"), *words]) == 1
+    assert cause in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_questions_are_asked_where_flags_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = iter(["2", "down", "-15", "", "0.2", "0", "0", "0.9", "0.4"])
+    monkeypatch.setattr(setup, "find_cameras", lambda: [FoundCamera("oak", "A", "OAK"), FoundCamera("oak", "B", "OAK")])
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: next(lines) + "\n"))
+    out = tmp_path / "c.toml"
+    assert main(["setup", "--autopilot", "none", "--no-doctor", "-o", str(out)]) == 0
+    config = load_config(out)
+    assert (config.cameras[0].device, config.cameras[0].pitch_deg, config.cameras[0].x_m) == ("B", -15.0, 0.2)
+    assert config.avoid.radius_m == 0.45
+    assert "'down' is not a number" in capsys.readouterr().err
+
+
+def test_configs_are_listed_and_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["configs"]) == 0
+    listed = capsys.readouterr().out
+    for name in ("oak", "zed", "v4l2", "simulated", "indoor"):
+        assert f"\n{name} " in f"\n{listed}"
+    assert main(["configs", "simulated"]) == 0
+    assert load_config(tmp_path / "simulated.toml").cameras[0].kind == "simulated"
+    assert main(["configs", "simulated"]) == 1
+    assert main(["configs", "moon"]) == 1
+    assert "no configuration 'moon'; there are default" in capsys.readouterr().err
+
+
+# ---- intrinsics of a RealSense ----------------------------------------------------------------------------------------
+
+
+class Profile:
+    """A stream of the fake device, as pyrealsense2 describes it."""
+
+    def __init__(self, size: tuple[int, int], kind: str = "depth") -> None:
+        self._size, self._kind = size, kind
+
+    def stream_type(self) -> str:
+        return self._kind
+
+    def format(self) -> str:
+        return "z16"
+
+    def as_video_stream_profile(self) -> Profile:
+        return self
+
+    def width(self) -> int:
+        return self._size[0]
+
+    def height(self) -> int:
+        return self._size[1]
+
+    def get_intrinsics(self) -> Any:
+        return SimpleNamespace(width=self._size[0], height=self._size[1], fx=391.2, fy=391.3, ppx=322.1, ppy=238.7)
+
+
+def library(*serials: str) -> types.ModuleType:
+    """A pyrealsense2 with these devices, each with two depth streams."""
+    sensor = SimpleNamespace(
+        get_stream_profiles=lambda: [Profile((640, 480), "color"), Profile((848, 480)), Profile((640, 480))],
+        get_depth_scale=lambda: 0.001, supports=lambda option: True, get_option=lambda option: 1.0,
+    )  # fmt: skip
+    devices = [SimpleNamespace(get_info=lambda _, s=s: s, first_depth_sensor=lambda: sensor) for s in serials]
+    module = types.ModuleType("pyrealsense2")
+    module.__spec__ = SimpleNamespace(name="pyrealsense2")  # type: ignore[assignment]
+    for name, value in {
+        "context": lambda: SimpleNamespace(query_devices=lambda: devices),
+        "camera_info": SimpleNamespace(serial_number="serial_number"), "stream": SimpleNamespace(depth="depth"),
+        "format": SimpleNamespace(z16="z16"), "option": SimpleNamespace(emitter_enabled="emitter_enabled"),
+    }.items():  # fmt: skip
+        setattr(module, name, value)
+    return module
+
+
+@pytest.fixture
+def one_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyrealsense2", library("123"))
+
+
+@pytest.mark.usefixtures("one_device")
+def test_intrinsics_unit_and_emitter_are_read() -> None:
+    assert read_calibration(640, 480) == CALIBRATION
+    with pytest.raises(DeviceNotFound, match="it offers 640x480, 848x480"):
+        read_calibration(1280, 720)
+    with pytest.raises(DeviceNotFound, match="connected: 123"):
+        read_calibration(640, 480, serial="999")
+
+
+def test_of_several_devices_none_is_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyrealsense2", library("1", "2"))
+    with pytest.raises(DeviceNotFound, match="2 match"):
+        read_calibration(640, 480)
+    assert read_calibration(640, 480, serial="2").serial == "2"
+
+
+def camera(fx_px: float, unit_mm: float = 1.0) -> CameraConfig:
+    return CameraConfig(
+        name="front", kind="v4l2", device=f"/dev/v4l/by-id/{D435}", fx_px=fx_px, fy_px=391.3, cx_px=322.1, cy_px=238.7,
+        depth_unit_mm=unit_mm,
+    )  # fmt: skip
+
+
+@pytest.mark.usefixtures("one_device")
+@pytest.mark.parametrize(
+    ("configured", "wrong"),
+    [(camera(391.0), ""), (camera(383.0), "fx_px = 391.2"), (camera(391.2, 0.1), "depth_unit_mm = 1.0")],
+)
+def test_the_doctor_compares_with_the_device(configured: CameraConfig, wrong: str) -> None:
+    (finding,) = intrinsics_check.intrinsics_findings([configured, CameraConfig(name="right", kind="oak")])
+    assert finding.ok == (not wrong)
+    assert wrong in finding.text
+    assert finding.code == (DiagnosticCode.INTRINSICS_DIFFER if wrong else "")
+
+
+def test_without_the_library_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(intrinsics_check.importlib.util, "find_spec", lambda name: None)
+    assert list(intrinsics_check.intrinsics_findings([camera(383.0)])) == []
+
+
+@pytest.mark.parametrize("name", ["v4l2", "zed"])
+def test_the_template_s_intrinsics_are_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = Path(__file__).resolve().parents[2] / "configs" / f"{name}.toml"
+    assert main(["check-config", str(shipped)]) == 1
+    said = capsys.readouterr()
+    assert "usable" not in said.out
+    assert f"configs/{name}.toml" in said.err
