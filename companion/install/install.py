@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import stat
 import subprocess
 import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..config.loader import load_config
+from ..config.loader import ConfigError, load_config
 from ..console import print_json, print_line, warn
 from ..kernels.jit_cache import SHARED
 from ..paths import NAME
+from .interpreter import check_reachable
 from .steps import (
     UNIT,
     InstallError,
@@ -28,8 +28,6 @@ from .steps import (
     packaged_file,
 )
 
-HIDDEN = (Path("/home"), Path("/root"), Path("/run/user"))
-"""Hidden from the service by the unit's ProtectHome."""
 WARMUP_TIMEOUT_S = 3600.0
 
 
@@ -49,18 +47,39 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0: installed, or the steps printed. Raises InstallError, ConfigError and OSError."""
+    """0: installed, or the steps printed; 1: printed, and something is missing. Raises InstallError, ConfigError and OSError."""
     paths = install_paths(args.root)
-    check_reachable(interpreter_paths())
-    steps = install_steps(paths, args.config, args.replace_config, not args.no_start)
+    steps = reachable_steps(args.dry_run)
+    steps += install_steps(paths, args.config, args.replace_config, not args.no_start, dry_run=args.dry_run)
     carry_out(steps, paths, args.dry_run, args.json)
+    if any(step.missing for step in steps):
+        return 1
     if not args.json and not args.dry_run and paths.live:
         print_line(f"the service starts at boot; check it with `companion status` and `journalctl -u {NAME}`")
     return 0
 
 
-def install_steps(paths: InstallPaths, config: Path | None, replace_config: bool, start: bool) -> list[Step]:
-    """All steps, in order. Raises InstallError where something is missing, ConfigError for an invalid configuration."""
+def reachable_steps(dry_run: bool) -> list[Step]:
+    """No step; in a dry run one that names what the service's user could not read. Raises InstallError otherwise."""
+    try:
+        check_reachable(interpreter_paths())
+    except InstallError as error:
+        if not dry_run:
+            raise
+        return [_missing(str(error))]
+    return []
+
+
+def _missing(cause: str) -> Step:
+    """A step of a dry run that the user has to do first."""
+    return Step(cause, False, lambda: None, missing=True)
+
+
+def install_steps(
+    paths: InstallPaths, config: Path | None, replace_config: bool, start: bool, *, dry_run: bool = False
+) -> list[Step]:
+    """All steps, in order. Raises InstallError where something is missing, ConfigError for an invalid configuration; in a
+    dry run the configuration's error is a step."""
     command = str(Path(sysconfig.get_path("scripts")) / "companion")
     if not re.fullmatch(r"[A-Za-z0-9/._+-]+", command):
         raise InstallError(
@@ -74,7 +93,7 @@ def install_steps(paths: InstallPaths, config: Path | None, replace_config: bool
             paths.sysusers, packaged_file("systemd", f"{NAME}.sysusers").read_text(), "user and groups of the service"
         ),
         user_step(paths),
-        config_step(paths, config, replace_config),
+        _config_step(paths, config, replace_config, dry_run),
         file_step(paths.rules, packaged_file("systemd", f"60-{NAME}.rules").read_text(), "device permissions"),
         file_step(paths.unit, unit, "the service"),
     ]
@@ -102,12 +121,23 @@ def user_step(paths: InstallPaths) -> Step:
     return command_step(command, f"the user {NAME}", paths.has_user())
 
 
+def _config_step(paths: InstallPaths, config: Path | None, replace: bool, dry_run: bool) -> Step:
+    try:
+        return config_step(paths, config, replace)
+    except (InstallError, ConfigError) as error:
+        if not dry_run:
+            raise
+        return _missing(str(error))
+
+
 def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step:
     """Copies the configuration; an existing one is kept unless it is to be replaced."""
     target = paths.config
     if config is None:
         if not target.exists():
-            raise InstallError(f"{target} does not exist: give a configuration, such as -c configs/oak.toml")
+            raise InstallError(
+                f"{target} does not exist: give a configuration with -c: `companion setup` writes one for your devices"
+            )
         load_config(target)
         return Step(f"keep {target}", True, lambda: None)
     folder = load_config(config).record.folder
@@ -124,25 +154,6 @@ def config_step(paths: InstallPaths, config: Path | None, replace: bool) -> Step
     return step
 
 
-def check_reachable(paths: Sequence[Path]) -> None:
-    """Raises InstallError where the service's user could not read this software."""
-    remedy = (
-        "create the environment elsewhere: python3 -m venv /opt/osape-companion, then in the checkout "
-        "/opt/osape-companion/bin/pip install --require-hashes --only-binary :all: -r requirements.lock && "
-        "/opt/osape-companion/bin/pip install --no-deps --no-build-isolation ./clients/python . && "
-        "/opt/osape-companion/bin/companion install"
-    )
-    for place in paths:
-        hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
-        if hidden is not None:
-            raise InstallError(f"{place} is below {hidden}, which the service cannot read; {remedy}")
-        if not place.exists():
-            raise InstallError(f"{place} does not exist; {remedy}")
-        for parent in (place, *place.parents):
-            if parent.is_dir() and not parent.stat().st_mode & stat.S_IXOTH:
-                raise InstallError(f"{parent} cannot be read by the service's user; {remedy}")
-
-
 def check_permissions(paths: InstallPaths) -> None:
     """Raises InstallError without root, or where systemd does not run."""
     if paths.live and os.geteuid() != 0:
@@ -154,10 +165,10 @@ def check_permissions(paths: InstallPaths) -> None:
 def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json: bool) -> None:
     """Prints the steps, then runs them. Raises InstallError and OSError; finished steps are not undone."""
     if as_json:
-        listed = [{"step": s.words, "already": s.done} for s in steps]
+        listed = [{"step": s.words, "already": s.done, "missing": s.missing} for s in steps]
     else:
         for step in steps:
-            print_line(f"{'already' if step.done else 'would' if dry_run else 'will'}: {step.words}")
+            print_line(f"{_prefix(step, dry_run)}: {step.words}")
     if not dry_run:
         check_permissions(paths)
         for step in steps:
@@ -167,6 +178,12 @@ def carry_out(steps: Sequence[Step], paths: InstallPaths, dry_run: bool, as_json
                     print_line(f"done: {step.words}")
     if as_json:
         print_json({"dry_run": dry_run, "steps": listed})
+
+
+def _prefix(step: Step, dry_run: bool) -> str:
+    if step.missing:
+        return "missing"
+    return "already" if step.done else "would" if dry_run else "will"
 
 
 def _compile_kernels() -> None:

@@ -23,11 +23,13 @@ class InstallError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """text: description; done: nothing to do; act: runs the step, raises InstallError or OSError."""
+    """words: description; done: nothing to do; act: runs the step, raises InstallError or OSError; missing: only in a dry
+    run, what the user has to do first."""
 
     words: str
     done: bool
     act: Callable[[], None]
+    missing: bool = False
 
 
 @dataclass(frozen=True, slots=True)

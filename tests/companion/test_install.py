@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import companion.install.install as install
+import companion.install.interpreter as interpreters
 from companion.cli import main
 from companion.install.steps import InstallError, InstallPaths, folder_size_mb, packaged_file, run_command
 
@@ -116,7 +117,7 @@ def test_refused_without_a_configuration_or_with_mistakes_in_it(
     image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["install", "--root", str(image)]) == 1
-    assert "give a configuration, such as -c" in capsys.readouterr().err
+    assert "give a configuration with -c" in capsys.readouterr().err
     wrong = tmp_path / "wrong.toml"
     wrong.write_text("[service]\ntimeout = 1.0\n")
     assert main(["install", "--root", str(image), "-c", str(wrong)]) == 1
@@ -216,3 +217,59 @@ def test_each_rule_is_one_that_udev_can_read() -> None:
             assert RULE.match(part), part
     devices = [line for line in said if 'GROUP="osape-companion"' in line]
     assert {v for line in devices for v in re.findall(r'idVendor\}=="(\w+)"', line)} == {"03e7", "2b03"}
+
+
+def test_a_dry_run_shows_the_whole_plan_and_what_is_missing(
+    image: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(paths: object) -> None:
+        raise install.InstallError("/home/me/venv is below /home")
+
+    monkeypatch.setattr(install, "check_reachable", refuse)
+    assert main(["install", "--root", str(image), "--dry-run"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith("missing:")] == [
+        "missing: /home/me/venv is below /home",
+        f"missing: {image}/etc/osape-companion/config.toml does not exist: give a configuration with -c: `companion setup` "
+        "writes one for your devices",
+    ]
+    assert any(line.startswith("would: write") and "osape-companion.service" in line for line in lines)
+    assert main(["install", "--root", str(image)]) == 1
+    assert "below /home" in capsys.readouterr().err
+
+
+def interpreter(folder: Path, name: str, status: int = 0) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(f"#!/bin/sh\nexit {status}\n")
+    (folder / name).chmod(0o755)
+    return folder / name
+
+
+def test_the_named_interpreter_is_none_of_a_home_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An environment made with one of those links to it, and the next installation would be refused again."""
+    own, good = tmp_path / "home" / "pyenv", tmp_path / "usr"
+    monkeypatch.setattr(interpreters, "HIDDEN", (tmp_path / "home",))
+    interpreter(own, "python3.13")
+    interpreter(good, "python3.12", status=1)  # has no venv
+    interpreter(good, "python3")
+    links = tmp_path / "links"
+    links.mkdir()
+    (links / "python3.11").symlink_to(own / "python3.13")
+    assert interpreters.system_python(f"{own}:{links}:{good}") == str(good / "python3")
+    assert interpreters.system_python(f"{own}:{links}") is None
+    monkeypatch.setattr(interpreters, "PLACES", str(tmp_path / "none"))
+    monkeypatch.setattr(interpreters, "system_python", lambda: None)
+    assert "apt install python3 python3-venv" in interpreters.remedy()
+
+
+@pytest.mark.parametrize("from_checkout", [True, False])
+def test_the_remedy_names_files_that_exist(
+    from_checkout: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(interpreters, "system_python", lambda: "/usr/bin/python3")
+    if not from_checkout:
+        monkeypatch.setattr(interpreters, "ROOT", tmp_path)
+    text = interpreters.remedy()
+    assert "sudo /usr/bin/python3 -m venv /opt/osape-companion" in text
+    assert ("requirements.lock" in text) == from_checkout
+    assert (".whl" in text) != from_checkout

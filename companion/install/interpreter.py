@@ -1,0 +1,68 @@
+"""Where the service's user can read this software, and how to install it there."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from .steps import InstallError
+
+HIDDEN: Final = (Path("/home"), Path("/root"), Path("/run/user"))
+"""Hidden from the service by the unit's ProtectHome."""
+NAMES: Final = ("python3.13", "python3.12", "python3.11", "python3")
+PLACES: Final = "/usr/local/bin:/usr/bin:/bin"
+USABLE: Final = "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))"
+ROOT: Final = Path(__file__).resolve().parents[2]
+HOME: Final = "/opt/osape-companion"
+
+
+def check_reachable(paths: Sequence[Path]) -> None:
+    """Raises InstallError where the service's user could not read this software."""
+    for place in paths:
+        hidden = next((h for h in HIDDEN if place.is_relative_to(h)), None)
+        if hidden is not None:
+            raise InstallError(f"{place} is below {hidden}, which the service cannot read; {remedy()}")
+        if not place.exists():
+            raise InstallError(f"{place} does not exist; {remedy()}")
+        for parent in (place, *place.parents):
+            if parent.is_dir() and not parent.stat().st_mode & stat.S_IXOTH:
+                raise InstallError(f"{parent} cannot be read by the service's user; {remedy()}")
+
+
+def system_python(places: str = PLACES) -> str | None:
+    """A Python >= 3.11 that can make environments and is not below a home directory, neither itself nor what it is a link
+    to: an environment made with one of those leads back there. None where there is no such."""
+    for name in NAMES:
+        found = shutil.which(name, path=places)
+        if found is None or any(Path(found).resolve().is_relative_to(hidden) for hidden in HIDDEN):
+            continue
+        if subprocess.run([found, "-c", USABLE], capture_output=True, check=False, timeout=30.0).returncode == 0:
+            return found
+    return None
+
+
+def remedy() -> str:
+    """The commands that install this software where the service can read it."""
+    python = system_python()
+    first = (
+        "" if python is not None
+        else "no Python 3.11 or newer with venv was found outside of home directories: install one first (Debian, Ubuntu: sudo "
+        "apt install python3 python3-venv); then "
+    )  # fmt: skip
+    return f"{first}create the environment elsewhere: {' && '.join(_commands(python or '/usr/bin/python3'))}"
+
+
+def _commands(python: str) -> list[str]:
+    pip = f"sudo {HOME}/bin/pip install"
+    if (ROOT / "requirements.lock").is_file():
+        install = [
+            f"{pip} --require-hashes --only-binary :all: -r {ROOT}/requirements.lock",
+            f"{pip} --no-deps --no-build-isolation {ROOT}/clients/python {ROOT}",
+        ]
+    else:
+        install = [f"{pip} osape_client-*.whl osape_companion-*.whl (the files that this was installed from)"]
+    return [f"sudo {python} -m venv {HOME}", *install, f"sudo {HOME}/bin/companion install"]
