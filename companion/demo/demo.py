@@ -12,8 +12,8 @@ from typing import Any
 
 from drivers.simulation.camera import SimulatedDepthSource
 
-from ..cameras.factory import make_source
 from ..argument_types import number_in
+from ..cameras.factory import make_source
 from ..config.camera import CameraConfig
 from ..config.loader import Config, load_config
 from ..config.service import AutopilotConfig, RecordParams

@@ -93,7 +93,8 @@ def _write_gltf(out: Path, chosen: _Chosen, infos: dict[str, Any]) -> Path:
 
 def _write_tables(out: Path, kind: str, tables: dict[str, Table]) -> list[Path]:
     if kind == "npz":
-        np.savez_compressed(out, **{f"{t}.{c}": values for t, table in tables.items() for c, values in table.items()})
+        arrays: dict[str, Any] = {f"{t}.{c}": values for t, table in tables.items() for c, values in table.items()}
+        np.savez_compressed(out, **arrays)
         return [out]
     write = _csv if kind == "csv" else _parquet_writer()
     out.mkdir(parents=True, exist_ok=True)
