@@ -44,15 +44,14 @@ NO_CLOCK = ClockEstimate(ClockSource.NONE)
 
 @dataclass(slots=True)
 class LoopRecord:
-    """What happened. stops: (instant, speed) of each stop command's first attempt; limits: number of speed commands; texts of
-    STATUSTEXT. shown_ns: exposure of the first frame whose obstacles do not leave the braking distance; stop_ns: instant of the
-    first stop command after it."""
+    """What happened. stops: (instant, speed) of the first attempt of each stop; limits: number of speed commands; texts: of STATUSTEXT.
+    reactions_s: for each stop before an obstacle, time from the exposure of the first of the frames, one after the other, in which an
+    obstacle did not leave the braking distance."""
 
     stops: list[tuple[int, float]] = field(default_factory=list)
     limits: int = 0
     texts: list[str] = field(default_factory=list)
-    shown_ns: int | None = None
-    stop_ns: int | None = None
+    reactions_s: list[float] = field(default_factory=list)
 
 
 class GuardLoop:
@@ -84,7 +83,7 @@ class GuardLoop:
         self._heartbeat = (flight.mode, self.now_ns)
         self._frame = 0
         self._next_frame_ns = self._next_decide_ns = self._next_heartbeat_ns = self.now_ns
-        self._stop_mode_asked = False
+        self._shown_ns: int | None = None
 
     # ---- what the guard is given -------------------------------------------------------------------------------------
 
@@ -110,8 +109,10 @@ class GuardLoop:
     def _note(self, sight: PathSight) -> None:
         obstacle_m = min(sight.obstacle_m, sight.weak_obstacle_m)
         speed_m_s = sight.speed_m_s or 0.0
-        if self.record.shown_ns is None and speed_m_s > 0.3 and self.braking.needed_m(speed_m_s) > obstacle_m:
-            self.record.shown_ns = sight.exposed_ns
+        if not (speed_m_s > 0.3 and self.braking.needed_m(speed_m_s) > obstacle_m):
+            self._shown_ns = None
+        elif self._shown_ns is None:
+            self._shown_ns = sight.exposed_ns
 
     def _post(self, message: Any) -> None:
         kind = message.get_type()
@@ -120,11 +121,10 @@ class GuardLoop:
         if kind != "COMMAND_LONG":
             return
         assert message.target_system == SYSTEM
-        if message.command in (DO_SET_MODE, DO_REPOSITION):
-            if self.guard.memory.attempts == 1:
-                self.record.stops.append((self.now_ns, self.flight.speed_m_s))
-            if self.record.shown_ns is not None and self.record.stop_ns is None:
-                self.record.stop_ns = self.now_ns
+        if message.command in (DO_SET_MODE, DO_REPOSITION) and self.guard.memory.attempts == 1:
+            self.record.stops.append((self.now_ns, self.flight.speed_m_s))
+            if self._shown_ns is not None:
+                self.record.reactions_s.append((self.now_ns - self._shown_ns) / NS)
         self.record.limits += message.command == DO_CHANGE_SPEED
         self._after(LINK_NS, lambda: self._command(message))
 

@@ -41,7 +41,8 @@ SIDE_SPARE_M = 0.25
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flown:
     """Result of one flight. clearance_m: least distance of the hull from a solid. stops; false_stops: without a solid in the path
-    within the braking distance. reaction_s: from the exposure that shows the obstacle to the stop command, None: none was needed."""
+    within the braking distance. reaction_s: of the first stop before an obstacle, see `LoopRecord`; None: no such stop, or the path was
+    not seen far enough."""
 
     number: int
     autopilot: str
@@ -111,13 +112,10 @@ def _flown(loop: GuardLoop, mission: Mission, start_ns: int) -> Flown:
         if least_m < 0.0 or flight.finished or passed or (stands_ns is not None and loop.now_ns - stands_ns > NS):
             break
     record = loop.record
-    reaction_s = None
-    if record.shown_ns is not None and record.stop_ns is not None:
-        reaction_s = (record.stop_ns - record.shown_ns) / NS
     return Flown(
         number=mission.number, autopilot=mission.autopilot, guided=mission.guided, speed_m_s=mission.speed_m_s,
         kinds=mission.kinds, blocked=mission.blocked, seconds=(loop.now_ns - start_ns) / NS, fastest_m_s=fastest_m_s,
-        clearance_m=least_m, stops=len(record.stops), false_stops=false_stops, limits=record.limits, reaction_s=reaction_s,
+        clearance_m=least_m, stops=len(record.stops), false_stops=false_stops, limits=record.limits, reaction_s=next(iter(record.reactions_s), None),
         finished=flight.finished, texts=tuple(record.texts),
     )  # fmt: skip
 

@@ -7,7 +7,8 @@ of the FRAMES frames before, in two of them if its pixels cover less than 1 cm2.
 pixels is used at once.
 
 The same holds for free space: a mismatch ends it in one direction of one frame. A sector that one frame does not see, after
-SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again.
+SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again; in
+one, if the free space ends elsewhere than at the last loss: two mismatches do that, a thin obstacle is lost at one place.
 """
 
 from __future__ import annotations
@@ -134,6 +135,8 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
 
 
 SEEN_FRAMES = 3
+ELSEWHERE_M = 0.5
+"""Two ends of the free space farther apart than this, and the way flown between them, have different causes."""
 """So many frames in a row must see a sector before it is kept through one frame that does not."""
 KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
 """A sector is kept for so many intervals of the frames since it was last seen, and never longer than this time."""
@@ -166,13 +169,20 @@ class SeenSectors:
         self._seen_exposed_ns = np.zeros(SECTORS, np.int64)
         self._seen_ns = np.zeros(SECTORS, np.int64)
         self._kept_frame_ns = np.zeros(SECTORS, np.int64)
+        self._established = np.zeros(SECTORS, np.bool_)
+        self._lost_free_m, self._lost_ns = np.full(SECTORS, np.inf), np.zeros(SECTORS, np.int64)
 
     def take(self, found: SectorScan, sight: SectorSight) -> SectorScan:
         """The scan to use. A sector is not kept once the vehicle has turned by half of its width. Its distances are shortened by
         the way that the vehicle may have moved since the decision that saw it."""
         seen = found.state != SectorState.UNSEEN
-        kept = self._kept(seen, sight)
         speed_m_s = GREATEST_SPEED_M_S if sight.speed_m_s is None else sight.speed_m_s
+        apart_m = np.abs(found.free_m - self._lost_free_m)
+        elsewhere = apart_m > ELSEWHERE_M + speed_m_s * (sight.now_ns - self._lost_ns) / NS
+        first_loss = ~seen & (sight.exposed_ns > self._frame_ns)
+        kept = self._kept(seen, elsewhere, sight)
+        self._lost_free_m = np.where(first_loss, found.free_m, self._lost_free_m)
+        self._lost_ns = np.where(first_loss, sight.now_ns, self._lost_ns)
         way_m = speed_m_s * (sight.now_ns - self._seen_ns) / NS
         before_m = np.maximum(0.0, self._distance_m - way_m)
         distance_m = np.where(kept, np.minimum(found.distance_m, before_m), found.distance_m)
@@ -185,16 +195,20 @@ class SeenSectors:
         self._seen_ns = np.where(seen, sight.now_ns, self._seen_ns)
         return SectorScan(np.where(kept, state, found.state).astype(np.uint8), distance_m, free_m, found.azimuth_rad)
 
-    def _kept(self, seen: NDArray[np.bool_], sight: SectorSight) -> NDArray[np.bool_]:
-        """(72,) unseen sectors that are used as they were. Follows the frames; a decision may use a frame a second time."""
+    def _kept(self, seen: NDArray[np.bool_], elsewhere: NDArray[np.bool_], sight: SectorSight) -> NDArray[np.bool_]:
+        """(72,) unseen sectors that are used as they were. Follows the frames; a decision may use a frame a second time.
+        elsewhere: (72,) the free space ends at another place than at the last loss."""
         exposed_ns = sight.exposed_ns
         limit_ns = np.minimum(LONGEST_KEPT_NS, KEPT_FRAMES * self._interval_ns)
-        lost = ~seen & (self._in_a_row >= SEEN_FRAMES)
+        lost = ~seen & ((self._in_a_row >= SEEN_FRAMES) | (self._established & elsewhere & (self._in_a_row >= 1)))
         self._kept_frame_ns = np.where(seen, 0, np.where(lost, exposed_ns, self._kept_frame_ns))
         since_frame_ns = exposed_ns - self._frame_ns
         new = since_frame_ns > 0
-        in_a_row = np.where(since_frame_ns <= LONGEST_KEPT_NS, self._in_a_row, 0) + 1  # a missing frame did not see it
+        missed = since_frame_ns > LONGEST_KEPT_NS
+        in_a_row = np.where(missed, 0, self._in_a_row) + 1  # a missing frame did not see it
         self._in_a_row = np.where(seen & ~sight.blind, np.where(new, in_a_row, self._in_a_row), 0)
+        gone = sight.blind | (new & missed) | (~seen & new & ~lost)
+        self._established = (self._established & ~gone) | (self._in_a_row >= SEEN_FRAMES)
         self._interval_ns = np.where(seen & new, since_frame_ns, self._interval_ns)
         self._frame_ns = exposed_ns.copy()
         turned = np.abs(np.remainder(sight.heading_rad - self._heading_rad + np.pi, math.tau) - np.pi)

@@ -22,8 +22,10 @@ SAME_COURSE_RAD = math.radians(3.0)
 STALE_NS = 400_000_000
 """An older exposure shows nothing of the path."""
 CONFIRM_NS = 500_000_000
-PLACE_M, PLACE_SHARE = 0.5, 0.1
+PLACE_M, PLACE_SHARE = 0.15, 0.1
 """Two frames show the same obstacle if its places agree within this much, and this share of the distance."""
+NEAR_M = 2.5
+"""Nearer, an obstacle with little support needs two more frames: it was not there in the frames in which it was farther away."""
 LEAST_MOVING_M_S = 0.3
 """Slower, the vehicle stands for the purpose of stopping it before an obstacle."""
 LIMIT_STEP_M_S = 0.5
@@ -114,15 +116,17 @@ class PathAssessor:
         return newest.obstacle_m
 
     def _confirmed(self, newest: PathSight) -> bool:
-        """Whether another frame showed an obstacle at the place of the weakly supported one."""
+        """Whether enough other frames showed an obstacle at the place of the weakly supported one."""
+        at_m = newest.weak_obstacle_m
+        slack_m = PLACE_M + PLACE_SHARE * at_m
+        frames = set()
         for sight in self._sights:
             if sight.exposed_ns == newest.exposed_ns or newest.t_ns - sight.t_ns > CONFIRM_NS:
                 continue
-            slack_m = PLACE_M + PLACE_SHARE * newest.weak_obstacle_m
-            before_m = min(sight.obstacle_m, sight.weak_obstacle_m) - _way_m(sight, newest, newest.t_ns)
-            if abs(before_m - newest.weak_obstacle_m) <= slack_m:
-                return True
-        return False
+            way_m = _way_m(sight, newest, newest.t_ns)
+            if any(abs(before_m - way_m - at_m) <= slack_m for before_m in (sight.obstacle_m, sight.weak_obstacle_m)):
+                frames.add(sight.exposed_ns)
+        return len(frames) >= (1 if at_m >= NEAR_M else 2)
 
     def _cause(self, newest: PathSight, obstacle_m: float, free_m: float) -> str:
         if newest.cause and free_m <= 0.0:

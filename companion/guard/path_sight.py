@@ -26,6 +26,10 @@ STEEPEST = 1.0
 PIECE_M = 2.0
 """Along a sloping path the height band is moved once for each piece of this length."""
 ACROSS = 5
+SMALL_M2 = 1e-3
+"""A plane whose pixels cover less on the object, 1 cm by 10 cm, is weakly supported: most mismatches of a stereo camera appear just
+before it, where a few pixels are some square millimetres. A wire across the image covers more at any distance."""
+LEAST_RANGE_M = 0.3
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 
 
@@ -71,6 +75,8 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathS
         try:
             free_m = seen_free_m(s, path, avoid, guard)
             obstacle_m, weak_m = obstacle_distances_m(s, path, avoid, guard)
+            if free_m == 0.0:  # where a camera looks, what it shows now counts
+                obstacle_m = min(obstacle_m, remembered_m(s, path, avoid, guard))
         except RECKONING_ERRORS as error:
             free_m, cause = 0.0, f"the path cannot be computed: {type(error).__name__}: {error}"
     return PathSight(
@@ -147,15 +153,25 @@ def _recalled(
 
 
 def obstacle_distances_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> tuple[float, float]:
-    """Distances to the nearest obstacle in the corridor, and to the nearest with little support; inf where there is none.
-    Remembered obstacles count as well supported: they were confirmed when they were seen."""
+    """Distances to the nearest obstacle in the corridor, and to the nearest with little support; inf where there is none."""
     firm_m, weak_m = math.inf, math.inf
     for view, weak_px in zip(s.views, s.weak_px, strict=True):
         distance = _planes_m(view, path, avoid, guard)
-        weak = view.model.support_px <= weak_px
+        weak = view.model.support_px <= np.maximum(weak_px, _small_px(view))
         firm_m = min(firm_m, float(np.min(distance[~weak], initial=math.inf)))
         weak_m = min(weak_m, float(np.min(distance[weak], initial=math.inf)))
-    return min(firm_m, _remembered_m(s, path, avoid, guard)), weak_m
+    return firm_m, weak_m
+
+
+def _small_px(view: View) -> Floats:
+    """(N,) pixels that SMALL_M2 takes at the range of each plane; 0 without intrinsics."""
+    planes = view.model.planes.astype(np.float64)
+    if view.intrinsics is None:
+        return np.zeros(len(planes))
+    cx, cy, _ = view.place_m
+    range_m = np.hypot(planes[:, [0, 2]].mean(axis=1) - cx, planes[:, [1, 3]].mean(axis=1) - cy)
+    out: Floats = SMALL_M2 * view.intrinsics.fx * view.intrinsics.fy / np.maximum(LEAST_RANGE_M, range_m) ** 2
+    return out
 
 
 def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -> Floats:
@@ -187,7 +203,7 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
     return out
 
 
-def _remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
+def remembered_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
     """Distance along the path to the nearest remembered obstacle whose sector meets the corridor; inf: none."""
     known = np.isfinite(s.recalled.distance_m)
     if not known.any():

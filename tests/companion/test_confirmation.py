@@ -155,6 +155,41 @@ def test_a_sector_is_kept_again_after_three_frames_that_saw_it() -> None:
         assert chain.ahead() == ahead
 
 
+def ends_at(free_to_m: float) -> FrameModel:
+    """Nothing but free space, to the same distance everywhere."""
+    return replace(model(free_to_m=free_to_m, view_deg=72.0), planes=CLEAR.planes, support_px=CLEAR.support_px)
+
+
+def test_a_sector_lost_at_another_place_is_kept_after_one_frame_that_saw_it() -> None:
+    chain = seeing()
+    for free_to_m in (5.0, 7.0, 5.0, 8.0, 4.0):
+        one_frame(chain, ends_at(free_to_m))
+        assert chain.ahead() == CLEAR_CM
+        one_frame(chain, CLEAR)
+        assert chain.ahead() == CLEAR_CM
+
+
+def test_two_losses_in_a_row_are_never_kept() -> None:
+    chain = seeing()
+    one_frame(chain, ends_at(5.0))
+    assert chain.ahead() == CLEAR_CM
+    for free_to_m in (7.0, 9.0, 4.0):
+        one_frame(chain, ends_at(free_to_m))
+        assert chain.ahead() == UNKNOWN
+    # and then three frames must see it again, wherever it was lost
+    one_frame(chain, CLEAR)
+    one_frame(chain, ends_at(6.0))
+    assert chain.ahead() == UNKNOWN
+
+
+def test_a_sector_lost_at_the_same_place_again_is_not_kept() -> None:
+    chain = seeing()
+    for n, free_to_m in enumerate((5.0, 5.3)):
+        one_frame(chain, ends_at(free_to_m))
+        assert chain.ahead() == (CLEAR_CM if n == 0 else UNKNOWN)
+        one_frame(chain, CLEAR)
+
+
 def test_a_kept_sector_is_gone_when_no_further_frame_comes() -> None:
     chain = seeing()
     one_frame(chain, BLOCKED)

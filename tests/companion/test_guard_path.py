@@ -19,7 +19,7 @@ from companion.guard.assessment import STALE_NS, Action, PathAssessor
 from companion.guard.braking import Braking, braking_of
 from companion.guard.path_sight import PathSight, path_sight
 from companion.pipeline.transform import LevelTransform
-from core.types import FrameModel
+from core.types import FrameModel, Intrinsics
 
 from .test_sectors import model
 
@@ -130,9 +130,28 @@ def test_a_remembered_obstacle_counts() -> None:
     distance_m[2] = 4.0
     recalled = Remembered(distance_m, np.full(72, np.inf))
     ten = math.radians(10.0)
-    ahead = seen(model(free_to_m=20.0), velocity=(5.0 * math.cos(ten), 5.0 * math.sin(ten), 0.0), recalled=recalled)
+    ahead = seen(model(free_to_m=0.0), velocity=(5.0 * math.cos(ten), 5.0 * math.sin(ten), 0.0), recalled=recalled)
     assert ahead.obstacle_m == pytest.approx(4.4)
-    assert math.isinf(seen(model(free_to_m=20.0), velocity=(0.0, -5.0, 0.0), recalled=recalled).obstacle_m)
+    assert math.isinf(seen(model(free_to_m=0.0), velocity=(0.0, -5.0, 0.0), recalled=recalled).obstacle_m)
+    # where a camera looks, what it shows now counts
+    assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).obstacle_m)
+
+
+@pytest.mark.parametrize(
+    ("at_m", "support_px", "weak"), [(8.0, 8, True), (8.0, 9, False), (0.6, 100, True), (0.6, 160, False)]
+)
+def test_what_covers_little_on_the_object_is_weak(at_m: float, support_px: int, weak: bool) -> None:
+    found = replace(model(plane(at_m, -0.1, 0.1), free_to_m=20.0), support_px=np.array([support_px], np.int32))
+    view = View(
+        found, LevelTransform(0.0, (0.0, 0.0, 0.0)), Intrinsics(320, 240, 225.0, 225.0, 159.5, 119.5), np.eye(3)
+    )
+    s = Surroundings(
+        t_ns=T_NS, views=(view,), weak_px=(8.0,), exposed_ns=T_NS, recall=None, recalled=nothing_remembered(), blind={}, here=HERE,
+        velocity_ned_m_s=(5.0, 0.0, 0.0),
+    )  # fmt: skip
+    sight = path_sight(s, AVOID, GUARD)
+    assert math.isfinite(sight.weak_obstacle_m) is weak
+    assert math.isfinite(sight.obstacle_m) is not weak
 
 
 # ---- several frames -------------------------------------------------------------------------------------------------
@@ -195,6 +214,13 @@ def test_an_obstacle_counts_at_once_unless_few_pixels_show_it() -> None:
     assert action(SIGHT, later(80, weak_obstacle_m=5.0)) is Action.PASS
     assert action(SIGHT, later(80, weak_obstacle_m=5.0), later(160, weak_obstacle_m=4.6)) is Action.STOP
     assert action(SIGHT, later(80, weak_obstacle_m=9.0), later(160, weak_obstacle_m=4.6)) is Action.PASS
+
+
+def test_near_and_weakly_supported_needs_a_third_frame() -> None:
+    near = later(80, weak_obstacle_m=2.2), later(160, weak_obstacle_m=1.8), later(240, weak_obstacle_m=1.4)
+    assert action(SIGHT, *near[:2]) is Action.PASS
+    assert action(SIGHT, *near) is Action.STOP
+    assert action(SIGHT, near[0], later(160, weak_obstacle_m=1.0), near[2]) is Action.PASS
 
 
 def test_the_same_frame_twice_confirms_nothing() -> None:
