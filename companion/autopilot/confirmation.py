@@ -135,9 +135,9 @@ def _found(planes: _Planes, i: int, frame: _Planes, slack_m: float) -> bool:
 
 
 SEEN_FRAMES = 3
+"""So many frames in a row must see a sector before it is kept through one frame that does not."""
 ELSEWHERE_M = 0.5
 """Two ends of the free space farther apart than this, and the way flown between them, have different causes."""
-"""So many frames in a row must see a sector before it is kept through one frame that does not."""
 KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
 """A sector is kept for so many intervals of the frames since it was last seen, and never longer than this time."""
 
