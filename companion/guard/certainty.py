@@ -46,7 +46,7 @@ class Certainty:
             self._reached = True
 
     def requests(self, vehicle: Vehicle, now_ns: int) -> list[Any]:
-        """The request to send now, if any. Another vehicle must answer anew."""
+        """The request to send now, if any. Another vehicle must answer for itself."""
         who = (vehicle.system_id, vehicle.autopilot)
         if who != self._who:
             self._who, self._reached, self._asked, self._next_ns = who, False, False, now_ns

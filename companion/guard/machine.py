@@ -4,7 +4,7 @@ States and transitions are drawn in docs/explanation/guard.md. Rules that hold i
 
 - A command is put out only to the vehicle of the input, only while the input is free of doubt, and only in a watched mode or in
   a stop mode that the guard itself has set and that has not brought the vehicle to rest.
-- A mode that the guard did not set ends the intervention. It is taken as the pilot's, whoever set it.
+- A mode that the guard did not set ends the intervention. It is taken as the pilot's, also one of another ground station.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SPARE_STOP_NS = 2 * NS
 DOUBT_NS = 2 * NS
 """Doubt is announced when it lasts: after a start the first COMMAND_ACK takes a moment."""
 GAP_NS = 5 * NS
-"""After a longer time without the vehicle, an unconfirmed stop is judged anew: somebody may have had the vehicle meanwhile."""
+"""After a longer time without the vehicle, an unconfirmed stop is judged again: another station may have had control meanwhile."""
 
 
 @dataclass(slots=True)
@@ -205,7 +205,7 @@ class GuardMachine:
             return self._in_stop_mode(vehicle, now)
         if memory.state is GuardState.STOPPING and mode == memory.mode and not memory.taken:
             return self._not_taken_yet(vehicle, now)
-        # whoever set this mode has the vehicle now
+        # the sender of this mode has the control now
         self._begin(GuardState.INACTIVE, now)
         return [Announcement("guard: released, mode changed"), *self._watch(vehicle, now)]
 
@@ -257,7 +257,7 @@ class GuardMachine:
         self.memory = replace(self.memory, t_ns=now.now_ns, **changes)
 
     def _begin(self, state: GuardState, now: GuardInput, **changes: Any) -> None:
-        """Begins a state anew: what is not named in `changes` is forgotten, but for who the vehicle is and what was seen."""
+        """Begins a state. Fields not named in `changes` get their defaults, except the vehicle and what was seen."""
         old, vehicle = self.memory, now.vehicle
         fresh = GuardMemory(
             state=state,

@@ -22,7 +22,7 @@ NS = 1_000_000_000
 NAME: Final = "guard.json"
 REFRESH_NS: Final = 2 * NS
 LIFE_NS: Final = 30 * NS
-"""After a longer time the vehicle may have been flown by somebody else: the memory is not used."""
+"""After a longer time another station may have flown the vehicle: the memory is not used."""
 _MOST_BYTES: Final = 4000
 
 
