@@ -69,6 +69,11 @@ def mode_of(vehicle: Vehicle, facts: AutopilotFacts) -> tuple[str, Effect]:
     return f"mode {number}", Effect.UNKNOWN
 
 
+def mode_name(vehicle: Vehicle) -> str:
+    """Name of the mode in the newest heartbeat."""
+    return mode_of(vehicle, AutopilotFacts(kind=vehicle.autopilot))[0]
+
+
 def mode_trouble(vehicle: Vehicle, facts: AutopilotFacts) -> str:
     """What keeps an armed vehicle in its mode from stopping before obstacles and when blind, in words; empty: nothing. The
     part before the colon is short enough for the ground station."""

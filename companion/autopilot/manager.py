@@ -13,6 +13,7 @@ from drivers.mavlink.dialect import MAV_COMP_ID_AUTOPILOT1, dialect
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.session import MavlinkSession
 from drivers.mavlink.session_types import LinkStatus, Vehicle
+from osape_client.proto import osape_v1_pb2 as pb
 
 from ..cameras.masks import Mask
 from ..cameras.supervisor import CameraCondition, CameraSupervisor
@@ -32,6 +33,7 @@ from .obstacle_distance import clear_cm
 from .parameter_advice import AutopilotFacts, advice, delay_advice, position_mode_fault
 from .parameters import WANTED, ParameterReader
 from .publisher import ObstacleReport, ObstacleReportBuilder, seen_ns
+from .sector_view import SectorView
 from .sender import ObstacleSender
 from .status_text import CRITICAL, StatusTexts, mount_note
 from .surroundings import Observer
@@ -80,7 +82,7 @@ class Avoidance:
         self.version = VersionReader()
         self._landed = LandedState()
         self._last = last or LastValuesFile(None)
-        self._echo = EchoCheck()
+        self._echo, self._sectors = EchoCheck(), SectorView()
         self._texts = StatusTexts()
         self._mount_degraded: dict[str, bool] = {}
         self._link: LinkStatus | None = None
@@ -143,6 +145,7 @@ class Avoidance:
         self.version.take(message)
         self._landed.take(message, arrival_ns)
         self._echo.take(message, arrival_ns)
+        self._sectors.take(message, arrival_ns)
 
     # ---- out --------------------------------------------------------------------------------------------------------
 
@@ -237,6 +240,10 @@ class Avoidance:
                 texts.append((DiagnosticCode.PARAMETER_ADVICE, text))
         return [Diagnostic(code, "", text) for code, text in texts if text]
 
+    def fill(self, health: pb.AutopilotHealth, now_ns: int) -> None:
+        """Writes the newest obstacle distances, sent and echoed, into a report."""
+        self._sectors.fill(health, now_ns)
+
     def latency(self) -> tuple[LatencyStage, float, float, float] | None:
         """(stage, p50, p95, p99) in ms: age of the oldest of the newest exposures of the seeing cameras at the moment
         of sending; None before there were any."""
@@ -278,6 +285,7 @@ class Avoidance:
         if report is not None and report.values is not None and report is not self._counted:
             self._counted = report
             self._echo.sent(report.values, clear_cm(self._avoid), report.t_ns)
+            self._sectors.sent(report.values, clear_cm(self._avoid), report.t_ns)
             seeing = [exposed_ns for camera, exposed_ns in self._before_ns.items() if camera not in report.blind]
             if seeing:
                 with self._lock:

@@ -15,6 +15,7 @@ from drivers.mavlink.session_types import LinkStatus
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..autopilot.conflict_codes import conflict_diagnostics
+from ..autopilot.flight_modes import mode_name
 from ..cameras.supervisor import CameraStatus
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..log.recorder import RecordStatus
@@ -115,6 +116,7 @@ def autopilot_message(view: AutopilotView) -> pb.AutopilotHealth:
         autopilot=vehicle.autopilot if vehicle else "", system_id=vehicle.system_id if vehicle else 0,
         armed=vehicle.armed if vehicle else False, attitude_hz=link.attitude_hz, position_hz=link.position_hz,
         clock=clock_message(link.clock, link.clock_restarts), counts=link.counts,
+        flight_mode=mode_name(vehicle) if vehicle and vehicle.heartbeat_ns else "",
     )  # fmt: skip
     if view.attitude_age_ns is not None:
         message.attitude_age_ns = view.attitude_age_ns

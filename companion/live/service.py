@@ -360,6 +360,8 @@ class Service:
         report.cameras.extend(camera_message(v) for v in views)
         if autopilot is not None:
             report.autopilot.CopyFrom(autopilot_message(autopilot))
+            if self.avoidance is not None:
+                self.avoidance.fill(report.autopilot, report.t_ns)
         if self.recorder is not None:
             report.recording.CopyFrom(recording_message(self.recorder.status))
         self.loop.fill(report, self.avoidance.latency if self.avoidance is not None else lambda: None)

@@ -133,7 +133,7 @@ def _autopilot_lines(a: pb.AutopilotHealth) -> list[str]:
     source = {1: "not synchronised (arrival times only)", 2: "synchronised"}.get(a.clock.source, "unknown")
     bound = f" within {a.clock.bound_ns / MS:.2f} ms" if a.clock.HasField("bound_ns") else ""
     lines = [
-        f"autopilot: {a.autopilot}, system {a.system_id}, {'armed' if a.armed else 'disarmed'}, attitude "
+        f"autopilot: {a.autopilot}, system {a.system_id}, {a.flight_mode + ', ' if a.flight_mode else ''}{'armed' if a.armed else 'disarmed'}, attitude "
         f"{a.attitude_hz:.0f} Hz, position {a.position_hz:.0f} Hz, clock {source}{bound}, autopilot reboots "
         f"{a.clock.restarts}"
     ]

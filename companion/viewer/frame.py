@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,8 @@ class FrameStatus(StrEnum):
 class ViewFrame:
     """One frame of one camera. depth_mm: (H, W) uint16 as in DepthFrame; None: not in the log. R_ned_frd: (3, 3)
     attitude used; None: none. model: in level_cam; None: not in the log. dropped: cause if the frame was not used, "":
-    used. position_ned_m: of the vehicle; None: no position."""
+    used. position_ned_m: of the vehicle; None: no position. autopilot: its newest state, see autopilot_view; None: not in the
+    log."""
 
     info: CameraInfo
     sequence: int
@@ -37,6 +39,7 @@ class ViewFrame:
     model: FrameModel | None = None
     dropped: str = ""
     position_ned_m: tuple[float, float, float] | None = None
+    autopilot: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         k = self.info.intrinsics

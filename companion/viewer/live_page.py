@@ -17,6 +17,7 @@ from ..live.health import STATES
 from ..live.message_json import message_json
 from ..live.status import status_lines
 from ..pipeline.encode import prisms_from_message
+from .autopilot_view import autopilot_data
 from .colors import depth_index, palette
 from .frame import ViewFrame
 from .log import view_frame
@@ -167,4 +168,5 @@ def service_status(subscriber: LiveSubscriber, now_ns: int) -> dict[str, Any]:
         "lines": [] if h is None else status_lines(h),
         "diagnostics": [] if h is None else [message_json(d) for d in h.diagnostics],
         "missing": missing,
+        "autopilot": autopilot_data(h, now_ns),
     }

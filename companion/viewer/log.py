@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..pipeline.encode import prisms_from_message, state_from_message
 from ..pipeline.pipeline import PrismsResult
 from ..pipeline.transform import transform_model
+from .autopilot_view import autopilot_data
 from .frame import FrameStatus, ViewFrame
 
 WAITING: Final = 30
@@ -29,7 +30,8 @@ Key = tuple[str, int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedFrame:
-    """The log's messages of one exposure, not yet decoded. depth_mm, message: None if missing. state: state of the
+    """The log's messages of one exposure, not yet decoded. depth_mm, message: None if missing. health: the newest report of
+    the service before it. state: state of the
     extractor before the frame, from which its strips can be recomputed."""
 
     info: CameraInfo
@@ -38,6 +40,7 @@ class LoggedFrame:
     depth_mm: NDArray[np.uint16] | None
     message: pb.PrismsFrame | None
     state: ExtractorState
+    health: pb.Health | None = None
 
     @property
     def status(self) -> FrameStatus:
@@ -55,7 +58,8 @@ class LoggedFrame:
         """The decoded frame. Raises ValueError for inconsistent prisms."""
         if self.message is None:
             return ViewFrame(info=self.info, sequence=self.sequence, t_ns=self.t_ns, depth_mm=self.depth_mm)
-        return view_frame(prisms_from_message(self.message), self.info, self.depth_mm)
+        frame = view_frame(prisms_from_message(self.message), self.info, self.depth_mm)
+        return replace(frame, autopilot=autopilot_data(self.health, self.t_ns))
 
 
 @dataclass(slots=True)
@@ -65,6 +69,7 @@ class _Pass:
     infos: dict[str, CameraInfo]
     states: dict[str, ExtractorState]
     waiting: OrderedDict[Key, NDArray[np.uint16]] = field(default_factory=OrderedDict)
+    health: pb.Health | None = None
 
     def take(self, item: Event | LoggedMessage) -> Iterator[LoggedFrame]:
         """The frames that are complete with this item."""
@@ -75,6 +80,8 @@ class _Pass:
         elif isinstance(item, LoggedMessage):
             if isinstance(item.message, pb.FrameDecision):
                 self.decision(item.message)
+            elif isinstance(item.message, pb.Health):
+                self.health = item.message
             elif isinstance(item.message, pb.PrismsFrame) and item.message.camera in self.infos:
                 yield self.prisms(item.message)
 
@@ -93,7 +100,9 @@ class _Pass:
         camera, sequence, t_ns = key = message.camera, message.sequence, message.t_exposure_ns
         before = self.states.get(camera, ExtractorState())
         self.states[camera] = _after(message, before)
-        return LoggedFrame(self.infos[camera], sequence, t_ns, self.waiting.pop(key, None), message, before)
+        return LoggedFrame(
+            self.infos[camera], sequence, t_ns, self.waiting.pop(key, None), message, before, self.health
+        )
 
 
 def view_frame(result: PrismsResult, info: CameraInfo, depth_mm: NDArray[np.uint16] | None) -> ViewFrame:
@@ -133,7 +142,7 @@ def read_frames(
     now = _Pass({info.camera: info for info in source.cameras}, states)
     problem: BadData | None = None
     try:
-        for item in source.events_with("decision", "prisms"):
+        for item in source.events_with("decision", "prisms", "health"):
             on_progress(source.share_read)
             yield from now.take(item)
     except BadData as error:

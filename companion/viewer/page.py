@@ -126,6 +126,7 @@ def frame_data(frame: ViewFrame, camera: int, t_start_ns: int, depth_width: int)
         "R": None if R is None else np.round(rotation_from_euler(0.0, 0.0, yaw) @ R, 5).ravel().tolist(),
         "depth": None,
         "facts": facts(frame.model, frame.info.max_range_m),
+        "autopilot": frame.autopilot,
         **_nothing(),
     }
     if frame.depth_mm is not None:

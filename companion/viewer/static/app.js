@@ -4,6 +4,10 @@ import * as THREE from "three";
 import { Orbit } from "viewer/orbit";
 import { FrameScene } from "viewer/scene";
 import { KEPT, Live } from "viewer/live";
+import { gltf, save } from "viewer/exports";
+import { Measure, pick } from "viewer/measure";
+import { showPilot } from "viewer/pilot";
+import { drawStrip, nextBlind } from "viewer/timeline";
 import * as model from "viewer/model";
 
 const $ = (id) => document.getElementById(id);
@@ -13,6 +17,8 @@ const VIEWS = {
   side: { azimuth: Math.PI / 2, elevation: 0.06, distance: 20 },
   eye: { azimuth: 0, elevation: 0.02, distance: 0.6 },
 };
+const SWITCHES = ["ground", "free", "unknown", "trail", "inferred", "labels", "numbers", "normals", "points", "merged"];
+const CHOICES = ["what", "by", "layers", "world"];
 const AHEAD = { behind: 4, top: 8, side: 7, eye: 0.6 };
 
 async function unpack(text) {
@@ -31,6 +37,7 @@ class App {
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.eye = new THREE.PerspectiveCamera(55, 1, 0.05, 1000);
     this.frames = new FrameScene(data);
+    this.measure = new Measure(this.frames.scene);
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
     $("canvas").addEventListener("webglcontextlost", () => complain(new Error("the graphics card has dropped the drawing")));
     this.images = new Map(); // of frames
@@ -55,11 +62,8 @@ class App {
   }
 
   get options() {
-    return {
-      what: $("what").value, by: $("by").value, world: $("world").value, ground: $("ground").checked,
-      free: $("free").checked, inferred: $("inferred").checked, labels: $("labels").checked,
-      normals: $("normals").checked, points: $("points").checked, merged: $("merged").checked,
-    };
+    const chosen = CHOICES.map((id) => [id, $(id).value]), on = SWITCHES.map((id) => [id, $(id).checked]);
+    return Object.fromEntries([...chosen, ...on]);
   }
 
   place(frame) {
@@ -83,6 +87,7 @@ class App {
     this.#follow(place);
     this.#words(frame, options);
     $("slider").value = String(this.at);
+    showPilot(this.live ? this.live.news.service.autopilot : frame.autopilot, frame.heading);
     this.frames.draw(frame, options, place, null, 0);
     this.ask();
     const image = await this.image(frame);
@@ -196,6 +201,7 @@ class App {
     }
     $("slider").max = String(frames.length - 1);
     if (frame.pos) $("world").disabled = false;
+    drawStrip($("strip"), frames);
     if (this.playing && frame.c === this.camera) this.show(frames.length - 1);
     else if (this.at < 0) this.show(0);
     else $("slider").value = String(this.at);
@@ -260,7 +266,7 @@ class App {
     $("next").addEventListener("click", () => { this.play(false); this.step(1); });
     $("play").addEventListener("click", () => this.play(!this.playing));
     $("speed").addEventListener("change", () => this.playing && this.play(true));
-    for (const id of ["what", "by", "ground", "free", "inferred", "labels", "normals", "points", "merged"]) {
+    for (const id of ["what", "by", "layers", ...SWITCHES]) {
       $(id).addEventListener("change", () => { this.#legend(); this.show(this.at); });
     }
     $("world").disabled = !data.frames.some((f) => f.pos);
@@ -276,6 +282,7 @@ class App {
       if (this.live) this.play(true);
       else if (this.camera >= 0 && data.frames[this.at].c !== this.camera) this.step(1);
     });
+    this.#tools();
     addEventListener("keydown", (e) => this.#key(e));
     $("canvas").addEventListener("pointermove", (e) => this.#hover(e));
     $("canvas").addEventListener("pointerleave", () => { $("tip").hidden = true; });
@@ -284,11 +291,77 @@ class App {
     this.#legend();
   }
 
+  /** Strip, jump to the next blind moment, measuring, saving, the panel of small screens. */
+  #tools() {
+    const { frames } = this.data;
+    new ResizeObserver(() => drawStrip($("strip"), frames)).observe($("strip"));
+    $("strip").addEventListener("click", (e) => {
+      const box = $("strip").getBoundingClientRect();
+      this.play(false);
+      this.show(Math.floor(((e.clientX - box.left) / box.width) * frames.length));
+    });
+    $("blind").addEventListener("click", () => this.jumpBlind());
+    $("measure").addEventListener("click", () => this.toggleMeasure());
+    $("canvas").addEventListener("click", (e) => this.#click(e));
+    $("png").addEventListener("click", () => {
+      this.renderer.render(this.frames.scene, this.eye);
+      $("canvas").toBlob((blob) => save(blob, `${this.#name()}.png`));
+    });
+    $("gltf").addEventListener("click", () => save(new Blob([this.gltf()], { type: "model/gltf+json" }), `${this.#name()}.gltf`));
+    $("panel").addEventListener("click", () => {
+      const hidden = document.body.classList.toggle("narrow");
+      $("panel").setAttribute("aria-expanded", String(!hidden));
+    });
+  }
+
+  /** What is drawn of obstacles and trail as a glTF file. */
+  gltf() {
+    const { points, colors } = this.frames.faces;
+    return gltf(points, colors, this.frames.trail, this.#name());
+  }
+
+  #name() {
+    const frame = this.data.frames[this.at];
+    return `${this.data.cameras[frame.c].name}_${frame.sequence}`;
+  }
+
+  /** Shows the begin of the next blind stretch; the button says where there is none. */
+  jumpBlind() {
+    const k = nextBlind(this.data.frames, this.at);
+    if (k < 0) return void ($("blind").textContent = "none blind");
+    $("blind").textContent = "next blind";
+    this.play(false);
+    this.show(k);
+  }
+
+  toggleMeasure() {
+    const on = this.measure.toggle();
+    $("measure").setAttribute("aria-pressed", String(on));
+    $("measured").hidden = !on;
+    $("measured").textContent = "first point";
+    this.ask();
+  }
+
+  #ray(e) {
+    const box = $("canvas").getBoundingClientRect(), ray = new THREE.Raycaster();
+    ray.setFromCamera(new THREE.Vector2(((e.clientX - box.left) / box.width) * 2 - 1,
+      1 - ((e.clientY - box.top) / box.height) * 2), this.eye);
+    return ray;
+  }
+
+  #click(e) {
+    if (!this.measure.on) return this.#hover(e); // a finger has no pointer to hover with
+    const frame = this.data.frames[this.at], place = this.place(frame);
+    const point = pick(this.#ray(e), this.frames.walls, -(frame.cam[2] + (frame.ground ? frame.ground[0] : 0) + place.t[2]));
+    if (point) $("measured").textContent = this.measure.add(point);
+    this.ask();
+  }
+
   #key(e) {
     if (e.target.matches?.("select, input:not([type=checkbox]):not([type=range])") || e.ctrlKey || e.metaKey || e.altKey) return;
     const acts = { ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), Home: () => this.show(0),
       End: () => (this.live ? this.play(true) : this.show(this.data.frames.length - 1)), " ": () => this.play(!this.playing),
-      1: () => this.look("behind"), 2: () => this.look("top"), 3: () => this.look("side"), 4: () => this.look("eye") };
+      1: () => this.look("behind"), 2: () => this.look("top"), 3: () => this.look("side"), 4: () => this.look("eye"), b: () => this.jumpBlind(), m: () => this.toggleMeasure() };
     if (!acts[e.key]) return;
     e.preventDefault();
     if (e.key !== " " && this.playing && e.key.length > 1) this.play(false);
@@ -305,13 +378,10 @@ class App {
 
   #hover(e) {
     if (this.orbit.dragging || !this.frames.walls) return this.#tip(e, "");
-    const box = $("canvas").getBoundingClientRect(), ray = new THREE.Raycaster();
-    ray.setFromCamera(new THREE.Vector2(((e.clientX - box.left) / box.width) * 2 - 1,
-      1 - ((e.clientY - box.top) / box.height) * 2), this.eye);
-    const [hit] = ray.intersectObject(this.frames.walls);
-    const wall = hit && this.frames.shown[hit.faceIndex >> 1], z = this.data.frames[this.at].cam[2];
-    this.#tip(e, wall && `${model.metres(wall.distance)} away; ${(z - wall.bottom).toFixed(1)} to ${(z - wall.top).toFixed(1)} m above`
-      + ` the camera; margin ${wall.margin.toFixed(2)} m; cluster ${wall.cluster}; ${wall.support} px; ${model.flagWords(wall.flags)}`);
+    const [hit] = this.#ray(e).intersectObject(this.frames.walls), frame = this.data.frames[this.at];
+    const wall = hit && this.frames.shown[hit.faceIndex >> 1], heights = wall && model.wallHeights(wall, frame);
+    this.#tip(e, wall && `plane ${wall.plane}: ${model.metres(wall.distance)} away; ${heights.bottom.toFixed(1)} to ${heights.top.toFixed(1)} m above`
+      + ` the ${heights.from}; margin ${wall.margin.toFixed(2)} m; cluster ${wall.cluster}; ${wall.support} px; ${model.flagWords(wall.flags)}`);
   }
 
   #hoverDepth(e) {
@@ -349,10 +419,10 @@ class App {
   /** #frame=12&view=top&world=ned&by=flags&what=planes&points=1 opens the page so. */
   #fromAddress() {
     const wants = new URLSearchParams(location.hash.slice(1));
-    for (const id of ["what", "by", "world"]) {
+    for (const id of CHOICES) {
       if ([...$(id).options].some((o) => o.value === wants.get(id)) && !$(id).disabled) $(id).value = wants.get(id);
     }
-    for (const id of ["ground", "free", "inferred", "labels", "normals", "points", "merged"]) {
+    for (const id of SWITCHES) {
       if (wants.has(id)) $(id).checked = wants.get(id) === "1";
     }
     this.at = Math.min(this.data.frames.length - 1, Math.max(0, Number(wants.get("frame")) || 0));

@@ -2,6 +2,8 @@
 // fault (of the service, the server, the connection or this page) makes the age grow. A picture that is too old is marked across
 // the page, so that it is never taken for the present.
 
+import { showPilot } from "viewer/pilot";
+
 const CUT_MS = 1000, OLD_S = 1, PATIENCE_MS = 3000, AGAIN_MS = 300, TELL_MS = 100;
 export const KEPT = 300;
 const $ = (id) => document.getElementById(id);
@@ -98,6 +100,7 @@ export class Live {
     }
     this.tell();
     this.#service(news.service);
+    if (this.app) showPilot(news.service.autopilot, this.app.data.frames[this.app.at].heading);
     $("merged").parentElement.hidden = !news.world.heard;
     $("worldwords").textContent = !news.world.heard ? "" : news.world.cause ? `merged world: not usable, ${news.world.cause}`
       : `merged world: ${news.world.total} planes`;

@@ -66,7 +66,7 @@ export function planeWalls(frame) {
   for (let k = 0; k < frame.flags.length; k++) {
     const [ax, ay, bx, by, top, bottom] = frame.planes.slice(6 * k, 6 * k + 6).map((cm) => cm / 100);
     walls.push({ ax, ay, bx, by, top, bottom, margin: frame.margin[k] / 100, flags: frame.flags[k],
-      cluster: frame.cluster[k], support: frame.support[k],
+      cluster: frame.cluster[k], support: frame.support[k], plane: k,
       distance: segmentDistance(ax, ay, bx, by, frame.cam) });
   }
   return walls;
@@ -81,7 +81,7 @@ export function prismWalls(frame) {
       const j = (k + 1) % m;
       const [ax, ay, bx, by] = [xy[2 * k], xy[2 * k + 1], xy[2 * j], xy[2 * j + 1]].map((cm) => cm / 100);
       walls.push({ ax, ay, bx, by, top: top / 100, bottom: bottom / 100, margin: margin / 100,
-        flags: frame.flags[planes[k]] || 0, cluster, support: frame.support[planes[k]] || 0,
+        flags: frame.flags[planes[k]] || 0, cluster, support: frame.support[planes[k]] || 0, plane: planes[k],
         distance: segmentDistance(ax, ay, bx, by, frame.cam) });
     }
   }
@@ -125,23 +125,89 @@ export function levelRange(frame, azimuth) {
   return Math.min(rise > 0 ? (height - tolerance) / rise : Infinity, rise + noise > 0 ? height / (rise + noise) : Infinity);
 }
 
-/** Corners in `level` of what was seen free, or with `open` presumed free, at the camera's height: [[x, y] x 4, ...], near left,
- *  far left, far right, near right. */
-export function freeSectors(frame, open = false) {
-  const f = frame.free, from = open ? f?.openFrom : f?.from, to = open ? f?.openTo : f?.to;
-  if (!from || !to) return [];
-  const layers = f.layers.length - 1, layer = layerAt(f.layers, 100 * frame.cam[2]);
-  const quads = [];
-  for (let d = 0; layer >= 0 && d + 1 < f.azimuth.length; d++) {
+/** Classes of space that are drawn, and what a layer of the free profile holds of each. A further class is one more entry. */
+export const SPACES = {
+  free: (frame, d, layer) => {
+    const [near, far] = freeSpan(frame, d, layer);
+    return far > near ? [[near, far]] : [];
+  },
+  open: (frame, d, layer) => {
+    const f = frame.free;
+    if (!f.openTo) return [];
+    const cell = d * (f.layers.length - 1) + layer, free = f.to[cell] > f.from[cell] ? f.to[cell] : 0;
+    const near = Math.max(f.openFrom[cell], free) / 100; // what is free too is drawn as free alone
+    const far = Math.min(f.openTo[cell] / 100, groundReach(frame, d, layer));
+    return far > near ? [[near, far]] : [];
+  },
+  unknown: (frame, d, layer, reach) => {
+    const quads = [];
+    let from = 0;
+    for (const [near, far] of [...SPACES.free(frame, d, layer), ...SPACES.open(frame, d, layer)].sort((a, b) => a[0] - b[0])) {
+      quads.push([from, Math.min(near, reach)]);
+      from = far;
+    }
+    return [...quads, [from, reach]].filter(([a, b]) => b > a + 0.01);
+  },
+};
+
+/** [near, far] of the free space of a direction in a layer; far <= near: none. At the camera's own height it ends at the
+ *  ground. */
+function freeSpan(frame, d, layer) {
+  const f = frame.free, cell = d * (f.layers.length - 1) + layer;
+  return [f.from[cell] / 100, Math.min(f.to[cell] / 100, groundReach(frame, d, layer))];
+}
+
+/** Distance to the ground in a direction at the camera's own height; Infinity in other layers. */
+function groundReach(frame, d, layer) {
+  const f = frame.free;
+  if (layer !== layerAt(f.layers, 100 * frame.cam[2])) return Infinity;
+  return Math.min(...[d, d + 1].map((k) => levelRange(frame, f.azimuth[k] / 1000)));
+}
+
+/** Corners in `level` of one class of space in one layer, seen from above: [[x, y] x 4, ...], near left, far left, far
+ *  right, near right. reach: metres to which unknown space is drawn. */
+export function spaceSectors(frame, kind, layer, reach) {
+  const f = frame.free, quads = [];
+  if (!f || layer < 0) return quads;
+  const at = (r, a) => [frame.cam[0] + r * Math.cos(a), frame.cam[1] + r * Math.sin(a)];
+  for (let d = 0; d + 1 < f.azimuth.length; d++) {
     const left = f.azimuth[d] / 1000, right = f.azimuth[d + 1] / 1000;
-    const cell = d * layers + layer, seen = open && f.to[cell] > f.from[cell] ? f.to[cell] : 0;
-    const near = Math.max(from[cell], seen) / 100; // what is free too is drawn as free alone
-    const far = Math.min(to[d * layers + layer] / 100, levelRange(frame, left), levelRange(frame, right));
-    if (far <= near) continue;
-    const at = (r, a) => [frame.cam[0] + r * Math.cos(a), frame.cam[1] + r * Math.sin(a)];
-    quads.push([at(near, left), at(far, left), at(far, right), at(near, right)]);
+    for (const [near, far] of SPACES[kind](frame, d, layer, reach)) {
+      quads.push([at(near, left), at(far, left), at(far, right), at(near, right)]);
+    }
+  }
+  if (kind === "unknown") quads.push(...outside(f.azimuth, at, reach));
+  return quads;
+}
+
+/** The directions beside the view, in pieces of about 10 degrees: nothing is known there. */
+function outside(azimuth, at, reach) {
+  const first = azimuth[0] / 1000, last = azimuth[azimuth.length - 1] / 1000, rest = 2 * Math.PI - (last - first);
+  const pieces = Math.max(0, Math.ceil(rest / 0.18)), quads = [];
+  for (let k = 0; k < pieces; k++) {
+    const left = last + (rest * k) / pieces, right = last + (rest * (k + 1)) / pieces;
+    quads.push([at(0, left), at(reach, left), at(reach, right), at(0, right)]);
   }
   return quads;
+}
+
+/** What was seen free at the camera's height, see spaceSectors. */
+export function freeSectors(frame) {
+  return frame.free ? spaceSectors(frame, "free", layerAt(frame.free.layers, 100 * frame.cam[2]), 0) : [];
+}
+
+/** The layers of a frame: [{layer, z}], z the middle of each in metres of `level`. all: every one, else the camera's. */
+export function layersOf(frame, all) {
+  const edges = frame.free ? frame.free.layers : [], own = layerAt(edges, 100 * frame.cam[2]);
+  if (!all) return own < 0 ? [] : [{ layer: own, z: frame.cam[2] }];
+  return edges.slice(1).map((edge, layer) => ({ layer, z: (edges[layer] + edge) / 200 }));
+}
+
+/** Heights of a wall above the ground below the camera, or above the camera where no ground is seen: [bottom, top] and what
+ *  they count from. */
+export function wallHeights(wall, frame) {
+  const zero = frame.cam[2] + (frame.ground ? frame.ground[0] : 0);
+  return { bottom: zero - wall.bottom, top: zero - wall.top, from: frame.ground ? "ground" : "camera" };
 }
 
 /** A point of the image (u, v of the full image, depth Z) in `level`; R row by row, level from optical. */

@@ -5,6 +5,8 @@ import * as THREE from "three";
 import * as model from "viewer/model";
 
 const WORLD = 0xe0c080, FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
+/** How each class of space is drawn: colour, opacity in one layer, opacity where all layers lie over each other. */
+const SPACE_LOOKS = { free: [FREE, 0.22, 0.07], open: [OPEN, 0.22, 0.07], unknown: [0x8b97a3, 0.20, 0] }, UNKNOWN_REACH_M = 20;
 
 export class FrameScene {
   constructor(data) {
@@ -14,6 +16,8 @@ export class FrameScene {
     this.group = new THREE.Group();
     this.scene.add(this.group);
     this.walls = null;
+    this.faces = { points: [], colors: [] };
+    this.trail = [];
     this.gone = [];
     this.world = new THREE.Group();
     this.scene.add(this.world);
@@ -24,6 +28,7 @@ export class FrameScene {
     this.gone.push(...this.group.children);
     this.group.clear();
     this.walls = null;
+    this.faces = { points: [], colors: [] };
   }
 
   /** Disposes of objects that are no longer drawn, after their replacements have been drawn. */
@@ -48,12 +53,12 @@ export class FrameScene {
     this.#placeWorld(frame, show);
     this.#vehicle(frame, camera);
     if (show.ground) this.#ground(frame, place);
-    if (show.world === "ned") this.#path();
+    if (show.trail) this.#trail(frame, show, place);
     if (frame.standing === "BLIND") return;
     if (show.points && index && frame.R) this.#points(frame, camera, index, w);
+    if (show.unknown) this.#space(frame, "unknown", false, camera);
     if (show.free) {
-      this.#free(model.freeSectors(frame), frame, FREE);
-      this.#free(model.freeSectors(frame, true), frame, OPEN);
+      for (const kind of ["free", "open"]) this.#space(frame, kind, show.layers === "all", camera);
     }
     this.#walls(frame, show, camera);
   }
@@ -128,6 +133,7 @@ export class FrameScene {
       normals.push(this.at(middle), this.at([middle[0] + nx * reach, middle[1] + ny * reach, middle[2]]));
     }
     this.shown = walls;
+    this.faces = { points: faces.flat(), colors: colors.flat() };
     if (walls.length) {
       const geometry = new THREE.BufferGeometry();
       geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
@@ -138,17 +144,19 @@ export class FrameScene {
     this.#lines(...solid);
     this.#lines(...dashed, 0.18);
     if (show.normals) this.#lines(normals, 0xffffff);
-    if (show.labels) this.#labels(all);
+    if (show.labels || show.numbers) this.#labels(all, show, frame);
   }
 
-  #labels(walls) {
+  #labels(walls, show, frame) {
     const nearest = new Map();
     for (const wall of walls) {
       if (!nearest.has(wall.cluster) || wall.distance < nearest.get(wall.cluster).distance) nearest.set(wall.cluster, wall);
     }
     for (const wall of [...nearest.values()].sort((p, q) => p.distance - q.distance).slice(0, 20)) {
       const at = [(wall.ax + wall.bx) / 2, (wall.ay + wall.by) / 2, wall.top - 0.15];
-      this.#text(model.metres(wall.distance), this.at(at), "#ffffff", 0.030);
+      const { bottom, top } = model.wallHeights(wall, frame), heights = `#${wall.plane}  ${bottom.toFixed(1)} to ${top.toFixed(1)} m`;
+      const words = [show.numbers ? heights : "", show.labels ? model.metres(wall.distance) : ""].filter(Boolean).join("  ·  ");
+      this.#text(words, this.at(at), "#ffffff", show.numbers ? 0.024 : 0.030);
     }
   }
 
@@ -182,16 +190,19 @@ export class FrameScene {
     return map;
   }
 
-  #free(sectors, frame, color) {
-    const faces = [];
-    for (const [a, b, c, d] of sectors) {
-      for (const p of [a, b, c, a, c, d]) faces.push(this.at([p[0], p[1], frame.cam[2]]));
+  /** One class of space as horizontal sheets, in the camera's layer or in all. */
+  #space(frame, kind, all, camera) {
+    const faces = [], [color, single, many] = SPACE_LOOKS[kind], reach = Math.min(camera.max_m, UNKNOWN_REACH_M);
+    for (const { layer, z } of model.layersOf(frame, all)) {
+      for (const [a, b, c, d] of model.spaceSectors(frame, kind, layer, reach)) {
+        for (const p of [a, b, c, a, c, d]) faces.push(this.at([p[0], p[1], z]));
+      }
     }
     if (!faces.length) return;
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.Float32BufferAttribute(faces.flat(), 3));
     this.#add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({
-      color, transparent: true, opacity: 0.22, side: THREE.DoubleSide, depthWrite: false })));
+      color, transparent: true, opacity: all ? many : single, side: THREE.DoubleSide, depthWrite: false })));
   }
 
   #points(frame, camera, index, w) {
@@ -253,9 +264,14 @@ export class FrameScene {
     this.#lines(lines, frame.standing === "BLIND" ? BLIND : VIEW);
   }
 
-  #path() {
-    const places = this.data.frames.filter((f) => f.pos).map((f) => model.toDrawing(f.pos)), lines = [];
-    for (let k = 0; k + 1 < places.length; k++) lines.push(places[k], places[k + 1]);
+  /** The way of the vehicle: all of it in the world, up to this frame from the vehicle. */
+  #trail(frame, show, place) {
+    const lines = [], { frames } = this.data, ned = show.world === "ned";
+    if (!ned && !frame.pos) { this.trail = []; return; }
+    const here = { yaw: frame.heading, t: frame.pos };
+    const way = (ned ? frames : frames.filter((f) => f.t <= frame.t)).filter((f) => f.pos).map((f) => model.toDrawing(ned ? f.pos : model.toLevel(f.pos, here)));
+    for (let k = 0; k + 1 < way.length; k++) lines.push(way[k], way[k + 1]);
+    this.trail = way.flat();
     this.#lines(lines, PATH);
   }
 }

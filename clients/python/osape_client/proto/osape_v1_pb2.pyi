@@ -599,7 +599,7 @@ class ExposureOffset(_message.Message):
     def __init__(self, state: _Optional[str] = ..., text: _Optional[str] = ..., offset_ms: _Optional[float] = ..., sigma_ms: _Optional[float] = ..., pairs: _Optional[int] = ..., warns: bool = ..., state_enum: _Optional[_Union[ExposureOffset.State, str]] = ...) -> None: ...
 
 class AutopilotHealth(_message.Message):
-    __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns")
+    __slots__ = ("address", "line_open", "line_error", "line_warning", "autopilot", "system_id", "armed", "attitude_hz", "position_hz", "clock", "counts", "attitude_age_ns", "flight_mode", "obstacles_sent", "obstacles_echoed")
     class CountsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -619,6 +619,9 @@ class AutopilotHealth(_message.Message):
     CLOCK_FIELD_NUMBER: _ClassVar[int]
     COUNTS_FIELD_NUMBER: _ClassVar[int]
     ATTITUDE_AGE_NS_FIELD_NUMBER: _ClassVar[int]
+    FLIGHT_MODE_FIELD_NUMBER: _ClassVar[int]
+    OBSTACLES_SENT_FIELD_NUMBER: _ClassVar[int]
+    OBSTACLES_ECHOED_FIELD_NUMBER: _ClassVar[int]
     address: str
     line_open: bool
     line_error: str
@@ -631,7 +634,26 @@ class AutopilotHealth(_message.Message):
     clock: ClockEstimate
     counts: _containers.ScalarMap[str, int]
     attitude_age_ns: int
-    def __init__(self, address: _Optional[str] = ..., line_open: bool = ..., line_error: _Optional[str] = ..., line_warning: _Optional[str] = ..., autopilot: _Optional[str] = ..., system_id: _Optional[int] = ..., armed: bool = ..., attitude_hz: _Optional[float] = ..., position_hz: _Optional[float] = ..., clock: _Optional[_Union[ClockEstimate, _Mapping]] = ..., counts: _Optional[_Mapping[str, int]] = ..., attitude_age_ns: _Optional[int] = ...) -> None: ...
+    flight_mode: str
+    obstacles_sent: ObstacleSectors
+    obstacles_echoed: ObstacleSectors
+    def __init__(self, address: _Optional[str] = ..., line_open: bool = ..., line_error: _Optional[str] = ..., line_warning: _Optional[str] = ..., autopilot: _Optional[str] = ..., system_id: _Optional[int] = ..., armed: bool = ..., attitude_hz: _Optional[float] = ..., position_hz: _Optional[float] = ..., clock: _Optional[_Union[ClockEstimate, _Mapping]] = ..., counts: _Optional[_Mapping[str, int]] = ..., attitude_age_ns: _Optional[int] = ..., flight_mode: _Optional[str] = ..., obstacles_sent: _Optional[_Union[ObstacleSectors, _Mapping]] = ..., obstacles_echoed: _Optional[_Union[ObstacleSectors, _Mapping]] = ...) -> None: ...
+
+class ObstacleSectors(_message.Message):
+    __slots__ = ("cm", "t_ns", "clear_cm", "first_deg", "step_deg", "body_frame")
+    CM_FIELD_NUMBER: _ClassVar[int]
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    CLEAR_CM_FIELD_NUMBER: _ClassVar[int]
+    FIRST_DEG_FIELD_NUMBER: _ClassVar[int]
+    STEP_DEG_FIELD_NUMBER: _ClassVar[int]
+    BODY_FRAME_FIELD_NUMBER: _ClassVar[int]
+    cm: _containers.RepeatedScalarFieldContainer[int]
+    t_ns: int
+    clear_cm: int
+    first_deg: float
+    step_deg: float
+    body_frame: bool
+    def __init__(self, cm: _Optional[_Iterable[int]] = ..., t_ns: _Optional[int] = ..., clear_cm: _Optional[int] = ..., first_deg: _Optional[float] = ..., step_deg: _Optional[float] = ..., body_frame: bool = ...) -> None: ...
 
 class RecordingHealth(_message.Message):
     __slots__ = ("recording", "file", "bytes", "dropped", "trouble", "repairing")
