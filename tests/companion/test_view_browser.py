@@ -108,7 +108,7 @@ def test_page_is_turned_stepped_slid_and_questioned(browser: Browser, page: Path
     with browser.page(f"{page.as_uri()}#frame=0") as shown:
         shown.wait("document.body.dataset.drawn === '0'")
         tell = json.loads(shown.ask(ACT))
-    assert tell["tip"].startswith("4.0 m away; -0.8 to 0.6 m above the camera; margin 0.20 m")
+    assert tell["tip"].startswith("plane 0: 4.0 m away; 1.2 to 2.6 m above the ground; margin 0.20 m")
     assert tell["turned"] == pytest.approx(0.3, abs=0.01)
     assert tell["zoomed"] == pytest.approx(1.49, abs=0.01)
     assert [tell[k] for k in ("right", "end", "left", "home")] == [1, 2, 1, 0]

@@ -152,7 +152,7 @@ const out = frames.map((f) => {
     pixels: walls.map((w) => [[w.ax, w.ay, w.top], [w.bx, w.by, w.top], [w.bx, w.by, w.bottom], [w.ax, w.ay, w.bottom]]
       .map((c) => m.projectPixel(c, camera, f))),
     roundtrip: m.projectPixel(m.pixelPoint(100, 50, 4, camera, f), camera, f),
-    prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: m.freeSectors(f), opened: m.freeSectors(f, true),
+    prisms: m.prismWalls(f).map((w) => [w.ax, w.ay, w.bx, w.by, w.top, w.bottom, w.flags]), sectors: m.freeSectors(f), opened: m.freeSectors(f, "open"),
   };
 });
 const times = [0, 1, 2, 2, 5].map((t, k) => ({ t, c: k % 2 }));

@@ -402,10 +402,14 @@ class App {
       flags: [["measured", sample(0)], ["partly inferred", sample(1)], ["unknown behind", sample(2)], ["irregular", sample(64)]] }[by];
     const stops = Array.from({ length: 16 }, (_, k) => css(model.paletteColor(palette, 1 + Math.round((k * 253) / 15))));
     $("ramp").style.background = `linear-gradient(90deg, ${stops.join(",")})`;
-    $("ticks").replaceChildren(...[camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m).map((m) => {
+    const apart = 100 * (34 / Math.max(1, $("ramp").clientWidth)); // per cent that a number needs
+    let last = -Infinity;
+    const shares = [camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m)
+      .map((m) => [m, ((model.rangeIndex(m, camera) - 1) / 253) * 100]).filter(([, share]) => share - last >= apart && ((last = share), true));
+    $("ticks").replaceChildren(...shares.map(([m, share]) => {
       const tick = document.createElement("span");
       tick.textContent = `${m} m`;
-      tick.style.left = `${((model.rangeIndex(m, camera) - 1) / 253) * 100}%`;
+      tick.style.left = `${share}%`;
       return tick;
     }));
     $("marks").replaceChildren(...marks.map(([text, color]) => {
@@ -436,6 +440,7 @@ class App {
     this.renderer.setSize(w, h, false);
     this.eye.aspect = w / Math.max(1, h);
     this.eye.updateProjectionMatrix();
+    this.#legend();
     this.ask();
   }
 }

@@ -1,0 +1,153 @@
+"""The page on a phone, a tablet and a desktop: what is seen, and the tools of the picture."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.viewer.page import PageBuilder
+
+from .browser import Browser, Page, opened
+from .view_scenes import blind, frame, tilted
+
+pytestmark = pytest.mark.process
+
+SIZES = {"desktop": (1440, 900), "tablet, upright": (820, 1180), "tablet, flat": (1024, 768), "phone": (390, 844)}
+BOX = "(() => { const b = document.querySelector('%s').getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })()"
+
+
+def ring(shift_cm: int) -> dict[str, Any]:
+    cm: list[int | None] = [500 + shift_cm, 1501] + [None] * 70
+    return {"cm": cm, "first": 0.0, "step": 5.0, "clear": 1501, "body": True, "age_s": 0.1}
+
+
+PILOT: dict[str, Any] = {
+    "kind": "PX4", "mode": "Position", "armed": True, "age_s": 0.4, "sent": ring(0), "echoed": ring(20)
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with opened(tmp_path_factory.mktemp("screens")) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Valid, blind twice, valid, blind, valid; with a position that moves north."""
+    builder = PageBuilder("test.mcap", 6)
+    for k, made in enumerate((frame(), blind(), blind(), tilted(), blind(), frame())):
+        t_ns = 2_500_000_000 + k * 100_000_000
+        builder.add(replace(made, t_ns=t_ns, sequence=k, position_ned_m=(float(k), 0.0, -2.0), autopilot=PILOT))
+    path = tmp_path_factory.mktemp("page") / "flight.html"
+    path.write_text(builder.page(), encoding="utf-8")
+    return path
+
+
+def opened_at(browser: Browser, page: Path, size: tuple[int, int], address: str = "frame=0") -> Page:
+    shown = browser.page("data:text/html,wait")
+    width, height = size
+    shown.call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 1100
+    )
+    shown.call("Page.navigate", url=f"{page.as_uri()}#{address}")
+    shown.wait("window.app && document.body.dataset.drawn !== undefined")
+    return shown
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=list(SIZES))
+def test_the_panel_does_not_cover_the_picture(browser: Browser, page: Path, size: tuple[int, int]) -> None:
+    with opened_at(browser, page, size) as shown:
+        left, top, right, bottom = shown.ask(BOX % "#stage")
+        panel = shown.ask(BOX % "aside")
+        assert panel[0] >= right or panel[1] >= bottom
+        assert (right - left) * (bottom - top) > 0.35 * size[0] * size[1]
+        assert shown.ask("document.documentElement.scrollWidth") == size[0]
+        for name in ("#canvas", "#views", "#legend", "#pilot"):
+            box = shown.ask(BOX % name)
+            assert left <= box[0] < box[2] <= right, name
+            assert top <= box[1] < box[3] <= bottom, name
+        for name in ("#slider", "#strip", "#play", "#blind"):
+            box = shown.ask(BOX % name)
+            assert 0 <= box[0] < box[2] <= size[0], name
+            assert box[3] <= size[1], name
+        assert shown.ask("document.getElementById('pilot').textContent") == "PX4 · Position · ARMED"
+
+
+def test_the_panel_of_a_phone_can_be_closed(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        before = shown.ask(BOX % "#stage")
+        shown.ask("document.getElementById('panel').click()")
+        after = shown.ask(BOX % "#stage")
+        assert after[3] - after[1] > 1.3 * (before[3] - before[1])
+
+
+def test_the_sectors_are_those_of_the_autopilot(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        assert shown.ask("document.getElementById('sentwords').textContent") == "nearest 5.0 m; 70 of 72 unknown"
+        assert shown.ask("document.getElementById('echowords').textContent") == "nearest 5.2 m; 70 of 72 unknown"
+        pixel = "[...document.getElementById('dial').getContext('2d').getImageData(130, %d, 1, 1).data].slice(0, 3)"
+        red, green, blue = shown.ask(pixel % 20)  # the outer ring, forward: an obstacle
+        assert red > 200 > green > blue - 50
+        assert shown.ask(pixel % 240) == [0x59, 0x63, 0x6E]  # behind: unknown
+
+
+def test_the_next_blind_moment_is_one_press_away(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["phone"]) as shown:
+        for expected in (1, 4, 1):
+            shown.ask("document.getElementById('blind').click()")
+            shown.wait(f"document.body.dataset.drawn === '{expected}'")
+        strip = "[...document.getElementById('strip').getContext('2d').getImageData(%s, 3, 1, 1).data].slice(0, 3)"
+        assert shown.ask(strip % "5") == [0x43, 0xA0, 0x47]
+        assert shown.ask(strip % "Math.floor(document.getElementById('strip').width * 0.25)") == [0xE5, 0x39, 0x35]
+
+
+def test_a_distance_is_measured_between_two_presses(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"], "frame=0&view=top") as shown:
+        shown.ask("app.toggleMeasure()")
+        # two points of the wall's upper edge, 4 m ahead, 0.5 m left and right, through the page's own projection
+        press = (
+            "((x) => { const v = app.eye.position.clone().set(x, 0.6, -4).project(app.eye);"
+            " const b = document.getElementById('canvas').getBoundingClientRect();"
+            " const at = { clientX: b.left + (v.x + 1) / 2 * b.width, clientY: b.top + (1 - v.y) / 2 * b.height, bubbles: true };"
+            " document.getElementById('canvas').dispatchEvent(new MouseEvent('click', at)); })(%s)"
+        )
+        shown.ask(press % -0.5)
+        shown.ask(press % 0.5)
+        words = shown.ask("document.getElementById('measured').textContent")
+        level_m = float(words.split("level ")[1].split(" m")[0])
+        assert level_m == pytest.approx(1.0, abs=0.35)  # from above a press meets the edge or the ground below it
+        shown.ask("app.toggleMeasure()")
+        assert shown.ask("document.getElementById('measured').hidden")
+
+
+def test_unknown_space_and_all_layers_can_be_shown(browser: Browser, page: Path) -> None:
+    sheets = "app.frames.group.children.filter((o) => o.isMesh && o !== app.frames.walls).map((o) => o.geometry.attributes.position.count)"
+    with opened_at(browser, page, SIZES["desktop"]) as shown:
+        both = shown.ask(sheets)
+        assert len(both) == 2
+        shown.ask("document.getElementById('unknown').click()")
+        assert shown.ask(sheets) == [6]  # one direction is free at the camera's height
+        shown.ask("(document.getElementById('layers').value = 'all', app.show(app.at))")
+        assert shown.ask(sheets) == [12]  # and in the layer above
+
+
+def test_obstacles_and_trail_are_saved_as_gltf(browser: Browser, page: Path) -> None:
+    with opened_at(browser, page, SIZES["desktop"], "frame=5") as shown:
+        content = json.loads(shown.ask("app.gltf()"))
+    assert [m["name"] for m in content["meshes"]] == ["front_5", "trail"]
+    data = base64.b64decode(content["buffers"][0]["uri"].split(",", 1)[1])
+    assert len(data) == content["buffers"][0]["byteLength"]
+    accessor = content["accessors"][content["meshes"][0]["primitives"][0]["attributes"]["POSITION"]]
+    view = content["bufferViews"][accessor["bufferView"]]
+    assert accessor["count"] == 6
+    first = struct.unpack_from("<3f", data, view["byteOffset"])
+    assert first == pytest.approx((-1.0, 0.6, -4.0))  # right, up, backward
+    assert accessor["min"] == pytest.approx([-1.0, -0.8, -4.0])
