@@ -35,7 +35,10 @@ def room(pp: ModuleType, planes: list[tuple[float, ...]], unknown: str, far_m: f
     return pp.Room(space=space, radius_m=0.5, start=np.zeros(3), been_m=2.5, unknown=pp.Unknown(unknown))
 
 
-@pytest.mark.parametrize("planner", ["rrt", "rrt-connect", "prm"])
+OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in ("rrt", "prm")]
+
+
+@pytest.mark.parametrize("planner", ["rrt-connect", *OTHERS])
 def test_through_the_gap_that_is_wide_enough(pp: ModuleType, planner: str) -> None:
     planes = wall_with_gap(2.4)
     path = pp.plan(room(pp, planes, "allow"), GOAL, BOUNDS, planner=planner, tries=12)

@@ -31,6 +31,14 @@ def drawn(f: ViewFrame, folder: Path) -> Image:
     return image[..., ::-1].astype(np.int32)
 
 
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Image]:
+    """The pictures of `frame()`, of `blind()` and of a frame without prisms, which several tests look at."""
+    folder = tmp_path_factory.mktemp("pictures")
+    frames = {"valid": frame(), "blind": blind(), "empty": frame(model=None)}
+    return {name: drawn(f, folder) for name, f in frames.items()}
+
+
 def panel(image: Image, f: ViewFrame) -> tuple[Image, float]:
     """The depth image's part of a picture and its picture pixels per image pixel."""
     left, bottom, width, height = image_place(f)[0]
@@ -45,9 +53,9 @@ def dark(part: Image, u: float, v: float, scale: float, reach: int = 3) -> bool:
     return bool(part[y - reach : y + reach + 1, x - reach : x + reach + 1].max(axis=2).min() < 50)
 
 
-def test_outline_of_a_plane_stands_where_the_pinhole_puts_it(tmp_path: Path) -> None:
-    f = frame()  # plane 4 m ahead, 1 m to either side, from 0.6 m above to 0.8 m below
-    part, scale = panel(drawn(f, tmp_path), f)
+def test_outline_of_a_plane_stands_where_the_pinhole_puts_it(pictures: dict[str, Image]) -> None:
+    # plane 4 m ahead, 1 m to either side, from 0.6 m above to 0.8 m below
+    part, scale = panel(pictures["valid"], frame())
     k = INTRINSICS
     left, right = k.cx - k.fx / 4, k.cx + k.fx / 4
     top, bottom = k.cy - 0.6 * k.fy / 4, k.cy + 0.8 * k.fy / 4
@@ -110,24 +118,21 @@ def test_unknown_is_grey_and_hatched_and_far_is_pale(tmp_path: Path) -> None:
     assert np.mean(np.abs(far - FAR_RGB).max(axis=1) < 6) > 0.99
 
 
-def test_the_banner_distinguishes_blind_valid_and_not_extracted(tmp_path: Path) -> None:
+def test_the_banner_distinguishes_blind_valid_and_not_extracted(pictures: dict[str, Image]) -> None:
     edge = (slice(4, BANNER_PX - 4), slice(WIDTH_PX - 200, WIDTH_PX - 4))  # right of the words
     expected = {"valid": (0x2E, 0x7D, 0x32), "blind": (0xC6, 0x28, 0x28), "empty": (0xB2, 0x6A, 0x00)}
-    frames = {"valid": frame(), "blind": blind(), "empty": frame(model=None)}
-    for name, f in frames.items():
-        image = drawn(f, tmp_path)
+    for name, image in pictures.items():
         assert (np.abs(image[edge] - expected[name]) < 4).all(), name
         words = image[4 : BANNER_PX - 4, : WIDTH_PX // 2]
         assert np.mean(words.min(axis=2) > 220) > 0.005, f"{name}: no words in the band"
 
 
-def test_blind_frame_shows_no_free_space_and_no_planes(tmp_path: Path) -> None:
-    f = blind()
-    image = drawn(f, tmp_path)
+def test_blind_frame_shows_no_free_space_and_no_planes(pictures: dict[str, Image]) -> None:
+    image = pictures["blind"]
     green = np.abs(image - (0xC8, 0xE6, 0xC9)).max(axis=2) < 10
     assert not green.any()
-    assert np.abs(drawn(frame(), tmp_path) - (0xC8, 0xE6, 0xC9)).max(axis=2).min() < 10, "a valid one shows it"
-    part, _ = panel(image, f)
+    assert np.abs(pictures["valid"] - (0xC8, 0xE6, 0xC9)).max(axis=2).min() < 10, "a valid one shows it"
+    part, _ = panel(image, blind())
     red = np.abs(part - (0xC6, 0x28, 0x28)).max(axis=2) < 8
     assert red.mean() > 0.02, "the image itself is stamped"
 
