@@ -25,6 +25,7 @@ TITLES = {
     "guard": "`[guard]`: stop in automatic flight modes",
     "publish": "`[publish]`: streams",
     "world": "`[world]`: merged world",
+    "tracking": "`[tracking]`: tracked obstacles; see [tracking](../explanation/tracking.md)",
     "record": "`[record]`: log of the flight",
     "supervision": "`[supervision]`: failure of a camera",
     "service": "`[service]`: timeouts, metrics",

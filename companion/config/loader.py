@@ -25,6 +25,7 @@ from pydantic import Field as Bounds
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.self_check.mount_params import MountCheckParams
+from core.tracking.params import TrackingParams
 from core.world.params import WorldParams
 
 from .avoidance import AvoidParams
@@ -50,6 +51,7 @@ SECTIONS: dict[str, type] = {
     "guard": GuardParams,
     "publish": PublishConfig,
     "world": WorldParams,
+    "tracking": TrackingParams,
     "record": RecordParams,
     "supervision": SupervisorParams,
     "service": ServiceParams,
@@ -80,6 +82,7 @@ class Config:
     guard: GuardParams = field(default_factory=GuardParams)
     publish: PublishConfig = field(default_factory=PublishConfig)
     world: WorldParams = field(default_factory=WorldParams)
+    tracking: TrackingParams = field(default_factory=TrackingParams)
     record: RecordParams = field(default_factory=RecordParams)
     supervision: SupervisorParams = field(default_factory=SupervisorParams)
     service: ServiceParams = field(default_factory=ServiceParams)

@@ -28,7 +28,7 @@ class AutopilotConfig:
         check("autopilot", self)
 
 
-STREAMS = ("prisms", "health", "surround")
+STREAMS = ("prisms", "health", "surround", "tracks")
 WORLD_STREAMS = ("world", "world_requests")
 """Neither or both: changes of the merged world, and snapshots on request."""
 
@@ -40,6 +40,7 @@ class PublishConfig:
     prisms: str = text("ipc://{run}/prisms", "address of the prisms: ipc://PATH, or tcp://HOST:PORT; empty: none")
     health: str = text("ipc://{run}/health", "address of the health reports")
     surround: str = text("ipc://{run}/surround", "address of the model of all cameras, with several cameras")
+    tracks: str = text("ipc://{run}/tracks", "address of the tracked obstacles, where [tracking] is enabled")
     world: str = text(
         "", "address of the changes of the merged world, such as ipc://{run}/world; empty: nothing is merged"
     )

@@ -8,8 +8,8 @@ import numpy as np
 
 from core.types import CameraInfo, ExtractorState, FrameModel, Ground, Intrinsics
 
-MODES = ("extractor", "world", "simulated")
-"""Groups of kernels: the extractor, the merged world and the simulated camera."""
+MODES = ("extractor", "world", "tracking", "simulated")
+"""Groups of kernels: the extractor, the merged world, the tracked obstacles and the simulated camera."""
 
 
 def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
@@ -31,6 +31,9 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
             continue
         if mode == "simulated":
             _run_simulation_kernels()
+            continue
+        if mode == "tracking":
+            _run_tracking_kernels()
             continue
         extractor = Extractor(Params(), OpenSkyParams(mode="presume"))
         for depth in (frame, (frame / np.float32(1000.0)).astype(np.float32))[: 2 if metres else 1]:
@@ -98,6 +101,22 @@ def _run_simulation_kernels() -> None:
     from drivers.simulation.source import camera_info, render
 
     render("street", camera_info(64, 48), pitch_rad=0.1, sensor=TYPICAL, seed=1)
+
+
+def _run_tracking_kernels() -> None:
+    """Tracks the obstacles of small frames, with a position and without."""
+    from core.extractor import Extractor
+    from core.params import Params
+    from core.tracking.snapshot import TrackingFrame
+    from core.tracking.tracker import Tracker
+
+    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
+    level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    model, _ = Extractor(Params()).extract(_frame(), info, level)
+    tracker = Tracker()
+    for k, positioned in enumerate((True, True, False, False)):
+        tracker.observe(TrackingFrame(model=model, camera_m=(0.0, 0.0, 0.0), t_ns=k, positioned=positioned))
+    Tracker(state=tracker.state())
 
 
 def _frame() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:

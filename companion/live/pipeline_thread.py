@@ -22,10 +22,12 @@ from drivers.watched_thread import WatchedThread
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..log.recorder import Recorder
-from ..pipeline.encode import prisms_bytes, state_message
+from ..pipeline.encode import prisms_bytes, state_message, wire_bytes
 from ..pipeline.events import Item, LogMessage, RawFrame, Sample, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
 from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
+from ..pipeline.track_messages import tracks_message
+from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.exposure_offset import ExposureOffset
 from ..self_check.mount_yaw import MountYaw, MountYawMonitor
@@ -67,9 +69,11 @@ class PipelineThread:
         show: Callable[[DepthFrame], None] = lambda frame: None,
         offset_monitor: ExposureOffsetMonitor | None = None,
         yaw_monitor: MountYawMonitor | None = None,
+        publish_tracks: Callable[[TracksResult, bytes], None] = lambda result, data: None,
     ) -> None:
         """offset_monitor, yaw_monitor: measure the cameras' exposure time offsets and mount yaws; they do not change
-        results."""
+        results. publish_tracks: called with the tracked obstacles, after the frame's results are published."""
+        self._publish_tracks = publish_tracks
         self._yaw_monitor = yaw_monitor
         self._offset_monitor = offset_monitor
         self._pipeline, self._event_queue, self._staleness, self._publish = pipeline, event_queue, staleness, publish
@@ -217,6 +221,9 @@ class PipelineThread:
         if isinstance(item, DepthFrame):
             self._add_latencies(item, begun_ns, done_ns, cpu_ns)
             self._show(item)
+        for output in outputs:
+            self._track(output)
+        if isinstance(item, DepthFrame):
             self._measure_offset(item)
 
     def _measure_offset(self, frame: DepthFrame) -> None:
@@ -240,6 +247,15 @@ class PipelineThread:
         else:
             self._count(output)
         self._record_later(lambda log: log.output(output, prisms))
+
+    def _track(self, output: Output) -> None:
+        """Updates, publishes and records the tracked obstacles, where they are enabled."""
+        tracks = self._pipeline.track(output)
+        if tracks is None:
+            return
+        data = wire_bytes(tracks_message(tracks))
+        self._publish_tracks(tracks, data)
+        self._record_later(lambda log: log.tracks(tracks, data))
 
     def _count(self, decision: FrameDecision) -> None:
         with self.lock:

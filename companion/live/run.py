@@ -123,7 +123,8 @@ def run(args: argparse.Namespace) -> int:
     from ..kernels.warmup import Loading, ensure_compiled
 
     world = ("world",) if config.publish.world else ()
-    loading = Loading("extractor", *world)  # loads beside the imports, which take longer
+    tracking = ("tracking",) if config.tracking.enabled else ()
+    loading = Loading("extractor", *world, *tracking)  # loads beside the imports, which take longer
     stop = threading.Event()
 
     def end(*_: object) -> None:

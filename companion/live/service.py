@@ -111,13 +111,14 @@ class Service:
         self.metrics = make_metrics(config)
         self._pipeline = Pipeline(
             (), lambda info: Extractor(config.extractor, config.open_sky), config.sync,
-            mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check,
+            mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check, tracking=config.tracking,
         )  # fmt: skip
         clock_callbacks = ClockCallbacks(clock=self._clock, armed=self._armed)
         self.loop = PipelineThread(
             self._pipeline, self.event_queue, self._staleness, self._publish, self.recorder, config.record.record, clock_callbacks,
             warm_up, self._previews.show, ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
             MountYawMonitor(lambda info: configured_mask(config.camera(info.camera), info)),
+            lambda result, data: self._output.publish_tracks(result, data),
         )  # fmt: skip
         self._output = StreamOutput(config, self._boot, self._staleness, self.loop.lock)
         self._mounts = MountWatch(config.extractor.ground_max_slope)

@@ -17,6 +17,7 @@ from ..config.service import STREAMS
 from ..pipeline.encode import blind_message, wire_bytes
 from ..pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
 from ..pipeline.pipeline import PrismsResult
+from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream
 from .health import CameraView
@@ -26,7 +27,7 @@ NS = 1_000_000_000
 
 
 class StreamOutput:
-    """The streams `prisms`, `surround` (with several cameras) and `health`.
+    """The streams `prisms`, `surround` (with several cameras), `tracks` (where enabled) and `health`.
 
     The pipeline thread and the main thread publish. `state_lock` guards `staleness` and the newest results; a lock of this
     class guards the sockets."""
@@ -43,8 +44,14 @@ class StreamOutput:
         """Binds the sockets of the configured addresses. run: folder that replaces `{run}`. Raises as Publisher does."""
         for name in STREAMS:
             address = getattr(self._config.publish, name).replace("{run}", str(run))
-            if address and (name != "surround" or len(self._config.cameras) > 1):
+            if address and self._is_published(name):
                 self.publishers[name] = Publisher(Stream(name, address), context, keys)
+
+    def _is_published(self, name: str) -> bool:
+        """Whether the configuration has content for a stream."""
+        if name == "surround":
+            return len(self._config.cameras) > 1
+        return name != "tracks" or self._config.tracking.enabled
 
     def close(self) -> None:
         """Closes the sockets. May be called twice."""
@@ -58,6 +65,10 @@ class StreamOutput:
     def publish_prisms(self, result: PrismsResult, prisms: bytes) -> None:
         """Publishes one frame. prisms: the result as an encoded PrismsFrame."""
         self._send("prisms", pb.PrismsFrame, prisms, result.t_exposure_ns)
+
+    def publish_tracks(self, result: TracksResult, data: bytes) -> None:
+        """Publishes the tracked obstacles after a frame. data: the encoded Tracks."""
+        self._send("tracks", pb.Tracks, data, result.t_exposure_ns)
 
     def publish_blind(self, view: CameraView, now_ns: int) -> None:
         """Publishes an invalid frame for a blind camera, with the stamp of its newest valid exposure."""
@@ -92,7 +103,7 @@ class StreamOutput:
         return self.publishers["health"].published if "health" in self.publishers else 0
 
     def _send(
-        self, stream: str, kind: type[pb.PrismsFrame] | type[pb.SurroundFrame], data: bytes, t_exposure_ns: int
+        self, stream: str, kind: type[pb.PrismsFrame | pb.SurroundFrame | pb.Tracks], data: bytes, t_exposure_ns: int
     ) -> None:
         """Sends an encoded message with its `publication` field appended; two encoded parts decode as one message."""
         publisher = self.publishers.get(stream)

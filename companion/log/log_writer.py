@@ -26,6 +26,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import decision_message, prisms_bytes, state_message, wire_bytes
 from ..pipeline.pipeline import FrameDecision, Output, PipelineState
+from ..pipeline.tracking import TracksResult
 from .foxglove_scene import scene_message, transform_messages
 from .mcap_writer import ZSTD_LEVEL, McapWriter, Part
 
@@ -129,6 +130,10 @@ class LogWriter:
             self.write("scene", scene_message(output), *at)
         for transform in transform_messages(output, self._infos[output.camera]) if transforms else ():
             self.write("transform", transform, output.t_arrival_ns, publish_ns=output.t_exposure_ns)
+
+    def tracks(self, result: TracksResult, data: bytes) -> None:
+        """Writes the tracked obstacles after a frame. data: the encoded message."""
+        self._write("tracks", (data,), result.t_arrival_ns, result.camera, result.sequence, result.t_exposure_ns)
 
     def write(
         self,

@@ -26,6 +26,7 @@ from ..config.camera import OutputConfig
 from ..config.service import RecordParams
 from ..pipeline.events import RawFrame
 from ..pipeline.pipeline import Output, PipelineState
+from ..pipeline.tracking import TracksResult
 from .current_file import Begin, CurrentLog, LogRemovedError
 from .depth_rate import DepthRate
 from .log_directory import new_flight
@@ -182,6 +183,10 @@ class Recorder:
         """Records an output of the pipeline. prisms: the encoded message, if available."""
         drawn = self._drawn
         self._enqueue(lambda log: log.output(output, drawn.scene, drawn.transforms, prisms), _RESULT)
+
+    def tracks(self, result: TracksResult, data: bytes) -> None:
+        """Records the tracked obstacles after a frame. data: the encoded message."""
+        self._enqueue(lambda log: log.tracks(result, data), len(data) + _SMALL)
 
     def message(self, key: str, message: Message, t_ns: int) -> None:
         """Records another message of the table of topics."""

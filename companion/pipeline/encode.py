@@ -30,6 +30,7 @@ from .decode_model import STATS, model_from_message
 from .mount_messages import mount_state_from_message, mount_state_message
 from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
 from .sync import AttitudeAt, DropCause, PoseAt, Source
+from .track_messages import tracker_messages, trackers_from_message
 from .transform import LevelTransform
 
 SCHEMA_VERSION: Final = 1
@@ -240,6 +241,7 @@ def state_message(state: PipelineState) -> pb.StateSnapshot:
         ],
         attitudes=[attitude_message(sample) for sample in state.attitudes],
         poses=[pose_message(sample) for sample in state.poses],
+        trackers=tracker_messages(state.trackers),
     )
 
 
@@ -268,4 +270,5 @@ def state_from_message(message: pb.StateSnapshot) -> PipelineState:
         cameras,
         tuple(attitude_from_message(sample) for sample in message.attitudes),
         tuple(pose_from_message(sample) for sample in message.poses),
+        trackers_from_message(message),
     )

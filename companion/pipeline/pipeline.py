@@ -18,12 +18,14 @@ from core.frames import level_cam_at, rotation_from_quaternion
 from core.invalid_model import invalid_model
 from core.self_check.mount_check import MountState, MountVerdict, checked, due
 from core.self_check.mount_params import MountCheckParams
+from core.tracking.params import TrackingParams
 from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, InvalidCause, PoseSample
 from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
+from .tracking import CameraTracks, NamedStates, TracksResult
 from .transform import LevelTransform, seed_ground_height, transform_from_level_cam, transform_model
 
 UNPUBLISHED_DROPS = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
@@ -117,6 +119,7 @@ class PipelineState:
     cameras: tuple[tuple[str, CameraState], ...] = ()
     attitudes: tuple[AttitudeSample, ...] = ()
     poses: tuple[PoseSample, ...] = ()
+    trackers: NamedStates = ()
 
 
 class Pipeline:
@@ -131,8 +134,10 @@ class Pipeline:
         state: PipelineState | None = None,
         mask: Callable[[CameraInfo], Mask | None] = lambda info: None,
         mount_check: MountCheckParams | None = None,
+        tracking: TrackingParams | None = None,
     ) -> None:
-        """mask: returns the (H, W) mask of a camera's pixels that are always unknown, None: no mask."""
+        """mask: returns the (H, W) mask of a camera's pixels that are always unknown, None: no mask. tracking: None, or
+        not enabled: obstacles are not tracked. Raises ValueError for a state that does not fit these parameters."""
         self._mount_check = mount_check or MountCheckParams()
         self._infos = {info.camera: info for info in cameras}
         if len(self._infos) != len(cameras):
@@ -144,6 +149,9 @@ class Pipeline:
         self._sync = Synchroniser(sync or SyncParams())
         self._states = {info.camera: CameraState() for info in cameras}
         self.counts: Counter[str] = Counter()
+        self._tracks: CameraTracks | None = None
+        if tracking is not None and tracking.enabled:
+            self._tracks = CameraTracks(tracking, () if state is None else state.trackers)
         if state is not None:
             self.resume(state)
 
@@ -156,14 +164,22 @@ class Pipeline:
             self._sync.attitudes.add(attitude)
         for pose in state.poses:
             self._sync.poses.add(pose)
+        if self._tracks is not None:
+            self._tracks.resume(state.trackers)
 
     def state(self) -> PipelineState:
         """A snapshot of the state to start another pipeline with."""
-        return PipelineState(tuple(self._states.items()), self._sync.attitudes.samples, self._sync.poses.samples)
+        trackers = () if self._tracks is None else self._tracks.states()
+        samples = self._sync.attitudes.samples, self._sync.poses.samples
+        return PipelineState(tuple(self._states.items()), *samples, trackers)
 
     def camera_state(self, camera: str) -> PipelineState:
         """The part of `state` that belongs to one camera."""
-        return PipelineState(tuple((name, state) for name, state in self._states.items() if name == camera))
+        trackers = () if self._tracks is None else self._tracks.states()
+        return PipelineState(
+            tuple((name, state) for name, state in self._states.items() if name == camera),
+            trackers=tuple((name, state) for name, state in trackers if name == camera),
+        )
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
@@ -178,6 +194,15 @@ class Pipeline:
         self._extractors[info.camera] = self._make_extractor(info)
         self._masks[info.camera] = self._mask(info)
         self._states[info.camera] = CameraState()
+        if self._tracks is not None:
+            self._tracks.forget(info.camera)
+
+    def track(self, output: Output) -> TracksResult | None:
+        """The tracked obstacles after an output of `handle`; None where obstacles are not tracked, and for a decision. To be
+        called once for each output, in their order, after it is published."""
+        if self._tracks is None or isinstance(output, FrameDecision):
+            return None
+        return self._tracks.add(output)
 
     def superseded(self, camera: str, sequence: int, t_exposure_ns: int, t_arrival_ns: int) -> FrameDecision:
         """The decision on a frame that a newer frame replaced before it reached the pipeline. It changes no state."""

@@ -32,7 +32,11 @@ class Difference:
         return f"{where}: {self.field} is {self.logged} in the log and {self.computed} in the replay"
 
 
-def key_of(message: pb.PrismsFrame | pb.FrameDecision) -> Key:
+Compared = pb.PrismsFrame | pb.Tracks
+"""Messages of which there is one for each frame."""
+
+
+def key_of(message: Compared | pb.FrameDecision) -> Key:
     """The key that identifies a message."""
     return message.camera, message.sequence, message.t_exposure_ns
 
@@ -46,16 +50,16 @@ class Comparison:
     different: int = 0
     first: Difference | None = None
     _newest_ns: dict[str, int] = field(default_factory=dict)
-    _logged: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
-    _computed: dict[Key, pb.PrismsFrame] = field(default_factory=dict)
+    _logged: dict[Key, Compared] = field(default_factory=dict)
+    _computed: dict[Key, Compared] = field(default_factory=dict)
 
-    def logged(self, message: pb.PrismsFrame) -> None:
+    def logged(self, message: Compared) -> None:
         """Adds a message of the log."""
         newest_ns = self._newest_ns.get(message.camera, message.t_exposure_ns)
         self._newest_ns[message.camera] = max(newest_ns, message.t_exposure_ns)
         self._take(message, self._logged, self._computed, logged=True)
 
-    def computed(self, message: pb.PrismsFrame) -> None:
+    def computed(self, message: Compared) -> None:
         """Adds a recomputed message."""
         self._take(message, self._computed, self._logged, logged=False)
 
@@ -80,9 +84,7 @@ class Comparison:
         """Whether something was compared and everything was equal."""
         return self.compared > 0 and self.different == 0
 
-    def _take(
-        self, message: pb.PrismsFrame, here: dict[Key, pb.PrismsFrame], there: dict[Key, pb.PrismsFrame], logged: bool
-    ) -> None:
+    def _take(self, message: Compared, here: dict[Key, Compared], there: dict[Key, Compared], logged: bool) -> None:
         key = key_of(message)
         other = there.pop(key, None)
         if other is None:
@@ -96,23 +98,26 @@ class Comparison:
             self.first = self.first or Difference(key, *difference)
 
 
-def first_difference(
-    logged: pb.PrismsFrame, computed: pb.PrismsFrame, tolerance: float = 0.0
-) -> tuple[str, str, str] | None:
+def first_difference(logged: Compared, computed: Compared, tolerance: float = 0.0) -> tuple[str, str, str] | None:
     """(field, value in the log, computed value) of the first difference; None when equal. Not compared: publication,
     and cause_text, which may change between versions (cause is compared)."""
-    a, b = pb.PrismsFrame(), pb.PrismsFrame()
-    a.CopyFrom(logged)
-    b.CopyFrom(computed)
-    for name in ("publication", "cause_text"):
-        a.ClearField(name)
-        b.ClearField(name)
+    a, b = _comparable(logged), _comparable(computed)
     if wire_bytes(a) == wire_bytes(b):
         return None
     found = _walk(a, b, "", tolerance)
     if found is None and tolerance == 0.0:
         return "unknown fields", "written by a newer schema", "not known to this version"
     return found
+
+
+def _comparable(message: Compared) -> Compared:
+    """A copy without the fields that are not compared."""
+    copy = type(message)()
+    copy.MergeFromString(wire_bytes(message))
+    for name in ("publication", "cause_text"):
+        if name in copy.DESCRIPTOR.fields_by_name:
+            copy.ClearField(name)
+    return copy
 
 
 def _walk(a: Message, b: Message, path: str, tolerance: float) -> tuple[str, str, str] | None:

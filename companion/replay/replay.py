@@ -25,8 +25,10 @@ from ..console import fail, print_json, progress
 from ..kernels.warmup import ensure_compiled
 from ..log.log_writer import LogWriter, refuse_output
 from ..log.provenance import run_info
-from ..pipeline.encode import prisms_message, state_from_message
+from ..pipeline.encode import prisms_message, state_from_message, wire_bytes
 from ..pipeline.pipeline import Output, Pipeline, PipelineState, PrismsResult
+from ..pipeline.track_messages import tracks_message
+from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from .compare import Comparison, Key, key_of
 from .replay_report import Replay, depth_note, print_report, replay_problems, report
@@ -38,7 +40,7 @@ def make_pipeline(config: Config, cameras: Iterable[CameraInfo], state: Pipeline
     infos = effective_cameras(config, cameras)
     return Pipeline(
         infos, lambda info: Extractor(config.extractor, config.open_sky), config.sync, state,
-        mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check,
+        mask=lambda info: configured_mask(config.camera(info.camera), info), mount_check=config.mount_check, tracking=config.tracking,
     )  # fmt: skip
 
 
@@ -79,14 +81,18 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
         source = stack.enter_context(McapRecording(path))
         config = _config(options, source)
         state = _state(source)
-        pipeline = make_pipeline(config, source.cameras, state)
+        try:
+            pipeline = make_pipeline(config, source.cameras, state)
+        except ValueError as error:  # a state that does not fit the configuration
+            raise BadData(f"{source.path}: {TOPICS['state'].name}: {error}") from error
         comparison = Comparison(options.tolerance) if options.check else None
         cameras = effective_cameras(config, source.cameras)
-        result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), comparison)
+        tracks = Comparison(options.tolerance) if options.check else None
+        result = Replay(ReplayCounts(), {}, tuple(info.camera for info in cameras), comparison, tracks)
         skipped = _skipped_live(path) if options.check else frozenset()
         log = stack.enter_context(LogWriter(options.output)) if options.output is not None else None
         sink = _Sink(log, config, options.depth and config.output.copy_input, cameras)
-        events = _without(_events(source, comparison, pipeline), skipped)
+        events = _without(_events(source, comparison, tracks, pipeline), skipped)
         monitor = ExposureOffsetMonitor(lambda info: configured_mask(config.camera(info.camera), info))
         for info in pipeline.cameras:
             monitor.announce(info)
@@ -99,6 +105,8 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
                     for output in outputs:
                         if isinstance(output, PrismsResult):
                             comparison.computed(prisms_message(output))
+                for output in outputs:
+                    _track(pipeline, output, sink, tracks)
                 on_progress(source.share_read)
         except BadData as error:
             result.damage = str(error)
@@ -115,6 +123,17 @@ def replay(path: Path, options: Options, on_progress: Callable[[float], None] = 
             for info in cameras
         }
         return result
+
+
+def _track(pipeline: Pipeline, output: Output, sink: _Sink, comparison: Comparison | None) -> None:
+    """Updates, writes and compares the tracked obstacles, where they are enabled."""
+    tracks = pipeline.track(output)
+    if tracks is None:
+        return
+    message = tracks_message(tracks)
+    sink.tracks(tracks, wire_bytes(message))
+    if comparison is not None:
+        comparison.computed(message)
 
 
 class _Sink:
@@ -138,6 +157,11 @@ class _Sink:
             self._log.event(event)
         for output in outputs:
             self._log.output(output, self._config.output.scene, self._config.output.transforms)
+
+    def tracks(self, result: TracksResult, data: bytes) -> None:
+        """Writes tracked obstacles."""
+        if self._log is not None:
+            self._log.tracks(result, data)
 
     def end(self) -> None:
         """Opens a log without events too, so that it states its provenance."""
@@ -198,17 +222,21 @@ def _decoded(source: McapRecording, state: pb.StateSnapshot) -> PipelineState:
         ) from error
 
 
-def _events(source: McapRecording, comparison: Comparison | None, pipeline: Pipeline) -> Iterator[Event]:
-    """The events; prisms of the log are passed to the comparison, states within the log to the pipeline: a log without all
-    depth images (`[record] depth_hz`) has one before each image."""
+def _events(
+    source: McapRecording, comparison: Comparison | None, tracks: Comparison | None, pipeline: Pipeline
+) -> Iterator[Event]:
+    """The events; prisms and tracks of the log are passed to the comparisons, states within the log to the pipeline: a log
+    without all depth images (`[record] depth_hz`) has one before each image."""
     begun = False
-    for item in source.events_with("state", *(("prisms",) if comparison is not None else ())):
+    for item in source.events_with("state", *(("prisms", "tracks") if comparison is not None else ())):
         if not isinstance(item, LoggedMessage):
             begun = True
             yield item
         elif isinstance(item.message, pb.StateSnapshot):
             if begun:
                 pipeline.resume(_decoded(source, item.message))
+        elif tracks is not None and isinstance(item.message, pb.Tracks):
+            tracks.logged(item.message)
         elif comparison is not None and isinstance(item.message, pb.PrismsFrame):
             comparison.logged(item.message)
 

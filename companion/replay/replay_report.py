@@ -23,12 +23,13 @@ _LISTED = 5
 @dataclass(slots=True)
 class Replay:
     """The result of a replay. damage: of the input, None: none. obstacle_range_m: by camera, the detection range at the
-    noise of its last frame."""
+    noise of its last frame. tracks: the comparison of the tracked obstacles."""
 
     counts: ReplayCounts
     sample_anomalies: dict[str, int]
     cameras: tuple[str, ...]
     comparison: Comparison | None = None
+    tracks: Comparison | None = None
     damage: str | None = None
     exposure_offsets: tuple[ExposureOffset, ...] = ()
     configured_offsets_ms: dict[str, float] = field(default_factory=dict)
@@ -58,6 +59,9 @@ def replay_problems(result: Replay) -> list[str]:
         problems.append("no depth image in the input: nothing was computed; record or import a log with depth images")
     if result.comparison is not None and not result.comparison.passed:
         problems.append(_check_problem(result.comparison))
+    if result.tracks is not None and result.tracks.different:
+        t = result.tracks
+        problems.append(f"check: the tracks of {t.different} of {t.compared} frames differ; first: {t.first}")
     return problems
 
 
@@ -110,6 +114,8 @@ def report(result: Replay, path: Path, output: Path | None, problems: list[str])
             "missing_from_log": [_named(key) for key in comparison.only_computed],
             "without_depth": [_named(key) for key in comparison.only_logged],
             "note": result.depth_note,
+            "tracks_compared": result.tracks.compared if result.tracks is not None else 0,
+            "tracks_different": result.tracks.different if result.tracks is not None else 0,
         }
     return {
         "input": str(path),
@@ -178,6 +184,9 @@ def print_report(result: Replay, output: Path | None) -> None:
         _print_check(result.comparison)
         if result.depth_note:
             print_line(f"check: {result.depth_note}")
+    if result.tracks is not None and result.tracks.compared:
+        verdict = "NOT equal" if result.tracks.different else "equal"
+        print_line(f"check: tracks of {result.tracks.compared} frames compared: {verdict}")
     if output is not None:
         print_line(f"written: {output}")
 

@@ -12,12 +12,14 @@ import math
 from typing import Any, NamedTuple
 
 from ..jit import inner, kernel
+from .snapshot import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
 from .tables import NONE, clear_cell, copy_cell, free_slot
 
 OUT_OF_VIEW, HIDDEN, EXPLAINED, CLEAR = 0, 1, 2, 3
-S_NEW, S_DETECTED, S_MISSED, S_HIDDEN, S_OUT_OF_VIEW = 1, 2, 3, 4, 5
 NEW_HITS = 3
 """Not tuning: a track observed less often is new."""
+MEMORY_HITS = 10
+"""Not tuning: observations after which a cell is kept for the whole memory."""
 _OBSTACLE = 1
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
@@ -108,9 +110,12 @@ def classify(x, y, top, bottom, slack, rules, view):
 
 
 @kernel
-def collect_evidence(table, rules, view, t_ns, oldest_ns):
-    """Evidence of one frame on all cells that it did not observe; removes cells that are clear, or last observed before
-    oldest_ns. Sets the state of each track. Returns the number of cells removed."""
+def collect_evidence(table, rules, view, t_ns, memory_ns):
+    """Evidence of one frame on all cells that it did not observe; removes cells that are clear, or older than the memory.
+    Sets the state of each track. Returns the number of cells removed.
+
+    A cell with fewer than MEMORY_HITS observations has a share of the memory: what flickers does not accumulate where it
+    is hidden."""
     removed = 0
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
@@ -130,7 +135,9 @@ def collect_evidence(table, rules, view, t_ns, oldest_ns):
                 c.against += 1
             missed = missed or seen >= EXPLAINED
             best = max(best, seen)
-            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or c.seen_ns < oldest_ns:
+            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or t_ns - c.seen_ns > memory_ns * min(
+                1.0, c.hits / MEMORY_HITS
+            ):
                 c.hits = 0
                 removed += 1
         if t.first_detection == NONE and missed:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ..codes import Code
 from ..types import FrameModel
-from .evidence import S_DETECTED, S_HIDDEN, S_MISSED, S_NEW, S_OUT_OF_VIEW
+
+S_NEW, S_DETECTED, S_MISSED, S_HIDDEN, S_OUT_OF_VIEW = 1, 2, 3, 4, 5
+"""TrackState as kernels and messages use it."""
 
 
 class TrackState(Code):

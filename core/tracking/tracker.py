@@ -34,7 +34,7 @@ from .movers import (
 from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import TrackerState, TrackingFrame, TrackSnapshot
-from .tables import CELL, CELLS, RULES, TRACK, detections_of, empty_table
+from .tables import CELL, CELLS, RULES, TRACK, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
@@ -49,6 +49,8 @@ _WIDE = 1.6
 """Not tuning: factor of the gate while the motion of the vehicle is estimated."""
 _VELOCITY_SHARE = 0.4
 """Not tuning: weight of a frame in the estimated velocity of a vehicle without a position."""
+_SPARE_SLOTS = 64
+"""Not tuning: slots for the parts of split tracks."""
 _VIEWS, _VIEW_STEP_NS = 4, NS // 5
 """Not tuning: earlier free ranges that are kept, and the least time between them."""
 
@@ -77,14 +79,15 @@ class Tracker:
             self._resume(state)
 
     def _reset(self) -> None:
-        self._table = empty_table(self.params.most_tracks)
+        self._all = empty_table(self.params.most_tracks)
+        self._table = self._all
         self._objects = np.zeros(MOST_OBJECTS, OBJECT)
         self._history = np.zeros((MOST_OBJECTS, HISTORY, 3))
         self._views: list[tuple[int, FreeView]] = []
         self._state = TrackerState()
 
     def observe(self, frame: TrackingFrame) -> TrackSnapshot:
-        """The tracks after a frame. A frame older than the newest one begins anew. An invalid frame is no evidence: its
+        """The tracks after a frame. A frame older than the newest one starts an empty tracker. An invalid frame is no evidence: its
         tracks only grow older."""
         if self._state.last_ns is not None and frame.t_ns <= self._state.last_ns:
             next_id = self._state.next_id
@@ -92,13 +95,14 @@ class Tracker:
             self._state = replace(self._state, next_id=next_id)
         last_ns = self._state.last_ns
         dt_s = 0.0 if last_ns is None else min((frame.t_ns - last_ns) / NS, 10.0)
+        self._limit_table(len(frame.model.planes))
         aligned = self._align(frame, dt_s)
         begin_frame(self._table, dt_s, self._rules[0])
         view = free_view(frame.model, frame.camera_m)
         if frame.model.valid:
             self._associate(frame, view, dt_s, aligned)
         memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
-        collect_evidence(self._table, self._rules[0], view, frame.t_ns, frame.t_ns - round(memory_s * NS))
+        collect_evidence(self._table, self._rules[0], view, frame.t_ns, round(memory_s * NS))
         next_id, _, evicted = split_tracks(self._table, self._state.next_id, frame.t_ns)
         self.counts["tracks_evicted"] += evicted
         self._state = replace(
@@ -108,6 +112,14 @@ class Tracker:
         self._keep_view(view, frame)
         growth_m_s = 0.0 if frame.positioned else self.params.speed_error_m_s
         return snapshot_of(self._table.tracks, self._objects, frame.t_ns, growth_m_s)
+
+    def _limit_table(self, detections: int) -> None:
+        """Limits the table to the slots in use and as many as the detections of a frame can need. Slots are taken from the
+        lowest up, so that empty ones beyond need not be read."""
+        tracks, cells = self._all
+        used = np.flatnonzero(tracks["hits"])
+        limit = (int(used[-1]) + 1 if len(used) else 0) + 2 * detections + _SPARE_SLOTS
+        self._table = TrackTable(tracks[:limit], cells[:limit])
 
     # ---- place of the tracks ------------------------------------------------------------------------------------------
 
@@ -202,7 +214,7 @@ class Tracker:
 
     def state(self) -> TrackerState:
         """What another tracker needs to continue identically."""
-        tracks, cells = self._table
+        tracks, cells = self._all
         slots = np.flatnonzero(tracks["hits"] > 0).astype("<i4")
         return replace(
             self._state, slots=slots.tobytes(), tracks=tracks[slots].tobytes(), cells=cells[slots].tobytes(),
@@ -220,8 +232,8 @@ class Tracker:
             raise ValueError(
                 f"tracker state: a track lies outside the table of {self.params.most_tracks}; was most_tracks changed?"
             )
-        self._table.tracks[slots] = np.frombuffer(state.tracks, TRACK)
-        self._table.cells[slots] = np.frombuffer(state.cells, CELL).reshape(n, CELLS)
+        self._all.tracks[slots] = np.frombuffer(state.tracks, TRACK)
+        self._all.cells[slots] = np.frombuffer(state.cells, CELL).reshape(n, CELLS)
         if state.objects or state.history:
             if len(state.objects) != self._objects.nbytes or len(state.history) != self._history.nbytes:
                 raise ValueError("tracker state: its moving objects do not have their stated size")

@@ -59,6 +59,9 @@ TOPICS: Final[dict[str, Topic]] = {
     "health": Topic("/health", pb.Health, "1 Hz", "state of the service"),
     "decision": Topic("/camera/{camera}/decision", pb.FrameDecision, "each frame", "used or dropped, with the cause"),
     "prisms": Topic("/camera/{camera}/prisms", pb.PrismsFrame, "each frame", "planes, prisms, free space, counts"),
+    "tracks": Topic(
+        "/camera/{camera}/tracks", pb.Tracks, "each frame", "tracked obstacles, where [tracking] is enabled"
+    ),
     "scene": Topic("/camera/{camera}/scene", SceneUpdate, "each frame", "drawing of the prisms, for viewers"),
     "transform": Topic("/tf", FrameTransform, "each frame", "up -> ned -> level -> frd -> camera, for viewers"),
 }

@@ -24,7 +24,7 @@ AHEAD_NS = 1_000_000
 it: not after its arrival, which would count as latency."""
 _SEQUENCES = 1 << 32
 _RENDERERS = (
-    "flight", "flight_path", "flights", "ray_caster", "scene_library", "scenes", "sensor_model", "source"
+    "flight", "flight_path", "flights", "movers", "ray_caster", "scene_library", "scenes", "sensor_model", "source"
 )  # fmt: skip
 """The modules that decide what a frame looks like: a change in one of them renders anew."""
 

@@ -20,6 +20,7 @@ from core.types import UNKNOWN_MM, AttitudeSample, CameraInfo, DepthFrame, PoseS
 from ..base import Event
 from .flight_path import VehicleState
 from .flights import FlightPlan, Span, flight_plan
+from .movers import moved
 from .sensor_model import generator, measure
 from .source import Floats, Truth, camera_info, look
 
@@ -87,6 +88,8 @@ class SimulatedFlight:
         if render not in RENDERINGS:
             raise ValueError(f"simulated flight: render={render!r}, expected one of {', '.join(RENDERINGS)}")
         self._stereo: RenderedDepth | None = None
+        if render == "stereo" and len(self.plan.scene.velocity_m_s):
+            raise ValueError(f'simulated flight {self.plan.name}: moving obstacles need render="depth"')
         if render == "stereo":  # its kernels and OpenCV are loaded only where they are used
             from .stereo.flight_depth import RenderedDepth
 
@@ -116,7 +119,7 @@ class SimulatedFlight:
     def truth(self, camera: CameraInfo, t_ns: int) -> Truth:
         """What the camera would see at an instant without any fault."""
         R, at = self.camera_pose(camera, t_ns)
-        return look(self.plan.scene, camera, R, at)
+        return look(moved(self.plan.scene, (t_ns - self.start_ns) * 1e-9), camera, R, at)
 
     def frame_count(self) -> int:
         """Exposures of each camera, among them those that never arrive."""

@@ -113,8 +113,17 @@ def _demo(seed: int) -> FlightPlan:
     return FlightPlan(name="demo", scene=make_scene("demo", seed), path=path)
 
 
+def _movers(seed: int) -> FlightPlan:
+    """Six seconds slowly along a street on which two people walk and a car crosses."""
+    path = FlightPath(
+        [[0, -2, 0, -2, 0, 0, 0], [3, 0, 0.2, -2.1, 0, -0.05, 0.04], [6, 2, 0, -2, 0, 0, 0]], sway_rad=_SWAY
+    )
+    return FlightPlan(name="movers", scene=make_scene("movers", seed), path=path)
+
+
 FLIGHTS: dict[str, Callable[[int], FlightPlan]] = {
     "demo": _demo,
+    "movers": _movers,
     "street": _street,
     "trees": _trees,
     "alley": _alley,

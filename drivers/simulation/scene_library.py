@@ -175,6 +175,23 @@ def _no_ground(rng: np.random.Generator) -> Scene:
     return s.build()
 
 
+def _movers(rng: np.random.Generator) -> Scene:
+    """A street with a person who crosses, one who walks away, and a car that crosses behind them. Positions at time 0."""
+    s = SceneBuilder("movers")
+    s.ground()
+    s.wall("facade", (-3.0, -9.0), (19.0, -9.0), 6.0)
+    s.wall("end wall", (18.0, -14.0), (18.0, 14.0), 5.0)
+    for x in (5.0, 11.0):
+        s.pole("lamp", x, 5.0, 0.14, 5.5)
+    s.velocity_m_s = (0.0, 1.5, 0.0)
+    s.person("person across", 5.0, -3.5)
+    s.velocity_m_s = (1.2, 0.0, 0.0)
+    s.person("person away", 3.5, 1.8)
+    s.velocity_m_s = (0.0, -8.0, 0.0)
+    s.box("car", 12.0, 12.0 + rng.uniform(-1.0, 1.0), 4.2, 1.8, 1.45, math.pi / 2)
+    return s.build()
+
+
 def _demo(rng: np.random.Generator) -> Scene:
     """A street 30 m long with houses, lamps, cars, trees and a kiosk, closed by a facade with a window."""
     s = SceneBuilder("demo")
@@ -214,6 +231,7 @@ SCENES: dict[str, Callable[[np.random.Generator], Scene]] = {
     "tunnel": _tunnel,
     "no_ground": _no_ground,
     "demo": _demo,
+    "movers": _movers,
 }
 
 

@@ -46,7 +46,8 @@ class Scene:
     """Solids for drivers.simulation.ray_caster with what they are called.
 
     kinds: (S,) int32; rows: (S, 12) float64; corners: (S, 8, 3) float64; halfspaces: (M, 4) float64; label:
-    (S,) int32 index into names, -1 for the ground. structured: its obstacles have planar faces."""
+    (S,) int32 index into names, -1 for the ground. structured: its obstacles have planar faces. velocity_m_s: (S, 3)
+    float64 of each solid in ned, or (0, 3): nothing moves; the other arrays are those at time 0, see `movers.moved`."""
 
     name: str
     kinds: NDArray[np.int32]
@@ -58,6 +59,7 @@ class Scene:
     ground: GroundTruth
     openings: tuple[Opening, ...] = ()
     structured: bool = True
+    velocity_m_s: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         put, count = object.__setattr__, len(self.kinds)
@@ -66,6 +68,8 @@ class Scene:
         put(self, "corners", readonly(self.corners, np.float64, (count, 8, 3), "corners"))
         put(self, "halfspaces", readonly(self.halfspaces, np.float64, (None, 4), "halfspaces"))
         put(self, "label", readonly(self.label, np.int32, (count,), "label"))
+        moving = count if len(self.velocity_m_s) else 0
+        put(self, "velocity_m_s", readonly(self.velocity_m_s, np.float64, (moving, 3), "velocity_m_s"))
 
 
 def _corners(low: Floats, high: Floats, axes: Floats, origin: Floats) -> Floats:
@@ -83,13 +87,15 @@ def _yaw_axes(yaw_rad: float) -> Floats:
 
 @dataclass(slots=True)
 class SceneBuilder:
-    """Collects solids; each call adds one named thing. Angles are headings in rad (clockwise from north, seen
+    """Collects solids; each call adds one named thing, with the velocity that `velocity_m_s` (ned) has then. Angles are headings in rad (clockwise from north, seen
     from above), sizes are full lengths in metres, heights are above z = 0 and positive."""
 
     name: str
     structured: bool = True
     ground_truth: GroundTruth = GroundTruth()
     openings: list[Opening] = field(default_factory=list)
+    velocity_m_s: Point = (0.0, 0.0, 0.0)
+    _velocities: list[Point] = field(default_factory=list)
     _kinds: list[int] = field(default_factory=list)
     _rows: list[Floats] = field(default_factory=list)
     _corners: list[Floats] = field(default_factory=list)
@@ -110,6 +116,7 @@ class SceneBuilder:
             ground=self.ground_truth,
             openings=tuple(self.openings),
             structured=self.structured,
+            velocity_m_s=np.array(self._velocities if any(map(any, self._velocities)) else []).reshape(-1, 3),
         )
 
     def _add(self, kind: int, row: list[float], corners: Floats, label: int) -> None:
@@ -117,6 +124,7 @@ class SceneBuilder:
         self._rows.append(np.array(row + [0.0] * (ROW - len(row))))
         self._corners.append(corners)
         self._labels.append(label)
+        self._velocities.append(self.velocity_m_s)
 
     def label(self, name: str) -> int:
         """The number of a name, new or known."""
@@ -240,6 +248,11 @@ class SceneBuilder:
     def pole(self, name: str, x: float, y: float, diameter: float, height: float) -> None:
         """A vertical cylinder that stands on z = 0."""
         self.cylinder(name, (x, y, 0.0), (x, y, -height), diameter / 2)
+
+    def person(self, name: str, x: float, y: float, height: float = 1.75) -> None:
+        """A standing person: a trunk of 0.5 x 0.3 m and a head."""
+        self.ellipsoid(name, (x, y, -0.43 * height), (0.16, 0.25, 0.43 * height))
+        self.sphere(name, x, y, 0.92 * height, 0.08 * height)
 
     def sphere(self, name: str, x: float, y: float, height: float, radius: float) -> None:
         """A sphere with its centre at `height`."""

@@ -172,17 +172,25 @@ def test_a_hidden_obstacle_is_kept_until_its_memory_ends() -> None:
 
 def test_an_obstacle_out_of_view_is_kept_until_its_memory_ends() -> None:
     tracker = Tracker(SMALL)
-    for k in range(5):
+    for k in range(10):
         tracker.observe(frame([WALL], k))
     s = tracker.observe(frame([WALL], 50, heading=math.pi))
     assert states(s) == [TrackState.OUT_OF_VIEW]
-    assert not len(tracker.observe(frame([WALL], 106, heading=math.pi)).ids)
+    assert not len(tracker.observe(frame([WALL], 111, heading=math.pi)).ids)
+
+
+def test_what_was_observed_once_is_kept_for_a_tenth_of_the_memory() -> None:
+    tracker = Tracker(SMALL)
+    tracker.observe(frame([WALL], 0))
+    assert len(tracker.observe(frame([WALL], 9, heading=math.pi)).ids) == 1
+    assert not len(tracker.observe(frame([WALL], 11, heading=math.pi)).ids)
 
 
 def test_invalid_frames_remove_nothing() -> None:
     tracker = Tracker(SMALL)
-    tracker.observe(frame([POST], 0))
-    for k in range(1, 30):
+    for k in range(10):
+        tracker.observe(frame([POST], k))
+    for k in range(10, 40):
         empty = blind(k * STEP).model
         s = tracker.observe(TrackingFrame(model=empty, camera_m=(0.0, 0.0, 0.0), t_ns=k * STEP, positioned=True))
     assert len(s.ids) == 1
@@ -232,8 +240,9 @@ def test_without_a_position_tracks_follow_the_motion_of_the_vehicle() -> None:
 
 def test_without_a_position_margins_grow_while_nothing_is_observed() -> None:
     tracker = Tracker(SMALL)
-    tracker.observe(without_position(frame([WALL], 0)))
-    s = tracker.observe(without_position(frame([], 10, heading=math.pi)))
+    for k in range(10):
+        tracker.observe(without_position(frame([WALL], k)))
+    s = tracker.observe(without_position(frame([], 19, heading=math.pi)))
     assert s.margin_m[0] >= 0.05 + 1.0 * SMALL.speed_error_m_s - 1e-6
 
 

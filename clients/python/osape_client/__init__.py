@@ -4,6 +4,7 @@ from .curve_keys import KeyFileError
 from .model import CameraModel, FreeEnd, FreeProfile, Ground, PlaneFlags, Prism
 from .query.space import Occupancy, PlacedModel, Space
 from .subscriber import Message, ReceiveStats, Subscriber, UnavailableCamera
+from .tracks import MovingObstacle, Tracks, TrackState, tracks_from_message
 from .world.level_memory import LevelMemory
 from .world.mirror import MirrorStats, WorldMirror
 from .world.snapshot import WorldSnapshot
@@ -17,6 +18,7 @@ __all__ = [
     "KeyFileError",
     "LevelMemory",
     "Message",
+    "MovingObstacle",
     "MirrorStats",
     "Occupancy",
     "PlacedModel",
@@ -25,8 +27,11 @@ __all__ = [
     "ReceiveStats",
     "Space",
     "Subscriber",
+    "TrackState",
+    "Tracks",
     "UnavailableCamera",
     "WorldMirror",
     "WorldSnapshot",
     "WorldSpace",
+    "tracks_from_message",
 ]

@@ -320,6 +320,90 @@ class PrismsFrame(_message.Message):
     publication: Publication
     def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., cause_text: _Optional[str] = ..., planes: _Optional[_Union[Planes, _Mapping]] = ..., prisms: _Optional[_Iterable[_Union[Prism, _Mapping]]] = ..., free: _Optional[_Union[FreeProfile, _Mapping]] = ..., ground: _Optional[_Union[Ground, _Mapping]] = ..., stats: _Optional[_Union[FrameStats, _Mapping]] = ..., ke_per_m: _Optional[float] = ..., attitude: _Optional[_Union[AttitudeUsed, _Mapping]] = ..., pose: _Optional[_Union[PoseUsed, _Mapping]] = ..., transform: _Optional[_Union[LevelTransform, _Mapping]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
 
+class Tracks(_message.Message):
+    __slots__ = ("schema_version", "camera", "sequence", "t_exposure_ns", "frame", "valid", "cause", "id", "corners_m", "margin_m", "sigma_m", "confidence", "state", "hits", "age_ns", "unseen_ns", "flags", "object_id", "objects", "publication")
+    class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        STATE_UNKNOWN: _ClassVar[Tracks.State]
+        STATE_NEW: _ClassVar[Tracks.State]
+        STATE_DETECTED: _ClassVar[Tracks.State]
+        STATE_MISSED: _ClassVar[Tracks.State]
+        STATE_HIDDEN: _ClassVar[Tracks.State]
+        STATE_OUT_OF_VIEW: _ClassVar[Tracks.State]
+    STATE_UNKNOWN: Tracks.State
+    STATE_NEW: Tracks.State
+    STATE_DETECTED: Tracks.State
+    STATE_MISSED: Tracks.State
+    STATE_HIDDEN: Tracks.State
+    STATE_OUT_OF_VIEW: Tracks.State
+    SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    T_EXPOSURE_NS_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    VALID_FIELD_NUMBER: _ClassVar[int]
+    CAUSE_FIELD_NUMBER: _ClassVar[int]
+    ID_FIELD_NUMBER: _ClassVar[int]
+    CORNERS_M_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_M_FIELD_NUMBER: _ClassVar[int]
+    CONFIDENCE_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    HITS_FIELD_NUMBER: _ClassVar[int]
+    AGE_NS_FIELD_NUMBER: _ClassVar[int]
+    UNSEEN_NS_FIELD_NUMBER: _ClassVar[int]
+    FLAGS_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
+    PUBLICATION_FIELD_NUMBER: _ClassVar[int]
+    schema_version: int
+    camera: str
+    sequence: int
+    t_exposure_ns: int
+    frame: str
+    valid: bool
+    cause: Cause
+    id: _containers.RepeatedScalarFieldContainer[int]
+    corners_m: _containers.RepeatedScalarFieldContainer[float]
+    margin_m: _containers.RepeatedScalarFieldContainer[float]
+    sigma_m: _containers.RepeatedScalarFieldContainer[float]
+    confidence: _containers.RepeatedScalarFieldContainer[float]
+    state: _containers.RepeatedScalarFieldContainer[Tracks.State]
+    hits: _containers.RepeatedScalarFieldContainer[int]
+    age_ns: _containers.RepeatedScalarFieldContainer[int]
+    unseen_ns: _containers.RepeatedScalarFieldContainer[int]
+    flags: _containers.RepeatedScalarFieldContainer[int]
+    object_id: _containers.RepeatedScalarFieldContainer[int]
+    objects: _containers.RepeatedCompositeFieldContainer[MovingObstacle]
+    publication: Publication
+    def __init__(self, schema_version: _Optional[int] = ..., camera: _Optional[str] = ..., sequence: _Optional[int] = ..., t_exposure_ns: _Optional[int] = ..., frame: _Optional[str] = ..., valid: bool = ..., cause: _Optional[_Union[Cause, str]] = ..., id: _Optional[_Iterable[int]] = ..., corners_m: _Optional[_Iterable[float]] = ..., margin_m: _Optional[_Iterable[float]] = ..., sigma_m: _Optional[_Iterable[float]] = ..., confidence: _Optional[_Iterable[float]] = ..., state: _Optional[_Iterable[_Union[Tracks.State, str]]] = ..., hits: _Optional[_Iterable[int]] = ..., age_ns: _Optional[_Iterable[int]] = ..., unseen_ns: _Optional[_Iterable[int]] = ..., flags: _Optional[_Iterable[int]] = ..., object_id: _Optional[_Iterable[int]] = ..., objects: _Optional[_Iterable[_Union[MovingObstacle, _Mapping]]] = ..., publication: _Optional[_Union[Publication, _Mapping]] = ...) -> None: ...
+
+class MovingObstacle(_message.Message):
+    __slots__ = ("id", "centre_m", "half_size_m", "velocity_x_m_s", "velocity_y_m_s", "position_sigma_m", "velocity_sigma_m_s", "covariance_m2_s", "hits", "age_ns", "unseen_ns")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    CENTRE_M_FIELD_NUMBER: _ClassVar[int]
+    HALF_SIZE_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_X_M_S_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_Y_M_S_FIELD_NUMBER: _ClassVar[int]
+    POSITION_SIGMA_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_SIGMA_M_S_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_M2_S_FIELD_NUMBER: _ClassVar[int]
+    HITS_FIELD_NUMBER: _ClassVar[int]
+    AGE_NS_FIELD_NUMBER: _ClassVar[int]
+    UNSEEN_NS_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    centre_m: Vector3
+    half_size_m: Vector3
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    position_sigma_m: float
+    velocity_sigma_m_s: float
+    covariance_m2_s: float
+    hits: int
+    age_ns: int
+    unseen_ns: int
+    def __init__(self, id: _Optional[int] = ..., centre_m: _Optional[_Union[Vector3, _Mapping]] = ..., half_size_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., velocity_sigma_m_s: _Optional[float] = ..., covariance_m2_s: _Optional[float] = ..., hits: _Optional[int] = ..., age_ns: _Optional[int] = ..., unseen_ns: _Optional[int] = ...) -> None: ...
+
 class SurroundFrame(_message.Message):
     __slots__ = ("schema_version", "t_ns", "frame", "valid", "cameras", "publication")
     SCHEMA_VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -451,14 +535,52 @@ class MountHealth(_message.Message):
     def __init__(self, verdict: _Optional[_Union[MountState.Verdict, str]] = ..., roll_error_deg: _Optional[float] = ..., pitch_error_deg: _Optional[float] = ..., roll_sd_deg: _Optional[float] = ..., pitch_sd_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., slope_deg: _Optional[float] = ..., yaw_error_deg: _Optional[float] = ..., yaw_sd_deg: _Optional[float] = ...) -> None: ...
 
 class StateSnapshot(_message.Message):
-    __slots__ = ("cameras", "attitudes", "poses")
+    __slots__ = ("cameras", "attitudes", "poses", "trackers")
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
     ATTITUDES_FIELD_NUMBER: _ClassVar[int]
     POSES_FIELD_NUMBER: _ClassVar[int]
+    TRACKERS_FIELD_NUMBER: _ClassVar[int]
     cameras: _containers.RepeatedCompositeFieldContainer[CameraState]
     attitudes: _containers.RepeatedCompositeFieldContainer[AttitudeSample]
     poses: _containers.RepeatedCompositeFieldContainer[PoseSample]
-    def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ...) -> None: ...
+    trackers: _containers.RepeatedCompositeFieldContainer[TrackerState]
+    def __init__(self, cameras: _Optional[_Iterable[_Union[CameraState, _Mapping]]] = ..., attitudes: _Optional[_Iterable[_Union[AttitudeSample, _Mapping]]] = ..., poses: _Optional[_Iterable[_Union[PoseSample, _Mapping]]] = ..., trackers: _Optional[_Iterable[_Union[TrackerState, _Mapping]]] = ...) -> None: ...
+
+class TrackerState(_message.Message):
+    __slots__ = ("camera", "format", "next_id", "next_object_id", "last_ns", "positioned", "reset_counter", "origin_m", "velocity_x_m_s", "velocity_y_m_s", "slots", "tracks", "cells", "objects", "history", "views")
+    CAMERA_FIELD_NUMBER: _ClassVar[int]
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    NEXT_ID_FIELD_NUMBER: _ClassVar[int]
+    NEXT_OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
+    LAST_NS_FIELD_NUMBER: _ClassVar[int]
+    POSITIONED_FIELD_NUMBER: _ClassVar[int]
+    RESET_COUNTER_FIELD_NUMBER: _ClassVar[int]
+    ORIGIN_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_X_M_S_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_Y_M_S_FIELD_NUMBER: _ClassVar[int]
+    SLOTS_FIELD_NUMBER: _ClassVar[int]
+    TRACKS_FIELD_NUMBER: _ClassVar[int]
+    CELLS_FIELD_NUMBER: _ClassVar[int]
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
+    HISTORY_FIELD_NUMBER: _ClassVar[int]
+    VIEWS_FIELD_NUMBER: _ClassVar[int]
+    camera: str
+    format: int
+    next_id: int
+    next_object_id: int
+    last_ns: int
+    positioned: bool
+    reset_counter: int
+    origin_m: Vector3
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    slots: bytes
+    tracks: bytes
+    cells: bytes
+    objects: bytes
+    history: bytes
+    views: _containers.RepeatedScalarFieldContainer[bytes]
+    def __init__(self, camera: _Optional[str] = ..., format: _Optional[int] = ..., next_id: _Optional[int] = ..., next_object_id: _Optional[int] = ..., last_ns: _Optional[int] = ..., positioned: bool = ..., reset_counter: _Optional[int] = ..., origin_m: _Optional[_Union[Vector3, _Mapping]] = ..., velocity_x_m_s: _Optional[float] = ..., velocity_y_m_s: _Optional[float] = ..., slots: _Optional[bytes] = ..., tracks: _Optional[bytes] = ..., cells: _Optional[bytes] = ..., objects: _Optional[bytes] = ..., history: _Optional[bytes] = ..., views: _Optional[_Iterable[bytes]] = ...) -> None: ...
 
 class RunInfo(_message.Message):
     __slots__ = ("schema_version", "software", "config_json", "packages", "processor", "source", "changed_safety_keys", "changed_expert_keys")
