@@ -66,7 +66,12 @@ def prisms_of(path: Path) -> list[pb.PrismsFrame]:
 def test_a_replay_holds_everything_and_the_input(recorded, replayed):
     with McapRecording(replayed) as out, McapRecording(recorded) as source:
         keys = {item.key for item in out.messages()}
-        assert keys == set(TOPICS) - {"mavlink", "clock", "health", "tracks"}  # what only a live run has, or is off by default
+        assert keys == set(TOPICS) - {
+            "mavlink",
+            "clock",
+            "health",
+            "tracks",
+        }  # what only a live run has, or is off by default
         assert out.cameras == source.cameras
         assert json.loads(out.run.config_json)["sync"]["max_gap_s"] == 0.15
     prisms = prisms_of(replayed)
