@@ -24,7 +24,7 @@ from companion.pipeline.tracking import TracksResult
 from companion.replay.replay import Options, make_pipeline, replay
 from companion.replay.replay_report import replay_problems
 from core.tracking.params import TrackingParams
-from core.types import CameraInfo, Intrinsics
+from core.types import CameraInfo, DepthFrame, Intrinsics
 from drivers.logs.reader import McapRecording
 from drivers.simulation.flight import SimulatedFlight
 from osape_client import TrackState, tracks_from_message
@@ -144,6 +144,29 @@ def test_the_state_survives_its_message(events):
             assert (a is None) == (b is None)
             if a is not None and b is not None:
                 assert wire_bytes(tracks_message(a)) == wire_bytes(tracks_message(b))
+
+
+def test_a_log_without_all_depth_images_continues_the_tracks(events):
+    """Such a log holds the state of the camera before each recorded depth image, see `[record] depth_hz`."""
+    pipeline, other = make_pipeline(ON, (SMALL,)), make_pipeline(ON, (SMALL,))
+    half = len(events) // 2
+    for event in events[:half]:
+        for output in pipeline.handle(event):
+            pipeline.track(output)
+        if not isinstance(event, DepthFrame):
+            assert not list(other.handle(event))
+    state = pipeline.camera_state("front")
+    assert [name for name, _ in state.trackers] == ["front"]
+    other.resume(state_from_message(pb.StateSnapshot.FromString(wire_bytes(state_message(state)))))
+    compared = 0
+    for event in events[half:]:
+        for one, again in zip(pipeline.handle(event), other.handle(event), strict=True):
+            a, b = pipeline.track(one), other.track(again)
+            assert (a is None) == (b is None)
+            if a is not None and b is not None:
+                assert wire_bytes(tracks_message(a)) == wire_bytes(tracks_message(b))
+                compared += 1
+    assert compared >= 3
 
 
 def test_a_state_of_another_format_is_not_used(events):
