@@ -35,7 +35,9 @@ ACK_NS = NS * 4 // 10
 """An attempt without COMMAND_ACK is repeated after this time."""
 MODE_NS = NS * 15 // 10
 """An acknowledged attempt whose mode does not appear in a heartbeat is repeated after this time: heartbeats may come once a second."""
-FAILED_AFTER = 4
+SETTLE_NS = NS // 2
+"""A heartbeat so much later than an acknowledged attempt shows its mode, if it had an effect."""
+FAILED_AFTER = 3
 """Attempts without effect until the failure is announced. The attempts go on, once in MODE_NS."""
 STANDS_M_S = 0.4
 """Slower than this the vehicle counts as stopped."""
@@ -213,15 +215,20 @@ class GuardMachine:
         """Still in the watched mode."""
         if now.doubt or watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is None:
             return []
-        if self._attempt is not None and now.now_ns - self._attempt.t_ns < self._patience_ns(self._attempt):
+        if self._attempt is not None and not self._is_over(self._attempt, vehicle, now.now_ns):
             return []
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
 
-    def _patience_ns(self, attempt: _Attempt) -> int:
-        """Time until the next attempt."""
-        if self.memory.attempts >= FAILED_AFTER or attempt.result in (ACCEPTED, IN_PROGRESS):
-            return MODE_NS
-        return ACK_NS if attempt.result is None else 0  # refused: the next method at once
+    def _is_over(self, attempt: _Attempt, vehicle: Vehicle, now_ns: int) -> bool:
+        """Whether an attempt had no effect, so that the next one is due."""
+        waited_ns = now_ns - attempt.t_ns
+        if self.memory.attempts >= FAILED_AFTER:
+            return waited_ns >= MODE_NS
+        if attempt.result is None:
+            return waited_ns >= ACK_NS
+        if attempt.result in (ACCEPTED, IN_PROGRESS):
+            return waited_ns >= MODE_NS or vehicle.heartbeat_ns - attempt.t_ns >= SETTLE_NS
+        return True  # refused: the next method at once
 
     def _in_stop_mode(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """The autopilot has taken the stop: the vehicle must come to rest. In LOITER the pilot has the sticks: nothing more is

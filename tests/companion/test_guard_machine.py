@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from companion.config.guard import GuardParams
 from companion.guard.assessment import Action, Verdict
-from companion.guard.machine import FAILED_AFTER, GAP_NS, MODE_NS, GuardMachine
+from companion.guard.machine import FAILED_AFTER, GAP_NS, MODE_NS, SETTLE_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
 from companion.guard.states import (
@@ -52,12 +52,14 @@ class Flight:
     doubt: str = ""
     verdict: Verdict | None = FREE
     heard: bool = True
+    heartbeat_ns: int | None = None
 
     def step(self, times: int = 1) -> list[Output]:
         out: list[Output] = []
         for _ in range(times):
             self.now_ns += STEP_NS
-            vehicle = Vehicle(self.system_id, self.kind, 2, self.armed, self.mode, self.now_ns)
+            beat_ns = self.now_ns if self.heartbeat_ns is None else self.heartbeat_ns
+            vehicle = Vehicle(self.system_id, self.kind, 2, self.armed, self.mode, beat_ns)
             out += self.machine.step(
                 GuardInput(
                     now_ns=self.now_ns,
@@ -181,9 +183,17 @@ def test_repeats_without_acknowledgement_and_takes_the_next_command_when_refused
     assert commands(f.step()) == [StopCommand(7, StopMethod.PX4_REPOSITION)]
 
 
-def test_waits_for_the_mode_after_an_acknowledgement() -> None:
+def test_an_acknowledged_attempt_is_repeated_when_a_heartbeat_shows_the_old_mode() -> None:
     f = stopping()
     f.machine.acknowledged(DO_SET_MODE, 0)
+    assert commands(f.step(SETTLE_NS // STEP_NS - 1)) == []
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_an_acknowledged_attempt_is_repeated_late_without_heartbeats() -> None:
+    f = stopping()
+    f.machine.acknowledged(DO_SET_MODE, 0)
+    f.heartbeat_ns = f.now_ns
     assert commands(f.step(MODE_NS // STEP_NS - 1)) == []
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 

@@ -1,0 +1,119 @@
+"""The guard in the closed loop with rendered depth, in made-up time. The large runs: `python -m benchmarks.autopilot.guard_missions`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.autopilot.guard_loop import NS, GuardLoop
+from benchmarks.autopilot.guard_missions import Flown, flight_of, fly
+from benchmarks.autopilot.guard_scenes import Mission, clearance_m, way_to_obstacle_m
+from companion.config.guard import GuardParams
+from companion.guard.states import GuardState
+from drivers.simulation.firmware_models.auto_flight import COPTER_AUTO, COPTER_BRAKE, COPTER_LOITER, PX4_HOLD
+from drivers.simulation.scenes import Scene, SceneBuilder
+from drivers.simulation.sensor_model import TYPICAL
+from drivers.simulation.source import camera_info
+
+WIDTH = 160
+GUARD = GuardParams(enabled=True)
+OFF = GuardParams(enabled=True, mission=False, guided=False, return_home=False)
+
+
+def walled(at_m: float = 16.0) -> Scene:
+    b = SceneBuilder("wall across the way")
+    b.ground()
+    if at_m > 0.0:
+        b.box("wall", at_m + 0.15, 0.0, 0.3, 12.0, 6.0)
+    return b.build()
+
+
+def mission(autopilot: str, speed_m_s: float = 3.0, at_m: float = 16.0, guided: bool = False) -> Mission:
+    return Mission(
+        number=1, scene=walled(at_m), waypoints_m=np.array([[24.0, 0.0]]), height_m=2.5, speed_m_s=speed_m_s, autopilot=autopilot,
+        guided=guided, blocked=at_m > 0.0, kinds=("wall",),
+    )  # fmt: skip
+
+
+def flown(autopilot: str, guard: GuardParams = GUARD, **changes: object) -> Flown:
+    return fly(mission(autopilot, **changes), WIDTH, guard)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "guided"), [("PX4", False), ("ArduPilot", False), ("PX4", True), ("ArduPilot", True)]
+)
+def test_stops_before_a_wall(autopilot: str, guided: bool) -> None:
+    f = flown(autopilot, guided=guided)
+    assert f.stops == 1
+    assert f.false_stops == 0
+    assert 0.5 < f.clearance_m < 4.0
+    assert any("stopped" in text for text in f.texts)
+
+
+def test_without_the_guard_it_flies_into_the_wall() -> None:
+    f = flown("PX4", OFF)
+    assert f.stops == 0
+    assert f.clearance_m < 0.0
+
+
+def test_flies_where_nothing_is_in_the_way() -> None:
+    f = flown("ArduPilot", at_m=0.0)
+    assert f.finished
+    assert f.stops == 0
+
+
+def loop_of(autopilot: str, at_m: float, speed_m_s: float) -> GuardLoop:
+    flight = flight_of(autopilot, np.array([[60.0, 0.0]]), 2.5, speed_m_s, guided=False)
+    sensor = replace(TYPICAL.scaled_to(WIDTH), sky_is_far=True)
+    return GuardLoop(walled(at_m), camera_info(WIDTH, WIDTH * 3 // 4), sensor, flight, autopilot, 3)
+
+
+def test_a_camera_that_fails_in_flight_stops_the_vehicle_once() -> None:
+    loop = loop_of("ArduPilot", 0.0, 2.0)
+    loop.run(8.0, lambda: loop.flight.speed_m_s > 1.8)
+    assert loop.record.stops == []
+    loop.blind_ns = loop.now_ns
+    loop.run(2.0, lambda: loop.flight.mode == COPTER_BRAKE)
+    assert loop.now_ns - loop.blind_ns <= 0.9 * NS
+    loop.run(5.0)
+    assert loop.guard.memory.state is GuardState.HOLDING
+    loop.flight.enter(COPTER_AUTO)
+    loop.run(4.0)
+    assert loop.flight.mode == COPTER_AUTO, "resumed without sight"
+
+
+def test_the_pilot_takes_over_before_the_wall_and_is_left_alone() -> None:
+    loop = loop_of("ArduPilot", 12.0, 2.0)
+    loop.run(20.0, lambda: bool(loop.record.stops))
+    loop.flight.enter(COPTER_LOITER)
+    loop.run(0.5)
+    stops = len(loop.record.stops)
+    loop.flight.enter(COPTER_LOITER)
+    loop.run(3.0)
+    assert len(loop.record.stops) == stops
+    assert loop.flight.mode == COPTER_LOITER
+
+
+@pytest.mark.parametrize("fault", ["deaf", "stubborn"])
+def test_an_autopilot_that_does_not_obey_is_announced(fault: str) -> None:
+    loop = loop_of("PX4", 12.0, 1.5)
+    loop.run(3.0)
+    setattr(loop.flight, fault, True)
+    loop.run(
+        20.0, lambda: clearance_m(loop.scene, loop.place_m) < 0.5 or any("NOT CONF" in t for t in loop.record.texts)
+    )
+    assert any("STOP NOT CONFIRMED" in text for text in loop.record.texts)
+    setattr(loop.flight, fault, False)
+    loop.run(2.0)
+    assert loop.flight.mode == PX4_HOLD
+
+
+def test_the_clearance_of_a_place() -> None:
+    scene = walled(10.0)
+    assert clearance_m(scene, np.array([0.0, 0.0, -2.5])) == pytest.approx(10.0)
+    assert clearance_m(scene, np.array([10.1, 0.0, -2.5])) < 0.0
+    place, ahead = np.array([0.0, 0.0, -2.5]), np.array([1.0, 0.0])
+    assert way_to_obstacle_m(scene, place, ahead, 0.5, 20.0) == pytest.approx(9.5, abs=0.05)
+    assert way_to_obstacle_m(scene, place, -ahead, 0.5, 20.0) == np.inf
