@@ -43,7 +43,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--calibration", metavar="FILE", default="", help="of a ZED: its SN<serial>.conf")
     parser.add_argument("--send", action="store_true", help="send obstacles to the autopilot")
     parser.add_argument(
-        "--record", choices=("always", "armed", "off"), default="always", help="when to record (always)"
+        "--record", choices=("always", "armed", "off"), help="when to record (always; of a simulated camera off)"
     )
     parser.add_argument("--no-doctor", action="store_true", help="do not run the doctor at the end")
 
@@ -110,7 +110,7 @@ def collect(args: argparse.Namespace, ask: Questions) -> Answers:
         raise ValueError(f"a vehicle of {width:g} x {height:g} m: expected a width up to 10 m and a height up to 5 m")
     return Answers(
         kind=camera.kind, device=camera.device, pitch_deg=pitch, yaw_deg=yaw, position_m=(x, y, z), width_m=width,
-        height_m=height, autopilot=_autopilot(args.autopilot, ask), send=args.send, record=args.record,
+        height_m=height, autopilot=_autopilot(args.autopilot, ask), send=args.send, record=args.record or ("off" if camera.kind == "simulated" else "always"),
         calibration=_calibration(camera), calibration_file=args.calibration,
     )  # fmt: skip
 
