@@ -144,10 +144,10 @@ class Params:
         5, 2, 30, "frames", "frames with enough edges by whose mean share of ramps a camera is judged"
     )
     smear_clear_share: float = critical(
-        0.75, 0.0, 1.0, "", "in fewer frames a camera smears where more than this share of its edges are ramps"
+        0.8, 0.0, 1.0, "", "in fewer frames a camera smears where more than this share of its edges are ramps"
     )
     smear_clear_edges: float = number(
-        180.0, 1.0, 10000.0, "", "and the frame has at least so many edges in every fourth row, at 480 rows"
+        100.0, 1.0, 10000.0, "", "and the frame has at least so many edges in every fourth row, at 480 rows"
     )
     smear_footprint_px: float = number(
         2.0,
@@ -158,6 +158,13 @@ class Params:
     )
     smear_merge_sigmas: float = number(
         2.0, 0.0, 6.0, "sigma", "noise of one pixel that the merge grants besides where edges are smeared"
+    )
+    smear_noise_cap: float = number(
+        8.0,
+        0.0,
+        20.0,
+        "",
+        "and there noise allows at most this many times merge_distance_m more, in place of merge_noise_cap",
     )
 
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours

@@ -242,7 +242,7 @@ def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = 
         p,
         tolerance_m=p.merge_distance_m,
         sigmas=p.line_sigmas,
-        noise_cap=p.merge_noise_cap,
+        noise_cap=p.smear_noise_cap if smeared else p.merge_noise_cap,
         slope_prior=1.0 / (p.link_slope_px * p.link_slope_px),
         turn=math.tan(math.radians(p.plane_angle_deg)),
         long_m=p.merge_long_share * p.passable_width_m,

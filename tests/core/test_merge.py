@@ -311,3 +311,16 @@ def test_a_line_may_leave_a_plane_by_what_is_allowed_root_mean_square() -> None:
         assert pairs.deviation_squared(pairs.of_piece(traits, 0), a, b) == pytest.approx(
             np.mean(off**2) / 0.3**2, rel=1e-6
         )
+
+
+@pytest.mark.parametrize("x_m", [5.0, 10.0, 15.0])
+def test_pieces_of_a_camera_that_smears_may_differ_by_its_noise_at_any_distance(x_m: float) -> None:
+    """Its pixels err together, so that the noise of a piece is that of a pixel; of another camera noise grants 0.6 m at most."""
+    p, ke = Params(), 0.004
+    planes = pieces_of([(x_m, -1.0, x_m, 1.0, -1, 1)])
+    granted_m = []
+    for smeared in (False, True):
+        rules = pairs.merge_rules(view(), ke, p, smeared)[0]
+        granted_m.append(pairs.of_piece(traits_of(planes, rules), 0).allowed * x_m**2 - p.merge_distance_m)
+    assert granted_m[0] <= p.merge_noise_cap * p.merge_distance_m
+    assert granted_m[1] == pytest.approx(granted_m[0] + p.smear_merge_sigmas * ke * x_m**2, rel=0.05)

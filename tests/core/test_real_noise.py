@@ -44,8 +44,9 @@ def test_a_range_of_20_m_gives_a_bounded_number_of_planes(recording: list[tuple[
         planes.append(len(model.planes))
         smeared.append(model.stats.smeared_px)
     assert min(smeared) > 0, "the ramps of the first frame are clear, and each frame has some"
-    assert np.median(planes) <= 60, "measured: 59.5"
-    assert max(planes) <= 95, "measured: 94, goal 60"
+    assert np.median(planes) <= 43, "measured: 42"
+    assert sum(count > 60 for count in planes) <= 11, "measured: 11 frames; goal: none"
+    assert max(planes) <= 72, "measured: 72, with twice the configured noise; 69 once the noise has been measured"
 
 
 @pytest.mark.parametrize("prior", [0.0015, 0.005])

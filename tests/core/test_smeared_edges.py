@@ -211,6 +211,34 @@ def test_the_free_range_ends_no_later_than_with_the_near_wall_in_place_of_the_ra
     assert excess.max() <= p.profile_ring_m
 
 
+def distance_at_pixel(planes: NDArray[np.float32], u: float, v: float) -> float:
+    """Forward distance at which a level camera's ray through (u, v) meets the first plane, inf: none."""
+    k = INFO.intrinsics
+    t, down = (u - k.cx) / k.fx, (v - k.cy) / k.fy
+    first = np.inf
+    for ax, ay, bx, by, top, bottom in planes.astype(float):
+        x = (ax * by - ay * bx) / ((by - ay) - t * (bx - ax))
+        if min(ay / ax, by / bx) <= t <= max(ay / ax, by / bx) and top <= x * down <= bottom:
+            first = min(first, x)
+    return first
+
+
+@pytest.mark.parametrize("ke_per_m", [KE, 0.002])
+def test_thin_things_before_a_wall_stay_in_the_model(ke_per_m: float) -> None:
+    """A pole, a wire and a branch, each two pixels wide, before a wall at 14 m."""
+    depth_m = np.full((120, 160), 14.0)
+    depth_m[:, 40:42] = 6.0
+    depth_m[30:32, 90:140] = 5.0
+    depth_m[80:82, 100:115] = 8.0
+    info = replace(INFO, ke_per_m=ke_per_m)
+    depth = measure(depth_m, info, SMEARED, 1)
+    model, _ = Extractor(P).extract(depth, info, R_CAMFRD_OPTICAL, JUDGED)
+    assert model.stats.smeared_px > 0, "the stage acts"
+    for u, v, distance_m in ((40.5, 20, 6.0), (40.5, 100, 6.0), (115.0, 30.5, 5.0), (107.0, 80.5, 8.0)):
+        assert distance_at_pixel(model.planes, u, v) == pytest.approx(distance_m, abs=0.7)
+    assert distance_at_pixel(model.planes, 20.0, 60.0) == pytest.approx(14.0, abs=1.5)
+
+
 def grazing_wall(offset_m: float, nearest_m: float) -> Depth:
     """A wall offset_m to the right, seen by a sharp camera, before another across at 16 m; unmeasured nearer than nearest_m."""
     info = WIDE
