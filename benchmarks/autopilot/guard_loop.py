@@ -15,18 +15,19 @@ from companion.config.avoidance import AvoidParams
 from companion.config.guard import GuardParams
 from companion.guard.braking import braking_of
 from companion.guard.guard import Guard
-from companion.guard.path_sight import PathSight, path_sight
+from companion.guard.path_sight import PathSight
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from core.extractor import Extractor
+from core.frames import rotation_frd_optical
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.commands import DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MODE, SET_MESSAGE_INTERVAL
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.session import LinkStatus, Vehicle
 from drivers.simulation.firmware_models.auto_flight import AutoFlight
+from drivers.simulation.ray_caster import cast_rays
 from drivers.simulation.scenes import Scene
-from drivers.simulation.sensor_model import SensorModel
-from drivers.simulation.source import render
+from drivers.simulation.sensor_model import SensorModel, measure
 
 NS = 1_000_000_000
 MS = 1_000_000
@@ -104,7 +105,8 @@ class GuardLoop:
 
     def _observe(self, surroundings: Any) -> None:
         self.guard.observe(surroundings)
-        self._note(path_sight(surroundings, self.avoid, self.params))
+        if self.guard.sight is not None:
+            self._note(self.guard.sight)
 
     def _note(self, sight: PathSight) -> None:
         obstacle_m = min(sight.obstacle_m, sight.weak_obstacle_m)
@@ -180,11 +182,12 @@ class GuardLoop:
     def _expose(self) -> None:
         s, t_ns, number = self.flight.state(), self.now_ns, self._frame
         self._frame += 1
-        roll, pitch, yaw = s.euler_rad
-        seen = render(
-            self.scene, self.camera, roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw, position_ned_m=s.position_ned_m,
-            sensor=self.sensor, seed=self.seed, frame=number,
-        )  # fmt: skip
+        R_ned_optical = s.R_ned_frd @ rotation_frd_optical(self.camera.mount)
+        scene, at = self.scene, np.array(s.position_ned_m)
+        depth_m, _ = cast_rays(
+            scene.kinds, scene.rows, scene.corners, scene.halfspaces, self.camera.intrinsics, R_ned_optical, at
+        )
+        depth_mm = measure(depth_m, self.camera, self.sensor, self.seed, number)
 
         def arrive() -> None:
             frame = DepthFrame(
@@ -192,7 +195,7 @@ class GuardLoop:
                 sequence=number,
                 t_exposure_ns=t_ns,
                 t_arrival_ns=self.now_ns,
-                depth_mm=seen.depth_mm,
+                depth_mm=depth_mm,
             )
             for output in self._pipeline.handle(frame):
                 if isinstance(output, PrismsResult):

@@ -1,6 +1,6 @@
 """The guard in the closed loop: random missions past walls, poles, trees and wires, and flights with nothing in the way.
 
-    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--width PX] [--minutes M] [--no-guard]
+    python -m benchmarks.autopilot.guard_missions [missions] [--first N] [--blocked] [--width PX] [--minutes M] [--no-guard]
 
 Each mission is flown by a model of PX4 or ArduPilot at 1 to 8 m/s with rendered depth. It ends when the vehicle stands for one
 second after a stop, at its last waypoint, at a collision, or after 60 s. Then open and street scenes are flown for M minutes each.
@@ -177,13 +177,19 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--minutes", type=float, default=0.0)
+    parser.add_argument(
+        "--blocked", action="store_true", help="only those with an obstacle in the way, of so many numbers"
+    )
     parser.add_argument("--no-guard", action="store_true", help="the autopilot alone, for comparison")
     args = parser.parse_args()
     off = {"mission": False, "guided": False, "return_home": False} if args.no_guard else {}
     guard = GuardParams(enabled=True, **off)
     flights = []
     for number in range(args.first, args.first + args.missions):
-        flights.append(fly(random_mission(number), args.width, guard))
+        mission = random_mission(number)
+        if args.blocked and not mission.blocked:
+            continue
+        flights.append(fly(mission, args.width, guard))
         print(json.dumps(asdict(flights[-1])))
         sys.stdout.flush()
     if flights:

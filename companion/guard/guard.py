@@ -30,7 +30,7 @@ from .certainty import Certainty
 from .machine import GuardMachine
 from .memory_file import GuardMemoryFile
 from .modes import StopMethod
-from .path_sight import path_sight
+from .path_sight import PathSight, path_sight
 from .states import Announcement, GuardInput, GuardMemory, GuardState, Output, SpeedCommand, StopCommand
 
 log = logging.getLogger("companion")
@@ -71,6 +71,7 @@ class Guard:
         self._machine = GuardMachine(guard, memory or GuardMemory())
         self._messages: deque[Any] = deque(maxlen=64)
         self._lock = threading.Lock()
+        self._sight: PathSight | None = None
         self._verdict: Verdict | None = None
         self._link: LinkStatus | None = None
         self._link_ns = 0
@@ -84,6 +85,7 @@ class Guard:
         """What a decision of the obstacle output was made from."""
         sight = path_sight(surroundings, self._avoid, self._guard)
         with self._lock:
+            self._sight = sight
             self._assessor.take(sight)
         self._news.set()
 
@@ -169,6 +171,11 @@ class Guard:
     def memory(self) -> GuardMemory:
         """State and what belongs to it."""
         return self._machine.memory
+
+    @property
+    def sight(self) -> PathSight | None:
+        """The newest sight of the path."""
+        return self._sight
 
     @property
     def verdict(self) -> Verdict | None:

@@ -1,0 +1,138 @@
+"""Whether a command reaches the right vehicle, and what the commands look like on the wire."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from companion.config.avoidance import AvoidParams
+from companion.config.guard import GuardParams
+from companion.config.loader import Config, ConfigError, config_of
+from companion.guard.certainty import LONGEST_HEARTBEAT_NS, Certainty
+from companion.guard.guard import Guard, message_of
+from companion.guard.modes import StopMethod
+from companion.guard.states import GuardState, SpeedCommand, StopCommand
+from drivers.mavlink import commands
+from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session import LinkStatus, Vehicle
+
+NS = 1_000_000_000
+NOW = 100 * NS
+COPTER = Vehicle(7, "ArduPilot", 2, True, 3, NOW)
+LINK = LinkStatus(
+    vehicle=COPTER, clock=ClockEstimate(ClockSource.NONE), clock_restarts=0, attitude_hz=50.0, position_hz=30.0, received=0, counts={}
+)  # fmt: skip
+
+
+def ack(command: int, result: int, system: int = 7, component: int = 196) -> Any:
+    return dialect.MAVLink_command_ack_message(command, result, 0, 0, system, component)
+
+
+def reached() -> Certainty:
+    certainty = Certainty(196)
+    assert len(certainty.requests(COPTER, NOW)) == 1
+    certainty.acknowledged(511, 0)
+    return certainty
+
+
+def test_before_an_acknowledgement_there_is_doubt() -> None:
+    certainty = Certainty(196)
+    certainty.acknowledged(511, 0)  # nothing was asked yet: the answer to another station
+    request = certainty.requests(COPTER, NOW)[0]
+    assert (request.target_system, request.target_component, request.command, request.param1) == (7, 1, 511, 0)
+    assert certainty.doubt(COPTER, {}, "", NOW) == "commands are not acknowledged"
+    certainty.acknowledged(511, 4)
+    assert certainty.doubt(COPTER, {}, "", NOW) != ""
+    certainty.acknowledged(511, 0)
+    assert certainty.doubt(COPTER, {}, "", NOW) == ""
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "conflicts", "signing", "doubt"),
+    [
+        (COPTER, {"two autopilots": "heartbeats contradict"}, "", "two autopilots"),
+        (COPTER, {"two of us": "a second sender"}, "", "two of us"),
+        (COPTER, {"two companions": "another one sends obstacles"}, "", ""),
+        (replace(COPTER, autopilot="ArduPilot or PX4"), {}, "", "autopilot kind unknown"),
+        (replace(COPTER, autopilot="autopilot 4"), {}, "", "autopilot kind unknown"),
+        (replace(COPTER, vehicle_type=1), {}, "", "not a multicopter"),
+        (replace(COPTER, vehicle_type=20), {}, "", "not a multicopter"),
+        (replace(COPTER, heartbeat_ns=NOW - LONGEST_HEARTBEAT_NS - 1), {}, "", "no heartbeat"),
+        (COPTER, {}, "the autopilot signs", "messages are not signed alike"),
+    ],
+)
+def test_doubts(vehicle: Vehicle, conflicts: dict[str, str], signing: str, doubt: str) -> None:
+    assert reached().doubt(vehicle, conflicts, signing, NOW) == doubt
+
+
+@pytest.mark.parametrize("other", [replace(COPTER, system_id=9), replace(COPTER, autopilot="PX4")])
+def test_another_vehicle_must_answer_for_itself(other: Vehicle) -> None:
+    certainty = reached()
+    certainty.requests(other, NOW)
+    assert certainty.doubt(other, {}, "", NOW) == "commands are not acknowledged"
+
+
+def test_asks_again_with_growing_waits() -> None:
+    certainty = Certainty(196)
+    asked = [n for n in range(600) if certainty.requests(COPTER, NOW + n * NS // 10)]
+    assert asked[:4] == [0, 10, 30, 70]
+    assert max(b - a for a, b in itertools.pairwise(asked)) == 100
+
+
+def test_answers_to_others_do_not_count() -> None:
+    certainty = Certainty(196)
+    assert certainty.is_for_us(ack(176, 0), COPTER)
+    assert certainty.is_for_us(ack(176, 0, 0, 0), COPTER)
+    assert not certainty.is_for_us(ack(176, 0, 7, 190), COPTER)
+    assert not certainty.is_for_us(ack(176, 0, 255, 190), COPTER)
+
+
+@pytest.mark.parametrize(
+    ("output", "command", "params"),
+    [
+        (StopCommand(7, StopMethod.PX4_HOLD), 176, (1, 4, 3)),
+        (StopCommand(7, StopMethod.COPTER_BRAKE), 176, (1, 17, 0)),
+        (StopCommand(7, StopMethod.COPTER_LOITER), 176, (1, 5, 0)),
+        (StopCommand(7, StopMethod.PX4_REPOSITION), 192, (-1, 1, 0)),
+        (SpeedCommand(7, 2.5), 178, (1, 2.5, -1)),
+    ],
+)
+def test_commands_on_the_wire(output: StopCommand | SpeedCommand, command: int, params: tuple[float, ...]) -> None:
+    message = message_of(output)
+    assert (message.target_system, message.target_component, message.command) == (7, 1, command)
+    assert (message.param1, message.param2, message.param3) == params
+    if command == 192:
+        assert all(math.isnan(value) for value in (message.param5, message.param6, message.param7))
+
+
+def test_no_broadcast_and_no_speed_of_zero() -> None:
+    for system in (0, 256):
+        with pytest.raises(ValueError, match="target system"):
+            commands.set_px4_hold(system)
+    for speed in (0.0, -1.0, math.nan):
+        with pytest.raises(ValueError, match="speed"):
+            commands.change_speed(1, speed)
+
+
+def test_the_guard_needs_the_obstacle_output() -> None:
+    with pytest.raises(ValueError, match=r"\[guard\] enabled"):
+        Config(guard=GuardParams(enabled=True))
+    with pytest.raises(ConfigError, match="reaction_s"):
+        config_of({"guard": {"reaction_s": 9.0}}, "test")
+
+
+def test_its_texts_fit_and_are_not_repeated(tmp_path: Any) -> None:
+    sent: list[Any] = []
+    guard = Guard(GuardParams(enabled=True), AvoidParams(), 196, lambda: COPTER, lambda: LINK, sent.append, tmp_path)
+    for n in range(48):  # 2.4 s, in which the heartbeat is young enough
+        guard.step(NOW + n * NS // 20)
+    texts = [m.text for m in sent if m.get_type() == "STATUSTEXT"]
+    assert guard.memory.state is GuardState.UNAVAILABLE
+    assert texts == ["OA: guard: off, commands are not acknowledged"]
+    assert all(len(text) <= 50 for text in texts)
+    assert [d.code for d in guard.diagnostics()] == ["guard_unavailable"]
