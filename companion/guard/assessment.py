@@ -43,7 +43,7 @@ class Action(StrEnum):
 class Verdict:
     """speed_m_s: of the vehicle, None: not known. allowed_m_s: greatest speed for which the braking distance fits for
     another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
-    seen farther. sees: the newest frame shows anything. cause: in words, for people."""
+    seen farther. sees: the newest frame shows anything of the path. cause: in words, for people."""
 
     action: Action
     speed_m_s: float | None
@@ -75,7 +75,8 @@ class PathAssessor:
         way_m = speed_m_s * max(0, now_ns - newest.t_ns) / NS
         obstacle_m = self._obstacle_m(newest) - way_m
         free_m = self._free_m(newest, now_ns)
-        sees = not newest.cause and newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
+        fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
+        shows = newest.free_m > 0.0 or math.isfinite(min(newest.obstacle_m, newest.weak_obstacle_m))
         room_m = max(0.0, min(obstacle_m, free_m))
         by_obstacle = obstacle_m <= free_m
         return Verdict(
@@ -84,7 +85,7 @@ class PathAssessor:
             allowed_m_s=self._braking.speed_m_s(room_m, self._guard.limit_ahead_s),
             room_m=room_m,
             obstacle=by_obstacle,
-            sees=sees,
+            sees=fresh and shows and not newest.cause,
             cause=self._cause(newest, obstacle_m, free_m),
         )
 

@@ -136,7 +136,7 @@ class GuardMachine:
                 out.append(Announcement("guard: active"))
         verdict = now.verdict
         assert verdict is not None
-        if verdict.action is Action.STOP and not (self.memory.blind_stop and not verdict.sees):
+        if verdict.action is Action.STOP:
             return out + self._stop(vehicle, verdict, now)
         return out + self._adjust_speed(vehicle, group, verdict, now)
 
@@ -148,7 +148,9 @@ class GuardMachine:
     def _no_sight(self, now: GuardInput) -> str:
         if now.verdict is None:
             return "vehicle's velocity unknown"
-        return "" if self.memory.seen else "nothing seen since take-off"
+        if not self.memory.seen:
+            return "nothing seen since take-off"
+        return "path still not seen" if self.memory.blind_stop and not now.verdict.sees else ""
 
     def _doubts(self, doubt: str, now: GuardInput) -> list[Output]:
         """It would not be sure that a command has the right effect: none is sent, and that is announced."""

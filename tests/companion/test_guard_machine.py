@@ -300,7 +300,9 @@ def test_blindness_stops_once() -> None:
     f.step()
     assert f.state is GuardState.HOLDING
     f.mode, f.verdict = RTL, BLIND
-    assert commands(f.step(50)) == []
+    out = f.step(50)
+    assert commands(out) == []
+    assert texts(out) == ["guard: released, mode changed", "guard: off, path still not seen"]
     f.verdict = FREE
     f.step()
     f.verdict = BLIND

@@ -241,6 +241,20 @@ def test_slowly_into_the_unseen_but_not_into_an_obstacle() -> None:
     assert action(replace(slow, speed_m_s=0.8)) is Action.STOP
 
 
+@pytest.mark.parametrize(
+    ("changes", "sees"),
+    [({}, True), ({"free_m": 0.0}, False), ({"free_m": 0.0, "obstacle_m": 4.0}, True), ({"cause": "front: no frame"}, False),
+     ({"exposed_ns": T_NS - STALE_NS - 1}, False), ({"exposed_ns": None}, False)],
+)  # fmt: skip
+def test_whether_the_path_is_seen(changes: dict[str, object], sees: bool) -> None:
+    """Also a direction to which no camera looks is not seen."""
+    assessor = PathAssessor(GUARD, BRAKING)
+    assessor.take(replace(SIGHT, **changes))  # type: ignore[arg-type]
+    verdict = assessor.verdict(T_NS)
+    assert verdict is not None
+    assert verdict.sees is sees
+
+
 def test_without_a_speed_there_is_no_verdict() -> None:
     assessor = PathAssessor(GUARD, BRAKING)
     assert assessor.verdict(T_NS) is None
