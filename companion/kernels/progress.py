@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import time
@@ -25,11 +26,22 @@ class CompiledCount:
     def __init__(self, folder: Path, groups: Sequence[str]) -> None:
         sources = [path.relative_to(ROOT) for path in kernel_files(ROOT) if _group_of(path.relative_to(ROOT)) in groups]
         self.total = sum(len(_DECORATED.findall((ROOT / path).read_text(encoding="utf-8"))) for path in sources)
-        self._places = [(folder / cache_subfolder(path), f"{path.stem}.*.nbi") for path in sources]
+        self._modules: dict[Path, set[str]] = {}
+        for path in sources:
+            self._modules.setdefault(folder / cache_subfolder(path), set()).add(path.stem)
 
     def done(self) -> int:
         """Kernels that are compiled by now."""
-        return min(self.total, sum(len(list(folder.glob(pattern))) for folder, pattern in self._places))
+        return min(self.total, sum(_indices(folder, modules) for folder, modules in self._modules.items()))
+
+
+def _indices(folder: Path, modules: set[str]) -> int:
+    """Index files of these modules, such as `level.pool_columns-34.py311.nbi`."""
+    try:
+        names = os.listdir(folder)
+    except OSError:
+        return 0
+    return sum(name.endswith(".nbi") and name.partition(".")[0] in modules for name in names)
 
 
 def _group_of(source: Path) -> str:

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,7 +118,8 @@ def _compile_missing(folder: Path, modes: Sequence[str], report: Report) -> bool
     the error."""
     if not _incomplete(folder, modes):
         return False
-    with _one_at_a_time(folder):
+    count = CompiledCount(folder, modes)
+    with _one_at_a_time(folder, lambda: report(count.done(), count.total)):
         missing = _incomplete(folder, modes)  # another process may have compiled them meanwhile
         if missing and _child(*missing, report=report).returncode == 0:
             _mark_complete(*missing)
@@ -126,7 +127,7 @@ def _compile_missing(folder: Path, modes: Sequence[str], report: Report) -> bool
 
 
 @contextlib.contextmanager
-def _one_at_a_time(folder: Path) -> Iterator[None]:
+def _one_at_a_time(folder: Path, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Waits while another process compiles into this directory. One that cannot be written is not locked."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -136,6 +137,7 @@ def _one_at_a_time(folder: Path) -> Iterator[None]:
     try:
         while not _locked(descriptor):
             _CHILDREN.raise_if_cancelled()
+            on_wait()
             time.sleep(POLL_S)
         yield
     finally:

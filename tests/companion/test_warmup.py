@@ -252,7 +252,9 @@ def test_kernels_of_another_processor_are_compiled_again(
     assert asked == [("extractor",)]
 
 
-def test_of_two_processes_one_compiles(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_two_processes_one_compiles(
+    small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     small.mkdir()
     asked: list[tuple[str, ...]] = []
     monkeypatch.setattr(warmup, "_child", lambda *modes, report: asked.append(modes) or SUCCESS)
@@ -267,6 +269,7 @@ def test_of_two_processes_one_compiles(small: Path, monkeypatch: pytest.MonkeyPa
         (small / (warmup.COMPLETE + "extractor")).write_text(processor())  # the other one has finished
     waiting.join()
     assert asked == []
+    assert "compiling kernels 0 of" in capsys.readouterr().err  # the one that waits does not look hung
 
 
 def test_progress_is_shown_while_a_child_compiles(
