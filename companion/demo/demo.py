@@ -190,6 +190,8 @@ def _print_summary(done: Demo) -> None:
             f"  {folder}/*.png  {len(done.views.pictures)} pictures: depth image with planes, top view, side view"
         )
     print_line(f"  {_shown(done.log)}  log of the flight; Foxglove and Lichtblick can open it")
+    if done.views.layout is not None:
+        print_line(f"  {_shown(done.views.layout)}  layout for Foxglove and Lichtblick: import it first")
     print_line()
     print_line("Next:")
     print_line(f"  companion info {_shown(done.log)}")

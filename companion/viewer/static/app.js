@@ -4,7 +4,9 @@ import * as THREE from "three";
 import { Orbit } from "viewer/orbit";
 import { FrameScene } from "viewer/scene";
 import { KEPT, Live } from "viewer/live";
+import { DepthPanel } from "viewer/depth";
 import { gltf, save } from "viewer/exports";
+import { drawLegend } from "viewer/legend";
 import { Measure, pick } from "viewer/measure";
 import { showPilot } from "viewer/pilot";
 import { drawStrip, nextBlind } from "viewer/timeline";
@@ -40,7 +42,7 @@ class App {
     this.measure = new Measure(this.frames.scene);
     this.orbit = new Orbit(this.eye, $("canvas"), () => this.ask());
     $("canvas").addEventListener("webglcontextlost", () => complain(new Error("the graphics card has dropped the drawing")));
-    this.images = new Map(); // of frames
+    this.depth = new DepthPanel(data);
     this.#controls();
     this.#fromAddress();
     new ResizeObserver(() => this.#resize()).observe($("stage"));
@@ -90,9 +92,9 @@ class App {
     showPilot(this.live ? this.live.news.service.autopilot : frame.autopilot, frame.heading);
     this.frames.draw(frame, options, place, null, 0);
     this.ask();
-    const image = await this.image(frame);
+    const image = await this.depth.image(frame);
     if (this.data.frames[this.at] !== frame) return;
-    this.#depth(frame, image);
+    this.depth.draw(frame, image);
     if (options.points && image) this.frames.draw(frame, options, place, image.bytes, image.width);
     this.ask();
   }
@@ -130,60 +132,6 @@ class App {
     $("stage").classList.toggle("blind", frame.standing === "BLIND");
   }
 
-  /** {bytes, width, height} of a frame's small depth image, null without one. */
-  async image(frame) {
-    if (!frame.depth) return null;
-    if (!this.images.has(frame)) {
-      if (this.images.size > 32) this.images.delete(this.images.keys().next().value);
-      const picture = new Image();
-      picture.src = `data:image/png;base64,${frame.depth}`;
-      await picture.decode();
-      const canvas = new OffscreenCanvas(picture.width, picture.height), pen = canvas.getContext("2d");
-      pen.drawImage(picture, 0, 0);
-      const rgba = pen.getImageData(0, 0, picture.width, picture.height).data;
-      const bytes = new Uint8Array(rgba.length / 4);
-      for (let i = 0; i < bytes.length; i++) bytes[i] = rgba[4 * i];
-      this.images.set(frame, { bytes, width: picture.width, height: picture.height });
-    }
-    return this.images.get(frame);
-  }
-
-  #depth(frame, image) {
-    const canvas = $("depth"), pen = canvas.getContext("2d"), camera = this.data.cameras[frame.c];
-    $("nodepth").hidden = image !== null;
-    canvas.hidden = image === null;
-    this.picture = image;
-    if (image === null) return;
-    const scale = Math.max(1, Math.round(640 / image.width));
-    Object.assign(canvas, { width: image.width * scale, height: image.height * scale });
-    const small = new ImageData(image.width, image.height);
-    for (let i = 0; i < image.bytes.length; i++) {
-      let color = model.paletteColor(this.data.palette, image.bytes[i]);
-      const stripe = (((i % image.width) + Math.floor(i / image.width)) >> 2) & 1;
-      if (image.bytes[i] === model.UNKNOWN && stripe) color = color.map((v) => v * 0.8);
-      small.data.set([...color.map((v) => 255 * v), 255], 4 * i);
-    }
-    const source = new OffscreenCanvas(image.width, image.height);
-    source.getContext("2d").putImageData(small, 0, 0);
-    pen.imageSmoothingEnabled = false;
-    pen.drawImage(source, 0, 0, canvas.width, canvas.height);
-    if (frame.R && frame.standing === "VALID") this.#outlines(pen, canvas.width / camera.width, frame, camera);
-  }
-
-  #outlines(pen, scale, frame, camera) {
-    const walls = model.planeWalls(frame).sort((a, b) => b.distance - a.distance), thin = walls.length > 60 ? 0.6 : 1;
-    for (const wall of walls) {
-      const corners = [[wall.ax, wall.ay, wall.top], [wall.bx, wall.by, wall.top], [wall.bx, wall.by, wall.bottom],
-        [wall.ax, wall.ay, wall.bottom]].map((p) => model.projectPixel(p, camera, frame));
-      if (corners.includes(null)) continue;
-      pen.beginPath();
-      corners.forEach(([u, v]) => pen.lineTo((u + 0.5) * scale, (v + 0.5) * scale));
-      pen.closePath();
-      pen.setLineDash(wall.flags & model.INFERRED ? [7, 5] : []);
-      for (const [color, width] of [["#000", 3 * thin], ["#fff", 1.4 * thin]]) Object.assign(pen, { strokeStyle: color, lineWidth: width }), pen.stroke();
-    }
-  }
-
   step(direction) {
     const { frames } = this.data, next = model.stepFrame(frames, this.at, direction, this.camera);
     if (this.live && next === model.stepFrame(frames, frames.length, -1, this.camera)) this.play(true);
@@ -196,7 +144,7 @@ class App {
     const { frames } = this.data;
     frames.push(frame);
     if (frames.length > KEPT) {
-      this.images.delete(frames.shift());
+      this.depth.forget(frames.shift());
       this.at -= 1;
     }
     $("slider").max = String(frames.length - 1);
@@ -217,7 +165,7 @@ class App {
   /** Removes all frames: another service has started. */
   forget() {
     this.data.frames.splice(0, this.data.frames.length - 1);
-    this.images.clear();
+    this.depth.images.clear();
     this.show(0);
   }
 
@@ -226,7 +174,7 @@ class App {
     const { cameras } = this.data;
     $("camera").replaceChildren(...cameras.map((camera, k) => new Option(camera.name, String(k), false, k === this.camera)));
     $("camera").parentElement.hidden = cameras.length < 2;
-    this.#legend();
+    drawLegend(this.data);
   }
 
   play(on) {
@@ -267,7 +215,7 @@ class App {
     $("play").addEventListener("click", () => this.play(!this.playing));
     $("speed").addEventListener("change", () => this.playing && this.play(true));
     for (const id of ["what", "by", "layers", ...SWITCHES]) {
-      $(id).addEventListener("change", () => { this.#legend(); this.show(this.at); });
+      $(id).addEventListener("change", () => { drawLegend(this.data); this.show(this.at); });
     }
     $("world").disabled = !data.frames.some((f) => f.pos);
     $("world").addEventListener("change", () => { this.look(this.view); this.show(this.at); });
@@ -286,9 +234,9 @@ class App {
     addEventListener("keydown", (e) => this.#key(e));
     $("canvas").addEventListener("pointermove", (e) => this.#hover(e));
     $("canvas").addEventListener("pointerleave", () => { $("tip").hidden = true; });
-    $("depth").addEventListener("pointermove", (e) => this.#hoverDepth(e));
+    $("depth").addEventListener("pointermove", (e) => this.#tip(e, this.depth.words(e)));
     $("depth").addEventListener("pointerleave", () => { $("tip").hidden = true; });
-    this.#legend();
+    drawLegend(this.data);
   }
 
   /** Strip, jump to the next blind moment, measuring, saving, the panel of small screens. */
@@ -384,42 +332,6 @@ class App {
       + ` the ${heights.from}; margin ${wall.margin.toFixed(2)} m; cluster ${wall.cluster}; ${wall.support} px; ${model.flagWords(wall.flags)}`);
   }
 
-  #hoverDepth(e) {
-    const { picture } = this, box = $("depth").getBoundingClientRect();
-    if (!picture) return;
-    const u = Math.min(picture.width - 1, Math.floor(((e.clientX - box.left) / box.width) * picture.width));
-    const v = Math.min(picture.height - 1, Math.floor(((e.clientY - box.top) / box.height) * picture.height));
-    const byte = picture.bytes[v * picture.width + u], camera = this.data.cameras[this.data.frames[this.at].c];
-    this.#tip(e, byte === model.UNKNOWN ? "unknown: no measurement" : byte === model.FAR ? "free to the maximum range"
-      : `about ${model.indexRange(byte, camera).toFixed(1)} m deep`);
-  }
-
-  #legend() {
-    const { palette, cameras } = this.data, by = $("by").value, camera = cameras[0];
-    const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
-    const sample = (flags) => css(model.wallColor({ flags }, "flags", camera, palette));
-    const marks = { distance: [], cluster: [["one colour for each cluster", "#7aa"]],
-      flags: [["measured", sample(0)], ["partly inferred", sample(1)], ["unknown behind", sample(2)], ["irregular", sample(64)]] }[by];
-    const stops = Array.from({ length: 16 }, (_, k) => css(model.paletteColor(palette, 1 + Math.round((k * 253) / 15))));
-    $("ramp").style.background = `linear-gradient(90deg, ${stops.join(",")})`;
-    const apart = 100 * (34 / Math.max(1, $("ramp").clientWidth)); // per cent that a number needs
-    let last = -Infinity;
-    const shares = [camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m)
-      .map((m) => [m, ((model.rangeIndex(m, camera) - 1) / 253) * 100]).filter(([, share]) => share - last >= apart && ((last = share), true));
-    $("ticks").replaceChildren(...shares.map(([m, share]) => {
-      const tick = document.createElement("span");
-      tick.textContent = `${m} m`;
-      tick.style.left = `${share}%`;
-      return tick;
-    }));
-    $("marks").replaceChildren(...marks.map(([text, color]) => {
-      const mark = document.createElement("span");
-      mark.textContent = text;
-      mark.style.setProperty("--mark", color);
-      return mark;
-    }));
-  }
-
   /** #frame=12&view=top&world=ned&by=flags&what=planes&points=1 opens the page so. */
   #fromAddress() {
     const wants = new URLSearchParams(location.hash.slice(1));
@@ -431,7 +343,7 @@ class App {
     }
     this.at = Math.min(this.data.frames.length - 1, Math.max(0, Number(wants.get("frame")) || 0));
     if (VIEWS[wants.get("view")]) this.view = wants.get("view");
-    this.#legend();
+    drawLegend(this.data);
   }
 
   #resize() {
@@ -440,7 +352,7 @@ class App {
     this.renderer.setSize(w, h, false);
     this.eye.aspect = w / Math.max(1, h);
     this.eye.updateProjectionMatrix();
-    this.#legend();
+    drawLegend(this.data);
     this.ask();
   }
 }

@@ -1,0 +1,33 @@
+// The legend beside the picture: the scale of distances, and the colours of the chosen colouring.
+
+import * as model from "viewer/model";
+
+const $ = (id) => document.getElementById(id);
+const NUMBER_PX = 34;
+
+/** data: palette and cameras of the page. */
+export function drawLegend(data) {
+  const { palette, cameras } = data, by = $("by").value, camera = cameras[0];
+  const css = (color) => `rgb(${color.map((v) => Math.round(255 * v)).join(",")})`;
+  const sample = (flags) => css(model.wallColor({ flags }, "flags", camera, palette));
+  const marks = { distance: [], cluster: [["one colour for each cluster", "#7aa"]],
+    flags: [["measured", sample(0)], ["partly inferred", sample(1)], ["unknown behind", sample(2)], ["irregular", sample(64)]] }[by];
+  const stops = Array.from({ length: 16 }, (_, k) => css(model.paletteColor(palette, 1 + Math.round((k * 253) / 15))));
+  $("ramp").style.background = `linear-gradient(90deg, ${stops.join(",")})`;
+  const apart = 100 * (NUMBER_PX / Math.max(1, $("ramp").clientWidth)); // per cent that a number needs
+  let last = -Infinity;
+  const shares = [camera.min_m, 1, 2, 5, 10, 20, 50].filter((m) => m >= camera.min_m && m <= camera.max_m)
+    .map((m) => [m, ((model.rangeIndex(m, camera) - 1) / 253) * 100]).filter(([, share]) => share - last >= apart && ((last = share), true));
+  $("ticks").replaceChildren(...shares.map(([m, share]) => {
+    const tick = document.createElement("span");
+    tick.textContent = `${m} m`;
+    tick.style.left = `${share}%`;
+    return tick;
+  }));
+  $("marks").replaceChildren(...marks.map(([text, color]) => {
+    const mark = document.createElement("span");
+    mark.textContent = text;
+    mark.style.setProperty("--mark", color);
+    return mark;
+  }));
+}
