@@ -4,7 +4,7 @@
 import * as THREE from "three";
 import * as model from "viewer/model";
 
-const WORLD = 0xe0c080, FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xffd54f, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
+const WORLD = 0xe0c080, FREE = 0x43c46b, OPEN = 0xe6c619, VIEW = 0x64a8ff, BLIND = 0xff4136, PATH = 0xf5f7fa, RINGS = [1, 2, 5, 10, 20], KEPT_WORDS = 120;
 /** How each class of space is drawn: colour, opacity in one layer, opacity where all layers lie over each other. */
 const SPACE_LOOKS = { free: [FREE, 0.30, 0.13], open: [OPEN, 0.30, 0.13], unknown: [0x8b97a3, 0.22, 0] }, UNKNOWN_REACH_M = 20;
 
