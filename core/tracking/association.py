@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inner, kernel
-from .line import along, offset, variance_at
+from .line import along, offset, sideways, variance_at
 from .tables import NONE
 
 _TOUCH_M = 0.1
@@ -23,6 +23,10 @@ _FRONT_M = 0.3
 """Not tuning: a covered track lies at most this far in front of the detection, and within its margin."""
 _APART_M = 0.2
 """Not tuning: detections of one frame that overlap by more are different surfaces."""
+_EMPTY_SHARE, _EMPTY_M2 = 0.15, 0.1
+"""Not tuning: a rectangle around two others may hold this share of its area, and this area, that neither covers."""
+SIDEWAYS_M = 0.15
+"""Not tuning: a detection is seen at most this far beside the line of its track."""
 CONTINUES, COVERS = 1, 2
 
 
@@ -41,8 +45,28 @@ def gate(track, d, s, rules):
 
 
 @inner
-def continues(d, track, rules):
-    """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance."""
+def fits_one_rectangle(low, high, top, bottom, track):
+    """Whether one rectangle for a track and another part of its line (s low..high, heights top..bottom) is mostly covered by
+    both: a pole beside a car is not one tall surface with it."""
+    length = max(high, track.s1_m) - min(low, track.s0_m)
+    height = max(bottom, track.bottom_m) - min(top, track.top_m)
+    over_s = max(0.0, min(high, track.s1_m) - max(low, track.s0_m))
+    over_z = max(0.0, min(bottom, track.bottom_m) - max(top, track.top_m))
+    both = (high - low) * (bottom - top) + (track.s1_m - track.s0_m) * (track.bottom_m - track.top_m) - over_s * over_z
+    return length * height - both <= _EMPTY_SHARE * length * height + _EMPTY_M2
+
+
+@inner
+def continues(d, track, rules, eye_x, eye_y):
+    """Score of a detection that continues a track (> 0), 0 where it does not: overlap in m, reduced by the distance. eye_x,
+    eye_y: of the camera; the track must hide what the detection hides from it."""
+    off_a, off_b = abs(offset(track, d.ax_m, d.ay_m)), abs(offset(track, d.bx_m, d.by_m))
+    if max(off_a, off_b) > rules.gate_max_m:
+        return 0.0
+    if sideways(track, d.ax_m, d.ay_m, off_a, eye_x, eye_y) > SIDEWAYS_M:
+        return 0.0
+    if sideways(track, d.bx_m, d.by_m, off_b, eye_x, eye_y) > SIDEWAYS_M:
+        return 0.0
     if d.tx * track.tx + d.ty * track.ty < 0.0 and min(d.length_m, track.s1_m - track.s0_m) > _SHORT_M:
         return 0.0
     sa, sb = along(track, d.ax_m, d.ay_m), along(track, d.bx_m, d.by_m)
@@ -50,9 +74,9 @@ def continues(d, track, rules):
     height = heights_overlap(d, track)
     if over < -_TOUCH_M or height < 0.3:
         return 0.0
-    far_a = abs(offset(track, d.ax_m, d.ay_m)) / gate(track, d, sa, rules)
-    far_b = abs(offset(track, d.bx_m, d.by_m)) / gate(track, d, sb, rules)
-    far = max(far_a, far_b)
+    if not fits_one_rectangle(min(sa, sb), max(sa, sb), d.top_m, d.bottom_m, track):
+        return 0.0
+    far = max(off_a / gate(track, d, sa, rules), off_b / gate(track, d, sb, rules))
     if far > 1.0:
         return 0.0
     return (max(over, 0.0) + 0.05) * min(height, 1.0) * (1.0 - 0.7 * far)
@@ -64,6 +88,11 @@ def covers(d, track, rules):
     it and no more than its own margin behind it."""
     x0, y0 = track.x_m + track.s0_m * track.tx, track.y_m + track.s0_m * track.ty
     x1, y1 = track.x_m + track.s1_m * track.tx, track.y_m + track.s1_m * track.ty
+    front = max(rules.gate_min_m, min(_FRONT_M, d.margin_m))
+    near0 = (y0 - d.ay_m) * d.tx - (x0 - d.ax_m) * d.ty
+    near1 = (y1 - d.ay_m) * d.tx - (x1 - d.ax_m) * d.ty
+    if max(near0, near1) > front or min(near0, near1) < -rules.gate_max_m:
+        return False
     q0 = (x0 - d.ax_m) * d.tx + (y0 - d.ay_m) * d.ty
     q1 = (x1 - d.ax_m) * d.tx + (y1 - d.ay_m) * d.ty
     low, high = min(q0, q1), max(q0, q1)
@@ -72,44 +101,43 @@ def covers(d, track, rules):
     if over < _COVERED_SHARE * max(high - low, 1e-3) or high - low < 0.5 * length - _TOUCH_M:
         return False
     height = min(d.bottom_m, track.bottom_m) - max(d.top_m, track.top_m)
-    if height < 0.8 * (track.bottom_m - track.top_m):
-        return False
-    front = max(rules.gate_min_m, min(_FRONT_M, d.margin_m))
-    for end in range(2):
-        x = x0 if end == 0 else x1
-        y = y0 if end == 0 else y1
-        near = (y - d.ay_m) * d.tx - (x - d.ax_m) * d.ty
-        if near > front or near < -rules.gate_max_m:
-            return False
-    return True
+    return height >= 0.8 * (track.bottom_m - track.top_m)
 
 
 @kernel
-def find_pairs(detections, tracks, boxes, rules, pairs, scores):
-    """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, track, relation;
-    scores (P,) float64. boxes: (T, 6) float32 scratch. Returns (number of pairs, number of pairs that did not fit)."""
-    reach = rules.gate_max_m + _TOUCH_M
-    for j in range(tracks.shape[0]):
-        t = tracks[j]
-        if t.hits == 0:
-            boxes[j, 0], boxes[j, 1] = math.inf, -math.inf
-            continue
+def track_boxes(tracks, live, boxes):
+    """Bounds of the live tracks (slots in `live`), enlarged by the reach of an association -> boxes (T, 6) float64: least
+    and greatest x, y and z."""
+    for n in range(live.shape[0]):
+        t = tracks[live[n]]
         x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
         x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
-        boxes[j, 0], boxes[j, 1] = min(x0, x1) - reach, max(x0, x1) + reach
-        boxes[j, 2], boxes[j, 3] = min(y0, y1) - reach, max(y0, y1) + reach
-        boxes[j, 4], boxes[j, 5] = t.top_m, t.bottom_m
+        boxes[n, 0], boxes[n, 1] = min(x0, x1), max(x0, x1)
+        boxes[n, 2], boxes[n, 3] = min(y0, y1), max(y0, y1)
+        boxes[n, 4], boxes[n, 5] = t.top_m, t.bottom_m
+
+
+@kernel
+def find_pairs(detections, tracks, live, boxes, order, rules, eye_x, eye_y, pairs, scores):
+    """Lists the pairs of detections and tracks that belong together -> pairs (P, 3) int32: detection, track, relation;
+    scores (P,) float64. live: (T,) slots; boxes: (T, 6) of `track_boxes`; order: (T,) of boxes by their least x; eye_x, eye_y: of the
+    camera. Returns
+    (number of pairs, number of pairs that did not fit)."""
+    reach = rules.gate_max_m + _TOUCH_M
     count, lost = 0, 0
     for i in range(detections.shape[0]):
         d = detections[i]
-        x0, x1 = min(d.ax_m, d.bx_m), max(d.ax_m, d.bx_m)
-        y0, y1 = min(d.ay_m, d.by_m), max(d.ay_m, d.by_m)
-        for j in range(tracks.shape[0]):
-            if boxes[j, 0] > x1 or boxes[j, 1] < x0 or boxes[j, 2] > y1 or boxes[j, 3] < y0:
+        x0, x1 = min(d.ax_m, d.bx_m) - reach, max(d.ax_m, d.bx_m) + reach
+        y0, y1 = min(d.ay_m, d.by_m) - reach, max(d.ay_m, d.by_m) + reach
+        for n in order:
+            if boxes[n, 0] > x1:
+                break
+            if boxes[n, 1] < x0 or boxes[n, 2] > y1 or boxes[n, 3] < y0:
                 continue
-            if boxes[j, 4] >= d.bottom_m or boxes[j, 5] <= d.top_m:
+            if boxes[n, 4] >= d.bottom_m or boxes[n, 5] <= d.top_m:
                 continue
-            score = continues(d, tracks[j], rules)
+            j = live[n]
+            score = continues(d, tracks[j], rules, eye_x, eye_y)
             relation = CONTINUES
             if score <= 0.0:
                 relation = COVERS

@@ -2,8 +2,7 @@
 
 Each cell of a track that this frame did not observe is compared with the frame's free ranges. It is *clear* where free
 space reaches well beyond it, *explained* where another obstacle was observed at about its range, *hidden* where the free
-range ends before it, and *out of view* elsewhere. Clear cells collect evidence quickly, explained ones slowly; hidden
-ones and those out of view are kept until they are too old.
+range ends before it, and *out of view* elsewhere. Clear and explained cells collect evidence; hidden ones and those out of view are kept until they are too old.
 """
 
 from __future__ import annotations
@@ -20,6 +19,9 @@ NEW_HITS = 3
 """Not tuning: a track observed less often is new."""
 MEMORY_HITS = 10
 """Not tuning: observations after which a cell is kept for the whole memory."""
+_LEAST_MEMORY_NS = 200_000_000
+"""Not tuning: nothing is forgotten sooner."""
+_INFERRED = 1
 _OBSTACLE = 1
 _EXPLAINED_SHARE = 0.15
 _CLEAR_SHARE = 0.5
@@ -97,7 +99,7 @@ def classify(x, y, top, bottom, slack, rules, view):
         obstacle = view.end[d, k] == _OBSTACLE
         if near <= r - slack and far >= r + off:
             clear += max(0.0, min(lower, lowest) - upper)
-        elif obstacle and abs(far - r) < off:
+        elif obstacle and r - 0.5 * off < far < r + off:
             explained += lower - upper
         elif far < r and (obstacle or far > near):
             hidden += lower - upper
@@ -109,13 +111,50 @@ def classify(x, y, top, bottom, slack, rules, view):
     return HIDDEN if hidden > 0.0 else OUT_OF_VIEW
 
 
+@inner
+def is_seen_through(x, y, track, detections, behind, eye_x, eye_y, eye_z):
+    """Whether detections of the frame lie behind a place of a track, as seen from the camera, over most of its height, and
+    none lies at it. Gaps that were filled do not count: nothing was measured in them."""
+    dx, dy = x - eye_x, y - eye_y
+    r = math.sqrt(dx * dx + dy * dy)
+    if r < 1e-3:
+        return False
+    dx, dy = dx / r, dy / r
+    passed, at, height = 0.0, 0.0, track.bottom_m - track.top_m
+    for i in range(detections.shape[0]):
+        d = detections[i]
+        ax, ay, bx, by = d.ax_m - eye_x, d.ay_m - eye_y, d.bx_m - eye_x, d.by_m - eye_y
+        side_a, side_b = dx * ay - dy * ax, dx * by - dy * bx
+        if side_a * side_b > 0.0 or side_a == side_b:
+            continue
+        share = side_a / (side_a - side_b)
+        far = dx * (ax + share * (bx - ax)) + dy * (ay + share * (by - ay))
+        if far <= 0.0:
+            continue
+        scale = r / far  # heights of the detection as they appear at the range of the place
+        over = min(track.bottom_m, eye_z + scale * (d.bottom_m - eye_z)) - max(
+            track.top_m, eye_z + scale * (d.top_m - eye_z)
+        )
+        if over <= 0.0:
+            continue
+        reach = behind + track.margin_m + d.margin_m
+        if far >= r + reach:
+            if d.plane_flags & _INFERRED == 0:
+                passed = max(passed, over)
+        elif far > r - reach:
+            at += over
+            if at > _EXPLAINED_SHARE * height:
+                return False
+    return passed >= _CLEAR_SHARE * height
+
+
 @kernel
-def collect_evidence(table, rules, view, t_ns, memory_ns):
+def collect_evidence(table, detections, rules, view, eye_z, t_ns, memory_ns):
     """Evidence of one frame on all cells that it did not observe; removes cells that are clear, or older than the memory.
     Sets the state of each track. Returns the number of cells removed.
 
-    A cell with fewer than MEMORY_HITS observations has a share of the memory: what flickers does not accumulate where it
-    is hidden."""
+    eye_z: height of the camera. A cell with fewer than MEMORY_HITS observations has a share of the memory that grows with
+    their square: what flickers does not accumulate where it is hidden."""
     removed = 0
     for j in range(table.tracks.shape[0]):
         t = table.tracks[j]
@@ -129,14 +168,14 @@ def collect_evidence(table, rules, view, t_ns, memory_ns):
             s = cell_middle(t, k)
             x, y = t.x_m + s * t.tx, t.y_m + s * t.ty
             seen = classify(x, y, t.top_m, t.bottom_m, rules.behind_m + t.margin_m, rules, view)
-            if seen == CLEAR:
+            if seen != CLEAR and is_seen_through(x, y, t, detections, rules.behind_m, view.x_m, view.y_m, eye_z):
+                seen = CLEAR
+            if seen >= EXPLAINED:
                 c.against += 2
-            elif seen == EXPLAINED:
-                c.against += 1
             missed = missed or seen >= EXPLAINED
             best = max(best, seen)
-            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or t_ns - c.seen_ns > memory_ns * min(
-                1.0, c.hits / MEMORY_HITS
+            if c.against >= 2 * min(rules.free_frames, 1 + c.hits) or t_ns - c.seen_ns > max(
+                _LEAST_MEMORY_NS, memory_ns * min(1.0, (c.hits / MEMORY_HITS) ** 2)
             ):
                 c.hits = 0
                 removed += 1

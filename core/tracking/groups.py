@@ -45,7 +45,7 @@ def root(parents, i):
 
 @kernel
 def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
-    """Fills groups (G,) GROUP from detections and sets their `group`; returns how many. x_m, y_m: of the camera."""
+    """Fills groups (G,) GROUP from detections, ordered by their least x, and sets their `group`; returns how many. x_m, y_m: of the camera."""
     n = detections.shape[0]
     parents = np.arange(n)
     boxes = np.empty((n, 6))
@@ -54,12 +54,12 @@ def find_groups(detections, x_m, y_m, ke_per_m, pose_sigma_m, groups):
         boxes[i, 0], boxes[i, 1] = min(d.ax_m, d.bx_m), max(d.ax_m, d.bx_m)
         boxes[i, 2], boxes[i, 3] = min(d.ay_m, d.by_m), max(d.ay_m, d.by_m)
         boxes[i, 4], boxes[i, 5] = d.top_m, d.bottom_m
-    for i in range(n):
-        for k in range(i):
+    for k in range(n):
+        for i in range(k + 1, n):
+            if boxes[i, 0] - boxes[k, 1] >= GAP_M:
+                break  # the following ones begin farther away
             if (
-                boxes[k, 0] - boxes[i, 1] < GAP_M
-                and boxes[i, 0] - boxes[k, 1] < GAP_M
-                and boxes[k, 2] - boxes[i, 3] < GAP_M
+                boxes[k, 2] - boxes[i, 3] < GAP_M
                 and boxes[i, 2] - boxes[k, 3] < GAP_M
                 and boxes[k, 4] - boxes[i, 5] < GAP_M
                 and boxes[i, 4] - boxes[k, 5] < GAP_M

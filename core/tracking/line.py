@@ -7,6 +7,8 @@ import math
 from ..jit import inner
 from .tables import SHIFT_M
 
+_EDGE_ON = 0.6
+"""Not tuning: sine of the angle between a viewing ray and a line that is seen edge-on."""
 _SLOPE_VARIANCE = 0.25
 """Not tuning: variance of the slope of a line without a direction, rad^2."""
 
@@ -21,6 +23,32 @@ def along(track, x, y):
 def offset(track, x, y):
     """Distance of a point from the line, m; positive on the free side."""
     return (y - track.y_m) * track.tx - (x - track.x_m) * track.ty
+
+
+@inner
+def sideways(track, x, y, off, eye_x, eye_y):
+    """Part of a point's offset from the line that is perpendicular to its viewing ray, m: so far from the point the line is
+    seen."""
+    dx, dy = x - eye_x, y - eye_y
+    r = math.sqrt(dx * dx + dy * dy)
+    if r < 1e-6:
+        return abs(off)
+    facing = (dy * track.tx - dx * track.ty) / r
+    return abs(off) * math.sqrt(max(0.0, 1.0 - facing * facing))
+
+
+@inner
+def seen_at(track, x, y, eye_x, eye_y):
+    """s at which the viewing ray of a point near the line meets it; that of its foot where the line is seen edge-on."""
+    dx, dy = x - eye_x, y - eye_y
+    r = math.sqrt(dx * dx + dy * dy)
+    s = along(track, x, y)
+    if r < 1e-6:
+        return s
+    facing = (dy * track.tx - dx * track.ty) / r
+    if abs(facing) < _EDGE_ON:
+        return s
+    return s - offset(track, x, y) * (dx * track.tx + dy * track.ty) / r / facing
 
 
 @inner

@@ -28,7 +28,7 @@ class TrackingParams:
     # When a plane of a frame is an observation of a track
     gate_sigmas: float = number(2.0, 0.5, 6.0, "sigma", "largest distance of an observation from the track's line")
     gate_min_m: float = number(0.15, 0.02, 1.0, "m", "distance that is always accepted")
-    gate_max_m: float = number(0.5, 0.05, 2.0, "m", "distance that is never exceeded")
+    gate_max_m: float = number(0.4, 0.05, 2.0, "m", "distance that is never exceeded")
     pose_sigma_m: float = number(0.03, 0.0, 2.0, "m", "error of position and attitude from frame to frame")
     drift_m: float = number(0.03, 0.001, 1.0, "m", "change of a track's place within one second, standard deviation")
     turn_deg: float = number(1.0, 0.01, 30.0, "deg", "change of a track's direction within one second")

@@ -10,25 +10,32 @@ from numpy.typing import NDArray
 from .snapshot import MovingObject, TrackSnapshot
 
 NS = 1_000_000_000
+BEHIND_M = 0.1
+"""Not tuning: a filtered plane that lies farther behind the newest observation is moved."""
+WIDE_M = 1.0
+"""Not tuning: a shorter plane is not moved, since that could move it aside."""
 
 
 def snapshot_of(tracks: NDArray[Any], objects: NDArray[Any], t_ns: int, growth_m_s: float) -> TrackSnapshot:
     """The tracks (T,) TRACK and moving objects (M,) OBJECT at t_ns. growth_m_s: margins grow by this for each second
     since the newest observation.
 
-    The margin contains how much nearer than the filtered line the newest observation was: no consumer that subtracts it
-    comes nearer than with the model of the frame alone. The confidence is the share of frames in view that observed the
+    A plane lies no farther behind the newest observation than BEHIND_M or a quarter of the margin, and the margin contains
+    the rest: no consumer that subtracts it comes nearer than with the model of the frame alone. The confidence is the share of frames in view that observed the
     track, and at most 1 - 0.5^hits."""
     t = tracks[tracks["hits"] > 0]
     planes = np.empty((len(t), 6), np.float32)
+    excess = np.maximum(t["excess_m"], 0.0)
+    nearer = np.maximum(0.0, excess - np.maximum(BEHIND_M, 0.25 * t["margin_m"]))
+    nearer[t["s1_m"] - t["s0_m"] < WIDE_M] = 0.0
     for k, s in enumerate((t["s0_m"], t["s1_m"])):
-        planes[:, 2 * k] = t["x_m"] + s * t["tx"]
-        planes[:, 2 * k + 1] = t["y_m"] + s * t["ty"]
+        planes[:, 2 * k] = t["x_m"] + s * t["tx"] - nearer * t["ty"]
+        planes[:, 2 * k + 1] = t["y_m"] + s * t["ty"] + nearer * t["tx"]
     planes[:, 4], planes[:, 5] = t["top_m"], t["bottom_m"]
     middle = 0.5 * (t["s0_m"] + t["s1_m"])
     variance = t["p00"] + 2.0 * middle * t["p01"] + middle * middle * t["p11"]
     unseen_ns = t_ns - t["seen_ns"]
-    margin = t["margin_m"] + np.maximum(t["excess_m"], 0.0) + growth_m_s * unseen_ns / NS
+    margin = t["margin_m"] + excess - nearer + growth_m_s * unseen_ns / NS
     confidence = t["hit_rate"] * (1.0 - 0.5 ** np.minimum(t["hits"], 60))
     return TrackSnapshot(
         ids=t["id"].copy(), planes=planes, margin_m=margin.astype(np.float32),

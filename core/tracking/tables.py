@@ -117,11 +117,12 @@ def detections_of(
     planes: NDArray[np.float32], margin_m: NDArray[np.float32], flags: NDArray[np.uint8], cluster: NDArray[np.int32],
     pose_sigma_m: float,
 ) -> NDArray[Any]:  # fmt: skip
-    """(N,) DETECTION of the planes (P, 6) of a frame. Planes that are not finite, or shorter than 1 mm, are left out."""
+    """(N,) DETECTION of the planes (P, 6) of a frame, by their least x. Planes that are not finite, or shorter than 1 mm, are left out."""
     rows = planes.astype(np.float64)
     length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
     with np.errstate(invalid="ignore"):
         good = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
+    good = np.flatnonzero(good)[np.argsort(np.minimum(rows[good, 0], rows[good, 2]), kind="stable")]
     rows, length = rows[good], length[good]
     out = np.zeros(len(rows), DETECTION)
     for k, name in enumerate(("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import record_of
-from .association import assign, find_pairs
+from .association import assign, find_pairs, track_boxes
 from .ego_motion import common_shift
 from .evidence import FreeView, collect_evidence, split_tracks
 from .free_view import free_view, view_bytes, view_from_bytes
@@ -34,7 +34,7 @@ from .movers import (
 from .params import TrackingParams
 from .publish import snapshot_of
 from .snapshot import TrackerState, TrackingFrame, TrackSnapshot
-from .tables import CELL, CELLS, RULES, TRACK, TrackTable, detections_of, empty_table
+from .tables import CELL, CELLS, DETECTION, RULES, TRACK, TrackTable, detections_of, empty_table
 from .update import apply_detections, begin_frame
 
 NS = 1_000_000_000
@@ -71,8 +71,9 @@ class Tracker:
             sigmas=p.mover_sigmas, max_size_m=p.mover_max_size_m,
         )  # fmt: skip
         self.counts = {"tracks_evicted": 0, "detections_left_out": 0, "pairs_left_out": 0}
-        self._boxes = np.zeros((p.most_tracks, 6), np.float32)
+        self._boxes = np.zeros((p.most_tracks, 6))
         self._pairs, self._scores = np.zeros((_LEAST_PAIRS, 3), np.int32), np.zeros(_LEAST_PAIRS)
+        self._no_detections = np.zeros(0, DETECTION)
         self._groups, self._distances = np.zeros(_GROUPS, GROUP), np.zeros((_GROUPS, MOST_OBJECTS))
         self._reset()
         if state is not None:
@@ -99,10 +100,15 @@ class Tracker:
         aligned = self._align(frame, dt_s)
         begin_frame(self._table, dt_s, self._rules[0])
         view = free_view(frame.model, frame.camera_m)
+        detections = self._no_detections
         if frame.model.valid:
-            self._associate(frame, view, dt_s, aligned)
+            m = frame.model
+            detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster, self.params.pose_sigma_m)
+            self._associate(detections, frame, view, dt_s, aligned)
         memory_s = self.params.memory_s if frame.positioned else self.params.memory_without_position_s
-        collect_evidence(self._table, self._rules[0], view, frame.t_ns, round(memory_s * NS))
+        collect_evidence(
+            self._table, detections, self._rules[0], view, frame.camera_m[2], frame.t_ns, round(memory_s * NS)
+        )
         next_id, _, evicted = split_tracks(self._table, self._state.next_id, frame.t_ns)
         self.counts["tracks_evicted"] += evicted
         self._state = replace(
@@ -149,9 +155,9 @@ class Tracker:
         tracks["top_m"] += z_m
         tracks["bottom_m"] += z_m
 
-    def _estimate_motion(self, detections: NDArray[Any], dt_s: float) -> None:
+    def _estimate_motion(self, detections: NDArray[Any], dt_s: float, view: FreeView) -> None:
         """Moves the tracks by the common shift of the detections, and corrects the estimated velocity."""
-        count = self._find_pairs(detections, self._wide[0])
+        count = self._find_pairs(detections, self._wide[0], view)
         x, y, z = common_shift(detections, self._table.tracks, self._pairs[:count], self._scores[:count])
         self._shift(x, y, z)
         if dt_s > 0.0:
@@ -161,27 +167,42 @@ class Tracker:
 
     # ---- detections ---------------------------------------------------------------------------------------------------
 
-    def _find_pairs(self, detections: NDArray[Any], rules: Any) -> int:
+    def _find_pairs(self, detections: NDArray[Any], rules: Any, view: FreeView) -> int:
         most = max(_LEAST_PAIRS, _PAIRS_PER_DETECTION * len(detections))
         if len(self._pairs) < most:
             self._pairs, self._scores = np.zeros((most, 3), np.int32), np.zeros(most)
-        count, lost = find_pairs(detections, self._table.tracks, self._boxes, rules, self._pairs, self._scores)
+        tracks = self._table.tracks
+        live = np.flatnonzero(tracks["hits"])
+        boxes = self._boxes[: len(live)]
+        track_boxes(tracks, live, boxes)
+        order = np.argsort(boxes[:, 0], kind="stable")
+        count, lost = find_pairs(
+            detections, tracks, live, boxes, order, rules, view.x_m, view.y_m, self._pairs, self._scores
+        )
         self.counts["pairs_left_out"] += lost
         return int(count)
 
-    def _associate(self, frame: TrackingFrame, view: FreeView, dt_s: float, aligned: bool) -> None:
-        m = frame.model
-        detections = detections_of(m.planes, m.margin_m, m.flags, m.cluster, self.params.pose_sigma_m)
+    def _associate(
+        self, detections: NDArray[Any], frame: TrackingFrame, view: FreeView, dt_s: float, aligned: bool
+    ) -> None:
         if aligned and frame.positioned:
             predict_objects(self._objects, dt_s, frame.t_ns)
             carry_tracks(self._table.tracks, self._objects, dt_s)
         else:
-            self._estimate_motion(detections, dt_s)
-        count = self._find_pairs(detections, self._rules[0])
+            self._estimate_motion(detections, dt_s, view)
+        count = self._find_pairs(detections, self._rules[0], view)
         order = np.argsort(-self._scores[:count], kind="stable")
         assign(detections, self._table.tracks, self._pairs, order)
         next_id, evicted, left_out = apply_detections(
-            self._table, detections, self._pairs, order, self._rules[0], self._state.next_id, frame.t_ns
+            self._table,
+            detections,
+            self._pairs,
+            order,
+            self._rules[0],
+            view.x_m,
+            view.y_m,
+            self._state.next_id,
+            frame.t_ns,
         )
         self._state = replace(self._state, next_id=int(next_id))
         self.counts["tracks_evicted"] += evicted

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ..jit import inner, kernel
-from .association import CONTINUES, COVERS, heights_overlap
-from .line import along, begin_line, offset, predict_line, update_line
+from .association import CONTINUES, COVERS, SIDEWAYS_M, fits_one_rectangle, heights_overlap
+from .line import along, begin_line, offset, predict_line, seen_at, sideways, update_line
 from .tables import CELL_M, NONE, clear_cell, free_slot, make_room
 
 _CUT_LEFT, _CUT_RIGHT, _CUT_TOP, _CUT_BOTTOM = 4, 8, 16, 32
@@ -17,8 +17,12 @@ _MERGE_M = 0.2
 _RATE_STEP = 0.1
 """Not tuning: weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20
+_LOST_M = 0.03
+"""Not tuning: what a track may leave uncovered of a detection, at each end."""
+_SHORT_M, _TURN_COS = 0.6, 0.9
+"""Not tuning: a shorter track takes the direction of a detection that is turned by more."""
 _HIT_WEIGHT = 4
-"""Not tuning: free evidence that an observation cancels; free space adds 2, another obstacle there 1."""
+"""Not tuning: free evidence that an observation cancels; free space, or another obstacle there, adds 2."""
 
 
 @kernel
@@ -36,8 +40,8 @@ def begin_frame(table, dt_s, rules):
 
 
 @kernel
-def apply_detections(table, detections, pairs, order, rules, next_id, t_ns):
-    """Updates, begins and merges tracks. Returns (next id, tracks removed for want of slots, detections left out)."""
+def apply_detections(table, detections, pairs, order, rules, eye_x, eye_y, next_id, t_ns):
+    """Updates, begins and merges tracks. eye_x, eye_y: of the camera. Returns (next id, tracks removed for want of slots, detections left out)."""
     removed, left_out = 0, 0
     for i in range(detections.shape[0]):
         j = detections[i].track
@@ -51,12 +55,69 @@ def apply_detections(table, detections, pairs, order, rules, next_id, t_ns):
             detections[i].next = NONE
             begin_track(table, j, detections[i], i, next_id, t_ns)
             next_id += 1
-        observe(table, j, detections[i], rules, t_ns)
+        elif table.tracks[j].seen_ns == t_ns and not lies_on(table.tracks[j], detections[i], rules, eye_x, eye_y):
+            continue  # another detection of this frame has moved the line; it gets a track of its own below
+        observe(table, j, detections[i], rules, eye_x, eye_y, t_ns)
     for j in range(table.tracks.shape[0]):
         if table.tracks[j].hits > 0 and table.tracks[j].first_detection != NONE:
             end_observation(table.tracks[j], detections, rules)
-    merge_pairs(table, detections, pairs, order, rules)
+    merge_pairs(table, detections, pairs, order, rules, eye_x, eye_y)
+    for i in range(detections.shape[0]):
+        j = detections[i].track
+        if j != NONE and represents(table.tracks[j], detections[i], rules, eye_x, eye_y):
+            continue
+        j, evicted = free_slot(table, t_ns)
+        removed += 1 if evicted else 0
+        if j == NONE:
+            left_out += 1 if detections[i].track != NONE else 0
+            continue
+        detections[i].track, detections[i].next = j, NONE
+        begin_track(table, j, detections[i], i, next_id, t_ns)
+        next_id += 1
+        observe(table, j, detections[i], rules, eye_x, eye_y, t_ns)
     return next_id, removed, left_out
+
+
+@inner
+def lies_on(t, d, rules, eye_x, eye_y):
+    """Whether both ends of a detection lie on the line of a track."""
+    off_a, off_b = offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m)
+    if max(abs(off_a), abs(off_b)) > rules.gate_max_m:
+        return False
+    return beside(t, d, eye_x, eye_y) <= SIDEWAYS_M
+
+
+@inner
+def beside(t, d, eye_x, eye_y):
+    """How far beside the line of a track the ends of a detection are seen, m."""
+    off_a, off_b = offset(t, d.ax_m, d.ay_m), offset(t, d.bx_m, d.by_m)
+    return max(sideways(t, d.ax_m, d.ay_m, off_a, eye_x, eye_y), sideways(t, d.bx_m, d.by_m, off_b, eye_x, eye_y))
+
+
+@inner
+def represents(t, d, rules, eye_x, eye_y):
+    """Whether a track hides what a detection hides from the camera, so that nothing of a frame is lost."""
+    if t.hits == 0 or not lies_on(t, d, rules, eye_x, eye_y):
+        return False
+    if d.top_m < t.top_m - _LOST_M or d.bottom_m > t.bottom_m + _LOST_M:
+        return False
+    sa, sb = seen_at(t, d.ax_m, d.ay_m, eye_x, eye_y), seen_at(t, d.bx_m, d.by_m, eye_x, eye_y)
+    if min(sa, sb) < t.s0_m - _LOST_M or max(sa, sb) > t.s1_m + _LOST_M:
+        return False
+    # seen edge-on, a track is too narrow for what lies beside it
+    if beside(t, d, eye_x, eye_y) <= _LOST_M:
+        return True
+    x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
+    x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+    wanted = width_of(d.ax_m, d.ay_m, d.bx_m, d.by_m, eye_x, eye_y)
+    return width_of(x0, y0, x1, y1, eye_x, eye_y) >= 0.8 * wanted
+
+
+@inner
+def width_of(ax, ay, bx, by, eye_x, eye_y):
+    """Angle between two places, seen from the camera, rad."""
+    turn = math.atan2(by - eye_y, bx - eye_x) - math.atan2(ay - eye_y, ax - eye_x)
+    return abs(turn - math.tau * math.floor(turn / math.tau + 0.5))
 
 
 @inner
@@ -76,12 +137,13 @@ def begin_track(table, j, d, i, track_id, t_ns):
 
 
 @inner
-def observe(table, j, d, rules, t_ns):
+def observe(table, j, d, rules, eye_x, eye_y, t_ns):
     """One observation of a track: its line, extent, cells and margin. Extents grow at once."""
     t = table.tracks[j]
     if t.hits > 0:
-        far = max(abs(offset(t, d.ax_m, d.ay_m)), abs(offset(t, d.bx_m, d.by_m)))
-        if far > rules.gate_max_m:  # the detection covers a track of another direction: it replaces its line
+        turned = abs(t.tx * d.tx + t.ty * d.ty) < _TURN_COS and max(d.length_m, t.s1_m - t.s0_m) < _SHORT_M
+        # a detection that covers a track of another direction replaces its line
+        if turned or not lies_on(t, d, rules, eye_x, eye_y):
             replace_line(table, j, d)
         else:
             update_line(t, d)
@@ -89,7 +151,7 @@ def observe(table, j, d, rules, t_ns):
         t.plane_flags = d.plane_flags
     else:
         t.plane_flags = (t.plane_flags | d.plane_flags) & ~2 | (t.plane_flags & d.plane_flags & 2)
-    sa, sb = along(t, d.ax_m, d.ay_m), along(t, d.bx_m, d.by_m)
+    sa, sb = seen_at(t, d.ax_m, d.ay_m, eye_x, eye_y), seen_at(t, d.bx_m, d.by_m, eye_x, eye_y)
     low, high = min(sa, sb), max(sa, sb)
     t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
     t.top_m, t.bottom_m = min(t.top_m, d.top_m), max(t.bottom_m, d.bottom_m)
@@ -158,7 +220,7 @@ def end_observation(t, detections, rules):
 
 
 @inner
-def merge_pairs(table, detections, pairs, order, rules):
+def merge_pairs(table, detections, pairs, order, rules, eye_x, eye_y):
     """Merges a track into that of a detection which covers it, or which continues both."""
     tracks = table.tracks
     for n in order:
@@ -171,12 +233,12 @@ def merge_pairs(table, detections, pairs, order, rules):
         if pairs[n, 2] == COVERS:
             if tracks[j].first_detection == NONE:
                 absorb(table, k, j)
-        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], rules):
+        elif pairs[n, 2] == CONTINUES and same_surface(tracks[k], tracks[j], rules, eye_x, eye_y):
             absorb(table, k, j)
 
 
 @inner
-def same_surface(t, other, rules):
+def same_surface(t, other, rules, eye_x, eye_y):
     """Whether another track lies on this one's line, overlaps it, and is not observed beside it in this frame."""
     if t.tx * other.tx + t.ty * other.ty < 0.0:
         return False
@@ -186,10 +248,15 @@ def same_surface(t, other, rules):
         x, y = other.x_m + s * other.tx, other.y_m + s * other.ty
         at = along(t, x, y)
         low, high = min(low, at), max(high, at)
-        far = max(far, abs(offset(t, x, y)))
+        off = offset(t, x, y)
+        far = max(far, abs(off))
+        if sideways(t, x, y, off, eye_x, eye_y) > SIDEWAYS_M:
+            return False
     if far > min(_MERGE_M, rules.gate_max_m):
         return False
     if min(high, t.s1_m) - max(low, t.s0_m) <= 0.0 or heights_overlap(other, t) < 0.5:
+        return False
+    if not fits_one_rectangle(low, high, other.top_m, other.bottom_m, t):
         return False
     if other.first_detection == NONE:
         return True

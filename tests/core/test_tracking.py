@@ -179,11 +179,36 @@ def test_an_obstacle_out_of_view_is_kept_until_its_memory_ends() -> None:
     assert not len(tracker.observe(frame([WALL], 111, heading=math.pi)).ids)
 
 
-def test_what_was_observed_once_is_kept_for_a_tenth_of_the_memory() -> None:
+@pytest.mark.parametrize(("hits", "steps"), [(1, 2), (5, 25), (8, 64)])
+def test_the_memory_grows_with_the_square_of_the_observations(hits: int, steps: int) -> None:
     tracker = Tracker(SMALL)
-    tracker.observe(frame([WALL], 0))
-    assert len(tracker.observe(frame([WALL], 9, heading=math.pi)).ids) == 1
-    assert not len(tracker.observe(frame([WALL], 11, heading=math.pi)).ids)
+    for k in range(hits):
+        tracker.observe(frame([WALL], k))
+    last = hits - 1
+    assert len(tracker.observe(frame([WALL], last + steps, heading=math.pi)).ids) == 1
+    assert not len(tracker.observe(frame([WALL], last + steps + 1, heading=math.pi)).ids)
+
+
+def test_a_post_before_a_wall_is_seen_through_where_the_free_ranges_are_coarse() -> None:
+    """Beside another post: their common direction is never free, but the wall is detected behind the place."""
+    tracker, post, other = Tracker(SMALL), wall(6.0, -0.12, 6.0, 0.0), wall(6.0, 0.05, 6.0, 0.12)
+    for k in range(10):
+        tracker.observe(frame([post, other, WALL], k))
+    for k in range(10, 15):
+        s = tracker.observe(frame([other, WALL], k))
+    assert distance(s, 6.0, -0.12) > 0.12
+    assert distance(s, 6.0, 0.1) < 0.05
+
+
+def test_a_short_detection_beside_a_line_seen_edge_on_is_no_part_of_it() -> None:
+    """A post 0.3 m beside the line of a wall along the view: the wall does not hide what the post hides."""
+    tracker = Tracker(SMALL)
+    side, post = wall(4.0, -1.0, 9.0, -1.0), wall(9.5, -0.85, 9.5, -0.55)
+    for k in range(5):
+        f = frame([side, post], k)
+        s = tracker.observe(f)
+    assert distance(s, 9.5, -0.6) < 0.05
+    assert len(s.ids) >= 2
 
 
 def test_invalid_frames_remove_nothing() -> None:

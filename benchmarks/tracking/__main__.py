@@ -1,0 +1,162 @@
+"""Writes docs/research/tracking.md: `python -m benchmarks.tracking [--out FILE] [--quick]`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hardware_info import stamp
+from benchmarks.speed.tables import table
+from companion.bench.timing import one_core
+from drivers.simulation.scene_library import make_scene
+
+from . import movers, stability, timing
+from .sequences import HZ, Pose, along, drifting, exposures, hovering, swinging, true_pose, vibrating
+
+OUT = Path("docs/research/tracking.md")
+SCENES = ("street", "trees", "alley")
+KES = (0.0015, 0.005)
+WARM = 10
+
+
+def main() -> int:
+    """0: the page was written."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.tracking", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--quick", action="store_true", help="fewer frames and scenes")
+    args = parser.parse_args()
+    frames, scenes = (22, SCENES[:1]) if args.quick else (40, SCENES)
+    with one_core():
+        parts = [HEAD, still(scenes, frames), flight(scenes, frames if args.quick else 72)]
+        parts += [moving(movers.CASES[:2] if args.quick else movers.CASES), vanish(), cost()]
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    words = ["--quick"] if args.quick else []
+    args.out.write_text(
+        "\n".join(
+            [
+                *parts,
+                f"`python -m benchmarks.tracking {' '.join(words)}`, {stamp(words, minutes=0.0, quick=args.quick)}\n",
+            ]
+        )
+    )
+    return 0
+
+
+HEAD = """# Tracking measurements
+
+Simulated frames of 640 x 480 at 12 Hz with all image faults (correlated noise, dropout, holes, mismatches, flying pixels), modelled with the default parameters and tracked with the default parameters of `[tracking]`. *Frame* is the model of each frame alone.
+"""
+
+
+def _mean(values: list[float]) -> str:
+    good = [v for v in values if math.isfinite(v)]
+    return f"{100 * np.mean(good):.2f}" if good else "-"
+
+
+def _rows(name: str, ke: float, found: dict[str, stability.Figures]) -> list[list[str]]:
+    return [
+        [name, f"{ke:g}", way, f"{np.mean(f.planes):.0f}", _mean(f.again), _mean(f.same_id), _mean(f.missed), _mean(f.phantom), _mean(f.open_stopped), str(f.movers)]
+        for way, f in found.items()
+    ]  # fmt: skip
+
+
+COLUMNS = [
+    "scene",
+    "ke, 1/m",
+    "model",
+    "planes",
+    "found again, %",
+    "same id, %",
+    "missed, %",
+    "phantom, %",
+    "open rays stopped, %",
+    "movers",
+]
+MEANING = f"""*Found again*: share of the area of a frame's planes that has a plane within {stability.REACH_M:g} m in the next frame. *Same id*: share of the area of the tracks whose place has a track of the same id within {stability.SAME_M:g} m in the next frame. *Missed*, *phantom*, *open rays stopped*: as in [fidelity](benchmarks/fidelity.md), every {stability.SCORED_EVERY}th frame (for open rays: phantoms of open rays). *Movers*: moving obstacles, summed over all frames; nothing moves.
+"""
+
+
+def still(scenes: tuple[str, ...], frames: int) -> str:
+    """A still camera before a still scene."""
+    rows = []
+    for name in scenes:
+        for ke in KES:
+            _say(f"still {name} {ke:g}")
+            poses: dict[str, Pose | None] = {"tracks": true_pose, "tracks, attitude only": None}
+            rows += _rows(name, ke, stability.run(hovering(make_scene(name, 1)), frames, ke, poses, WARM))
+    return f"## Still camera, still scene\n\n{frames} frames, the first {WARM} not counted. {MEANING}\n{table(COLUMNS, rows)}"
+
+
+def flight(scenes: tuple[str, ...], frames: int) -> str:
+    """A flight at 1.5 m/s with several errors of the pose."""
+    rows = []
+    for name in scenes:
+        for ke in KES:
+            _say(f"flight {name} {ke:g}")
+            poses: dict[str, Pose | None] = {"tracks": true_pose, "tracks, attitude only": None}
+            if ke == KES[0]:
+                poses |= {
+                    "drift 1 %": drifting(0.01),
+                    "yaw swings by 1 deg": swinging(1.0),
+                    "vibration 0.03 m": vibrating(0.03),
+                }
+            plan = along(make_scene(name, 1), 1.5, frames / HZ)
+            rows += _rows(name, ke, stability.run(plan, frames, ke, poses, WARM))
+    return f"## Flight at 1.5 m/s\n\n{frames} frames ({frames / HZ:.0f} s) northwards with a swaying attitude; planes of a wrong pose are judged where the camera sees them.\n\n{table(COLUMNS, rows)}"
+
+
+def moving(cases: tuple[movers.Case, ...]) -> str:
+    """Movers under true pose."""
+    rows = []
+    for case in cases:
+        for ke in KES:
+            _say(f"mover {case.name} {ke:g}")
+            f = movers.run(case, ke)
+            rows.append([
+                case.name, f"{ke:g}", f"{f.declared_s:.2f}", f"{f.velocity_m_s[0]:.2f} ({f.velocity_m_s[1]:.2f})",
+                f"{f.place_m[0]:.2f} ({f.place_m[1]:.2f})", f"{100 * f.share:.0f} of {f.frames}", str(f.others),
+            ])  # fmt: skip
+    head = [
+        "mover",
+        "ke, 1/m",
+        "declared after, s",
+        "velocity error, m/s: mean (max)",
+        "place error, m: mean (max)",
+        "frames with it, %",
+        "false movers",
+    ]
+    return f"## Moving obstacles\n\nA person walks at 1.5 m/s, a car drives at 8 m/s; true pose. Times count from the first frame that shows the whole mover; errors from {movers.AFTER_S:g} s after it until it leaves the image. The true place is the middle of the visible surface.\n\n{table(head, rows)}"
+
+
+def vanish() -> str:
+    """Removed and hidden obstacles."""
+    rows = []
+    for ke in KES:
+        _say(f"vanishing {ke:g}")
+        gone, kept = timing.vanishing(ke, False), timing.vanishing(ke, True)
+        rows.append([f"{ke:g}", f"{gone:.2f}", "kept" if math.isinf(kept) else f"removed after {kept:.2f} s"])
+    return f"## Vanishing\n\nA box at 6 m before a wall at 14 m is removed, or hidden by a screen, after 1.5 s.\n\n{table(['ke, 1/m', 'removed box is gone after, s', 'hidden box, 3 s later'], rows)}"
+
+
+def cost() -> str:
+    """Processor time."""
+    _say("cost")
+    model = next(iter(exposures(hovering(make_scene("street", 1)), 1, KES[0]))).model
+    rows = []
+    for planes in (50, 100, 500):
+        for positioned in (True, False):
+            median, p99, tracks = timing.cost_ms(planes, positioned, model)
+            rows.append([str(planes), "yes" if positioned else "no", f"{tracks:.0f}", f"{median:.2f}", f"{p99:.2f}"])
+    return f"## Cost\n\nProcessor time of one frame, one thread: planes at random, a tenth of them absent in each frame.\n\n{table(['planes', 'position', 'tracks', 'median, ms', 'p99, ms'], rows)}"
+
+
+def _say(text: str) -> None:
+    print(f"tracking: {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
