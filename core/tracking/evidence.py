@@ -287,6 +287,7 @@ def copy_part(table, j, other, begin, end, track_id):
     o.plane_flags, o.cluster, o.state, o.first_detection = t.plane_flags, t.cluster, t.state, t.first_detection
     o.frame_s0_m, o.frame_s1_m = t.frame_s0_m, t.frame_s1_m
     o.frame_top_m, o.frame_bottom_m = t.frame_top_m, t.frame_bottom_m
+    o.merged_into = NONE
     most, newest = 0, 0
     for k in range(t.cells):
         table.cells[other, k].seen_ns = table.cells[j, k].seen_ns

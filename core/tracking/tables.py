@@ -55,13 +55,14 @@ TRACK = record(
     ("cluster", np.int32),
     ("state", np.int32),
     ("first_detection", np.int32),
-    ("reserved", np.int32),
+    ("merged_into", np.int32),
 )
 """A track, without padding, so that equal tables have equal bytes. x_m, y_m: anchor; tx, ty: unit tangent; s0_m, s1_m: extent; top_m < bottom_m (z down). p00, p01, p11:
 covariance of the line's offset (m) at the anchor and of its slope (rad). margin_m: of its observations, filtered;
 excess_m: how much nearer than the line the newest observation was. hit_rate: share of the frames in view that observed
 it, weighted by age. frame_...: extent of this frame's observations. first_cell, cells: index of the first cell, and
-their number. hits: frames that observed it; 0: the slot is empty. first_detection: of this frame, -1: none."""
+their number. hits: frames that observed it; 0: the slot is empty. first_detection: of this frame, -1: none;
+merged_into: slot of the track that an empty slot was merged into."""
 
 CELL = record(("seen_ns", np.int64), ("against", np.int32), ("hits", np.int32))
 """A cell. seen_ns: newest observation; against: evidence that it is free; hits: frames that observed it, 0: it is empty."""

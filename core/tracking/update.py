@@ -64,6 +64,11 @@ def apply_detections(table, detections, pairs, order, rules, eye_x, eye_y, next_
     merge_pairs(table, detections, pairs, order, rules, eye_x, eye_y)
     for i in range(detections.shape[0]):
         j = detections[i].track
+        for _ in range(table.tracks.shape[0]):
+            if j == NONE or table.tracks[j].hits > 0:
+                break
+            j = table.tracks[j].merged_into
+        detections[i].track = j
         if j != NONE and represents(table.tracks[j], detections[i], rules, eye_x, eye_y):
             continue
         j, evicted = free_slot(table, t_ns)
@@ -102,13 +107,14 @@ def represents(t, d, rules, eye_x, eye_y):
     if d.top_m < t.top_m - _LOST_M or d.bottom_m > t.bottom_m + _LOST_M:
         return False
     sa, sb = seen_at(t, d.ax_m, d.ay_m, eye_x, eye_y), seen_at(t, d.bx_m, d.by_m, eye_x, eye_y)
-    if min(sa, sb) < t.s0_m - _LOST_M or max(sa, sb) > t.s1_m + _LOST_M:
+    if min(sa, sb) < t.frame_s0_m - _LOST_M or max(sa, sb) > t.frame_s1_m + _LOST_M:
         return False
     # seen edge-on, a track is too narrow for what lies beside it
     if beside(t, d, eye_x, eye_y) <= _LOST_M:
         return True
-    x0, y0 = t.x_m + t.s0_m * t.tx, t.y_m + t.s0_m * t.ty
-    x1, y1 = t.x_m + t.s1_m * t.tx, t.y_m + t.s1_m * t.ty
+    s0, s1 = t.frame_s0_m, t.frame_s1_m  # cells beyond may be removed
+    x0, y0 = t.x_m + s0 * t.tx, t.y_m + s0 * t.ty
+    x1, y1 = t.x_m + s1 * t.tx, t.y_m + s1 * t.ty
     wanted = width_of(d.ax_m, d.ay_m, d.bx_m, d.by_m, eye_x, eye_y)
     return width_of(x0, y0, x1, y1, eye_x, eye_y) >= 0.8 * wanted
 
@@ -134,6 +140,7 @@ def begin_track(table, j, d, i, track_id, t_ns):
     t.cell_m, t.first_cell, t.cells = CELL_M, int(math.floor(t.s0_m / CELL_M)), 1
     clear_cell(table, j, 0)
     t.hits, t.plane_flags, t.cluster, t.state, t.first_detection = 0, d.plane_flags, d.cluster, 0, i
+    t.merged_into = NONE
 
 
 @inner
@@ -301,4 +308,10 @@ def absorb(table, j, other):
                 own.hits = max(own.hits, c.hits)
                 own.seen_ns = max(own.seen_ns, c.seen_ns)
     t.s0_m, t.s1_m = min(t.s0_m, low), max(t.s1_m, high)
-    o.hits = 0
+    if o.first_detection != NONE:
+        low = along(t, o.x_m + o.frame_s0_m * o.tx, o.y_m + o.frame_s0_m * o.ty)
+        high = along(t, o.x_m + o.frame_s1_m * o.tx, o.y_m + o.frame_s1_m * o.ty)
+        t.frame_s0_m, t.frame_s1_m = min(t.frame_s0_m, low, high), max(t.frame_s1_m, low, high)
+        t.frame_top_m = min(t.frame_top_m, o.frame_top_m)
+        t.frame_bottom_m = max(t.frame_bottom_m, o.frame_bottom_m)
+    o.hits, o.merged_into = 0, j
