@@ -122,8 +122,8 @@ def detections_of(
     rows = planes.astype(np.float64)
     length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
-    good = np.flatnonzero(good)[np.argsort(np.minimum(rows[good, 0], rows[good, 2]), kind="stable")]
+        valid = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
+    good = np.flatnonzero(valid)[np.argsort(np.minimum(rows[valid, 0], rows[valid, 2]), kind="stable")]
     rows, length = rows[good], length[good]
     out = np.zeros(len(rows), DETECTION)
     for k, name in enumerate(("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")):
