@@ -157,7 +157,7 @@ class Params:
         "what the ends of planes are extended by where ramps are taken out: the near side of each is lost",
     )
     smear_merge_sigmas: float = number(
-        2.0, 0.0, 6.0, "sigma", "noise of one pixel that the merge grants besides where edges are smeared"
+        2.5, 0.0, 6.0, "sigma", "noise of one pixel that the merge grants besides where edges are smeared"
     )
     smear_noise_cap: float = number(
         8.0,
@@ -165,6 +165,12 @@ class Params:
         20.0,
         "",
         "and there noise allows at most this many times merge_distance_m more, in place of merge_noise_cap",
+    )
+    smear_join_gap_m: float = number(
+        0.9, 0.1, 3.0, "m", "and a joined plane covers no empty square of this side, in place of join_gap_m"
+    )
+    smear_empty_share: float = number(
+        0.2, 0.0, 1.0, "", "and at most this share of it may be empty, in place of merge_empty_share"
     )
 
     # Noise in a part of the picture: pixels alone, unlike each of their neighbours

@@ -237,6 +237,7 @@ def costs_of_next(tiles, k, end, rules, costs):
 
 def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = False) -> NDArray[Any]:
     """(1,) MERGE_RULES of a view and its noise. smeared: whether the camera smears its edges."""
+    gap_m = p.smear_join_gap_m if smeared else p.join_gap_m
     return record_of(
         MERGE_RULES,
         p,
@@ -249,10 +250,10 @@ def merge_rules(view: ViewGeometry, ke_per_m: float, p: Params, smeared: bool = 
         spread_m=p.merge_spread_m,
         sigma_s=max(ke_per_m, p.min_sigma_px / view.f_px) / math.sqrt(p.min_support_px),
         empty_weight=p.merge_empty_weight,
-        most_empty=p.merge_empty_share,
+        most_empty=p.smear_empty_share if smeared else p.merge_empty_share,
         behind_m=p.evidence_behind_m,
         slack_m=p.opening_slack_m,
         shift_m=p.merge_shift_m,
         smear_s=p.smear_merge_sigmas * ke_per_m if smeared else 0.0,
-        gap_m=min(p.join_gap_m, p.join_share * p.passable_width_m, p.join_share * p.passable_height_m),
+        gap_m=min(gap_m, p.join_share * p.passable_width_m, p.join_share * p.passable_height_m),
     )
