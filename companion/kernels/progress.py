@@ -47,7 +47,7 @@ def _indices(folder: Path, modules: set[str]) -> int:
 def _group_of(source: Path) -> str:
     if source.parts[0] == "drivers":
         return "simulated"
-    return "world" if source.parts[:2] == ("core", "world") else "extractor"
+    return source.parts[1] if source.parts[0] == "core" and source.parts[1] in ("world", "tracking") else "extractor"
 
 
 def progress_text(done: int, total: int) -> str:

@@ -119,12 +119,13 @@ def run(args: argparse.Namespace) -> int:
     faulthandler.enable()  # the watchdog of systemd sends SIGABRT: the journal then holds a traceback of each thread
     cast(dict[str, Any], sys.modules).setdefault("coverage", None)  # numba would import it where installed, without use
     config = load_config(config_path(args.config))
-    from ..kernels.child_process import CancelledError, WarmupError
-    from ..kernels.warmup import Loading, ensure_compiled
+    from ..kernels.child_process import WarmupError
+    from ..kernels.warmup import Loading
 
     world = ("world",) if config.publish.world else ()
     tracking = ("tracking",) if config.tracking.enabled else ()
-    loading = Loading("extractor", *world, *tracking)  # loads beside the imports, which take longer
+    simulated = ("simulated",) if any(camera.kind == "simulated" for camera in config.cameras) else ()
+    loading = Loading("extractor", *world, *tracking, *simulated)  # loads beside the imports, which take longer
     stop = threading.Event()
 
     def end(*_: object) -> None:
@@ -133,11 +134,6 @@ def run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
-    if any(camera.kind == "simulated" for camera in config.cameras):
-        try:
-            ensure_compiled("simulated")  # the camera's process would compile without a line of progress
-        except CancelledError:
-            return 0
     loading.start()
     from .service import Service
 

@@ -136,6 +136,14 @@ def _track(pipeline: Pipeline, output: Output, sink: _Sink, comparison: Comparis
         comparison.computed(message)
 
 
+def check_input(path: Path, options: Options) -> Config:
+    """The configuration. Raises what `replay` would raise for its files, before anything is computed."""
+    if options.output is not None:
+        refuse_output(options.output, path)
+    with McapRecording(path) as source:
+        return _config(options, source)
+
+
 class _Sink:
     """Writes events and outputs; opens the log at the first event."""
 
@@ -289,7 +297,8 @@ def run(args: argparse.Namespace) -> int:
         tolerance=args.tolerance,
         depth=not args.no_depth,
     )
-    ensure_compiled("extractor")
+    config = check_input(args.input, options)  # a mistake is not to wait for the compiler
+    ensure_compiled("extractor", *(("tracking",) if config.tracking.enabled else ()))
     with progress("replay") as on_progress:
         result = replay(args.input, options, on_progress)
     problems = replay_problems(result)

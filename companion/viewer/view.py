@@ -255,6 +255,8 @@ def run(args: argparse.Namespace) -> int:
     options = ViewOptions(
         every=args.every, frames=tuple(args.frame), png=not args.no_png, page=not args.no_page, rerun=args.rerun
     )
+    with McapRecording(args.input):
+        pass  # a file that cannot be read is not to wait for the compiler
     if options.png:
         ensure_compiled("extractor")  # strips are computed again for the pictures
     with progress("view") as on_progress:

@@ -63,6 +63,13 @@ def prisms_of(path: Path) -> list[pb.PrismsFrame]:
         return [item.message for item in recording.messages("prisms")]
 
 
+def test_a_mistake_does_not_wait_for_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for command in ("replay.replay", "viewer.view"):
+        monkeypatch.setattr(f"companion.{command}.ensure_compiled", lambda *modes: pytest.fail("kernels were compiled"))
+    assert main(["replay", str(tmp_path / "absent.mcap")]) == 1
+    assert main(["view", str(tmp_path / "absent.mcap"), "-o", str(tmp_path / "out")]) == 1
+
+
 def test_a_replay_holds_everything_and_the_input(recorded, replayed):
     with McapRecording(replayed) as out, McapRecording(recorded) as source:
         keys = {item.key for item in out.messages()}
