@@ -41,7 +41,7 @@ class GuardParams:
         0.0,
         30.0,
         "m/s",
-        "speed to which a limit is raised again; 0: the greatest speed that the vehicle had before the limit",
+        "speed of the mission: greatest first limit, and speed to which a limit is raised; 0: the speed that the vehicle reached by itself",
     )
     blind_speed_m_s: float = critical(
         0.7, 0.3, 3.0, "m/s", "slower than this, space that is only unseen does not stop the vehicle; obstacles do"

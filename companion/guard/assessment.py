@@ -29,6 +29,10 @@ NEAR_M = 2.5
 LEAST_MOVING_M_S = 0.3
 """Slower, the vehicle stands for the purpose of stopping it before an obstacle."""
 LIMIT_STEP_M_S = 0.5
+PREDICT_S = 0.6
+"""A speed limit works so much later: link and jerk limit. A vehicle that accelerates is faster by then."""
+SLOPE_NS = 250_000_000
+"""The acceleration is taken over this time."""
 
 
 class Action(StrEnum):
@@ -41,12 +45,13 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """speed_m_s: of the vehicle, None: not known. allowed_m_s: greatest speed for which the braking distance fits for
+    """speed_m_s: of the vehicle, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s: greatest speed for which the braking distance fits for
     another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
     seen farther. sees: the newest frame shows anything of the path. cause: in words, for people."""
 
     action: Action
     speed_m_s: float | None
+    predicted_m_s: float
     allowed_m_s: float
     room_m: float
     obstacle: bool
@@ -82,6 +87,7 @@ class PathAssessor:
         return Verdict(
             action=self._action(speed_m_s, obstacle_m, free_m),
             speed_m_s=speed_m_s,
+            predicted_m_s=self._predicted_m_s(speed_m_s),
             allowed_m_s=self._braking.speed_m_s(room_m, self._guard.limit_ahead_s),
             room_m=room_m,
             obstacle=by_obstacle,
@@ -96,8 +102,18 @@ class PathAssessor:
             return Action.STOP
         if speed_m_s > guard.blind_speed_m_s and needed_m > free_m:
             return Action.STOP
-        ahead_m = braking.needed_m(speed_m_s + LIMIT_STEP_M_S, guard.limit_ahead_s)
+        ahead_m = braking.needed_m(self._predicted_m_s(speed_m_s), guard.limit_ahead_s)
         return Action.SLOW if ahead_m > min(obstacle_m, free_m) else Action.PASS
+
+    def _predicted_m_s(self, speed_m_s: float) -> float:
+        """Speed in PREDICT_S, if the vehicle accelerates on."""
+        newest = self._sights[-1]
+        for sight in reversed(self._sights):
+            age_ns = newest.t_ns - sight.t_ns
+            if age_ns >= SLOPE_NS and sight.speed_m_s is not None:
+                gain = (speed_m_s - sight.speed_m_s) * NS / age_ns if age_ns <= 2 * SLOPE_NS else 0.0
+                return speed_m_s + max(0.0, gain) * PREDICT_S
+        return speed_m_s
 
     def _free_m(self, newest: PathSight, now_ns: int) -> float:
         """The farthest of what the sights of the last keep_free_s saw free, less the way since."""

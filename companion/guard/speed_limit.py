@@ -11,6 +11,8 @@ from .assessment import LIMIT_STEP_M_S, Action, Verdict
 NS = 1_000_000_000
 APART_NS = NS // 2
 """Least time between two commands."""
+OWN_NS = 2 * NS
+"""So long after the first limit a vehicle that was accelerating may still show a greater speed of its own."""
 TRIES = 3
 """A limit that is not acknowledged is sent so often; the stop does not depend on it."""
 ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
@@ -27,6 +29,7 @@ class SpeedLimiter:
     fastest_m_s: float = 0.0
     refused: bool = False
     ended: bool = False
+    _first_ns: int | None = None
     _sent_ns: int | None = None
     _result: int | None = None
     _tries: int = 0
@@ -39,19 +42,26 @@ class SpeedLimiter:
             self.refused = result not in (ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS)
 
     def wanted(self, verdict: Verdict, now_ns: int) -> float | None:
-        """The limit to send now, m/s; None: nothing is to be sent."""
+        """The limit to send now, m/s; None: nothing is to be sent.
+
+        MAV_CMD_DO_CHANGE_SPEED sets the speed: a value above that of the mission would make the vehicle faster. The first limit is
+        therefore not above the speed of the vehicle, or cruise_m_s."""
         speed_m_s = verdict.speed_m_s or 0.0
-        if self.speed_m_s <= 0.0:
+        own = self._first_ns is None or now_ns - self._first_ns < OWN_NS
+        if own:
             self.fastest_m_s = max(self.fastest_m_s, speed_m_s, self.guard.cruise_m_s)
         if self._sent_ns is not None and now_ns - self._sent_ns < APART_NS:
             return None
         allowed_m_s = max(self.guard.least_limit_m_s, _stepped(verdict.allowed_m_s))
-        lower = allowed_m_s < (self.speed_m_s or math.inf)
-        near = speed_m_s + LIMIT_STEP_M_S > allowed_m_s  # a vehicle that stands needs no limit yet
-        if verdict.action is Action.SLOW and lower and (near or self.speed_m_s > 0.0):
-            return self._send(allowed_m_s, now_ns)
         if self.speed_m_s <= 0.0:
-            return None
+            cap_m_s = max(speed_m_s, self.guard.cruise_m_s)
+            first_m_s = max(self.guard.least_limit_m_s, min(allowed_m_s, _stepped(cap_m_s)))
+            if verdict.action is not Action.SLOW or first_m_s > cap_m_s:
+                return None
+            self._first_ns = now_ns
+            return self._send(first_m_s, now_ns)
+        if verdict.action is Action.SLOW and allowed_m_s < self.speed_m_s:
+            return self._send(allowed_m_s, now_ns)
         if self._result in (None, TEMPORARILY_REJECTED) and self._tries < TRIES:
             return self._send(self.speed_m_s, now_ns)
         return self._raised(allowed_m_s, now_ns)

@@ -32,7 +32,16 @@ AUTO, RTL, GUIDED, STABILIZE, ALT_HOLD = 3, 6, 4, 0, 2
 MISSION, RETURN, OFFBOARD = px4_mode_number(4, 4), px4_mode_number(4, 5), px4_mode_number(6, 0)
 HOLD, POSITION, MANUAL = px4_mode_number(4, 3), px4_mode_number(3, 0), px4_mode_number(1, 0)
 GUARD = GuardParams(enabled=True)
-FREE = Verdict(action=Action.PASS, speed_m_s=3.0, allowed_m_s=8.0, room_m=20.0, obstacle=False, sees=True, cause="")
+FREE = Verdict(
+    action=Action.PASS,
+    speed_m_s=3.0,
+    predicted_m_s=3.0,
+    allowed_m_s=8.0,
+    room_m=20.0,
+    obstacle=False,
+    sees=True,
+    cause="",
+)
 BLOCKED = replace(FREE, action=Action.STOP, allowed_m_s=0.0, room_m=3.0, obstacle=True, cause="obstacle 3.0 m ahead")
 NARROW = replace(FREE, action=Action.SLOW, allowed_m_s=2.2, room_m=8.0, cause="obstacle 8.0 m ahead", obstacle=True)
 BLIND = replace(BLOCKED, room_m=0.0, obstacle=False, sees=False, cause="front: no frame")
@@ -365,6 +374,28 @@ def test_no_limit_above_the_speed_before() -> None:
     f.machine.acknowledged(DO_CHANGE_SPEED, 0)
     f.verdict = replace(FREE, allowed_m_s=15.0, speed_m_s=2.0)
     assert all(c.speed_m_s <= 3.0 for c in commands(f.step(200)) if isinstance(c, SpeedCommand))
+
+
+def test_a_limit_is_never_above_the_speed_of_the_vehicle() -> None:
+    """The command sets the speed: 4.5 m/s would make a mission at 3 m/s faster."""
+    accelerating = replace(NARROW, predicted_m_s=5.0, allowed_m_s=4.6)
+    f = Flight(verdict=accelerating)
+    assert commands(f.step()) == [SpeedCommand(7, 3.0)]
+    f = Flight(verdict=replace(accelerating, speed_m_s=0.9))
+    assert f.step(20) == []
+    f = Flight(machine=GuardMachine(GuardParams(enabled=True, cruise_m_s=6.0)), verdict=accelerating)
+    assert commands(f.step()) == [SpeedCommand(7, 4.5)]
+
+
+def test_the_speed_that_it_reached_by_itself_is_given_back() -> None:
+    accelerating = replace(NARROW, predicted_m_s=5.0, allowed_m_s=4.6)
+    f = Flight(verdict=accelerating)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, speed_m_s=4.2)
+    f.step(5)
+    f.verdict = replace(FREE, speed_m_s=3.0)
+    assert commands(f.step(60)) == [SpeedCommand(7, 4.2)]
 
 
 def test_a_vehicle_that_stands_is_not_limited() -> None:

@@ -193,6 +193,16 @@ def test_stops_where_the_braking_distance_does_not_fit() -> None:
     assert action(replace(SIGHT, free_m=20.0)) is Action.PASS
 
 
+def test_a_vehicle_that_accelerates_is_limited_before() -> None:
+    slower = replace(
+        SIGHT, t_ns=T_NS - 300 * MS, exposed_ns=T_NS - 350 * MS, speed_m_s=4.0, position_ned_m=(-1.3, 0.0, -3.0)
+    )
+    room_m = BRAKING.needed_m(5.0, GUARD.limit_ahead_s) + 1.0
+    assert action(replace(slower, speed_m_s=5.0), replace(SIGHT, free_m=room_m)) is Action.PASS
+    assert action(replace(slower, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.SLOW
+    assert action(replace(slower, speed_m_s=7.0, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.PASS
+
+
 def test_one_frame_that_sees_less_does_not_stop_and_two_do() -> None:
     assert action(SIGHT, later(80, free_m=3.0)) is Action.PASS
     assert action(SIGHT, later(80, free_m=3.0), later(160, free_m=3.0), later(260, free_m=3.0)) is Action.STOP
