@@ -1,0 +1,136 @@
+"""The models of mission, guided and stop modes: what they do with commands, and how they fly and brake."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from drivers.mavlink import commands
+from drivers.mavlink.dialect import dialect
+from drivers.simulation.autopilot import ARDUPILOT, FirmwareProfile, SimulatedAutopilot
+from drivers.simulation.firmware_models.auto_flight import (
+    ACCEPTED,
+    COPTER_AUTO,
+    COPTER_GUIDED,
+    DENIED,
+    FAILED,
+    PX4_HOLD,
+    PX4_MISSION,
+    PX4_OFFBOARD,
+    AutoFlight,
+    CopterAutoFlight,
+    Px4AutoFlight,
+)
+
+FAR = np.array([[300.0, 0.0]])
+
+
+def px4(speed_m_s: float = 5.0, mode: int = PX4_MISSION, waypoints: np.ndarray = FAR) -> AutoFlight:
+    return Px4AutoFlight(waypoints, 3.0, speed_m_s, mode)
+
+
+def copter(speed_m_s: float = 5.0, mode: int = COPTER_AUTO, waypoints: np.ndarray = FAR) -> AutoFlight:
+    return CopterAutoFlight(waypoints, 3.0, speed_m_s, mode)
+
+
+def fly(flight: AutoFlight, seconds: float) -> AutoFlight:
+    for _ in range(round(seconds / 0.02)):
+        flight.step(0.02)
+    return flight
+
+
+def stop_m(flight: AutoFlight) -> float:
+    """Way until it stands."""
+    begin_m = float(flight.position_m[0])
+    fly(flight, 15.0)
+    assert flight.speed_m_s < 0.05
+    return float(flight.position_m[0]) - begin_m
+
+
+@pytest.mark.parametrize("make", [px4, copter])
+def test_a_mission_is_flown_at_its_speed_and_without_overshoot(make: object) -> None:
+    assert callable(make)
+    flight = make(3.0, waypoints=np.array([[30.0, 0.0], [30.0, 15.0]]))
+    fastest, farthest = 0.0, 0.0
+    for _ in range(5000):
+        flight.step(0.02)
+        fastest, farthest = max(fastest, flight.speed_m_s), max(farthest, float(flight.position_m[0]))
+    assert flight.finished
+    assert fastest == pytest.approx(3.0, abs=0.4)
+    assert farthest < 30.5
+    assert np.allclose(flight.position_m, [30.0, 15.0], atol=0.5)
+
+
+@pytest.mark.parametrize(("speed_m_s", "least_m", "most_m"), [(2.0, 1.0, 2.6), (5.0, 5.0, 8.0)])
+def test_hold_and_brake_stop_the_vehicle(speed_m_s: float, least_m: float, most_m: float) -> None:
+    flight = fly(px4(speed_m_s), 10.0)
+    assert flight.command(commands.set_px4_hold(1)) == ACCEPTED
+    assert flight.mode == PX4_HOLD
+    assert least_m < stop_m(flight) < most_m
+    flight = fly(copter(speed_m_s), 10.0)
+    assert flight.command(commands.set_copter_mode(1, commands.COPTER_BRAKE)) == ACCEPTED
+    assert least_m < stop_m(flight) < most_m
+    loiter = fly(copter(speed_m_s), 10.0)
+    loiter.command(commands.set_copter_mode(1, commands.COPTER_LOITER))
+    assert stop_m(loiter) > speed_m_s * 1.0
+
+
+def test_reposition_without_coordinates() -> None:
+    flight = fly(px4(), 5.0)
+    assert flight.command(commands.px4_reposition_here(1)) == ACCEPTED
+    assert flight.mode == PX4_HOLD
+    assert fly(copter(), 5.0).command(commands.px4_reposition_here(1)) == DENIED
+
+
+def test_change_speed() -> None:
+    for flight in (px4(), copter()):
+        fly(flight, 8.0)
+        assert flight.command(commands.change_speed(1, 2.0)) == ACCEPTED
+        assert fly(flight, 8.0).speed_m_s == pytest.approx(2.0, abs=0.1)
+    offboard = px4(mode=PX4_OFFBOARD)
+    offboard.velocity_target_m_s = np.array([4.0, 0.0])
+    assert fly(offboard, 6.0).command(commands.change_speed(1, 2.0)) == ACCEPTED
+    assert fly(offboard, 6.0).speed_m_s == pytest.approx(4.0, abs=0.1), "accepted, without effect"
+    assert copter(mode=commands.COPTER_LOITER).command(commands.change_speed(1, 2.0)) == FAILED
+
+
+def test_one_that_is_deaf_or_does_not_obey() -> None:
+    flight = fly(px4(), 5.0)
+    flight.deaf = True
+    assert flight.command(commands.set_px4_hold(1)) is None
+    flight.deaf, flight.stubborn = False, True
+    assert flight.command(commands.set_px4_hold(1)) == ACCEPTED
+    assert flight.mode == PX4_MISSION
+
+
+def test_it_leans_forward_in_flight_and_back_when_it_brakes() -> None:
+    flight = fly(copter(), 10.0)
+    assert -0.15 < flight.state().euler_rad[1] < -0.03
+    flight.command(commands.set_copter_mode(1, commands.COPTER_BRAKE))
+    assert fly(flight, 0.8).state().euler_rad[1] > 0.1
+
+
+def test_guided_follows_its_velocity_and_turns_there() -> None:
+    flight = copter(mode=COPTER_GUIDED)
+    flight.velocity_target_m_s = np.array([0.0, 2.0])
+    fly(flight, 6.0)
+    assert np.allclose(flight.velocity_m_s, [0.0, 2.0], atol=0.05)
+    assert flight.heading_rad == pytest.approx(np.pi / 2, abs=0.05)
+
+
+def test_the_simulated_autopilot_answers_its_own_commands_alone() -> None:
+    flight = copter()
+    autopilot = SimulatedAutopilot(FirmwareProfile(kind=ARDUPILOT, system_id=7, armed=True, flight=flight))
+    sender = dialect.MAVLink(None, 7, 196)
+    now_ns = time.monotonic_ns()
+    autopilot.due(now_ns)
+    for system, results in ((9, 0), (7, 1)):
+        autopilot.receive(bytes(commands.set_copter_mode(system, 17).pack(sender)), now_ns)
+        parser = dialect.MAVLink(None)
+        sent = [m for data in autopilot.due(now_ns + 1) for m in parser.parse_buffer(data) or []]
+        acks = [m for m in sent if m.get_type() == "COMMAND_ACK"]
+        assert len(acks) == results
+        assert all((m.target_system, m.target_component) == (7, 196) for m in acks)
+    assert flight.mode == 17
