@@ -12,6 +12,7 @@ import pytest
 import zmq
 
 from companion.pipeline.decode_model import model_from_message
+from osape_client import tracks_from_message
 from osape_client.proto import osape_v1_pb2 as pb
 from osape_client.query.space import Occupancy, PlacedModel, Space
 
@@ -147,3 +148,25 @@ def test_space_above_a_damaged_ground_is_unknown(program: Path, tmp_path: Path, 
     asked = "\n".join(f"{x} 0.5 1.0 0.1" for x in range(-10, 10))
     done = subprocess.run([program.parent / "query", file], input=asked, capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) == {str(int(Occupancy.UNKNOWN))}
+
+
+def test_the_tracks_are_those_of_python(program: Path) -> None:
+    message = pb.Tracks(
+        schema_version=1, frame="ned", valid=True, id=[7], corners_m=[5.0, 1.0, 5.0, -1.0, -2.0, 0.0], margin_m=[0.125],
+        sigma_m=[0.02], confidence=[0.75], state=[pb.Tracks.STATE_DETECTED], hits=[9], age_ns=[10**9], unseen_ns=[0],
+        flags=[2], object_id=[3],
+    )  # fmt: skip
+    message.objects.add(
+        id=3, centre_m=pb.Vector3(x=5.0, y=0.5), velocity_x_m_s=1.0, velocity_y_m_s=-2.0, position_sigma_m=0.1,
+        velocity_sigma_m_s=0.2, covariance_m2_s=0.01,
+    )  # fmt: skip
+    expected = tracks_from_message(message)
+    (x, y, _), sigma = expected.objects[0].predicted(0.5)
+    tracks = program.with_name("tracks")
+    done = subprocess.run([tracks], input=message.SerializeToString(), capture_output=True, check=True)
+    assert done.stdout.decode().splitlines() == [
+        "track 7 a 5.000 1.000 b 5.000 -1.000 margin 0.125 confidence 0.750 state 2",
+        f"moving 3 at {x:.3f} {y:.3f} sigma {sigma:.3f}",
+    ]
+    message.flags.append(1)
+    assert subprocess.run([tracks], input=message.SerializeToString(), capture_output=True, check=False).returncode == 1

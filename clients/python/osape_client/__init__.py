@@ -5,6 +5,7 @@ from .model import CameraModel, FreeEnd, FreeProfile, Ground, PlaneFlags, Prism
 from .query.space import Occupancy, PlacedModel, Space
 from .subscriber import Message, ReceiveStats, Subscriber, UnavailableCamera
 from .tracks import MovingObstacle, Tracks, TrackState, tracks_from_message
+from .tracks_subscriber import ReceivedTracks, TracksSubscriber
 from .world.level_memory import LevelMemory
 from .world.mirror import MirrorStats, WorldMirror
 from .world.snapshot import WorldSnapshot
@@ -25,10 +26,12 @@ __all__ = [
     "PlaneFlags",
     "Prism",
     "ReceiveStats",
+    "ReceivedTracks",
     "Space",
     "Subscriber",
     "TrackState",
     "Tracks",
+    "TracksSubscriber",
     "UnavailableCamera",
     "WorldMirror",
     "WorldSnapshot",

@@ -1,0 +1,103 @@
+"""Receiving the tracked obstacles of a camera: the newest message and its age.
+
+with TracksSubscriber() as subscriber:
+    received = subscriber.wait(1.0)
+    if received is not None and not received.stale:
+        print(received.tracks.objects)
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+
+import zmq
+from google.protobuf.message import DecodeError
+
+from .curve_keys import use_client_keys
+from .proto import osape_v1_pb2 as pb
+from .receive_time import TimedSocket, age_ns
+from .run_folder import run_folder
+from .tracks import Tracks, tracks_from_message
+
+NS = 1_000_000_000
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedTracks:
+    """One message. received_ns: the earliest time at which it can have arrived, on this process's monotonic clock."""
+
+    content: pb.Tracks
+    received_ns: int
+    timeout_s: float
+
+    @property
+    def age_s(self) -> float:
+        """Upper bound of the present age of the exposure. On another machine it lacks the time on the network."""
+        return age_ns(self.content.publication, self.content.t_exposure_ns, self.received_ns) / NS
+
+    @property
+    def stale(self) -> bool:
+        """Whether it is too old to be used."""
+        return not self.age_s <= self.timeout_s
+
+    @cached_property
+    def tracks(self) -> Tracks:
+        """The tracks. Raises ValueError where the parts of the message do not fit together."""
+        return tracks_from_message(self.content)
+
+
+class TracksSubscriber:
+    """Receives the stream `tracks`; only the newest message is kept, of whichever camera. Messages of another schema are
+    counted in `undecodable`. Not thread-safe.
+
+    address: None: the service on this machine; timeout_s: age at which a message becomes stale; keys: folder of this
+    client's CURVE keys. Raises KeyFileError."""
+
+    def __init__(self, address: str | None = None, *, timeout_s: float = 0.4, keys: Path | None = None) -> None:
+        self.address = address or f"ipc://{run_folder()}/tracks"
+        self.undecodable = 0
+        self._timeout_s = timeout_s
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        socket = self._context.socket(zmq.SUB)
+        socket.setsockopt(zmq.SUBSCRIBE, b"")
+        socket.setsockopt(zmq.CONFLATE, 1)
+        socket.setsockopt(zmq.LINGER, 0)
+        if keys is not None:
+            use_client_keys(socket, keys)
+        socket.connect(self.address)
+        self._socket = TimedSocket(socket)
+
+    def __enter__(self) -> TracksSubscriber:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._socket.close()
+        self._context.term()
+
+    def wait(self, timeout_s: float) -> ReceivedTracks | None:
+        """The next message; None when none comes within timeout_s."""
+        end_ns = time.monotonic_ns() + round(timeout_s * NS)
+        while True:
+            received = self._socket.take(max(0, (end_ns - time.monotonic_ns()) // 1_000_000))
+            if received is not None:
+                content = pb.Tracks()
+                try:
+                    content.ParseFromString(received[0])
+                except DecodeError:
+                    content.Clear()
+                if content.schema_version == SCHEMA_VERSION:
+                    return ReceivedTracks(content, received[1], self._timeout_s)
+                self.undecodable += 1
+            if time.monotonic_ns() >= end_ns:
+                return None
