@@ -9,7 +9,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SERVICE, DEVELOPMENT = ROOT / "requirements.lock", ROOT / "requirements-dev.lock"
+SERVICE, DEMO, DEVELOPMENT = (
+    ROOT / f"{name}.lock" for name in ("requirements", "requirements-demo", "requirements-dev")
+)
+NOT_LOCKED = {"peers", "realsense"}
+"""Extras for the comparison with other projects, and for a library that only the owner of the device needs."""
 ENTRY = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)[^\\\n]*((?: \\\n    --hash=sha256:[0-9a-f]{64})*)$", re.MULTILINE)
 
 
@@ -29,7 +33,7 @@ def named(requirements: list[str]) -> set[str]:
     }  # of this checkout
 
 
-@pytest.mark.parametrize("path", [SERVICE, DEVELOPMENT])
+@pytest.mark.parametrize("path", [SERVICE, DEMO, DEVELOPMENT])
 def test_every_line_is_a_version_with_hashes(path: Path) -> None:
     text = path.read_text()
     entries = locked(path)
@@ -40,7 +44,7 @@ def test_every_line_is_a_version_with_hashes(path: Path) -> None:
     assert "://" not in text
 
 
-@pytest.mark.parametrize("path", [SERVICE, DEVELOPMENT])
+@pytest.mark.parametrize("path", [SERVICE, DEMO, DEVELOPMENT])
 def test_the_versions_are_those_of_the_constraints(path: Path) -> None:
     lines = (ROOT / ".ci" / "constraints.txt").read_text().splitlines()
     wanted = {normal(n): v for n, _, v in (line.partition("==") for line in lines if not line.startswith("#"))}
@@ -55,13 +59,16 @@ def test_what_the_project_asks_for_is_locked() -> None:
     build = named(project["build-system"]["requires"])
     runtime, extras = project["project"]["dependencies"], project["project"]["optional-dependencies"]
     service = named([*runtime, *extras["oak"], *extras["v4l2"]])
-    everything = named([*runtime, *(r for name, rs in extras.items() if name != "peers" for r in rs)])
+    everything = named([*runtime, *(r for name, rs in extras.items() if name not in NOT_LOCKED for r in rs)])
     assert service | build <= locked(SERVICE).keys()
+    assert named([*runtime, *extras["view"]]) | build <= locked(DEMO).keys()
     assert everything | build <= locked(DEVELOPMENT).keys()
 
 
 def test_make_installs_with_hashes_only() -> None:
-    recipe = (ROOT / "Makefile").read_text()
-    installs = [line for line in recipe.splitlines() if "pip install" in line]
-    assert any("--require-hashes" in line and "requirements-dev.lock" in line for line in installs)
+    recipe, script = (ROOT / "Makefile").read_text(), (ROOT / ".ci" / "make-env").read_text()
+    for lock in (DEMO, DEVELOPMENT):
+        assert f".ci/make-env $(VENV) {lock.name}" in recipe
+    installs = [line for line in (recipe + script).splitlines() if "pip install" in line]
+    assert any("--require-hashes" in line for line in installs)
     assert all("--require-hashes" in line or "--no-deps --no-build-isolation" in line for line in installs)
