@@ -80,9 +80,13 @@ class Extractor:
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
         free = observe_free(levelled.exact_codes, levelled.exact_view, source, ground, ke, p)
-        opened = observe_open(
-            depth_mm, levelled.exact_codes, levelled.exact_view, source, ground, ke, p, self.open_sky, self._buffers
-        )
+        opened = None
+        if (
+            info.marks_smooth and depth.dtype == np.uint16
+        ):  # the least values of any other image are raw depths, no marks
+            opened = observe_open(
+                depth_mm, levelled.exact_codes, levelled.exact_view, source, ground, ke, p, self.open_sky, self._buffers
+            )
         if smear.active:
             levelled = level_view(marks, info, R, view, ke, p, self._buffers)
         strips = self._strip_search.search(levelled, source, ground, ke, settings)
@@ -129,7 +133,7 @@ class Extractor:
             flags=published.flags,
             cluster=cluster,
             prisms=prisms,
-            free=free_profile(free, len(rows), planes.table, margin, opened),
+            free=free_profile(free, len(rows), planes.table, margin, opened, self.open_sky.open_max_range_m),
             ground=ground,
             stats=replace(
                 stats,

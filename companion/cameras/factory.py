@@ -99,7 +99,7 @@ def _simulated(section: CameraConfig) -> DepthSource:
     if section.render == "stereo":
         from drivers.simulation.stereo.flight_depth import stereo_camera_info
 
-        described = stereo_camera_info(described.intrinsics, section.name)
+        described = stereo_camera_info(described.intrinsics, section.name, mark_smooth=section.marks_smooth)
     info: CameraInfo = section.applied_to(described)
     plan = flight_plan(section.flight, section.seed)
     if section.follow:

@@ -135,6 +135,7 @@ class CameraConfig:
         default=False,
         metadata={
             "unit": "",
+            "safety": True,
             "doc": "zed and rendered stereo: mark unmeasured pixels whose image is smooth, which `[open_sky]` needs; 16 ms a frame",
         },
     )
@@ -172,6 +173,16 @@ class CameraConfig:
         said: dict[str, Any] = {k: getattr(self, k) for k in ("min_range_m", "max_range_m", "ke_per_m")}
         given = {k: v for k, v in said.items() if v is not None}
         return replace(info, mount=replace(info.mount, **mount), **given)
+
+    @property
+    def can_mark(self) -> bool:
+        """Whether the driver of such a camera holds both images of a stereo pair, which `mark_smooth` needs."""
+        return self.kind == "zed" or (self.kind == "simulated" and self.render == "stereo" and not self.follow)
+
+    @property
+    def marks_smooth(self) -> bool:
+        """Whether the driver marks unmeasured pixels whose image is smooth."""
+        return self.can_mark and self.mark_smooth
 
     @property
     def unmatched_px(self) -> int:

@@ -19,7 +19,7 @@ def run_kernels(modes: Sequence[str] = MODES, metres: bool = True) -> None:
     from core.open_sky_params import OpenSkyParams
     from core.params import Params
 
-    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5))
+    info = CameraInfo("warmup", Intrinsics(160, 120, 112.5, 112.5, 79.5, 59.5), marks_smooth=True)
     tilt = 0.2
     c, s = np.cos(tilt), np.sin(tilt)
     level = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

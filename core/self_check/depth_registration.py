@@ -196,7 +196,7 @@ def inverse_depth_grid(depth_mm: NDArray[np.uint16], info: CameraInfo) -> Invers
     cell = max(2, round(k.width / GRID_COLUMNS))
     fine = np.empty((k.height // cell // 2 * 2, k.width // cell // 2 * 2))
     half = np.empty((fine.shape[0] // 2, fine.shape[1] // 2))
-    reduce_depth(depth_mm, cell, round(1000.0 * info.min_range_m), round(1000.0 * info.max_range_m), fine)
+    reduce_depth(depth_mm, cell, info.least_mm, round(1000.0 * info.max_range_m), fine)
     halve(fine, half)
     middle = float((cell + 1) // 2 - 1)  # mean offset of the pixels 0, 2, 4 ... of a cell
     lens = np.array([k.fx / cell, k.fy / cell, (k.cx - middle) / cell, (k.cy - middle) / cell])

@@ -264,7 +264,7 @@ def find_surfaces(depth_mm: NDArray[np.uint16], info: CameraInfo, R_level_optica
     """The largest plane surfaces of a depth image (H, W) uint16 mm, in level_cam as R_level_optical (3, 3) has it."""
     k = info.intrinsics
     size = max(4, k.width // PATCHES_ACROSS)
-    low_mm = max(1, round(1000.0 * info.min_range_m))
+    low_mm = info.least_mm
     high_mm = min(FAR_MM - 1, round(1000.0 * info.max_range_m))
     image = np.ascontiguousarray(depth_mm).view()
     image.flags.writeable = False  # one compiled kernel for frames that may be written and for those that may not

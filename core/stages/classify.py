@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..jit import inline_ieee, inner, inner_ieee, kernel, kernel_ieee
 from ..params import Params
-from ..types import CONTINUED_MM, FAR_MM, SATURATED_MM, CameraInfo
+from ..types import FAR_MM, SATURATED_MM, CameraInfo
 
 _FAR, _SATURATED = np.uint16(FAR_MM), np.uint16(SATURATED_MM)
 _LEAST_M, _MOST_M = np.float32(0.0005), np.float32(65.533)
@@ -68,8 +68,7 @@ def clear_range_m(info: CameraInfo, ke_per_m: float, params: Params) -> float:
 def measured_mm(info: CameraInfo, ke_per_m: float, params: Params) -> tuple[int, int]:
     """(least, greatest) millimetres that count as measured: closer is unknown, as the marks up to CONTINUED_MM are;
     farther is far."""
-    least = math.ceil(max(CONTINUED_MM + 1.0, 1000.0 * info.min_range_m))
-    return least, math.floor(1000.0 * clear_range_m(info, ke_per_m, params))
+    return info.least_mm, math.floor(1000.0 * clear_range_m(info, ke_per_m, params))
 
 
 @inner_ieee

@@ -85,22 +85,29 @@ def free_profile(
     planes: NDArray[Any],
     margin: NDArray[np.float32],
     opened: FreeObservation | None = None,
+    open_max_range_m: float = math.inf,
 ) -> FreeProfile:
     """The free-range profile of a frame; see FreeProfile. planes: the first `count` of PLANE, margin: (N,) m. opened: what is
-    free or open (`open_space.observe_open`). Uses up `seen` and `opened`."""
+    free or open (`open_space.observe_open`); nothing is open beyond the horizontal range open_max_range_m. Uses up `seen` and
+    `opened`."""
     for s in (seen,) if opened is None else (seen, opened):
         stop_at_planes(count, planes, margin, s.pixel_t, s.row_t, s.edges_t, s.layers_m, s.free_to_m, s.end)
         as_ranges(s.edges_t, s.free_from_m, s.free_to_m)
-    open_from, open_to = (NOTHING_OPEN, NOTHING_OPEN) if opened is None else _beyond_free(seen, opened)
+    open_from, open_to = (
+        (NOTHING_OPEN, NOTHING_OPEN) if opened is None else _beyond_free(seen, opened, open_max_range_m)
+    )
     return FreeProfile.from_trusted(
         azimuth_edges_rad=seen.edges_rad.astype(np.float32), layer_edges_m=seen.layers_m,
         free_from_m=seen.free_from_m, free_to_m=seen.free_to_m, end=seen.end, open_from_dm=open_from, open_to_dm=open_to,
     )  # fmt: skip
 
 
-def _beyond_free(seen: FreeObservation, opened: FreeObservation) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """(open_from_dm, open_to_dm) of FreeProfile."""
-    first, last = np.ceil(10.0 * opened.free_from_m), np.minimum(np.floor(10.0 * opened.free_to_m), 255.0)
+def _beyond_free(
+    seen: FreeObservation, opened: FreeObservation, most_m: float
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """(open_from_dm, open_to_dm) of FreeProfile, up to the horizontal range most_m."""
+    to_m = np.minimum(opened.free_to_m, min(most_m, 25.5))
+    first, last = np.ceil(10.0 * opened.free_from_m), np.floor(10.0 * to_m)
     farther = (last > first) & (0.1 * last > seen.free_to_m)
     return (
         np.where(farther, first, 0.0).astype(np.uint8),

@@ -23,9 +23,10 @@ from ..buffers import Buffers
 from ..frames import Rotation
 from ..jit import inner, inner_ieee, inner_inline, kernel
 from ..params import Params
-from ..types import FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
+from ..types import CONTINUED_MM, FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
 
 _SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
+_GREATEST_MARK = np.uint16(CONTINUED_MM)
 _ROW_STEP = 4
 """Rows from one to the next in which edges are counted."""
 _NEVER_M = 1e9
@@ -83,13 +84,13 @@ def on_ramp(left, middle, right, far_left, far_right, least, relative, straight)
 
 @inner_ieee
 def signed_inverse(mm, out):
-    """1/Z of one row in 1/m, float32: 0 where the sensor reports far, -1 where it reports nothing."""
+    """1/Z of one row in 1/m, float32: 0 where the sensor reports far, -1 where it reports nothing, and at marks."""
     for u in range(len(mm)):
         z = mm[u]
         d = np.float32(1000.0) / np.float32(z)
         if z == _FAR:
             d = np.float32(0.0)
-        if (z == np.uint16(0)) | (z == _SATURATED):
+        if (z <= _GREATEST_MARK) | (z == _SATURATED):
             d = np.float32(-1.0)
         out[u] = d
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..params import Params
-from ..types import CameraInfo, ExtractorState
+from ..types import CONTINUED_MM, UNKNOWN_MM, CameraInfo, ExtractorState
 from .classify import estimate_ke, measured_mm, noise_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
@@ -32,11 +32,13 @@ _MEDIAN_ERROR = 1.2533
 
 
 def depth_samples(depth_mm: NDArray[np.uint16]) -> bytes:
-    """SAMPLE_ROWS x SAMPLE_COLS pixels of a depth image (H, W), little-endian uint16 millimetres."""
+    """SAMPLE_ROWS x SAMPLE_COLS pixels of a depth image (H, W), little-endian uint16 millimetres; marks are UNKNOWN_MM."""
     rows, cols = depth_mm.shape
     v = (2 * np.arange(SAMPLE_ROWS) + 1) * rows // (2 * SAMPLE_ROWS)
     u = (2 * np.arange(SAMPLE_COLS) + 1) * cols // (2 * SAMPLE_COLS)
-    return depth_mm[v[:, None], u].astype("<u2").tobytes()
+    samples = depth_mm[v[:, None], u].astype("<u2")
+    samples[samples <= CONTINUED_MM] = UNKNOWN_MM
+    return samples.tobytes()
 
 
 @kernel

@@ -20,6 +20,7 @@ from .inputs import (
     DepthFrame,
     Intrinsics,
     PoseSample,
+    is_measured,
 )
 from .model import (
     ExtractorState,
@@ -58,5 +59,6 @@ __all__ = [
     "PoseSample",
     "Prism",
     "StripTable",
+    "is_measured",
     "readonly",
 ]

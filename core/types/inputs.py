@@ -27,6 +27,11 @@ SATURATED_MM = 65535
 """Treated like UNKNOWN_MM everywhere: some sensors write it for invalid pixels."""
 
 
+def is_measured(depth_mm: NDArray[np.uint16]) -> NDArray[np.bool_]:
+    """Which pixels hold a measured distance, of the same shape: none of the values above. The camera's range is not applied."""
+    return (depth_mm > CONTINUED_MM) & (depth_mm < FAR_MM)
+
+
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
     """A pinhole camera without distortion. Pixel (u, v) has its centre at integer coordinates; its ray in
@@ -75,7 +80,8 @@ class CameraMount:
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
     """Constants of one camera. `max_range_m` and `min_range_m` bound what it measures;
-    `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2."""
+    `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2. marks_smooth: its driver writes TEXTURELESS_MM, BEYOND_MM and
+    CONTINUED_MM; without it these values are raw depths that are unknown, and no evidence of open space."""
 
     camera: str
     intrinsics: Intrinsics
@@ -83,6 +89,12 @@ class CameraInfo:
     min_range_m: float = 0.3
     max_range_m: float = 20.0
     ke_per_m: float = 0.005
+    marks_smooth: bool = False
+
+    @property
+    def least_mm(self) -> int:
+        """Least millimetres that count as measured: what is nearer than min_range_m is unknown, and so is every mark."""
+        return math.ceil(max(CONTINUED_MM + 1.0, 1000.0 * self.min_range_m))
 
     def __post_init__(self) -> None:
         if not self.camera or not self.camera.isprintable():

@@ -91,6 +91,7 @@ class ZedSource:
             min_range_m=s.min_range_m,
             max_range_m=s.max_range_m,
             ke_per_m=min(max(ke, 1e-4), 0.05),
+            marks_smooth=s.match.mark_smooth,
         )
 
     def open(self) -> None:

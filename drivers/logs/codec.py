@@ -110,6 +110,7 @@ def camera_message(info: CameraInfo) -> pb.CameraInfo:
         min_range_m=info.min_range_m,
         max_range_m=info.max_range_m,
         ke_per_m=info.ke_per_m,
+        marks_smooth=info.marks_smooth,
     )
 
 
@@ -123,6 +124,7 @@ def camera_from_message(message: pb.CameraInfo) -> CameraInfo:
         message.min_range_m,
         message.max_range_m,
         message.ke_per_m,
+        message.marks_smooth,
     )
 
 

@@ -60,7 +60,7 @@ class SimulatedDepthSource:
         clock_ns: Callable[[], int],
         pace: Callable[[float], None] | None = None,
     ) -> None:
-        self._flight, self._info, self._simulation = flight, info, simulation
+        self._flight, self._simulation = flight, simulation
         self._clock_ns, self._pace = clock_ns, pace
         duration_s = flight.leg_ns / NS
         self._steps = max(1, round(duration_s * simulation.fps))
@@ -74,6 +74,7 @@ class SimulatedDepthSource:
             disparities=simulation.disparities,
             mark_smooth=simulation.mark_smooth,
         )
+        self._info = self._renderer.cameras[0]
         k = info.intrinsics
         self._room = (simulation.folder, self._name(), self._steps + 1, k.height, k.width)
         self._frames: FrameStore | None = None

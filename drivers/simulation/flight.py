@@ -8,7 +8,7 @@ for event in flight.events(): ...   # DepthFrame, AttitudeSample, PoseSample in 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,7 +80,8 @@ class SimulatedFlight:
         with a noise model) or "stereo" (matched image pairs, `disparities` searched; mark_smooth: smooth pixels are marked, see MatchParams). Raises ValueError."""
         self.plan = flight_plan(plan, seed) if isinstance(plan, str) else plan
         ke = max(self.plan.sensor.ke_per_m, 1e-5)
-        self._cameras = cameras or (camera_info(width, height, ke_per_m=ke),)
+        described = cameras or (camera_info(width, height, ke_per_m=ke),)
+        self._cameras = tuple(replace(c, marks_smooth=render == "stereo" and mark_smooth) for c in described)
         if len({c.camera for c in self._cameras}) != len(self._cameras):
             raise ValueError("simulated flight: two cameras bear the same name")
         self._seed, self._rates, self.start_ns = seed, rates or Rates(), start_ns

@@ -17,7 +17,7 @@ from osape_client import decode
 
 from .made_up import Events
 
-SMALL = CameraInfo("front", Intrinsics(96, 72, 67.5, 67.5, 47.5, 35.5), ke_per_m=0.0015)
+SMALL = CameraInfo("front", Intrinsics(96, 72, 67.5, 67.5, 47.5, 35.5), ke_per_m=0.0015, marks_smooth=True)
 
 
 def sky_marked(frame: DepthFrame) -> DepthFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,13 @@ from core.stages.classify import measured_mm
 from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, UNKNOWN_MM, CameraInfo, FrameModel, Intrinsics
 
 WIDTH, HEIGHT, F_PX, CENTRE = 200, 160, 120.0, 79.5
-INFO = CameraInfo("front", Intrinsics(WIDTH, HEIGHT, F_PX, F_PX, 99.5, CENTRE), max_range_m=16.0, ke_per_m=0.002)
+INFO = CameraInfo(
+    "front",
+    Intrinsics(WIDTH, HEIGHT, F_PX, F_PX, 99.5, CENTRE),
+    max_range_m=16.0,
+    ke_per_m=0.002,
+    marks_smooth=True,
+)
 ABOVE_GROUND_M = 2.0
 Depth = NDArray[np.uint16]
 
@@ -215,7 +222,7 @@ def test_a_tenth_of_unknown_pixels_is_too_much() -> None:
 
 
 def test_a_thin_strip_of_sky_is_not_open() -> None:
-    low = CameraInfo("front", Intrinsics(WIDTH, HEIGHT, F_PX, F_PX, 99.5, 7.5), max_range_m=16.0, ke_per_m=0.002)
+    low = replace(INFO, intrinsics=Intrinsics(WIDTH, HEIGHT, F_PX, F_PX, 99.5, 7.5))
     rows = np.arange(HEIGHT) - 7.5
     with np.errstate(divide="ignore"):
         mm = np.where(rows > 0, 1000.0 * ABOVE_GROUND_M * F_PX / rows, 0.0)
@@ -231,8 +238,12 @@ def test_an_edge_off_the_horizon_is_not_taken_for_it() -> None:
 
 
 def test_open_ranges_end_at_the_configured_range() -> None:
-    model = model_of(field(), open_max_range_m=6.0)
-    assert 0.0 < model.free.open_to_m[model.free.open_to_m > model.free.free_to_m].max() <= 6.0 / math.cos(0.7)
+    for most_m in (6.0, 7.3):
+        model = model_of(field(), open_max_range_m=most_m)
+        opened = model.free.open_to_dm > 0
+        assert model.free.open_to_dm.max() == math.floor(10.0 * most_m)
+        assert (model.free.open_to_dm > model.free.open_from_dm)[opened].all()
+        assert (model.free.open_to_m > model.free.free_to_m)[opened].all()
 
 
 def test_the_marks_are_never_a_measurement() -> None:

@@ -30,6 +30,7 @@ def test_frames_come_with_intrinsics_stamps_and_millimetres() -> None:
     try:
         k = source.info.intrinsics
         assert (k.width, k.height, k.fx, k.cy) == (WIDTH, HEIGHT, MATRIX[0][0], MATRIX[1][2])
+        assert not source.info.marks_smooth
         assert source.info.ke_per_m == 0.05  # 0.25 px on so short a focal length is more than the bound
         for _ in range(3):
             frame = source.read(2.0)

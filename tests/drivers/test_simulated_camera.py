@@ -52,6 +52,13 @@ def camera(
     return SimulatedDepthSource(flight or short(), info, simulation, clock, clock.wait)
 
 
+@pytest.mark.parametrize("render", ["depth", "stereo"])
+def test_rendered_stereo_alone_says_that_it_marks(render: str) -> None:
+    assert not camera(Clock(), render=render).info.marks_smooth
+    marked = camera(Clock(), info=dataclasses.replace(INFO, marks_smooth=True), render=render, mark_smooth=True)
+    assert marked.info.marks_smooth is (render == "stereo")
+
+
 # ---- the flight -------------------------------------------------------------------------------------------------------
 
 

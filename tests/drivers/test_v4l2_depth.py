@@ -80,6 +80,7 @@ def test_a_frame_is_exposed_before_the_kernels_stamp() -> None:
     assert frame.sequence == 7
     assert np.array_equal(frame.depth_mm, pixels(1007))
     assert source.info.intrinsics == SIZE
+    assert not source.info.marks_smooth
 
 
 def test_the_newest_of_several_buffers_is_delivered() -> None:

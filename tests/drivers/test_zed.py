@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -261,6 +262,15 @@ def test_frames_of_a_device() -> None:
     source.close()
     source.close()
     assert video.released == 1
+
+
+@pytest.mark.parametrize("marks", [False, True])
+def test_the_description_says_whether_it_marks(marks: bool) -> None:
+    settings = replace(SETTINGS, match=MatchParams(mark_smooth=marks))
+    source = ZedSource(settings, Video([side_by_side()]), CALIBRATION)
+    source.open()
+    assert source.info.marks_smooth is marks
+    source.close()
 
 
 @pytest.mark.parametrize(

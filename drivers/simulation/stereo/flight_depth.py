@@ -26,9 +26,11 @@ def flight_profile(intrinsics: Intrinsics, disparities: int = 96, mark_smooth: b
     return replace(ZED, name="flight", view=view, match=MatchParams(disparities=disparities, mark_smooth=mark_smooth))
 
 
-def stereo_camera_info(intrinsics: Intrinsics, camera: str, mount: CameraMount | None = None) -> CameraInfo:
-    """The description of a simulated stereo camera."""
-    return flight_profile(intrinsics).info(camera, mount)
+def stereo_camera_info(
+    intrinsics: Intrinsics, camera: str, mount: CameraMount | None = None, mark_smooth: bool = False
+) -> CameraInfo:
+    """The description of a simulated stereo camera. mark_smooth: see MatchParams."""
+    return flight_profile(intrinsics, mark_smooth=mark_smooth).info(camera, mount)
 
 
 class RenderedDepth:

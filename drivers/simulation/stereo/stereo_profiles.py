@@ -47,7 +47,7 @@ class StereoProfile:
         ke = self.disparity_sigma_px / (self.view.intrinsics.fx * self.view.baseline_m)
         return CameraInfo(
             camera, self.view.intrinsics, mount or CameraMount(), min_range_m=self.min_range_m, max_range_m=self.max_range_m,
-            ke_per_m=min(max(ke, 1e-4), 0.05),
+            ke_per_m=min(max(ke, 1e-4), 0.05), marks_smooth=self.match.mark_smooth,
         )  # fmt: skip
 
     @property
