@@ -40,7 +40,8 @@ class FreeMemory:
         self._taken_ns: dict[str, int] = {}
 
     def see(self, camera: str, t_ns: int, view: View, here: Here) -> None:
-        """Takes in what a camera saw free at t_ns. view: in level, here."""
+        """Takes in what a camera saw free at t_ns. view: in level, here. Open space, which is presumed free, is not remembered:
+        it counts only as long as its evidence is in view."""
         if self._avoid.remember_free_s == 0.0 or here.position_ned_m is None or not view.model.valid:
             return
         if t_ns - self._taken_ns.get(camera, -LEAST_APART_NS) < LEAST_APART_NS:
@@ -52,7 +53,7 @@ class FreeMemory:
         )  # middles of the cells in ned
         east, north = np.meshgrid(y_n, x_n)
         x, y = _turned(north, east, here)
-        free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True)
+        free = points_free(view, x, y, z_n - here.position_ned_m[2], along_rays=True, measured=True)
         self._seen_s[free] = np.maximum(self._seen_s[free], t_ns / NS)
 
     def free(

@@ -26,7 +26,7 @@ RING_M = Params().profile_ring_m
 class View:
     """One camera's model in level at the moment of sending. place_m: of the camera, where its ranges are counted from.
     intrinsics, R_optical_level: where its image looks in level; None: not known. ring_m: step of its free-range profile.
-    open_counts: sectors and the memory of free space count open space as free; the memory of obstacles never does."""
+    open_counts: sectors count open space as free; the memories of obstacles and of free space and the guard never do."""
 
     model: FrameModel
     transform: LevelTransform

@@ -107,7 +107,8 @@ def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
 
 
 def seen_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> float:
-    """Distance to which clear_share of the corridor's rays were seen free, each from near_m on; 0 where they were not.
+    """Distance to which clear_share of the corridor's rays were seen free, each from near_m on; 0 where they were not. Measured
+    free space alone counts: what is open, that is presumed free, does not.
 
     Rays are parallel to the path. Of rays that are partly outside of all images, places seen free a moment before count, as
     for the sectors of the obstacle output: only where seen_share of the rays is seen free now."""
@@ -123,7 +124,7 @@ def seen_free_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardPa
         z = heights + path.slope * float(along[piece].mean())
         for view in s.views:
             if view.model.valid:
-                free[:, :, piece] |= points_free(view, x[:, piece], y[:, piece], z, along_rays=True)
+                free[:, :, piece] |= points_free(view, x[:, piece], y[:, piece], z, along_rays=True, measured=True)
         if s.recall is not None:
             free[:, :, piece] |= _recalled(free[:, :, piece], x[:, piece], y[:, piece], z, s.recall, avoid)
     reached = np.sort(np.logical_and.accumulate(free, axis=2).sum(axis=2), axis=None)[::-1]

@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.autopilot.obstacle_memory import Here, ObstacleMemory
+from companion.autopilot.free_space_memory import FreeMemory
+from companion.autopilot.obstacle_memory import Here, ObstacleMemory, nothing_remembered
 from companion.autopilot.polar_histogram import SectorState, scan
+from companion.autopilot.surroundings import Surroundings
 from companion.autopilot.view_free import View, points_free
+from companion.config.guard import GuardParams
+from companion.guard.path_sight import path_sight
 from core.types import FrameModel
 
 from .test_sectors import AVOID, HERE, NS, model, wall_at
@@ -73,3 +77,32 @@ def test_open_space_does_not_remove_a_remembered_obstacle() -> None:
     free = View(open_ahead(free_to_m=13.0), HERE, open_counts=True)
     gone = memory.recall(scan([free], AVOID), [free], here, NS // 5)
     assert not np.isfinite(gone.distance_m[0])
+
+
+def test_the_guard_counts_measured_free_space_alone() -> None:
+    view = View(open_ahead(free_to_m=4.0, open_to_m=13.0), HERE, open_counts=True)
+    here = Here(0.0, (0.0, 0.0, -3.0), 1)
+    memory = FreeMemory(AVOID)
+    memory.see("front", NS, view, here)
+    s = Surroundings(
+        t_ns=NS,
+        views=(view,),
+        weak_px=(0.0,),
+        exposed_ns=NS,
+        recall=lambda x, y, z: memory.free((), here, NS, x, y, z),
+        recalled=nothing_remembered(),
+        blind={},
+        here=here,
+        velocity_ned_m_s=(5.0, 0.0, 0.0),
+    )
+    sight = path_sight(s, AVOID, GuardParams(enabled=True, horizon_m=20.0))
+    assert 3.0 < sight.free_m <= 4.0
+
+
+def test_open_space_that_was_withdrawn_is_not_remembered_as_free() -> None:
+    """Open, then withdrawn, then out of the view."""
+    memory, here = FreeMemory(AVOID), Here(0.0, (0.0, 0.0, -3.0), 1)
+    memory.see("front", NS, View(open_ahead(free_to_m=4.0), HERE, open_counts=True), here)
+    memory.see("front", 2 * NS, View(model(free_to_m=4.0, view_deg=72.0), HERE, open_counts=True), here)
+    x, y, z = np.array([3.0, 8.0]), np.zeros(2), np.zeros(2)
+    assert memory.free((), here, 2 * NS, x, y, z).tolist() == [True, False]
