@@ -91,11 +91,8 @@ class Config:
         names = [c.name for c in self.cameras]
         for name in sorted({n for n in names if names.count(n) > 1}):
             raise ValueError(f"[[camera]] name = {name!r} stands {names.count(name)} times; give each camera its own")
-        stereo = [c for c in self.cameras if c.kind == "zed" or (c.kind == "simulated" and c.render == "stereo")]
-        if self.open_sky.presumes and stereo and not any(c.mark_smooth for c in stereo):
-            raise ValueError(
-                '[open_sky] mode = "presume" needs the marks of a stereo camera, and no [[camera]] has mark_smooth = true; set it'
-            )
+        if self.open_sky.presumes:
+            check_open_sky(self)
         if self.avoid.send and not self.autopilot.address:
             raise ValueError("[avoid] send = true, but [autopilot] address is empty, so nothing could be sent; set one")
         if self.guard.enabled and not self.avoid.send:
@@ -112,6 +109,28 @@ class Config:
     def camera(self, name: str) -> CameraConfig:
         """The section of a camera; one that changes nothing where there is none."""
         return next((c for c in self.cameras if c.name == name), CameraConfig(name=name))
+
+
+def check_open_sky(config: Config) -> None:
+    """Raises ValueError where open space is to be presumed and none of its evidence can ever be there. Of a recording
+    (kind = "mcap", or no camera) the log says whether its camera wrote marks."""
+    if not config.mount_check.enabled:
+        raise ValueError(
+            '[open_sky] mode = "presume" with [mount_check] enabled = false: nothing is presumed free before the mount is '
+            'verified; set enabled = true, or mode = "off"'
+        )
+    if all(not c.marks_smooth and c.kind != "mcap" for c in config.cameras) and config.cameras:
+        raise ValueError(
+            '[open_sky] mode = "presume" needs the marks of a stereo camera, and no [[camera]] writes the marks: '
+            f"{'; '.join(_why_unmarked(c) for c in config.cameras)}"
+        )
+
+
+def _why_unmarked(camera: CameraConfig) -> str:
+    """Why the depth images of a camera bear no marks."""
+    if camera.can_mark:
+        return f'"{camera.name}" has mark_smooth = false; set it to true'
+    return f'"{camera.name}" of kind "{camera.kind}" delivers depth without its images, so mark_smooth has no effect'
 
 
 class ConfigError(Exception):

@@ -6,7 +6,7 @@ from statistics import median
 
 import numpy as np
 
-from core.types import FAR_MM, DepthFrame
+from core.types import DepthFrame, is_measured
 
 from ..cameras.supervisor import CameraSupervisor
 from ..config.camera import CameraConfig
@@ -39,14 +39,15 @@ def camera_finding(section: CameraConfig, config: Config, patience_s: float) -> 
     if not frames:
         cause = status.last_loss or status.cause or "the camera opened and sent no frame"
         return Finding(part, False, f"no frame: {cause}", DiagnosticCode.CAMERA_UNAVAILABLE)
-    return _frames_finding(part, section, frames)
+    return frames_finding(part, section, frames)
 
 
-def _frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:
+def frames_finding(part: str, section: CameraConfig, frames: list[DepthFrame]) -> Finding:
+    """Frame rate and share of measured pixels of frames in their order, at least one."""
     span_s = (frames[-1].t_exposure_ns - frames[0].t_exposure_ns) / NS
     hz = (len(frames) - 1) / span_s if span_s > 0.0 else 0.0
     depth = frames[-1].depth_mm
-    measured = float(np.mean((depth > 0) & (depth < FAR_MM)))
+    measured = float(np.mean(is_measured(depth)))
     delay_ms = median(f.t_arrival_ns - f.t_exposure_ns for f in frames) / 1e6
     text = (
         f"{depth.shape[1]}x{depth.shape[0]}, {hz:.1f} Hz, {delay_ms:.0f} ms from exposure to arrival, "

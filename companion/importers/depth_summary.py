@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import FAR_MM, UNKNOWN_MM
+from core.types import is_measured
 
 STEP_PX: Final = 8
 """Every eighth pixel of each eighth row is counted."""
@@ -42,7 +42,7 @@ class DepthTally:
     def add(self, depth_mm: NDArray[np.uint16]) -> None:
         """Counts an image (H, W)."""
         some = depth_mm[STEP_PX // 2 :: STEP_PX, STEP_PX // 2 :: STEP_PX]
-        measured = some[(some != UNKNOWN_MM) & (some < FAR_MM)]
+        measured = some[is_measured(some)]
         self._pixels += some.size
         self._bins += np.bincount(measured // 100, minlength=len(self._bins))
 

@@ -19,7 +19,16 @@ from core.invalid_model import invalid_model
 from core.self_check.mount_check import MountState, MountVerdict, checked, due
 from core.self_check.mount_params import MountCheckParams
 from core.tracking.params import TrackingParams
-from core.types import AttitudeSample, CameraInfo, DepthFrame, ExtractorState, FrameModel, InvalidCause, PoseSample
+from core.types import (
+    NOTHING_OPEN,
+    AttitudeSample,
+    CameraInfo,
+    DepthFrame,
+    ExtractorState,
+    FrameModel,
+    InvalidCause,
+    PoseSample,
+)
 from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
@@ -297,7 +306,7 @@ class Pipeline:
         mount = state.mount
         if model.valid and due(mount, frame.t_exposure_ns, self._mount_check):
             mount = self._update_mount(frame, depth_mm, info, attitude, R_level_optical, camera_rad, model.ke_per_m)
-        model = invalidate_if_mount_wrong(model, mount)
+        model = without_open_unless_verified(invalidate_if_mount_wrong(model, mount), mount)
         self._states[frame.camera] = CameraState(after, state.last_t_exposure_ns, mount)
         return PrismsResult(
             camera=frame.camera,
@@ -350,6 +359,16 @@ class Pipeline:
             model=None,
         )
         return decision, blind
+
+
+def without_open_unless_verified(model: FrameModel, mount: MountState) -> FrameModel:
+    """The model; without open ranges unless the mount is verified: its error moves the horizon, which is their evidence.
+
+    What is free was measured and stays. While the mount check is off, or has not measured enough, nothing is open."""
+    if mount.verdict is MountVerdict.VERIFIED or not model.free.has_open:
+        return model
+    free = dataclasses.replace(model.free, open_from_dm=NOTHING_OPEN, open_to_dm=NOTHING_OPEN)
+    return dataclasses.replace(model, free=free)
 
 
 def invalidate_if_mount_wrong(model: FrameModel, mount: MountState) -> FrameModel:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from core.params import Params
 from core.stages.classify import clear_range_m
-from core.types import FAR_MM, SATURATED_MM, UNKNOWN_MM, CameraInfo
+from core.types import FAR_MM, SATURATED_MM, CameraInfo
 
 UNKNOWN_INDEX, FAR_INDEX = 0, 255
 FIRST, LAST = 1, 254
@@ -33,7 +33,7 @@ def depth_index(depth_mm: NDArray[np.uint16], info: CameraInfo, ke_per_m: float 
     unknown, beyond its reliable range far. ke_per_m: the frame's noise; None: the camera's prior."""
     clear_m = clear_range_m(info, info.ke_per_m if ke_per_m is None else ke_per_m, Params())
     index = range_index(depth_mm.astype(np.float32) / 1000.0, info)
-    unknown = (depth_mm == UNKNOWN_MM) | (depth_mm == SATURATED_MM) | (depth_mm < info.min_range_m * 1000.0)
+    unknown = (depth_mm < info.least_mm) | (depth_mm == SATURATED_MM)
     index[depth_mm > 1000.0 * clear_m] = FAR_INDEX
     index[depth_mm == FAR_MM] = FAR_INDEX
     index[unknown] = UNKNOWN_INDEX

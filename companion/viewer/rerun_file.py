@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.frames import rotation_frd_optical
-from core.types import FAR_MM, CameraInfo
+from core.types import CameraInfo, is_measured
 from drivers.base import DeviceNotFound
 
 from .colors import palette, range_index
@@ -113,4 +113,4 @@ class RerunWriter:
 
 def measured_mm(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
     """(H, W) uint16 millimetres; 0, which viewers leave out, where there is no measured distance."""
-    return np.where(depth_mm < FAR_MM, depth_mm, 0).astype(np.uint16)
+    return np.where(is_measured(depth_mm), depth_mm, 0).astype(np.uint16)
