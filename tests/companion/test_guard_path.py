@@ -203,6 +203,20 @@ def test_a_vehicle_that_accelerates_is_limited_before() -> None:
     assert action(replace(slower, speed_m_s=7.0, free_m=0.0), replace(SIGHT, free_m=room_m)) is Action.PASS
 
 
+def test_a_vehicle_that_accelerates_is_stopped_earlier() -> None:
+    before = replace(
+        SIGHT,
+        t_ns=T_NS - 300 * MS,
+        exposed_ns=T_NS - 350 * MS,
+        speed_m_s=4.1,
+        position_ned_m=(-1.3, 0.0, -3.0),
+        free_m=0.0,
+    )
+    room_m = BRAKING.needed_m(5.0) + 1.0
+    assert action(replace(before, speed_m_s=5.0), replace(SIGHT, obstacle_m=room_m)) is Action.SLOW
+    assert action(before, replace(SIGHT, obstacle_m=room_m)) is Action.STOP
+
+
 def test_one_frame_that_sees_less_does_not_stop_and_two_do() -> None:
     assert action(SIGHT, later(80, free_m=3.0)) is Action.PASS
     assert action(SIGHT, later(80, free_m=3.0), later(160, free_m=3.0), later(260, free_m=3.0)) is Action.STOP
