@@ -118,22 +118,23 @@ def detections_of(
     planes: NDArray[np.float32], margin_m: NDArray[np.float32], flags: NDArray[np.uint8], cluster: NDArray[np.int32],
     pose_sigma_m: float,
 ) -> NDArray[Any]:  # fmt: skip
-    """(N,) DETECTION of the planes (P, 6) of a frame, by their least x. Planes that are not finite, or shorter than 1 mm, are left out."""
+    """(N,) DETECTION of the planes (P, 6) of a frame, by their least x. Planes that are not finite, or shorter than 1 mm, are
+    left out."""
     rows = planes.astype(np.float64)
     length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
     with np.errstate(invalid="ignore"):
-        valid = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
-    good = np.flatnonzero(valid)[np.argsort(np.minimum(rows[valid, 0], rows[valid, 2]), kind="stable")]
-    rows, length = rows[good], length[good]
+        good = np.isfinite(rows).all(axis=1) & np.isfinite(margin_m) & (length >= 1e-3) & (rows[:, 5] > rows[:, 4])
+    chosen = np.flatnonzero(good)[np.argsort(np.minimum(rows[good, 0], rows[good, 2]), kind="stable")]
+    rows, length = rows[chosen], length[chosen]
     out = np.zeros(len(rows), DETECTION)
     for k, name in enumerate(("ax_m", "ay_m", "bx_m", "by_m", "top_m", "bottom_m")):
         out[name] = rows[:, k]
     out["length_m"] = length
     out["tx"], out["ty"] = (rows[:, 2] - rows[:, 0]) / length, (rows[:, 3] - rows[:, 1]) / length
-    margin = margin_m[good].astype(np.float64)
+    margin = margin_m[chosen].astype(np.float64)
     out["margin_m"] = margin
     out["sigma_m"] = np.sqrt(0.25 * margin**2 + pose_sigma_m**2 + 1e-4)  # 95 % of the true points lie within the margin
-    out["plane_flags"], out["cluster"] = flags[good], cluster[good]
+    out["plane_flags"], out["cluster"] = flags[chosen], cluster[chosen]
     out["track"] = out["next"] = out["group"] = NONE
     return out
 
