@@ -27,7 +27,7 @@ OLD_S = 0.35
 _LOST_S = 0.6
 """Not tuning: an object not observed for this time is no longer followed."""
 _LEAST_HITS = 4
-_SUPPORT = 2
+_SUPPORT = 3
 """Not tuning: observations in a row that support the motion, before it is declared."""
 _ACCELERATION = 0.3
 """Not tuning: change of the velocity within one second, standard deviation, m/s."""

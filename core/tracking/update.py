@@ -17,7 +17,7 @@ _MERGE_M = 0.2
 _RATE_STEP = 0.1
 """Not tuning: weight of a frame in the hit rate."""
 _MOST_HITS = 1 << 20
-_LOST_M = 0.03
+_LOST_M = 0.02
 """Not tuning: what a track may leave uncovered of a detection, at each end."""
 _SHORT_M, _TURN_COS = 0.6, 0.9
 """Not tuning: a shorter track takes the direction of a detection that is turned by more."""
