@@ -22,17 +22,6 @@ class OpenSkyParams:
     upper_border: bool = switch(
         True, "a column is open only where its textureless pixels reach the upper border of the image", safety=True
     )
-    edges_above: bool = switch(
-        True,
-        "an edge away from the horizon is evidence only where what is measured below it is farther than far_edge_m",
-        safety=True,
-    )
-    far_edge_m: float = critical(30.0, 5.0, 65.0, "m", "distance below such an edge from which on it is evidence")
-    straight_edge: bool = switch(
-        True,
-        "and only where it is not straight and nearly parallel to the image rows: stereo does not measure such edges",
-        safety=True,
-    )
     neighbours: bool = switch(
         True, "a column is open only up to what is measured in the columns beside it", safety=True
     )
@@ -54,7 +43,6 @@ class OpenSkyParams:
     )
     least_rise_deg: float = critical(5.0, 0.0, 45.0, "deg", "least height of the textureless pixels above that edge")
     reach_deg: float = critical(2.0, 0.0, 20.0, "deg", "columns within this count as beside a column")
-    straight_deg: float = critical(15.0, 1.0, 45.0, "deg", "width over which an edge is judged to be straight")
     floating_reach_m: float = critical(
         1.0, 0.0, 20.0, "m", "unmeasured extent of a thing that is measured in part without connection to the ground"
     )

@@ -26,7 +26,7 @@ from benchmarks.open_air.views import Seen, View, profile_of, see
 from core.extractor import Extractor
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, ExtractorState, FrameModel
+from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, ExtractorState, FrameModel
 from drivers.simulation.source import Rendered
 from drivers.simulation.stereo.stereo_profiles import PROFILES, StereoCamera, StereoProfile
 from drivers.simulation.stereo.stereo_scenes import STEREO_SCENES
@@ -155,7 +155,7 @@ def picture(seen: Seen) -> NDArray[np.uint8]:
     """Left image beside the depth image: measured green, textureless blue, matched beyond millimetres yellow, continued red."""
     left = cv2.cvtColor(seen.pair.left, cv2.COLOR_GRAY2BGR)
     depth = np.zeros_like(left)
-    depth[seen.frame.depth_mm > CONTINUED_MM] = _MEASURED
+    depth[seen.frame.depth_mm > TEXTURED_MM] = _MEASURED
     for mark, color in _COLORS.items():
         depth[seen.frame.depth_mm == mark] = color
     f, k = seen.model.free, seen.frame.info.intrinsics

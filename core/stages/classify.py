@@ -66,7 +66,7 @@ def clear_range_m(info: CameraInfo, ke_per_m: float, params: Params) -> float:
 
 
 def measured_mm(info: CameraInfo, ke_per_m: float, params: Params) -> tuple[int, int]:
-    """(least, greatest) millimetres that count as measured: closer is unknown, as the marks up to CONTINUED_MM are;
+    """(least, greatest) millimetres that count as measured: closer is unknown, as the marks up to GREATEST_MARK_MM are;
     farther is far."""
     return info.least_mm, math.floor(1000.0 * clear_range_m(info, ke_per_m, params))
 

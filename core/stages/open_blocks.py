@@ -7,16 +7,17 @@ import math
 import numpy as np
 
 from ..jit import inner
-from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, TEXTURELESS_MM
+from ..types import BEYOND_MM, CONTINUED_MM, FAR_MM, TEXTURED_MM, TEXTURELESS_MM
 from .view_geometry import Q_FAR, Q_UNKNOWN
 
 BLOCK = 4
 """Side of a block of cells."""
 _STEP = 2
 """Step at which the cells of a block are sampled."""
-OUTSIDE, SMOOTH, MEASURED, PARTLY, OTHER, CONTINUED = range(6)
-"""Kinds of blocks: beyond the image; all textureless; at least half measured; less; textured but unmeasured, masked or dark;
-textureless, or measured in part, of the brightness of what is measured below."""
+OUTSIDE, SMOOTH, MEASURED, PARTLY, OTHER, CONTINUED, TEXTURED = range(7)
+"""Kinds of blocks: beyond the image; all textureless; at least half measured; less, with pixels of which nothing is known; such pixels
+alone (masked, dark, saturated, or dropped after they were measured); textureless, or measured in part, of the brightness of what is
+measured below; all others, whose unmeasured pixels are textured."""
 BEYOND_ALL = np.float32(np.inf)
 """Distance of what is not measured within the range."""
 
@@ -46,6 +47,8 @@ def sample(depth_mm, code, H, u, v):
         return SMOOTH
     if mm == CONTINUED_MM:
         return CONTINUED
+    if mm == TEXTURED_MM:
+        return TEXTURED
     return MEASURED if mm == BEYOND_MM else OTHER
 
 
@@ -56,7 +59,7 @@ def sort_blocks(depth_mm, codes, H, gain, kind, near):
     cols, rows = codes.shape
     for j in range(kind.shape[0]):
         for i in range(kind.shape[1]):
-            outside, smooth, measured, continued, count, most = 0, 0, 0, 0, 0, 0
+            outside, smooth, measured, continued, other, count, most = 0, 0, 0, 0, 0, 0, 0
             for u in range(j * BLOCK, min((j + 1) * BLOCK, cols), _STEP):
                 for v in range(i * BLOCK, min((i + 1) * BLOCK, rows), _STEP):
                     code = int(codes[u, v])
@@ -66,6 +69,7 @@ def sort_blocks(depth_mm, codes, H, gain, kind, near):
                     smooth += what == SMOOTH
                     measured += what == MEASURED
                     continued += what == CONTINUED
+                    other += what == OTHER
                     most = max(most, code)
             near[j, i] = np.float32(gain / most) if most > Q_FAR else BEYOND_ALL
             if outside > 0:
@@ -76,8 +80,10 @@ def sort_blocks(depth_mm, codes, H, gain, kind, near):
                 kind[j, i] = MEASURED
             elif continued > 0 and continued + measured + smooth == count:
                 kind[j, i] = CONTINUED
-            else:
+            elif other > 0:
                 kind[j, i] = PARTLY if measured > 0 else OTHER
+            else:
+                kind[j, i] = TEXTURED
 
 
 @inner

@@ -11,18 +11,12 @@ from numpy.typing import NDArray
 
 from ..jit import inner, record, record_of
 from ..open_sky_params import OpenSkyParams
-from .open_blocks import BEYOND_ALL, BLOCK, CONTINUED, MEASURED, OUTSIDE, PARTLY, SMOOTH
+from .open_blocks import BEYOND_ALL, BLOCK, CONTINUED, MEASURED, OUTSIDE, SMOOTH, TEXTURED
 from .view_geometry import ViewGeometry
 
 _NOTHING = np.float32(0.0)
-_LEAST_STRAIGHT = 5
-"""Columns that an edge needs to be judged."""
-_RESIDUAL_BLOCKS = 1.0
-"""A straight edge deviates by no more from its line."""
 _BRIDGE = 4
 """Columns of blocks without a measurement below their edge that are bridged, counted with the next one."""
-_MOST_SLOPE = 0.36
-"""Edges steeper than this (20 degrees) are measured by stereo at any roll that is flown."""
 
 OPEN_SETTINGS = record(
     ("f_px", np.float64),
@@ -31,21 +25,17 @@ OPEN_SETTINGS = record(
     ("clear_m", np.float64),
     ("most_m", np.float64),
     ("upper_border", np.bool_),
-    ("straight_edge", np.bool_),
     ("neighbours", np.bool_),
     ("floating", np.bool_),
-    ("edges_above", np.bool_),
-    ("far_edge_m", np.float64),
     ("horizon_t", np.float64),
     ("gap_t", np.float64),
     ("continued_t", np.float64),
     ("least_rise_t", np.float64),
     ("reach_blocks", np.int64),
-    ("straight_blocks", np.int64),
     ("floating_reach", np.float64),
 )
 """f_px, horizon_row: of the view; gain: f_px * lsb_per_px. clear_m: optical depth from which on a cell is far; most_m: nothing is
-open beyond. The switches and far_edge_m: of OpenSkyParams. Heights in tangents (`_t`), lengths along rows in blocks;
+open beyond. The switches: of OpenSkyParams. Heights in tangents (`_t`), lengths along rows in blocks;
 floating_reach: blocks times metres."""
 
 
@@ -77,7 +67,6 @@ def open_settings(view: ViewGeometry, most_m: float, clear_m: float, p: OpenSkyP
         continued_t=math.tan(math.radians(p.continued_deg)),
         least_rise_t=math.tan(math.radians(p.least_rise_deg)),
         reach_blocks=int(math.tan(math.radians(p.reach_deg)) / per_block),
-        straight_blocks=int(0.5 * math.tan(math.radians(p.straight_deg)) / per_block),
         floating_reach=p.floating_reach_m / per_block,
     )
 
@@ -102,29 +91,44 @@ def scan_column(kind, near, s):
     edge = top
     while edge < rows and kind[edge] == SMOOTH:
         edge += 1
+    if edge == top or tangent(edge, s) - tangent(top, s) < s.least_rise_t or not at_horizon(edge, s):
+        return top, edge, edge, _NOTHING
     base = edge
-    while base < rows and kind[base] != MEASURED and kind[base] != CONTINUED and kind[base] != OUTSIDE:
+    while base < rows and kind[base] == TEXTURED:
         base += 1
     if tangent(base, s) - tangent(edge, s) > s.gap_t:
         return top, edge, edge, _NOTHING
-    upper = base
-    while base < rows and (
-        kind[base] == CONTINUED or (kind[base] != MEASURED and kind[base] != OUTSIDE and base < upper + 2)
-    ):
-        if kind[base] == CONTINUED:
-            upper = base
-        base += 1
-    if edge == top or base >= rows or kind[base] != MEASURED:
-        return top, edge, edge, _NOTHING
-    if (
-        tangent(base, s) - tangent(edge, s) > s.continued_t + s.gap_t
-        or tangent(edge, s) - tangent(top, s) < s.least_rise_t
-    ):
+    if base < rows and kind[base] == CONTINUED:
+        base = end_of_strip(kind, edge, base, s)
+    if base >= rows or kind[base] != MEASURED:
         return top, edge, edge, _NOTHING
     nearest = BEYOND_ALL
     for i in range(edge, min(base + 2, rows)):
         nearest = min(nearest, near[i])
     return top, edge, base, nearest
+
+
+@inner
+def at_horizon(edge, s):
+    """Whether a textureless run that ends above block row `edge` ends at the horizon."""
+    return abs(tangent(edge, s)) <= s.horizon_t
+
+
+@inner
+def end_of_strip(kind, edge, first, s):
+    """The row behind the smooth ground that begins in row `first`, with textured rows in it; the number of rows where it is none.
+
+    Smooth ground lies below the horizon, and an edge separates it from the sky: what passes into it without one is one blank
+    surface. kind: (R,)."""
+    rows = len(kind)
+    if first == edge or tangent(first + 1, s) <= 0.0:
+        return rows
+    base, last = first, first
+    while base < rows and (kind[base] == CONTINUED or (kind[base] == TEXTURED and base < last + 2)):
+        if kind[base] == CONTINUED:
+            last = base
+        base += 1
+    return base if tangent(base, s) - tangent(edge, s) <= s.continued_t + s.gap_t else rows
 
 
 @inner
@@ -134,61 +138,11 @@ def things_above(kind, near, edge):
     nearest, floating, below = BEYOND_ALL, BEYOND_ALL, False
     for i in range(len(kind) - 1, -1, -1):
         below = below or kind[i] == SMOOTH
-        if i < edge and (kind[i] == MEASURED or kind[i] == PARTLY):
+        if i < edge:
             nearest = min(nearest, near[i])
             if below:
                 floating = min(floating, near[i])
     return nearest, floating
-
-
-@inner
-def is_straight(edge, base_m, j, half):
-    """Whether the edge around column j is a straight, flat line. edge: (C,) rows; base_m: (C,), 0: no edge in that column.
-
-    What is too short to be judged counts as straight."""
-    first, last = j, j
-    while first > max(0, j - half) and base_m[first - 1] > 0.0:
-        first -= 1
-    while last < min(len(edge) - 1, j + half) and base_m[last + 1] > 0.0:
-        last += 1
-    n = last - first + 1
-    if n < _LEAST_STRAIGHT:
-        return True
-    mean_x, mean_y, xx, xy = 0.5 * (first + last), 0.0, 0.0, 0.0
-    for c in range(first, last + 1):
-        mean_y += edge[c] / n
-    for c in range(first, last + 1):
-        xx += (c - mean_x) ** 2
-        xy += (c - mean_x) * (edge[c] - mean_y)
-    slope = xy / xx
-    if abs(slope) > _MOST_SLOPE:
-        return False
-    worst = 0.0
-    for c in range(first, last + 1):
-        worst = max(worst, abs(edge[c] - mean_y - slope * (c - mean_x)))
-    return worst <= _RESIDUAL_BLOCKS
-
-
-@inner
-def at_horizon(edge, base, s):
-    """Whether the edge between block rows `edge` and `base` holds the horizon or is close to it."""
-    return tangent(edge, s) <= s.horizon_t and tangent(base, s) >= -s.horizon_t
-
-
-@inner
-def is_evidence(columns, j, s):
-    """Whether the edge of column j shows that nothing blank hangs before what is measured below it. columns: Columns."""
-    edge, base, base_m = columns.edge, columns.base, columns.base_m
-    if base_m[j] <= 0.0:
-        return False
-    if at_horizon(edge[j], base[j], s):
-        return True
-    if not s.edges_above:
-        return True
-    strip = tangent(base[j], s) - tangent(edge[j], s) > s.gap_t
-    if strip or base_m[j] < s.far_edge_m:
-        return False
-    return not s.straight_edge or not is_straight(edge, base_m, j, s.straight_blocks)
 
 
 @inner
@@ -215,7 +169,7 @@ def limit_columns(columns, s, limit_m):
     base_m, above_m, floating_m = columns.base_m, columns.above_m, columns.floating_m
     cols, reach = len(base_m), s.reach_blocks
     for j in range(cols):
-        limit = base_m[j] if is_evidence(columns, j, s) else _NOTHING
+        limit = base_m[j]
         for k in range(max(0, j - reach), min(cols, j + reach + 1)):
             if s.neighbours:
                 limit = min(limit, above_m[k])

@@ -3,8 +3,8 @@
 Stereo measures no smooth surface, so a clear sky is unmeasured, as a blank wall is. The sky is distinguished from the wall by its
 border: each column of the levelled view is open where its textureless pixels reach from the upper border of the image down to an
 edge, below which something is measured at distance R. A blank thing nearer than R in that column would need an edge of its own:
-upright and slanted ones are measured, at the thing's distance; one that is parallel to the image rows is not, so such an edge
-counts at the horizon alone. The column is open up to R, or to what is measured beside it.
+upright ones are measured, at the thing's distance; those that are nearly parallel to the image rows are not, so an edge counts at
+the horizon alone. The column is open up to R, or to what is measured beside it.
 
 The result is an image of codes in which open pixels see through up to that range; free_space.py then walks over it as it does
 for the free profile, with the same rules for borders, ground and range."""
@@ -23,13 +23,12 @@ from ..buffers import Buffers
 from ..jit import inner, kernel
 from ..open_sky_params import OpenSkyParams
 from ..params import Params
-from ..types import BEYOND_MM, CONTINUED_MM, Ground
+from ..types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, Ground
 from .free_space import FreeObservation, observe_free
 from .open_blocks import BLOCK, recode_far, sort_blocks, source_mm
 from .open_columns import (
     Columns,
     bridge_columns,
-    is_evidence,
     limit_columns,
     open_settings,
     scan_column,
@@ -37,38 +36,46 @@ from .open_columns import (
 )
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
 
+_MOST_HOLE = 2
+"""Rows of a hole in measured ground that are filled; a thing of more rows may be unmeasured in all of them."""
+
 
 @inner
 def set_open(depth_mm, H, columns, run, code, matched, out):
-    """Gives a code to the unknown cells of columns (first, end) in the rows (first, end, end of the strip) of a run, and to smooth
-    ground in the strip below it; and the code `matched` to cells that were matched beyond what millimetres can tell: in columns without
-    evidence such a match may be wrong."""
+    """Gives a code to unknown cells of columns (first, end) by their marks, downwards: textureless ones from row run[0] on until
+    something else is met in row run[1] or below; textured ones from there on, the edge itself, until something else is met or to run[2] - 1; smooth ground
+    below that to run[3] - 1. Cells that were matched beyond what millimetres can hold get the code `matched`. Cells of which nothing
+    is known, and what lies lower, keep theirs."""
     for u in range(columns[0], columns[1]):
+        sky, edge = True, True
         for v in range(run[0], out.shape[1]):
-            if out[u, v] == Q_UNKNOWN:
-                if v < run[1]:
-                    out[u, v] = code
-                    continue
-                mm = source_mm(depth_mm, H, u, v)
-                if mm == BEYOND_MM:
-                    out[u, v] = matched
-                elif mm == CONTINUED_MM and v < run[2]:
-                    out[u, v] = code
+            measured = out[u, v] != Q_UNKNOWN
+            mm = -1 if measured else source_mm(depth_mm, H, u, v)
+            if v >= run[1]:
+                sky = sky and mm == TEXTURELESS_MM
+                edge = edge and (sky or mm == TEXTURED_MM)
+            at_edge = mm == TEXTURED_MM and edge and run[1] <= v < run[2]
+            below = mm == CONTINUED_MM and run[1] <= v < run[3]
+            if mm == BEYOND_MM:
+                out[u, v] = matched
+            elif (mm == TEXTURELESS_MM and sky and v < run[2]) or at_edge or below:
+                out[u, v] = code
 
 
 @inner
-def fill_holes(columns, first, end, most, code, out):
-    """Unmeasured holes of at most so many rows between measured cells of columns (first, end) and rows first..end - 1 get the nearest
-    of both and of the code: texture is matched with holes where it is fine."""
+def fill_holes(depth_mm, H, columns, first, end, code, out):
+    """Textured holes of at most _MOST_HOLE rows between measured cells of columns (first, end) and rows first..end - 1 get the nearest of
+    both and of the code: texture is matched with holes where it is fine."""
     for u in range(columns[0], columns[1]):
-        begin = first
+        begin, textured = first, True
         for v in range(first, min(end, out.shape[1])):
             if out[u, v] == Q_UNKNOWN:
+                textured = textured and source_mm(depth_mm, H, u, v) == TEXTURED_MM
                 continue
-            if begin > first and v - begin <= most:
+            if begin > first and textured and v - begin <= _MOST_HOLE:
                 for row in range(begin, v):
                     out[u, row] = max(code, max(out[u, begin - 1], out[u, v]))
-            begin = v + 1
+            begin, textured = v + 1, True
 
 
 @kernel
@@ -98,7 +105,7 @@ def open_codes(depth_mm, codes, H, settings, out):
     judge_columns(kind, near, s, columns, limit_m)
     count = 0
     for j in range(n):
-        if is_evidence(columns, j, s):
+        if columns.base_m[j] > 0.0:
             count += limit_m[j] > 0.0
             open_column(depth_mm, H, columns, j, limit_m[j], s, out)
     return count
@@ -126,15 +133,16 @@ def open_column(depth_mm, H, columns, j, limit, s, out):
     among = (j * BLOCK, min((j + 1) * BLOCK, cols))
     first = columns.top[j] * BLOCK
     if limit <= 0.0:
-        set_open(depth_mm, H, among, (first, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
+        set_open(depth_mm, H, among, (first, rows, 0, 0), np.uint16(Q_FAR), np.uint16(Q_FAR), out)
         return
     code = np.uint16(Q_FAR)
     if limit < s.most_m:
         code = np.uint16(min(65535.0, math.ceil(s.gain / max(limit, np.float32(1e-3)))))
     below, edge = min((columns.base[j] + 1) * BLOCK, rows), columns.edge[j] * BLOCK
-    set_open(depth_mm, H, among, (first, below, edge + int(s.continued_t * s.f_px)), code, code, out)
     gap = int(s.gap_t * s.f_px)
-    fill_holes(among, below - BLOCK, edge + 3 * gap, gap, code, out)
+    run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px))
+    set_open(depth_mm, H, among, run, code, code, out)
+    fill_holes(depth_mm, H, among, below - BLOCK, edge + 3 * gap, code, out)
 
 
 @lru_cache(maxsize=4)

@@ -23,10 +23,10 @@ from ..buffers import Buffers
 from ..frames import Rotation
 from ..jit import inner, inner_ieee, inner_inline, kernel
 from ..params import Params
-from ..types import CONTINUED_MM, FAR_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
+from ..types import FAR_MM, GREATEST_MARK_MM, SATURATED_MM, CameraInfo, ExtractorState, Ground
 
 _SATURATED, _FAR = np.uint16(SATURATED_MM), np.uint16(FAR_MM)
-_GREATEST_MARK = np.uint16(CONTINUED_MM)
+_GREATEST_MARK = np.uint16(GREATEST_MARK_MM)
 _ROW_STEP = 4
 """Rows from one to the next in which edges are counted."""
 _NEVER_M = 1e9

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..jit import kernel
 from ..params import Params
-from ..types import CONTINUED_MM, UNKNOWN_MM, CameraInfo, ExtractorState
+from ..types import GREATEST_MARK_MM, UNKNOWN_MM, CameraInfo, ExtractorState
 from .classify import estimate_ke, measured_mm, noise_tiles
 
 SAMPLE_ROWS, SAMPLE_COLS = 24, 32
@@ -37,7 +37,7 @@ def depth_samples(depth_mm: NDArray[np.uint16]) -> bytes:
     v = (2 * np.arange(SAMPLE_ROWS) + 1) * rows // (2 * SAMPLE_ROWS)
     u = (2 * np.arange(SAMPLE_COLS) + 1) * cols // (2 * SAMPLE_COLS)
     samples = depth_mm[v[:, None], u].astype("<u2")
-    samples[samples <= CONTINUED_MM] = UNKNOWN_MM
+    samples[samples <= GREATEST_MARK_MM] = UNKNOWN_MM
     return samples.tobytes()
 
 

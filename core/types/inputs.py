@@ -21,6 +21,11 @@ core/stages/open_space.py."""
 CONTINUED_MM = 3
 """A pixel without a measurement whose image is smooth and as bright as the matched surface below it. Unknown like
 TEXTURELESS_MM for all but core/stages/open_space.py."""
+TEXTURED_MM = 4
+"""A pixel without a measurement whose image is textured, neither dark nor saturated: an edge, or a match that was not accepted.
+Unknown like TEXTURELESS_MM for all but core/stages/open_space.py."""
+GREATEST_MARK_MM = TEXTURED_MM
+"""Values from 1 up to this one are marks of unmeasured pixels and no distances."""
 FAR_MM = 65534
 """A depth pixel that the sensor reports as free up to its maximum range."""
 SATURATED_MM = 65535
@@ -29,7 +34,7 @@ SATURATED_MM = 65535
 
 def is_measured(depth_mm: NDArray[np.uint16]) -> NDArray[np.bool_]:
     """Which pixels hold a measured distance, of the same shape: none of the values above. The camera's range is not applied."""
-    return (depth_mm > CONTINUED_MM) & (depth_mm < FAR_MM)
+    return (depth_mm > GREATEST_MARK_MM) & (depth_mm < FAR_MM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +86,7 @@ class CameraMount:
 class CameraInfo:
     """Constants of one camera. `max_range_m` and `min_range_m` bound what it measures;
     `ke_per_m` is the prior of its noise, sigma_Z = ke * Z^2. marks_smooth: its driver writes TEXTURELESS_MM, BEYOND_MM and
-    CONTINUED_MM; without it these values are raw depths that are unknown, and no evidence of open space."""
+    GREATEST_MARK_MM; without it these values are raw depths that are unknown, and no evidence of open space."""
 
     camera: str
     intrinsics: Intrinsics
@@ -94,7 +99,7 @@ class CameraInfo:
     @property
     def least_mm(self) -> int:
         """Least millimetres that count as measured: what is nearer than min_range_m is unknown, and so is every mark."""
-        return math.ceil(max(CONTINUED_MM + 1.0, 1000.0 * self.min_range_m))
+        return math.ceil(max(GREATEST_MARK_MM + 1.0, 1000.0 * self.min_range_m))
 
     def __post_init__(self) -> None:
         if not self.camera or not self.camera.isprintable():

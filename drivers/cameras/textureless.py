@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, UNKNOWN_MM
+from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
 
 Gray = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -100,9 +100,15 @@ def edges(image: Gray, limits: SmoothLimits) -> Mask:
     )
 
 
-def smooth(left: Gray, right: Gray, limits: SmoothLimits) -> Mask:
-    """(H, W) whether the left image is smooth and the right one of the same brightness. Both (H, W) uint8, rectified."""
-    even = ~edges(left, limits) & (left >= limits.dark_grey) & (left <= limits.bright_grey)
+def judged(image: Gray, limits: SmoothLimits) -> Mask:
+    """(H, W) which pixels are neither dark nor saturated, so that an edge would show."""
+    return np.asarray((image >= limits.dark_grey) & (image <= limits.bright_grey))
+
+
+def smooth(left: Gray, right: Gray, edge: Mask, limits: SmoothLimits) -> Mask:
+    """(H, W) whether the left image is smooth and the right one of the same brightness. Both (H, W) uint8, rectified; edge: `edges` of
+    the left one."""
+    even = ~edge & judged(left, limits)
     mean_left, mean_right = (cv2.boxFilter(image, cv2.CV_32F, (7, 7)) for image in (left, right))
     difference = np.asarray(mean_left - mean_right, np.float32)
     if even.any():  # both imagers need not be equally bright
@@ -132,10 +138,12 @@ def mark_unmeasured(
     depth_mm: NDArray[np.uint16], disparity: NDArray[np.float32], left: Gray, right: Gray, limits: SmoothLimits
 ) -> NDArray[np.uint16]:  # fmt: skip
     """The depth image (H, W) uint16 with marks for UNKNOWN_MM where the images say more: BEYOND_MM where there is a disparity,
-    CONTINUED_MM and TEXTURELESS_MM where the images are smooth. disparity: (H, W) float32 px, negative: none."""
-    matched = disparity >= 0.0
-    even = smooth(left, right, limits) & ~matched
+    CONTINUED_MM and TEXTURELESS_MM where the images are smooth, TEXTURED_MM where the left one is not. Dark and saturated pixels, and
+    smooth ones that differ between the images, stay UNKNOWN_MM. disparity: (H, W) float32 px, negative: none."""
+    matched, edge = disparity >= 0.0, edges(left, limits)
+    even = smooth(left, right, edge, limits) & ~matched
     marks = np.where(even, np.uint16(TEXTURELESS_MM), np.uint16(UNKNOWN_MM))
+    marks[edge & judged(left, limits)] = TEXTURED_MM
     marks[continued(matched, even, left, limits)] = CONTINUED_MM
     marks[matched] = BEYOND_MM
     return np.where(depth_mm == UNKNOWN_MM, marks, depth_mm)

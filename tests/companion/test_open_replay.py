@@ -42,7 +42,7 @@ def test_a_replay_with_open_space_gives_the_same_bytes(tmp_path: Path) -> None:
     ]
     source, first, second = (tmp_path / f"{name}.mcap" for name in ("source", "first", "second"))
     config = tmp_path / "presume.toml"
-    config.write_text('[open_sky]\nmode = "presume"\nedges_above = false\n')
+    config.write_text('[open_sky]\nmode = "presume"\nhorizon_deg = 10.0\n')
     with LogWriter(source) as log:
         start_ns = events[0].t_arrival_ns
         log.begin(run_info("simulated"), (SMALL,), verified(start_ns - 1), t_ns=start_ns)

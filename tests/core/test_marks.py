@@ -1,4 +1,4 @@
-"""The marks of unmeasured pixels, 1 to 3 mm, are no distances: nothing but open space, where it is presumed, tells them from 0."""
+"""The marks of unmeasured pixels, 1 to 4 mm, are no distances: nothing but open space, where it is presumed, tells them from 0."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from core.types import (
     BEYOND_MM,
     CONTINUED_MM,
     FAR_MM,
+    GREATEST_MARK_MM,
     SATURATED_MM,
+    TEXTURED_MM,
     TEXTURELESS_MM,
     UNKNOWN_MM,
     CameraInfo,
@@ -38,7 +40,7 @@ SMEARS = ExtractorState(edge_ramps=0.95, edge_steps=0.05)
 
 def unmarked(depth: Depth) -> Depth:
     """The image with 0 for each mark."""
-    return np.where(depth <= CONTINUED_MM, np.uint16(UNKNOWN_MM), depth)
+    return np.where(depth <= GREATEST_MARK_MM, np.uint16(UNKNOWN_MM), depth)
 
 
 def assert_equal(one: object, other: object, where: str = "") -> None:
@@ -89,11 +91,11 @@ def scene(rng: np.random.Generator) -> Depth:
         kernel = np.ones(7) / 7.0
         depth_m = 1.0 / np.apply_along_axis(lambda row: np.convolve(row, kernel, "same"), 1, 1.0 / depth_m)
     depth = np.clip(1000.0 * depth_m * (1.0 + rng.normal(0.0, 0.002, depth_m.shape)), 300.0, FAR_MM).astype(np.uint16)
-    marks = rng.choice(np.array([TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM], np.uint16), depth.shape)
+    marks = rng.choice(np.array([TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM], np.uint16), depth.shape)
     for _ in range(rng.integers(1, 6)):
         u, v = rng.integers(0, k.width), rng.integers(0, k.height)
         among = np.s_[v : v + rng.integers(1, 60), u : u + rng.integers(1, 120)]
-        depth[among] = marks[among] if rng.random() < 0.5 else rng.integers(1, CONTINUED_MM + 1)
+        depth[among] = marks[among] if rng.random() < 0.5 else rng.integers(1, GREATEST_MARK_MM + 1)
     depth[: rng.integers(0, 80)] = TEXTURELESS_MM
     holes = rng.random(depth.shape) < 0.03
     depth[holes] = marks[holes]
@@ -133,7 +135,7 @@ def test_the_self_checks_take_no_mark_for_a_distance() -> None:
     info = replace(INFO, min_range_m=0.001)
     rng = np.random.default_rng(3)
     depth = field()
-    depth[40:80] = rng.integers(1, CONTINUED_MM + 1, depth[40:80].shape)
+    depth[40:80] = rng.integers(1, GREATEST_MARK_MM + 1, depth[40:80].shape)
     assert_equal(find_surfaces(depth, info, LEVEL, 0.002), find_surfaces(unmarked(depth), info, LEVEL, 0.002))
     assert_equal(inverse_depth_grid(depth, info), inverse_depth_grid(unmarked(depth), info))
 

@@ -14,7 +14,16 @@ from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_ca
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
 from core.stages.classify import measured_mm
-from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, UNKNOWN_MM, CameraInfo, FrameModel, Intrinsics
+from core.types import (
+    BEYOND_MM,
+    CONTINUED_MM,
+    TEXTURED_MM,
+    TEXTURELESS_MM,
+    UNKNOWN_MM,
+    CameraInfo,
+    FrameModel,
+    Intrinsics,
+)
 
 WIDTH, HEIGHT, F_PX, CENTRE = 200, 160, 120.0, 79.5
 INFO = CameraInfo(
@@ -79,7 +88,7 @@ def test_the_sky_over_a_field_is_open() -> None:
 def test_nothing_is_open_by_default_and_the_marks_change_nothing() -> None:
     R = rotation_level_cam_optical(R_CAMFRD_OPTICAL)
     depth = field()
-    unmarked = np.where(depth <= CONTINUED_MM, np.uint16(UNKNOWN_MM), depth)
+    unmarked = np.where(depth <= TEXTURED_MM, np.uint16(UNKNOWN_MM), depth)
     marked, _ = Extractor().extract(depth, INFO, R)
     plain, _ = Extractor().extract(unmarked, INFO, R)
     assert not marked.free.has_open
@@ -111,11 +120,10 @@ def test_a_blank_wall_to_the_lower_border_is_not_open() -> None:
     assert open_m(model, 20.0) == 0.0
 
 
-@pytest.mark.parametrize(("edges_above", "least_m", "most_m"), [(True, 0.0, 0.0), (False, 2.0, 5.0)])
-def test_a_blank_wall_with_its_base_at_5_m(edges_above: bool, least_m: float, most_m: float) -> None:
+def test_a_blank_wall_with_its_base_at_5_m_is_not_open() -> None:
     depth = field()
     depth[: row_at(-math.degrees(math.atan(ABOVE_GROUND_M / 5.0)))] = TEXTURELESS_MM
-    assert least_m <= open_m(model_of(depth, edges_above=edges_above)) <= most_m
+    assert open_m(model_of(depth)) == 0.0
 
 
 def bridge(bottom_deg: float) -> Depth:
@@ -126,36 +134,9 @@ def bridge(bottom_deg: float) -> Depth:
     return depth
 
 
-def test_a_straight_edge_above_the_horizon_is_no_evidence() -> None:
+def test_an_edge_above_the_horizon_is_no_evidence() -> None:
     assert open_m(model_of(bridge(4.0))) == 0.0
-    assert open_m(model_of(bridge(4.0), straight_edge=False)) >= 10.0
-
-
-def ridge() -> Depth:
-    """Far tree tops of uneven height, 2 to 10 degrees above the horizon, before the sky."""
-    depth = field()
-    tops = 6.0 + 4.0 * np.sin(np.arange(WIDTH) * 0.35)
-    for u, top in enumerate(tops):
-        depth[row_at(float(top)) : row_at(-0.5), u] = BEYOND_MM
-    return depth
-
-
-@pytest.mark.nojit
-def test_a_far_uneven_edge_above_the_horizon_is_evidence() -> None:
-    assert open_m(model_of(ridge())) >= 10.0
-
-
-def test_a_near_edge_above_the_horizon_is_no_evidence() -> None:
-    depth = np.where(ridge() == BEYOND_MM, np.uint16(9000), ridge())
-    assert gain(model_of(depth)) == 0
-    assert gain(model_of(depth, edges_above=False)) > 0
-
-
-@pytest.mark.parametrize("range_m", [9.0, 20.0])
-def test_an_uneven_edge_counts_by_its_distance_beyond_the_range_of_the_camera_too(range_m: float) -> None:
-    depth = np.where(ridge() == BEYOND_MM, np.uint16(1000.0 * range_m), ridge())
-    assert open_m(model_of(depth), z_m=-3.0) == 0.0
-    assert open_m(model_of(depth, far_edge_m=8.0), z_m=-3.0) > 0.0
+    assert open_m(model_of(bridge(4.0), horizon_deg=6.0)) >= 10.0
 
 
 def balloon() -> Depth:
@@ -193,25 +174,26 @@ def test_textureless_pixels_below_something_else_are_not_open() -> None:
 
 def test_a_wide_gap_below_the_sky_is_not_open() -> None:
     depth = field()
-    depth[row_at(0.0) : row_at(-6.0)] = UNKNOWN_MM
+    depth[row_at(0.0) : row_at(-6.0)] = TEXTURED_MM
     assert open_m(model_of(depth), z_m=-1.0) == 0.0
     assert open_m(model_of(depth, gap_deg=8.0), z_m=-1.0) >= 10.0
 
 
 def test_smooth_ground_below_the_horizon_continues_what_is_measured() -> None:
     depth = field()
-    depth[row_at(-0.5) : row_at(-6.0)] = CONTINUED_MM
+    depth[row_at(0.0) : row_at(-1.4)] = TEXTURED_MM
+    depth[row_at(-1.4) : row_at(-6.0)] = CONTINUED_MM
     assert open_m(model_of(depth, open_share=0.8)) >= 10.0
     assert open_m(model_of(depth, continued_deg=2.0, open_share=0.8)) < 3.0
     depth[depth == CONTINUED_MM] = TEXTURELESS_MM
     assert open_m(model_of(depth, open_share=0.8)) < 3.0
 
 
-def test_holes_in_far_ground_are_bridged_up_to_the_gap() -> None:
+@pytest.mark.parametrize(("rows", "filled"), [(2, True), (3, False)])
+def test_holes_of_two_rows_in_far_ground_are_filled(rows: int, filled: bool) -> None:
     depth = field()
-    depth[row_at(-2.0) : row_at(-5.0)] = UNKNOWN_MM
-    assert open_m(model_of(depth)) < 10.0
-    assert open_m(model_of(depth, gap_deg=3.5)) >= 10.0
+    depth[row_at(-2.0) : row_at(-2.0) + rows] = TEXTURED_MM
+    assert (open_m(model_of(depth)) >= 10.0) == filled
 
 
 def test_a_tenth_of_unknown_pixels_is_too_much() -> None:
@@ -248,4 +230,4 @@ def test_open_ranges_end_at_the_configured_range() -> None:
 
 def test_the_marks_are_never_a_measurement() -> None:
     near = CameraInfo("front", INFO.intrinsics, min_range_m=0.0001)
-    assert measured_mm(near, 0.002, Params())[0] > max(TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM)
+    assert measured_mm(near, 0.002, Params())[0] > max(TEXTURELESS_MM, BEYOND_MM, CONTINUED_MM, TEXTURED_MM)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.types import BEYOND_MM, CONTINUED_MM, TEXTURELESS_MM, UNKNOWN_MM
-from drivers.cameras.textureless import SmoothLimits, mark_unmeasured, noise_grey, smooth
+from core.types import BEYOND_MM, CONTINUED_MM, TEXTURED_MM, TEXTURELESS_MM, UNKNOWN_MM
+from drivers.cameras.textureless import SmoothLimits, edges, mark_unmeasured, noise_grey, smooth
 
 HEIGHT, WIDTH = 180, 240
 LIMITS = SmoothLimits()
@@ -31,7 +31,7 @@ def pair(image: Image, noise: float = 1.0, seed: int = 0) -> tuple[NDArray[np.ui
 @pytest.mark.parametrize("noise", [0.5, 1.0, 1.5])
 def test_a_clear_sky_is_smooth(noise: float) -> None:
     left, right = pair(sky(), noise)
-    assert smooth(left, right, LIMITS)[INNER].mean() > 0.999
+    assert smooth(left, right, edges(left, LIMITS), LIMITS)[INNER].mean() > 0.999
 
 
 @pytest.mark.parametrize("noise", [0.5, 1.0, 1.5])
@@ -44,21 +44,21 @@ def test_a_faint_horizontal_edge_is_found_over_its_whole_length(noise: float) ->
     image = sky()
     image[90:] += 2.0 + 2.0 * noise
     left, right = pair(image, noise)
-    assert (~smooth(left, right, LIMITS))[84:97, 20:-20].any(axis=0).mean() > 0.98
+    assert (~smooth(left, right, edges(left, LIMITS), LIMITS))[84:97, 20:-20].any(axis=0).mean() > 0.98
 
 
 def test_a_thin_wire_is_found() -> None:
     image = sky()
     image[100] -= 25.0
     left, right = pair(image)
-    assert not smooth(left, right, LIMITS)[100, 20:-20].any()
-    assert smooth(left, right, LIMITS)[60, 20:-20].all()
+    assert not smooth(left, right, edges(left, LIMITS), LIMITS)[100, 20:-20].any()
+    assert smooth(left, right, edges(left, LIMITS), LIMITS)[60, 20:-20].all()
 
 
 @pytest.mark.parametrize("grey", [10.0, 254.0])
 def test_dark_and_saturated_pixels_are_not_judged(grey: float) -> None:
     left, right = pair(np.full((HEIGHT, WIDTH), grey), 0.5)
-    assert not smooth(left, right, LIMITS).any()
+    assert not smooth(left, right, edges(left, LIMITS), LIMITS).any()
 
 
 def test_texture_is_not_smooth() -> None:
@@ -66,7 +66,7 @@ def test_texture_is_not_smooth() -> None:
     image = sky()
     image[:, 120:] += 12.0 * rng.standard_normal((HEIGHT, WIDTH - 120))
     left, right = pair(image)
-    assert smooth(left, right, LIMITS)[20:-20, 150:].mean() < 0.02
+    assert smooth(left, right, edges(left, LIMITS), LIMITS)[20:-20, 150:].mean() < 0.02
 
 
 def test_a_near_surface_of_another_brightness_than_the_right_image_is_not_smooth() -> None:
@@ -74,7 +74,7 @@ def test_a_near_surface_of_another_brightness_than_the_right_image_is_not_smooth
     other = sky()
     other[:, :100] += 12.0  # there the right imager sees past the edge of something near
     _, right = pair(other)
-    found = smooth(left, right, LIMITS)
+    found = smooth(left, right, edges(left, LIMITS), LIMITS)
     assert not found[20:-20, 20:90].any()
     assert found[20:-20, 120:-20].all()
 
@@ -115,3 +115,16 @@ def test_smooth_ground_of_the_same_brightness_continues_what_is_matched_below() 
 def test_a_smooth_beam_of_another_brightness_does_not() -> None:
     depth, disparity, left, right = ground(12.0)
     assert not (mark_unmeasured(depth, disparity, left, right, LIMITS) == CONTINUED_MM).any()
+
+
+def test_unmatched_texture_is_marked_and_dark_and_saturated_pixels_are_not() -> None:
+    image = sky()
+    rng = np.random.Generator(np.random.PCG64(5))
+    image[:60] = 120.0 + 20.0 * rng.standard_normal((60, WIDTH))
+    image[60:90], image[90:120] = 10.0, 255.0
+    left, right = pair(image)
+    nothing = np.full((HEIGHT, WIDTH), -1.0, np.float32)
+    marks = mark_unmeasured(np.zeros((HEIGHT, WIDTH), np.uint16), nothing, left, right, LIMITS)
+    assert (marks[5:55, 20:-20] == TEXTURED_MM).mean() > 0.98
+    assert (marks[65:85] == UNKNOWN_MM).all()
+    assert (marks[95:115] == UNKNOWN_MM).all()

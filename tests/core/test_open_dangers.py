@@ -1,0 +1,124 @@
+"""Blank things that leave no measurement of their own: none of them may be open. Cameras of three focal lengths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.extractor import Extractor
+from core.frames import R_CAMFRD_OPTICAL, rotation_level_cam_optical
+from core.open_sky_params import OpenSkyParams
+from core.params import Params
+from core.types import BEYOND_MM, TEXTURELESS_MM, UNKNOWN_MM, CameraInfo, FrameModel, Intrinsics
+from drivers.cameras.stereo import depth_mm
+from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
+
+ABOVE_GROUND_M, BASELINE_M = 2.0, 0.12
+Depth = NDArray[np.uint16]
+CAMERAS = {120.0: (200, 160), 350.0: (672, 376), 700.0: (1280, 720)}
+FOCAL = pytest.mark.parametrize("f_px", list(CAMERAS))
+
+
+def info_of(f_px: float) -> CameraInfo:
+    width, height = CAMERAS[f_px]
+    intrinsics = Intrinsics(width, height, f_px, f_px, 0.5 * (width - 1), 0.5 * (height - 1))
+    return CameraInfo("front", intrinsics, max_range_m=16.0, ke_per_m=0.002)
+
+
+def row_at(f_px: float, elevation_deg: float) -> int:
+    """The image row of a level camera that looks this much above the horizon."""
+    return round(info_of(f_px).intrinsics.cy - f_px * math.tan(math.radians(elevation_deg)))
+
+
+def ground_mm(f_px: float) -> NDArray[np.float64]:
+    """(H,) depth of flat ground 2 m below a level camera, 0 above the horizon."""
+    k = info_of(f_px).intrinsics
+    rows = np.arange(k.height) - k.cy
+    return np.divide(1000.0 * ABOVE_GROUND_M * f_px, rows, out=np.zeros(k.height), where=rows > 0)
+
+
+def field(f_px: float) -> Depth:
+    """That ground, measured up to 65 m and matched beyond, under a clear sky."""
+    mm = ground_mm(f_px)
+    column = np.where(mm <= 0.0, TEXTURELESS_MM, np.where(mm < 65_000.0, mm, BEYOND_MM)).astype(np.uint16)
+    return np.repeat(column[:, None], CAMERAS[f_px][0], axis=1)
+
+
+def model_of(f_px: float, depth: Depth) -> FrameModel:
+    R = rotation_level_cam_optical(R_CAMFRD_OPTICAL)
+    model, _ = Extractor(Params(), OpenSkyParams(mode="presume")).extract(depth, info_of(f_px), R)
+    assert model.valid
+    return model
+
+
+def open_m(model: FrameModel, z_m: float) -> float:
+    """Greatest range up to which the layer at height z_m is open beyond what is free, in any direction."""
+    layer = int(np.searchsorted(model.free.layer_edges_m, z_m, side="right")) - 1
+    return float(model.free.open_to_m[:, layer].max())
+
+
+@FOCAL
+def test_the_field_itself_is_open(f_px: float) -> None:
+    assert open_m(model_of(f_px, field(f_px)), 0.25) >= 10.0
+
+
+def marked_girder(f_px: float, top_row: int, bottom_row: int, lost_rows: int) -> Depth:
+    """A blank girder of the mean brightness of the ground below it, before a brighter sky, through the marks of the driver."""
+    width, height = CAMERAS[f_px]
+    rng = np.random.default_rng(7)
+    left = np.full((height, width), 200.0)
+    left[max(0, top_row) : bottom_row] = 120.0
+    texture = rng.normal(0.0, 18.0, (height - bottom_row, width))
+    left[bottom_row:] = 120.0 + texture
+    images = [np.clip(np.rint(left + rng.normal(0.0, 1.0, left.shape)), 0, 255).astype(np.uint8) for _ in range(2)]
+    disparity = np.full((height, width), -1.0, np.float32)
+    begin = bottom_row + lost_rows
+    disparity[begin:] = (f_px * BASELINE_M / (0.001 * ground_mm(f_px)[begin:]))[:, None]
+    depth = depth_mm(disparity, f_px, BASELINE_M)
+    return mark_unmeasured(depth, disparity, images[0], images[1], SmoothLimits())
+
+
+@FOCAL
+@pytest.mark.parametrize(("top_deg", "bottom_deg"), [(5.0, -4.0), (6.0, -2.0), (3.0, -6.0), (90.0, -6.0)])
+@pytest.mark.parametrize("lost_rows", [0, 1])
+def test_a_girder_of_the_brightness_of_the_ground_is_not_open(
+    f_px: float, top_deg: float, bottom_deg: float, lost_rows: int
+) -> None:
+    top = -1 if top_deg >= 90.0 else row_at(f_px, top_deg)
+    for shift in range(4):  # all alignments with the blocks
+        depth = marked_girder(f_px, top, row_at(f_px, bottom_deg) + shift, lost_rows)
+        assert not model_of(f_px, depth).free.open_to_dm.any(), shift
+
+
+@FOCAL
+@pytest.mark.parametrize("mark", [UNKNOWN_MM, TEXTURELESS_MM])
+@pytest.mark.parametrize("top_deg", [-1.5, -2.2, -3.0])
+def test_a_rail_below_the_horizon_ends_what_is_open(f_px: float, mark: int, top_deg: float) -> None:
+    depth = field(f_px)
+    depth[row_at(f_px, top_deg) : row_at(f_px, top_deg - 1.4)] = mark
+    assert open_m(model_of(f_px, depth), 0.25) <= 5.0
+
+
+@FOCAL
+def test_a_blank_arch_is_not_open_through_its_face(f_px: float) -> None:
+    depth = field(f_px)
+    k = info_of(f_px).intrinsics
+    far, ground = row_at(f_px, 14.0), row_at(f_px, 0.0)
+    depth[far:ground] = 40_000
+    v, u = np.mgrid[0 : k.height, 0 : k.width]
+    y, z = 8.0 * (u - k.cx) / f_px, 8.0 * (v - k.cy) / f_px  # on the face
+    outside = np.hypot(y, np.minimum(z - 2.0, 0.0)) > 3.0
+    depth[outside & (v < row_at(f_px, -13.0))] = TEXTURELESS_MM
+    model = model_of(f_px, depth)
+    for z_m in (-1.25, -1.75):
+        assert open_m(model, z_m) <= 8.0
+
+
+@FOCAL
+def test_an_unknown_strip_at_the_horizon_is_not_open(f_px: float) -> None:
+    depth = field(f_px)
+    depth[row_at(f_px, 0.7) : row_at(f_px, -0.7)] = UNKNOWN_MM
+    assert not model_of(f_px, depth).free.open_to_dm.any()
