@@ -36,8 +36,9 @@ from .open_columns import (
 )
 from .view_geometry import Q_FAR, Q_UNKNOWN, ViewGeometry
 
-_MOST_HOLE = 2
-"""Rows of a hole in measured ground that are filled; a thing of more rows may be unmeasured in all of them."""
+_MOST_HOLE = 4
+"""Rows of a textured hole in measured ground that are filled: one less than the marks of a single edge take (`SmoothLimits.grow_px`
+on both sides of it), so that a thing of its own is never filled."""
 
 
 @inner
@@ -142,7 +143,7 @@ def open_column(depth_mm, H, columns, j, limit, s, out):
     gap = int(s.gap_t * s.f_px)
     run = (first, edge, min(below, edge + gap + BLOCK), edge + int(s.continued_t * s.f_px))
     set_open(depth_mm, H, among, run, code, code, out)
-    fill_holes(depth_mm, H, among, below - BLOCK, edge + 3 * gap, code, out)
+    fill_holes(depth_mm, H, among, edge, edge + 3 * gap, code, out)
 
 
 @lru_cache(maxsize=4)

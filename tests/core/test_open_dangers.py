@@ -12,7 +12,16 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_level_cam_optical
 from core.open_sky_params import OpenSkyParams
 from core.params import Params
-from core.types import BEYOND_MM, TEXTURELESS_MM, UNKNOWN_MM, CameraInfo, FrameModel, Intrinsics
+from core.types import (
+    BEYOND_MM,
+    CONTINUED_MM,
+    TEXTURED_MM,
+    TEXTURELESS_MM,
+    UNKNOWN_MM,
+    CameraInfo,
+    FrameModel,
+    Intrinsics,
+)
 from drivers.cameras.stereo import depth_mm
 from drivers.cameras.textureless import SmoothLimits, mark_unmeasured
 
@@ -63,6 +72,16 @@ def open_m(model: FrameModel, z_m: float) -> float:
 @FOCAL
 def test_the_field_itself_is_open(f_px: float) -> None:
     assert open_m(model_of(f_px, field(f_px)), 0.25) >= 10.0
+
+
+@pytest.mark.parametrize(("rows", "is_open"), [(3, True), (9, False)])
+def test_the_border_of_smooth_ground_is_filled_and_a_rail_before_it_is_not(rows: int, is_open: bool) -> None:
+    f_px = 350.0
+    depth = field(f_px)
+    depth[row_at(f_px, 0.0) : row_at(f_px, -1.0)] = TEXTURED_MM
+    depth[row_at(f_px, -1.0) : row_at(f_px, -3.0)] = CONTINUED_MM
+    depth[row_at(f_px, -3.0) : row_at(f_px, -3.0) + rows] = TEXTURED_MM
+    assert (open_m(model_of(f_px, depth), 0.0) >= 10.0) == is_open
 
 
 def marked_girder(f_px: float, top_row: int, bottom_row: int, lost_rows: int) -> Depth:

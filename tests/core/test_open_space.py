@@ -189,8 +189,8 @@ def test_smooth_ground_below_the_horizon_continues_what_is_measured() -> None:
     assert open_m(model_of(depth, open_share=0.8)) < 3.0
 
 
-@pytest.mark.parametrize(("rows", "filled"), [(2, True), (3, False)])
-def test_holes_of_two_rows_in_far_ground_are_filled(rows: int, filled: bool) -> None:
+@pytest.mark.parametrize(("rows", "filled"), [(4, True), (5, False)])
+def test_holes_with_fewer_rows_than_an_edge_in_far_ground_are_filled(rows: int, filled: bool) -> None:
     depth = field()
     depth[row_at(-2.0) : row_at(-2.0) + rows] = TEXTURED_MM
     assert (open_m(model_of(depth)) >= 10.0) == filled
