@@ -121,8 +121,10 @@ def _flown(loop: GuardLoop, mission: Mission, start_ns: int) -> Flown:
 
 
 def _justified(loop: GuardLoop) -> bool:
-    """Whether a solid stands in the path within the braking distance, and 10 % more for what the camera measures too near."""
-    needed_m = 1.1 * loop.braking.needed_m(loop.flight.speed_m_s) + 0.5
+    """Whether a solid stands in the path within the braking distance of the speed that is to come, and 10 % more for what the camera measures too near."""
+    verdict = loop.guard.verdict
+    speed_m_s = max(loop.flight.speed_m_s, verdict.predicted_m_s if verdict is not None else 0.0)
+    needed_m = 1.1 * loop.braking.needed_m(speed_m_s) + 0.5
     half_m = loop.avoid.radius_m + loop.params.side_m + SIDE_SPARE_M
     return way_to_obstacle_m(loop.scene, loop.place_m, loop.direction, half_m, needed_m) <= needed_m
 

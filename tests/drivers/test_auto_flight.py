@@ -84,6 +84,16 @@ def test_reposition_without_coordinates() -> None:
     assert fly(copter(), 5.0).command(commands.px4_reposition_here(1)) == DENIED
 
 
+def test_hold_from_offboard_begins_with_the_velocity_setpoint() -> None:
+    flight = px4(mode=PX4_OFFBOARD)
+    flight.velocity_target_m_s = np.array([5.0, 0.0])
+    fly(flight, 0.6)
+    assert flight.speed_m_s < 3.0
+    flight.command(commands.set_px4_hold(1))
+    assert flight.speed_m_s == pytest.approx(5.0)
+    assert 5.0 < stop_m(flight) < 8.0
+
+
 def test_change_speed() -> None:
     for flight in (px4(), copter()):
         fly(flight, 8.0)

@@ -207,6 +207,15 @@ class AutoFlight:
 class Px4AutoFlight(AutoFlight):
     """PX4 with default parameters."""
 
+    def enter(self, mode: int) -> None:
+        """From Offboard the trajectory of Hold begins with the velocity setpoint and without acceleration
+        (FlightTaskAuto::activate). The vehicle is given that velocity if it is slower: its way to rest is then not too short."""
+        if self.mode == PX4_OFFBOARD and mode == PX4_HOLD:
+            self._wanted_acceleration, self._acceleration = np.zeros(2), np.zeros(2)
+            if float(np.hypot(*self.velocity_target_m_s)) > self.speed_m_s:
+                self.velocity_m_s = self.velocity_target_m_s.copy()
+        super().enter(mode)
+
     def _mission_modes(self) -> tuple[int, ...]:
         return PX4_MISSION, PX4_RETURN
 
