@@ -7,11 +7,10 @@ from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_euler, rotation_level_cam_optical
 from core.types import CameraInfo, Intrinsics
 
-ensure_compiled("extractor")  # the first time on a computer this takes a minute or two, and shows its progress
+ensure_compiled("extractor")  # takes a minute or two the first time on a computer, and shows its progress
 depth = np.full((480, 640), 8000, np.uint16)  # millimetres (or float32 metres): a wall 8 m ahead, square to the camera
 camera = CameraInfo("front", Intrinsics(width=640, height=480, fx=450.0, fy=450.0, cx=319.5, cy=239.5))
-attitude = rotation_from_euler(np.radians(5.0), 0.0, 0.0)  # roll, pitch, yaw of a camera that looks along the nose
-R_level_optical = rotation_level_cam_optical(attitude @ R_CAMFRD_OPTICAL)
+R_level_optical = rotation_level_cam_optical(rotation_from_euler(np.radians(5), 0.0, 0.0) @ R_CAMFRD_OPTICAL)  # roll
 model, state = Extractor().extract(depth, camera, R_level_optical)  # give `state` to the next frame's call
 if not model.valid:
     print(f"nothing is known, so nothing may be taken as free: {model.cause.text}")

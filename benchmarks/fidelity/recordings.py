@@ -20,7 +20,7 @@ from benchmarks.paper.plots import figure, label
 from benchmarks.speed.tables import table
 from companion.bench.timing import Clock, Times, one_core
 from companion.config.loader import Config, load_config
-from companion.importers.folder import FolderSource
+from companion.importers.folder import open_folder
 from companion.importers.report import ImportOptions, Report
 from companion.pipeline.pipeline import Pipeline, PrismsResult
 from companion.replay.replay import effective_cameras
@@ -116,7 +116,7 @@ def fly(folder: Path, name: str, words: str, config_name: str, rounds: int) -> F
 
 def _round(folder: Path, config: Config, clock: Clock) -> tuple[tuple[CameraInfo, ...], list[PrismsResult]]:
     report = Report()
-    source = FolderSource(folder, ImportOptions(camera=config.camera("front"), use_tlog=False), report)
+    source = open_folder(folder, ImportOptions(camera=config.camera("front"), use_tlog=False), report)
     infos = effective_cameras(config, source.cameras)
     pipeline = Pipeline(
         infos,

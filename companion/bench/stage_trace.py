@@ -48,6 +48,7 @@ STAGE_OF_MODULE: Final[dict[str, str]] = {
     "prisms": "layers, prisms",
     "free_space": "free-range profile",
     "free_profile": "free-range profile",
+    "open_space": "free-range profile",
 }
 """Module of core -> name of its stage. A missing module is a stage with its own name."""
 

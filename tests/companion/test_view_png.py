@@ -156,6 +156,6 @@ def test_every_kind_of_frame_can_be_drawn(f: ViewFrame, tmp_path: Path) -> None:
 
 def test_missing_matplotlib_is_named_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
-    with pytest.raises(ViewError, match=r"osape-companion\[view\]"):
+    with pytest.raises(ViewError, match=r"pip install .matplotlib"):
         save_frame(frame(), tmp_path / "x.png")
     assert not (tmp_path / "x.png").exists()
