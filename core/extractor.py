@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from .stages.classify import classify, clear_range_m, depth_to_mm, measured_mm
 from .stages.free_profile import free_profile
 from .stages.free_space import FreeObservation, observe_free
 from .stages.ground import POINT, find_ground, with_ranges
-from .stages.level import level_view
+from .stages.level import LevelledView, level_view
 from .stages.model import PublishedPlanes, blind_model, pixel_stats, published_planes, strip_table
 from .stages.noise_check import is_no_measurement
 from .stages.open_space import observe_open
@@ -80,13 +81,8 @@ class Extractor:
         levelled = level_view(smear.free_marks, info, R, view, ke, p, self._buffers)
         settings = self._settings = settings_of(levelled.view, ke, p, self._settings, smear.active)
         free = observe_free(levelled.exact_codes, levelled.exact_view, source, ground, ke, p)
-        opened = None
-        if (
-            info.marks_smooth and depth.dtype == np.uint16
-        ):  # the least values of any other image are raw depths, no marks
-            opened = observe_open(
-                depth_mm, levelled.exact_codes, levelled.exact_view, source, ground, ke, p, self.open_sky, self._buffers
-            )
+        is_marked = info.marks_smooth and depth.dtype == np.uint16
+        opened = self._observe_open(depth_mm, levelled, source, ground, ke) if is_marked else None
         if smear.active:
             levelled = level_view(marks, info, R, view, ke, p, self._buffers)
         strips = self._strip_search.search(levelled, source, ground, ke, settings)
@@ -108,6 +104,13 @@ class Extractor:
         p, marks = self.params, self._buffers("marks", depth_mm.shape, np.uint16)
         counts = classify(depth_mm, *measured_mm(info, ke, p), p.flying_relative, p.flying_sigmas * ke, marks)
         return marks, counts
+
+    def _observe_open(
+        self, depth_mm: NDArray[np.uint16], levelled: LevelledView, source: NDArray[Any], ground: Ground, ke: float
+    ) -> FreeObservation | None:
+        """What is free or open, of an image with marks of unmeasured pixels; None: nothing is to be presumed."""
+        codes, view = levelled.exact_codes, levelled.exact_view
+        return observe_open(depth_mm, codes, view, source, ground, ke, self.params, self.open_sky, self._buffers)
 
     def _model(
         self,
