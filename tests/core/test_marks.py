@@ -127,8 +127,8 @@ def test_marks_change_nothing_with_a_camera_that_smears() -> None:
 
 
 def test_marks_are_no_measurement() -> None:
-    values = np.array([UNKNOWN_MM, 1, 2, 3, 4, 5000, FAR_MM - 1, FAR_MM, SATURATED_MM], np.uint16)
-    assert is_measured(values).tolist() == [False, False, False, False, True, True, True, False, False]
+    values = np.array([UNKNOWN_MM, 1, 2, 3, 4, 5, 5000, FAR_MM - 1, FAR_MM, SATURATED_MM], np.uint16)
+    assert is_measured(values).tolist() == [False, False, False, False, False, True, True, True, False, False]
 
 
 def test_the_self_checks_take_no_mark_for_a_distance() -> None:
