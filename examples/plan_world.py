@@ -18,7 +18,7 @@ from plan_path import line
 
 from companion.config.loader import Config
 from companion.live.world_thread import observation_of
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.replay.replay import make_pipeline, process
 from companion.replay.summary import ReplayCounts
 from companion.viewer.png import new_figure

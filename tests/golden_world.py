@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.config.loader import Config
 from companion.live.world_thread import observation_of
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.replay.replay import make_pipeline, process
 from companion.replay.summary import ReplayCounts
 from core.world.serialize import bytes_of

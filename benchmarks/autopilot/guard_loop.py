@@ -16,7 +16,8 @@ from companion.config.guard import GuardParams
 from companion.guard.braking import braking_of
 from companion.guard.guard import Guard
 from companion.guard.path_sight import PathSight
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.frames import rotation_frd_optical
 from core.types import AttitudeSample, CameraInfo, DepthFrame, PoseSample

@@ -13,7 +13,8 @@ import numpy as np
 from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, DepthFrame, PoseSample

@@ -22,7 +22,8 @@ from companion.bench.timing import Clock, Times, one_core
 from companion.config.loader import Config, load_config
 from companion.importers.folder import open_folder
 from companion.importers.report import ImportOptions, Report
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.replay.replay import effective_cameras
 from core.extractor import Extractor
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks.fidelity.free_truth import in_free
 from benchmarks.fidelity.metrics import MISSED_M
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler, rotation_frd_optical, rotation_from_euler
 from core.self_check.mount_check import MountVerdict

@@ -24,7 +24,7 @@ from core.types import FrameModel, Intrinsics
 
 from ..config.avoidance import AvoidParams
 from ..pipeline.multi_camera import heading_rad
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from .polar_histogram import SECTORS, STEP_RAD, SectorScan, SectorState
 
 NS = 1_000_000_000

@@ -21,7 +21,7 @@ from ..config.avoidance import AvoidParams
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.latency import Latencies, LatencyStage
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from .conflict_codes import CONFLICT_CODES
 from .failsafe import AutopilotNow
 from .feedback_check import EchoCheck, likely_cause

@@ -23,7 +23,7 @@ from ..cameras.masks import Mask
 from ..config.avoidance import AvoidParams
 from ..config.sync import SyncParams
 from ..pipeline.multi_camera import compose, transform_to_level
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from ..pipeline.sync import AttitudeAt, PoseAt, Synchroniser
 from ..pipeline.transform import LevelTransform, transform_model
 from .confirmation import PlaneConfirmation, SectorSight, SeenSectors

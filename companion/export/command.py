@@ -14,7 +14,7 @@ from drivers.base import BadData, DeviceNotFound
 from drivers.logs.reader import McapRecording
 
 from ..console import fail, print_json, print_line
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from ..viewer.log import view_frame
 from ..viewer.placement import placed_model
 from .gltf import glb

@@ -19,7 +19,7 @@ from drivers.logs.reader import McapRecording
 from osape_client.proto import osape_v1_pb2 as pb
 
 from ..pipeline.encode import prisms_from_message
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 
 Column = NDArray[Any]
 Table = dict[str, Column]

@@ -8,7 +8,7 @@ from ..config.camera import CameraConfig
 from ..config.loader import Config
 from ..config.template_intrinsics import template_texts
 from ..diagnostic import Diagnostic, DiagnosticCode
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from ..self_check.exposure_offset import warning_text
 from ..self_check.mount_yaw import MountYaw
 from .health import CameraView

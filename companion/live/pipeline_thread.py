@@ -25,7 +25,8 @@ from ..log.recorder import Recorder
 from ..pipeline.encode import prisms_bytes, state_message, wire_bytes
 from ..pipeline.events import Item, LogMessage, RawFrame, Sample, SupersededFrame
 from ..pipeline.latency import Latencies, LatencyStage
-from ..pipeline.pipeline import FrameDecision, Output, Pipeline, PrismsResult
+from ..pipeline.pipeline import Pipeline
+from ..pipeline.results import FrameDecision, Output, PrismsResult
 from ..pipeline.track_messages import tracks_message
 from ..pipeline.tracking import TracksResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor

@@ -31,7 +31,8 @@ from ..diagnostic import Diagnostic, DiagnosticCode
 from ..log.recorder import RecordStatus
 from ..paths import Folders
 from ..pipeline.events import LogMessage, RawFrame
-from ..pipeline.pipeline import Pipeline, PrismsResult
+from ..pipeline.pipeline import Pipeline
+from ..pipeline.results import PrismsResult
 from ..self_check.exposure_monitor import ExposureOffsetMonitor
 from ..self_check.mount_watch import MountWatch
 from ..self_check.mount_yaw import MountYawMonitor

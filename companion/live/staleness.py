@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..cameras.supervisor import CameraCondition, CameraStatus
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 
 NS = 1_000_000_000
 

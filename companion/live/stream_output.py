@@ -16,7 +16,7 @@ from ..config.loader import Config
 from ..config.service import STREAMS
 from ..pipeline.encode import blind_message, wire_bytes
 from ..pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from ..pipeline.tracking import TracksResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream

@@ -23,7 +23,7 @@ from osape_client.world.decode import SCHEMA_VERSION
 
 from ..config.loader import Config
 from ..diagnostic import Diagnostic, DiagnosticCode
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from ..streams.curve_auth import ServerKeys
 from ..streams.publisher import Publisher, Stream
 from ..streams.world_messages import world_message

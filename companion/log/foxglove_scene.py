@@ -23,9 +23,9 @@ from core.frames import quaternion_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, Prism
 from drivers.logs.codec import optical_frame, stamp
 
-from ..pipeline.pipeline import PrismsResult
 from ..pipeline.quaternion import Quaternion as Wxyz
 from ..pipeline.quaternion import product
+from ..pipeline.results import PrismsResult
 
 LIFETIME_S: Final = 1
 """Lifetime of a drawing: a viewer never shows an older one."""

@@ -28,7 +28,8 @@ from osape_client.proto import osape_v1_pb2 as pb
 from .causes import cause_from_number, cause_message
 from .decode_model import STATS, model_from_message
 from .mount_messages import mount_state_from_message, mount_state_message
-from .pipeline import CameraState, FrameDecision, PipelineState, PrismsResult
+from .pipeline import CameraState, PipelineState
+from .results import FrameDecision, PrismsResult
 from .sync import AttitudeAt, DropCause, PoseAt, Source
 from .track_messages import tracker_messages, trackers_from_message
 from .transform import LevelTransform

@@ -17,7 +17,7 @@ from core.frames import rotation_from_quaternion
 from osape_client.proto import osape_v1_pb2 as pb
 
 from .encode import SCHEMA_VERSION, blind_message, prisms_message
-from .pipeline import PrismsResult
+from .results import PrismsResult
 from .transform import LevelTransform, transform_model
 
 

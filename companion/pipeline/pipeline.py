@@ -33,9 +33,10 @@ from drivers.base import Event
 
 from ..cameras.masks import Mask, apply_mask
 from ..config.sync import SyncParams
+from .results import FrameDecision, Output, PrismsResult
 from .sync import NS, AttitudeAt, DropCause, PoseAt, Source, Synchroniser
 from .tracking import CameraTracks, NamedStates, TracksResult
-from .transform import LevelTransform, seed_ground_height, transform_from_level_cam, transform_model
+from .transform import seed_ground_height, transform_from_level_cam, transform_model
 
 UNPUBLISHED_DROPS = frozenset({DropCause.DUPLICATE_FRAME, DropCause.LATE_FRAME})
 """Drop causes without a published message: the same or a newer exposure has been published already."""
@@ -53,63 +54,6 @@ class FrameExtractor(Protocol):
         *,
         keep_strips: bool = ...,
     ) -> tuple[FrameModel, ExtractorState]: ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameDecision:
-    """Whether a frame was used, and the cause if not. attitude_cutoff_ns: stamp of the newest attitude that had
-    arrived."""
-
-    camera: str
-    sequence: int
-    t_exposure_ns: int
-    t_arrival_ns: int
-    cause: DropCause
-    attitude: Source = Source.NONE
-    attitude_cutoff_ns: int | None = None
-    pose: Source = Source.NONE
-    pose_text: str = ""
-
-    @property
-    def used(self) -> bool:
-        """Whether the frame was extracted."""
-        return self.cause is DropCause.NONE
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PrismsResult:
-    """The result of one frame in `frame` ("level" or "ned"). model None: the frame was dropped for the cause `drop`."""
-
-    camera: str
-    sequence: int
-    t_exposure_ns: int
-    t_arrival_ns: int
-    frame: str
-    drop: DropCause
-    model: FrameModel | None
-    attitude: AttitudeAt | None = None
-    pose: PoseAt | None = None
-    transform: LevelTransform | None = None
-    mount: MountState | None = None
-    """State of the mount check after this frame; None: the frame was dropped."""
-
-    @property
-    def valid(self) -> bool:
-        """Whether the model may be used; False: the frame is blind."""
-        return self.model is not None and self.model.valid
-
-    @property
-    def cause(self) -> DropCause | InvalidCause:
-        """Cause of an invalid result; NONE for a valid one."""
-        return self.drop if self.model is None else self.model.cause
-
-    @property
-    def cause_text(self) -> str:
-        """The text of `cause`; empty for a valid result."""
-        return self.cause.text
-
-
-Output = FrameDecision | PrismsResult
 
 
 @dataclass(frozen=True, slots=True)

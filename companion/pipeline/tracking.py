@@ -17,13 +17,12 @@ from core.tracking.params import TrackingParams
 from core.tracking.snapshot import TrackerState, TrackingFrame, TrackSnapshot
 from core.types import CameraMount, InvalidCause
 
+from .results import PrismsResult
 from .sync import DropCause
 from .transform import LevelTransform, transform_model
 
 if TYPE_CHECKING:
     from core.tracking.tracker import Tracker
-
-    from .pipeline import PrismsResult
 
 NamedStates = tuple[tuple[str, TrackerState], ...]
 """State of the tracker of each camera, by name."""

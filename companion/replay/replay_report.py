@@ -11,7 +11,8 @@ from core.types import InvalidCause
 
 from ..config.service import RecordParams
 from ..console import print_line
-from ..pipeline.pipeline import UNPUBLISHED_DROPS, FrameDecision
+from ..pipeline.pipeline import UNPUBLISHED_DROPS
+from ..pipeline.results import FrameDecision
 from ..pipeline.sync import DropCause
 from ..self_check.exposure_offset import ExposureOffset, warning_text
 from .compare import Comparison, Key

@@ -12,7 +12,7 @@ from core.codes import texts_of
 from core.types import AttitudeSample, DepthFrame, InvalidCause
 from drivers.base import Event
 
-from ..pipeline.pipeline import FrameDecision, Output
+from ..pipeline.results import FrameDecision, Output
 from ..pipeline.sync import DropCause
 from .advice import Advice, ViewTally, advice_of
 

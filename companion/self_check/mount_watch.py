@@ -12,7 +12,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 
 from ..diagnostic import Diagnostic, DiagnosticCode
 from ..pipeline.mount_messages import mount_diagnostic, mount_health
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 
 AT_LIMIT = 0.98
 """Share of the largest allowed slope above which the fitted ground counts as limited by it."""

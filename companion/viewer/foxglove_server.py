@@ -23,7 +23,7 @@ from osape_client.proto import osape_v1_pb2 as pb
 from ..log.foxglove_scene import scene_message, transform_messages
 from ..log.log_writer import schema_bytes
 from ..pipeline.encode import prisms_from_message
-from ..pipeline.pipeline import PrismsResult
+from ..pipeline.results import PrismsResult
 from ..pipeline.sync import DropCause
 from .live_page import camera_status
 from .subscriber import NS, WATCHED_S, LiveSubscriber

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import benchmarks.fidelity.recordings as page
 from benchmarks.fidelity.recordings import comparable, fly, section
 from benchmarks.fidelity.stability import Seen, covered, found_again, in_image
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import AttitudeAt, DropCause, Source
 from companion.pipeline.transform import LevelTransform
 from core.extractor import Extractor

@@ -19,7 +19,8 @@ import pytest
 import zmq
 
 from companion.pipeline.encode import prisms_message
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.streams.publisher import Publisher, Stream
 from osape_client.proto import osape_v1_pb2 as pb
 from tests.companion.made_up import INFO, MS, START_NS, EasyExtractor, attitude, frame

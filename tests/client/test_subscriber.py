@@ -18,7 +18,8 @@ from google.protobuf.message import Message
 
 from companion.pipeline.encode import blind_message, prisms_message
 from companion.pipeline.multi_camera import AllCamerasModelBuilder, all_cameras_message
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.streams.curve_auth import AllowList, load_keys, make_keys
 from companion.streams.publisher import Publisher, Stream
 from core.frames import quaternion_from_euler

@@ -16,7 +16,7 @@ import zmq
 
 from companion.config.loader import config_of
 from companion.live.world_thread import WorldThread, open_world
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause, PoseAt, Source
 from companion.pipeline.transform import LevelTransform
 from companion.streams.publisher import Publisher, Stream

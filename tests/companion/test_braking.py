@@ -12,7 +12,8 @@ from companion.autopilot.failsafe import AutopilotNow
 from companion.autopilot.obstacle_distance import obstacle_distance_message
 from companion.autopilot.publisher import ObstacleReportBuilder
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler
 from core.params import Params

@@ -16,7 +16,8 @@ from companion.autopilot.distance_sensor import DOWNWARD
 from companion.autopilot.failsafe import FENCE_SHARE
 from companion.autopilot.manager import Avoidance
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.mavlink.link import MavlinkLink

@@ -17,7 +17,7 @@ from companion.live.health import latency_message
 from companion.live.message_json import message_json
 from companion.pipeline.encode import prisms_message
 from companion.pipeline.latency import LatencyStage
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause
 from companion.replay.compare import first_difference
 from companion.self_check.exposure_offset import OffsetState

@@ -12,7 +12,8 @@ from companion.autopilot.confirmation import SectorSight, SeenSectors
 from companion.autopilot.obstacle_distance import UNKNOWN
 from companion.autopilot.polar_histogram import SECTORS, SectorScan, SectorState, centres_rad
 from companion.autopilot.publisher import ObstacleReportBuilder
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, FrameModel
 
 from .test_obstacle_sender import ARDUPILOT, AVOID, CAMERA, CLEAR, NS, PX4, Chain, Sees, frame

@@ -20,7 +20,8 @@ import pytest
 from companion.autopilot.manager import Avoidance
 from companion.cameras.supervisor import FrozenFrameDetector
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.types import AttitudeSample, DepthFrame, PoseSample
 from drivers.mavlink.dialect import dialect
 from drivers.mavlink.link import MavlinkLink

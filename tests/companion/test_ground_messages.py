@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.pipeline.encode import prisms_message
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause
 from companion.pipeline.transform import LevelTransform, transform_model
 from core.types import FrameModel

@@ -21,7 +21,7 @@ from google.protobuf.message import Message
 from companion.cli import main
 from companion.live.depth_preview import DepthPreviews
 from companion.pipeline.encode import blind_message, prisms_message
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import AttitudeAt, DropCause, Source
 from companion.pipeline.transform import LevelTransform, transform_model
 from companion.streams.publisher import Publisher, Stream

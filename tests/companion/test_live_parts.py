@@ -17,7 +17,7 @@ from companion.live.sd_notify import Notifier
 from companion.live.staleness import StalenessMonitor
 from companion.pipeline.events import RawFrame, SupersededFrame
 from companion.pipeline.latency import Latencies, LatencyStage
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.sync import DropCause
 from core.params import Params
 from core.stages.model import blind_model

@@ -16,7 +16,8 @@ from companion.cameras.masks import apply_mask, configured_mask, polygons, unmea
 from companion.config.avoidance import AvoidParams
 from companion.config.camera import CameraConfig
 from companion.config.loader import ConfigError, config_of, config_text
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.replay.replay import make_pipeline
 from core.extractor import Extractor
 from core.frames import quaternion_from_euler

@@ -17,7 +17,8 @@ from companion.autopilot.obstacle_distance import UNKNOWN, obstacle_distance_mes
 from companion.autopilot.publisher import ObstacleReport, ObstacleReportBuilder
 from companion.autopilot.sender import ObstacleSender
 from companion.config.avoidance import AvoidParams
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.frames import quaternion_from_euler
 from core.types import AttitudeSample, CameraInfo, CameraMount, ExtractorState, FrameModel, Intrinsics, PoseSample
 from drivers.simulation.firmware_models.ardupilot import ArduPilotReader

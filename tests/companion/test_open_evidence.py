@@ -14,7 +14,8 @@ from companion.diagnostic import DiagnosticCode
 from companion.doctor.camera_check import frames_finding
 from companion.importers.depth_summary import DepthTally
 from companion.pipeline.encode import state_from_message, state_message
-from companion.pipeline.pipeline import CameraState, Pipeline, PipelineState, PrismsResult
+from companion.pipeline.pipeline import CameraState, Pipeline, PipelineState
+from companion.pipeline.results import PrismsResult
 from companion.viewer.colors import UNKNOWN_INDEX, depth_index
 from companion.viewer.rerun_file import measured_mm as viewer_mm
 from core.extractor import Extractor

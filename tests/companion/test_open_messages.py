@@ -9,7 +9,8 @@ import pytest
 
 from companion.pipeline import encode
 from companion.pipeline.decode_model import model_from_message
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.transformed import turned
 from core.types import FrameModel, FreeProfile
 from osape_client import decode

@@ -18,7 +18,8 @@ from companion.live.pipeline_thread import COLLECT_AT, COLLECT_OLDER_AT, ClockCa
 from companion.live.staleness import StalenessMonitor
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.extractor import Extractor
 from core.types import AttitudeSample, DepthFrame
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource

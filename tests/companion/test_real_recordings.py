@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.cli import main
 from companion.pipeline.encode import prisms_from_message
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from core.frames import R_CAMFRD_OPTICAL, rotation_from_quaternion
 from core.types import CameraInfo, DepthFrame, FrameModel
 from drivers.logs.reader import McapRecording

@@ -21,7 +21,8 @@ from companion.live.pipeline_thread import ClockCallbacks, PipelineThread
 from companion.live.staleness import StalenessMonitor
 from companion.log.provenance import run_info
 from companion.log.recorder import Recorder
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.replay.replay import Options, replay
 from core.extractor import Extractor
 from core.types import DepthFrame

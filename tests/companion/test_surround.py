@@ -14,7 +14,8 @@ from companion.pipeline.multi_camera import (
     UnavailableCamera,
     all_cameras_message,
 )
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from core.frames import horizontal_heading_rad, rotation_frd_optical, rotation_from_euler, rotation_from_quaternion
 from core.types import CameraInfo, CameraMount, PoseSample
 from osape_client.proto import osape_v1_pb2 as pb

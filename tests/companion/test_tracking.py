@@ -18,7 +18,7 @@ from companion.live.stream_output import StreamOutput
 from companion.log.log_writer import LogWriter, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.encode import state_from_message, state_message, wire_bytes
-from companion.pipeline.pipeline import PrismsResult
+from companion.pipeline.results import PrismsResult
 from companion.pipeline.track_messages import tracks_message
 from companion.pipeline.tracking import TracksResult
 from companion.replay.replay import Options, make_pipeline, replay

@@ -16,7 +16,8 @@ from companion.cli import main
 from companion.log.log_writer import LogWriter, write_recording
 from companion.log.provenance import run_info
 from companion.pipeline.encode import prisms_message
-from companion.pipeline.pipeline import Pipeline, PrismsResult
+from companion.pipeline.pipeline import Pipeline
+from companion.pipeline.results import PrismsResult
 from companion.replay.replay import Options, replay
 from companion.viewer.frame import FrameStatus
 from companion.viewer.log import WAITING, LoggedFrame, read_frames
