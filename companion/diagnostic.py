@@ -43,6 +43,7 @@ class DiagnosticCode(Code):
     UDP_FLOOD = "udp_flood", "datagrams of other senders are dropped because there are too many"
     SIGNING_FAULT = "signing_fault", "message signing does not work, or differs between the two ends"
     DUPLICATE_AUTOPILOT = "duplicate_autopilot", "contradictory heartbeats: two senders use the autopilot's ids"
+    SEVERAL_VEHICLES = "several_vehicles", "autopilots of several system ids are received and none is configured"
     DUPLICATE_OBSTACLE_SOURCE = "duplicate_obstacle_source", "another component sends obstacles to the autopilot"
     DUPLICATE_COMPONENT = "duplicate_component", "another sender uses the companion's ids"
     SYSTEM_ID_MISMATCH = (

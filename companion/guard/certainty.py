@@ -18,7 +18,7 @@ HEARTBEAT_HZ: Final = 5.0
 LONGEST_HEARTBEAT_NS: Final = 2_500_000_000
 FIRST_WAIT_NS: Final = NS
 LONGEST_WAIT_NS: Final = 10 * NS
-CONFLICTS: Final = ("two autopilots", "two of us")
+CONFLICTS: Final = ("two autopilots", "two of us", "several vehicles")
 """Topics of drivers.mavlink.conflicts that leave open who receives a command, or whose answer comes."""
 _ANSWERS: Final = frozenset({0, 3})
 """MAV_RESULT ACCEPTED and UNSUPPORTED: the command was read, which is what is asked here."""

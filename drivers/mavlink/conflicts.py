@@ -11,6 +11,8 @@ from .dialect import MAV_COMP_ID_AUTOPILOT1
 
 RECENT_NS = 10 * NS
 """A conflict is reported for this time after the last message that caused it."""
+SEVERAL_NS = 60 * NS
+"""For this time after the last heartbeat of a second vehicle it is open which of them carries this computer."""
 OBSTACLES = frozenset({330, 11037})
 """OBSTACLE_DISTANCE, OBSTACLE_DISTANCE_3D."""
 _SENT, _MOST = 256, 16
@@ -25,6 +27,8 @@ class ConflictDetector:
         self._rivals: OrderedDict[tuple[int, int], int] = OrderedDict()
         self._doubles_ns: int | None = None
         self._left_out: OrderedDict[int, int] = OrderedDict()
+        self._vehicles: OrderedDict[int, int] = OrderedDict()
+        self._replaced = False
         self._kind = ""
         self._contradiction_ns: int | None = None
         self._contradicting = ""
@@ -52,6 +56,10 @@ class ConflictDetector:
         """An autopilot that is not listened to, since its system id is not the configured one."""
         _remember(self._left_out, system, now_ns)
 
+    def vehicle(self, system: int, now_ns: int) -> None:
+        """A heartbeat of an autopilot whose system id the configuration does not exclude."""
+        _remember(self._vehicles, system, now_ns)
+
     def kind(self, kind: str, now_ns: int) -> str:
         """What to call an autopilot whose heartbeat says `kind`: both names while heartbeats contradict each other, so that
         it is sent what is safe for either."""
@@ -63,6 +71,7 @@ class ConflictDetector:
     def another(self) -> None:
         """Another vehicle is listened to from now on."""
         self._kind, self._contradiction_ns = "", None
+        self._replaced = True
 
     def texts(self, now_ns: int, configured: int, *, heard: bool) -> dict[str, str]:
         """Topic -> what is wrong, in words. configured: the only system id listened to, 0: any; heard: an autopilot is."""
@@ -81,6 +90,12 @@ class ConflictDetector:
             said["two of us"] = (
                 f"another sender uses component {self._component}: a second companion with the same ids; switch it off, or set "
                 "another [autopilot] component_id"
+            )
+        vehicles = sorted(s for s, at_ns in self._vehicles.items() if now_ns - at_ns < SEVERAL_NS)
+        if not configured and (len(vehicles) > 1 or self._replaced):
+            said["several vehicles"] = (
+                f"autopilots of several system ids were received ({', '.join(map(str, vehicles)) or 'none now'}): it is not known "
+                "which one carries this computer; set [autopilot] system_id to it and restart the service"
             )
         others = sorted(s for s, at_ns in self._left_out.items() if _recent(at_ns, now_ns))
         if configured and others and not heard:

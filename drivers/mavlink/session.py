@@ -203,6 +203,7 @@ class MavlinkSession:
             self._conflicts.left_out(system, arrival_ns)
             self.counts[LinkAnomaly.OTHER_VEHICLE] += 1
             return
+        self._conflicts.vehicle(system, arrival_ns)
         old = self.vehicle
         if old is not None and old.system_id != system:
             if self.heard(arrival_ns):

@@ -146,4 +146,8 @@ def test_every_conflict_on_the_link_has_a_code() -> None:
     others.kind("ArduPilot", now_ns)
     said = others.texts(now_ns, configured=1, heard=False)
     assert set(said) == {"two autopilots", "system id"}
+    others.vehicle(1, now_ns)
+    others.vehicle(2, now_ns)
+    said |= others.texts(now_ns, configured=0, heard=True)
+    assert "several vehicles" in said
     assert set(said) <= set(CONFLICT_CODES)

@@ -19,7 +19,8 @@ from companion.guard.states import GuardState, SpeedCommand, StopCommand
 from drivers.mavlink import commands
 from drivers.mavlink.clock_sync import ClockEstimate, ClockSource
 from drivers.mavlink.dialect import dialect
-from drivers.mavlink.session import LinkStatus, Vehicle
+from drivers.mavlink.session import LinkStatus, MavlinkSession, Vehicle
+from drivers.mavlink.session_types import MavlinkParams
 
 NS = 1_000_000_000
 NOW = 100 * NS
@@ -68,6 +69,37 @@ def test_before_an_acknowledgement_there_is_doubt() -> None:
 )
 def test_doubts(vehicle: Vehicle, conflicts: dict[str, str], signing: str, doubt: str) -> None:
     assert reached().doubt(vehicle, conflicts, signing, NOW) == doubt
+
+
+def heartbeat(system: int, autopilot: int = 3) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(2, autopilot, 128, 3, 4, 3)
+    return bytes(message.pack(dialect.MAVLink(None, system, 1)))
+
+
+@pytest.mark.parametrize("systems", [(1, 2), (2, 1)])
+@pytest.mark.parametrize("alternating_s", [1, 5])
+def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternating_s: int) -> None:
+    """First both are received, then only the second, which the session takes over when the first is silent."""
+    session, now_ns = MavlinkSession(), NOW
+    certainty = Certainty(196)
+    for second in range(90):
+        now_ns += NS
+        for system in systems if second < alternating_s else systems[1:]:
+            session.receive([(heartbeat(system), now_ns)])
+        vehicle = session.vehicle
+        assert vehicle is not None
+        certainty.requests(vehicle, now_ns)
+        certainty.acknowledged(511, 0)
+        status = session.status(now_ns)
+        doubt = certainty.doubt(vehicle, status.conflicts, status.signing_trouble, now_ns)
+        assert doubt == "several vehicles", second
+    assert vehicle.system_id == systems[1]
+
+
+def test_a_configured_vehicle_is_not_in_doubt_for_another() -> None:
+    session = MavlinkSession(MavlinkParams(system_id=1))
+    session.receive([(heartbeat(1) + heartbeat(2), NOW)])
+    assert "several vehicles" not in session.status(NOW).conflicts
 
 
 @pytest.mark.parametrize("other", [replace(COPTER, system_id=9), replace(COPTER, autopilot="PX4")])

@@ -917,6 +917,7 @@ class Diagnostic(_message.Message):
         CODE_CAMERA_RATE_LOW: _ClassVar[Diagnostic.Code]
         CODE_TEMPLATE_INTRINSICS: _ClassVar[Diagnostic.Code]
         CODE_INTRINSICS_DIFFER: _ClassVar[Diagnostic.Code]
+        CODE_SEVERAL_VEHICLES: _ClassVar[Diagnostic.Code]
         CODE_EXPOSURE_TIME_OFFSET: _ClassVar[Diagnostic.Code]
         CODE_MOUNT_ERROR: _ClassVar[Diagnostic.Code]
         CODE_MOUNT_DEGRADED: _ClassVar[Diagnostic.Code]
@@ -974,6 +975,7 @@ class Diagnostic(_message.Message):
     CODE_CAMERA_RATE_LOW: Diagnostic.Code
     CODE_TEMPLATE_INTRINSICS: Diagnostic.Code
     CODE_INTRINSICS_DIFFER: Diagnostic.Code
+    CODE_SEVERAL_VEHICLES: Diagnostic.Code
     CODE_EXPOSURE_TIME_OFFSET: Diagnostic.Code
     CODE_MOUNT_ERROR: Diagnostic.Code
     CODE_MOUNT_DEGRADED: Diagnostic.Code
