@@ -68,7 +68,7 @@ class Guard:
         self._assessor = PathAssessor(guard, braking_of(guard, avoid))
         self._file = GuardMemoryFile(folder)
         memory = self._file.load(time.monotonic_ns())
-        self._machine = GuardMachine(guard, memory or GuardMemory())
+        self._machine = GuardMachine(guard, memory or GuardMemory(), self._file.loaded_ns)
         self._messages: deque[Any] = deque(maxlen=64)
         self._lock = threading.Lock()
         self._sight: PathSight | None = None

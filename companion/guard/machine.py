@@ -37,6 +37,10 @@ MODE_NS = NS * 15 // 10
 """An acknowledged attempt whose mode does not appear in a heartbeat is repeated after this time: heartbeats may come once a second."""
 SETTLE_NS = NS // 2
 """A heartbeat so much later than an acknowledged attempt shows its mode, if it had an effect."""
+FIRST_METHOD_TIMES = 2
+"""ArduCopter: attempts of BRAKE before LOITER."""
+FREE_NS = 2 * NS
+"""A stop without effect ends when the path is free for this time."""
 FAILED_AFTER = 3
 """Attempts without effect until the failure is announced. The attempts go on, once in MODE_NS."""
 STANDS_M_S = 0.4
@@ -53,22 +57,34 @@ GAP_NS = 5 * NS
 class _Attempt:
     """The newest attempt to stop. result: MAV_RESULT, None: not acknowledged."""
 
+    method: StopMethod
     command: int
     t_ns: int
     result: int | None = None
 
+    @property
+    def refused(self) -> bool:
+        """Whether the autopilot has answered that it does not do it."""
+        return self.result not in (None, ACCEPTED, IN_PROGRESS)
+
+    def shown_without_effect(self, vehicle: Vehicle) -> bool:
+        """Whether a heartbeat is late enough to show the effect. The caller has compared the mode."""
+        return vehicle.heartbeat_ns - self.t_ns >= SETTLE_NS
+
 
 @dataclass(slots=True)
 class GuardMachine:
-    """`step` ten times per second or more, `acknowledged` with each COMMAND_ACK for us. memory: what outlives the process."""
+    """`step` ten times per second or more, `acknowledged` with each COMMAND_ACK for us. memory: what outlives the process.
+    received_ns: instant at which the vehicle was last received, also in the run before; None: never."""
 
     guard: GuardParams
     memory: GuardMemory = field(default_factory=GuardMemory)
+    received_ns: int | None = None
     _limiter: SpeedLimiter = field(init=False)
     _attempt: _Attempt | None = None
     _brakes_until_ns: int | None = None
-    _heard_ns: int | None = None
     _failure_announced: bool = False
+    _free_since_ns: int | None = None
     _doubt_since_ns: int = 0
     _doubt_announced: str = ""
 
@@ -91,8 +107,8 @@ class GuardMachine:
         vehicle = now.vehicle
         if vehicle is None or vehicle.heartbeat_ns <= 0:
             return []  # the state stays: the link may come back
-        gap_ns = 0 if self._heard_ns is None else now.now_ns - self._heard_ns
-        self._heard_ns = now.now_ns
+        gap_ns = 0 if self.received_ns is None else now.now_ns - self.received_ns
+        self.received_ns = now.now_ns
         if (vehicle.autopilot, vehicle.system_id) != (self.memory.kind, self.memory.system_id):
             if vehicle.autopilot not in STOP_ORDER and vehicle.system_id == self.memory.system_id:
                 return []  # contradicting heartbeats name two kinds: wait until it is one again
@@ -195,13 +211,24 @@ class GuardMachine:
         return [*self._try_to_stop(vehicle, now), Announcement(f"guard: stop, {verdict.cause}", critical=True)]
 
     def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
-        order = STOP_ORDER[vehicle.autopilot]
-        method = order[self.memory.attempts % len(order)]
+        method = self._next_method(vehicle)
         command = DO_REPOSITION if method is StopMethod.PX4_REPOSITION else DO_SET_MODE
-        self._attempt = _Attempt(command, now.now_ns)
+        self._attempt = _Attempt(method, command, now.now_ns)
         modes = tuple(sorted({*self.memory.stop_modes, STOP_MODES[method]}))
         self._change(now, attempts=self.memory.attempts + 1, stop_modes=modes)
         return [StopCommand(vehicle.system_id, method)]
+
+    def _next_method(self, vehicle: Vehicle) -> StopMethod:
+        """LOITER reads the throttle stick, which may be low: it needs two attempts of BRAKE and evidence that
+        the last one had no effect. Lost acknowledgements and heartbeats are none."""
+        first, second = STOP_ORDER[vehicle.autopilot]
+        if vehicle.autopilot != ARDUPILOT:
+            return second if self.memory.attempts % 2 else first
+        last = self._attempt
+        if last is None or last.method is not first or vehicle.custom_mode == STOP_MODES[first]:
+            return first
+        failed = last.refused or last.shown_without_effect(vehicle)
+        return second if failed and self.memory.attempts >= FIRST_METHOD_TIMES else first
 
     def _intervene(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         memory, mode = self.memory, vehicle.custom_mode
@@ -217,9 +244,26 @@ class GuardMachine:
         """Still in the watched mode."""
         if now.doubt or watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is None:
             return []
+        if not self._still_needed(now):
+            return self._leave_when_free(vehicle, now)
+        self._free_since_ns = None
         if self._attempt is not None and not self._is_over(self._attempt, vehicle, now.now_ns):
             return []
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: STOP NOT CONFIRMED, take over")]
+
+    def _still_needed(self, now: GuardInput) -> bool:
+        """Whether a stop that had no effect yet is repeated: not where the path is seen and the braking distance fits."""
+        return now.verdict is None or now.verdict.action is Action.STOP or not now.verdict.sees
+
+    def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
+        """Ends a stop without effect that is not needed any more. A command that is under way may still have its effect."""
+        if self._free_since_ns is None:
+            self._free_since_ns = now.now_ns
+        under_way = self._attempt is not None and not self._attempt.shown_without_effect(vehicle)
+        if under_way or now.now_ns - self._free_since_ns < FREE_NS:
+            return []
+        self._begin(GuardState.WATCHING, now)
+        return [Announcement("guard: stop ended, path free")]
 
     def _is_over(self, attempt: _Attempt, vehicle: Vehicle, now_ns: int) -> bool:
         """Whether an attempt had no effect, so that the next one is due."""
@@ -229,7 +273,7 @@ class GuardMachine:
         if attempt.result is None:
             return waited_ns >= ACK_NS
         if attempt.result in (ACCEPTED, IN_PROGRESS):
-            return waited_ns >= MODE_NS or vehicle.heartbeat_ns - attempt.t_ns >= SETTLE_NS
+            return waited_ns >= MODE_NS or attempt.shown_without_effect(vehicle)
         return True  # refused: the next method at once
 
     def _in_stop_mode(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
@@ -247,7 +291,7 @@ class GuardMachine:
         if self._brakes_until_ns is None:
             brakes_s = (speed_m_s or 0.0) / self.guard.deceleration_m_s2 + self.guard.reaction_s
             self._brakes_until_ns = now.now_ns + round(brakes_s * NS) + SPARE_STOP_NS
-        if now.doubt or speed_m_s is None or now.now_ns < self._brakes_until_ns:
+        if now.doubt or speed_m_s is None or now.now_ns < self._brakes_until_ns or not self._still_needed(now):
             return []
         self._brakes_until_ns = now.now_ns + SPARE_STOP_NS
         return [*self._try_to_stop(vehicle, now), *self._failure("guard: DOES NOT STOP, take over")]
@@ -280,3 +324,4 @@ class GuardMachine:
         self.memory = replace(fresh, **changes)
         self._limiter = SpeedLimiter(self.guard)
         self._attempt, self._brakes_until_ns, self._failure_announced = None, None, False
+        self._free_since_ns = None

@@ -33,6 +33,8 @@ class GuardMemoryFile:
         self._file = None if folder is None else folder / NAME
         self._kept: GuardMemory | None = None
         self._written_ns = 0
+        self.loaded_ns: int | None = None
+        """Instant at which the loaded memory was written, about the end of the earlier run; None: nothing was loaded."""
         self._warned = False
 
     def load(self, now_ns: int) -> GuardMemory | None:
@@ -44,7 +46,9 @@ class GuardMemoryFile:
                 content = json.loads(stream.read(_MOST_BYTES))
             if content["boot"] != boot_id() or not 0 <= now_ns - int(content["written_ns"]) <= LIFE_NS:
                 return None
-            return _memory(content["memory"])
+            memory = _memory(content["memory"])
+            self.loaded_ns = int(content["written_ns"])
+            return memory
         except (OSError, ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError):
             return None
 

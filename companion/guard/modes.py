@@ -53,9 +53,9 @@ STOP_MODES: Final = {
 """custom_mode after each command."""
 STOP_ORDER: Final = {
     PX4: (StopMethod.PX4_HOLD, StopMethod.PX4_REPOSITION),
-    ARDUPILOT: (StopMethod.COPTER_BRAKE, StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER),
+    ARDUPILOT: (StopMethod.COPTER_BRAKE, StopMethod.COPTER_LOITER),
 }
-"""Commands of the attempts, one after the other, again from the beginning after the last."""
+"""First and second command of the attempts; GuardMachine chooses between them."""
 
 
 def watched_mode(kind: str, custom_mode: int, guard: GuardParams) -> Watched | None:

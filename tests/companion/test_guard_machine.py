@@ -207,6 +207,46 @@ def test_an_acknowledged_attempt_is_repeated_late_without_heartbeats() -> None:
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
 
 
+def test_loiter_needs_evidence_that_brake_had_no_effect() -> None:
+    """LOITER reads the throttle stick. Acknowledgements and heartbeats may be lost while BRAKE works."""
+    f = stopping()
+    f.heartbeat_ns = f.now_ns
+    out = commands(f.step(15))
+    assert len(out) >= 2
+    assert set(out) == {StopCommand(7, StopMethod.COPTER_BRAKE)}
+    f.heartbeat_ns = None  # heartbeats are received again and show the old mode
+    assert StopCommand(7, StopMethod.COPTER_LOITER) in f.step(30)
+
+
+def test_no_loiter_while_the_autopilot_is_in_brake() -> None:
+    f = stopping()
+    f.mode = COPTER_BRAKE
+    out = commands(f.step(200))
+    assert len(out) > 5
+    assert set(out) == {StopCommand(7, StopMethod.COPTER_BRAKE)}
+
+
+def test_a_stop_without_effect_is_not_repeated_where_the_path_is_free() -> None:
+    f = stopping()
+    f.step(20)
+    f.verdict = FREE
+    out = f.step(40)
+    assert commands(out) == []
+    assert texts(out) == ["guard: stop ended, path free"]
+    assert f.state is GuardState.WATCHING
+    f.verdict = BLOCKED
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_a_stop_is_repeated_where_the_path_is_not_seen() -> None:
+    f = stopping()
+    f.verdict = replace(FREE, sees=False)
+    assert commands(f.step(30)) != []
+    f = stopping()
+    f.verdict = None
+    assert commands(f.step(30)) != []
+
+
 def test_announces_a_stop_without_effect_once_and_goes_on() -> None:
     f = stopping()
     out = f.step(150)
@@ -498,6 +538,18 @@ def test_a_kill_changes_nothing(begin: object, tmp_path: Path) -> None:
     out = f.step()
     assert f.state is (GuardState.STOPPING if begin is stopping else GuardState.HOLDING)
     assert bool(commands(out)) == (begin is stopping)
+
+
+def test_after_a_long_restart_an_unconfirmed_stop_is_judged_again(tmp_path: Path) -> None:
+    f = stopping()
+    GuardMemoryFile(tmp_path).keep(f.machine.memory, f.now_ns)
+    f.now_ns += 20 * NS
+    file = GuardMemoryFile(tmp_path)
+    loaded = file.load(f.now_ns)
+    assert loaded is not None
+    f.machine, f.verdict = GuardMachine(GUARD, loaded, file.loaded_ns), FREE
+    assert commands(f.step(30)) == []
+    assert f.state is GuardState.WATCHING
 
 
 def test_a_limit_survives_a_kill(tmp_path: Path) -> None:
