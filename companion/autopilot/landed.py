@@ -14,7 +14,8 @@ from drivers.mavlink.session_types import Vehicle
 NS: Final = 1_000_000_000
 EXTENDED_SYS_STATE: Final = 245
 ON_GROUND: Final = 1
-"""MAV_LANDED_STATE."""
+NEAR_GROUND: Final = frozenset({3, 4})
+"""MAV_LANDED_STATE: take-off and landing."""
 FRESH_NS: Final = 3 * NS
 
 
@@ -36,3 +37,8 @@ class LandedState:
         if state != 0 and now_ns - at_ns <= FRESH_NS:
             return state == ON_GROUND
         return not vehicle.armed
+
+    def takes_off_or_lands(self, now_ns: int) -> bool:
+        """Whether the autopilot reports that the vehicle takes off or lands."""
+        state, at_ns = self._newest
+        return state in NEAR_GROUND and now_ns - at_ns <= FRESH_NS

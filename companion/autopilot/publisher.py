@@ -293,6 +293,7 @@ class ObstacleReportBuilder:
             blind={c: why for c, why in causes.items() if why},
             here=here,
             velocity_ned_m_s=self._velocity_ned_m_s(now_ns),
+            frames=tuple((c, seen_ns(self._newest[c])) for c in seeing),
         )
 
     def _velocity_ned_m_s(self, now_ns: int) -> tuple[float, float, float] | None:

@@ -14,7 +14,7 @@ from .view_free import View
 class Surroundings:
     """State at the instant t_ns of a decision, monotonic. views: of the cameras that see, in level at t_ns. weak_px: for
     each view, planes with this support or less need a second frame. exposed_ns: oldest of the newest exposures of these
-    cameras, None: no camera sees. recall: see `polar_histogram.Recall`; only valid during the call. blind: why each blind
+    cameras, None: no camera sees. frames: camera and exposure of each view; empty: not known. recall: see `polar_histogram.Recall`; only valid during the call. blind: why each blind
     camera is blind. here: heading and position, None: not known. velocity_ned_m_s: None: not known, or older than 0.5 s."""
 
     t_ns: int
@@ -26,6 +26,7 @@ class Surroundings:
     blind: dict[str, str]
     here: Here | None
     velocity_ned_m_s: tuple[float, float, float] | None
+    frames: tuple[tuple[str, int], ...] = ()
 
 
 Observer = Callable[[Surroundings], None]

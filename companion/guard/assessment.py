@@ -50,7 +50,9 @@ class Action(StrEnum):
 class Verdict:
     """speed_m_s: of the vehicle, None: not known; predicted_m_s: that it has when a limit could work. allowed_m_s: greatest speed for which the braking distance fits for
     another limit_ahead_s. room_m: free distance from the vehicle's middle. obstacle: an obstacle ends it, else it is only not
-    seen farther. sees: the newest frame shows anything of the path. cause: in words, for people."""
+    seen farther. sees: the newest frame shows anything of the path. obstacle_stop: the braking distance does not fit before an
+    obstacle, whatever is seen free; firm_stop: before one that the newest frame and another frame show with many pixels.
+    cause: as text, for people."""
 
     action: Action
     speed_m_s: float | None
@@ -60,6 +62,8 @@ class Verdict:
     obstacle: bool
     sees: bool
     cause: str
+    obstacle_stop: bool = False
+    firm_stop: bool = False
 
 
 class PathAssessor:
@@ -82,13 +86,15 @@ class PathAssessor:
         assert speed_m_s is not None
         way_m = speed_m_s * max(0, now_ns - newest.t_ns) / NS
         obstacle_m = self._obstacle_m(newest) - way_m
+        obstacle_stop = self._must_stop_before(obstacle_m, speed_m_s)
+        firm = self._must_stop_before(newest.obstacle_m - way_m, speed_m_s) and self._shown_before(newest.obstacle_m, 1)
         free_m = self._free_m(newest, now_ns)
         fresh = newest.exposed_ns is not None and now_ns - newest.exposed_ns <= STALE_NS
         shows = newest.free_m > 0.0 or math.isfinite(min(newest.obstacle_m, newest.weak_obstacle_m))
         room_m = max(0.0, min(obstacle_m, free_m))
         by_obstacle = obstacle_m <= free_m
         return Verdict(
-            action=self._action(speed_m_s, obstacle_m, free_m),
+            action=Action.STOP if obstacle_stop else self._action(speed_m_s, obstacle_m, free_m),
             speed_m_s=speed_m_s,
             predicted_m_s=self._predicted_m_s(speed_m_s),
             allowed_m_s=self._braking.speed_m_s(room_m, self._guard.limit_ahead_s),
@@ -96,13 +102,17 @@ class PathAssessor:
             obstacle=by_obstacle,
             sees=fresh and shows and not newest.cause,
             cause=self._cause(newest, obstacle_m, free_m),
+            obstacle_stop=obstacle_stop,
+            firm_stop=firm,
         )
+
+    def _must_stop_before(self, obstacle_m: float, speed_m_s: float) -> bool:
+        needed_m = self._braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
+        return speed_m_s > LEAST_MOVING_M_S and needed_m > obstacle_m
 
     def _action(self, speed_m_s: float, obstacle_m: float, free_m: float) -> Action:
         braking, guard = self._braking, self._guard
         needed_m = braking.needed_m(self._predicted_m_s(speed_m_s, STOP_PREDICT_S))
-        if speed_m_s > LEAST_MOVING_M_S and needed_m > obstacle_m:
-            return Action.STOP
         if speed_m_s > guard.blind_speed_m_s and needed_m > free_m:
             return Action.STOP
         ahead_m = braking.needed_m(self._predicted_m_s(speed_m_s), guard.limit_ahead_s)
@@ -131,22 +141,26 @@ class PathAssessor:
 
     def _obstacle_m(self, newest: PathSight) -> float:
         """The nearest obstacle in the newest sight, counted at its instant."""
-        if math.isfinite(newest.weak_obstacle_m) and self._confirmed(newest):
-            return min(newest.obstacle_m, newest.weak_obstacle_m)
-        return newest.obstacle_m
+        counted_m = min(newest.obstacle_m, newest.remembered_m)
+        weak_m = newest.weak_obstacle_m
+        if math.isfinite(weak_m) and self._shown_before(weak_m, 1 if weak_m >= NEAR_M else 2):
+            return min(counted_m, weak_m)
+        return counted_m
 
-    def _confirmed(self, newest: PathSight) -> bool:
-        """Whether enough other frames showed an obstacle at the place of the weakly supported one."""
-        at_m = newest.weak_obstacle_m
+    def _shown_before(self, at_m: float, frames: int) -> bool:
+        """Whether so many frames before the newest sight showed an obstacle at this place of the newest sight."""
+        newest = self._sights[-1]
         slack_m = PLACE_M + PLACE_SHARE * at_m
-        frames = set()
+        own = newest.frame_of(at_m)
+        found = set()
         for sight in self._sights:
-            if sight.exposed_ns == newest.exposed_ns or newest.t_ns - sight.t_ns > CONFIRM_NS:
+            if newest.t_ns - sight.t_ns > CONFIRM_NS:
                 continue
             way_m = _way_m(sight, newest, newest.t_ns)
-            if any(abs(before_m - way_m - at_m) <= slack_m for before_m in (sight.obstacle_m, sight.weak_obstacle_m)):
-                frames.add(sight.exposed_ns)
-        return len(frames) >= (1 if at_m >= NEAR_M else 2)
+            for before_m in (sight.obstacle_m, sight.weak_obstacle_m):
+                if abs(before_m - way_m - at_m) <= slack_m:
+                    found.add(sight.frame_of(before_m))
+        return len(found - {own}) >= frames
 
     def _cause(self, newest: PathSight, obstacle_m: float, free_m: float) -> str:
         if newest.cause and free_m <= 0.0:

@@ -148,7 +148,14 @@ class Guard:
                 self._link, self._link_ns = self._link_status(), now_ns
             doubt = self._certainty.doubt(vehicle, self._link.conflicts, self._link.signing_trouble, now_ns)
             in_air = not self._landed.on_ground(vehicle, now_ns)
-        return GuardInput(now_ns=now_ns, vehicle=vehicle, doubt=doubt, in_air=in_air, verdict=self._verdict)
+        return GuardInput(
+            now_ns=now_ns,
+            vehicle=vehicle,
+            doubt=doubt,
+            in_air=in_air,
+            verdict=self._verdict,
+            near_ground=self._landed.takes_off_or_lands(now_ns),
+        )
 
     # ---- out --------------------------------------------------------------------------------------------------------
 

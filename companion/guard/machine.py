@@ -37,6 +37,10 @@ MODE_NS = NS * 15 // 10
 """An acknowledged attempt whose mode does not appear in a heartbeat is repeated after this time: heartbeats may come once a second."""
 SETTLE_NS = NS // 2
 """A heartbeat so much later than an acknowledged attempt shows its mode, if it had an effect."""
+REARM_NS = 5 * NS
+"""After a stop for unseen space the path must be seen for this time without a gap before unseen space stops the vehicle again."""
+FAILSAFE_STATES = frozenset({5, 6})
+"""MAV_STATE CRITICAL and EMERGENCY: a failsafe is active."""
 FIRST_METHOD_TIMES = 2
 """ArduCopter: attempts of BRAKE before LOITER."""
 FREE_NS = 2 * NS
@@ -85,6 +89,7 @@ class GuardMachine:
     _brakes_until_ns: int | None = None
     _failure_announced: bool = False
     _free_since_ns: int | None = None
+    _sees_since_ns: int | None = None
     _doubt_since_ns: int = 0
     _doubt_announced: str = ""
 
@@ -152,21 +157,46 @@ class GuardMachine:
                 out.append(Announcement("guard: active"))
         verdict = now.verdict
         assert verdict is not None
-        if verdict.action is Action.STOP:
+        if self._wants_stop(now):
             return out + self._stop(vehicle, verdict, now)
         return out + self._adjust_speed(vehicle, group, verdict, now)
 
     def _follow_sight(self, now: GuardInput) -> None:
-        """Notes that the path is seen: blindness counts from then on."""
-        if now.verdict is not None and now.verdict.sees and (not self.memory.seen or self.memory.blind_stop):
-            self._change(now, seen=True, blind_stop=False)
+        """Notes that the path is seen: unseen space counts from then on; after a stop for it once it was seen for REARM_NS."""
+        if now.verdict is None or not now.verdict.sees:
+            self._sees_since_ns = None
+            return
+        if self._sees_since_ns is None:
+            self._sees_since_ns = now.now_ns
+        armed_again = self.memory.blind_stop and now.now_ns - self._sees_since_ns >= REARM_NS
+        if not self.memory.seen or armed_again:
+            self._change(now, seen=True, blind_stop=self.memory.blind_stop and not armed_again)
 
     def _no_sight(self, now: GuardInput) -> str:
         if now.verdict is None:
             return "vehicle's velocity unknown"
         if not self.memory.seen:
             return "nothing seen since take-off"
-        return "path still not seen" if self.memory.blind_stop and not now.verdict.sees else ""
+        unseen = not now.verdict.sees and not now.verdict.obstacle_stop
+        return "path still not seen" if self.memory.blind_stop and unseen else ""
+
+    def _wants_stop(self, now: GuardInput) -> bool:
+        """Whether the vehicle is to be stopped. A stop ends a return that a failsafe has commanded, and the autopilot does not
+        command it again: there only an obstacle with much support that two frames show counts. In take-off and landing the path
+        leads where cameras do not look."""
+        verdict = now.verdict
+        if verdict is None or verdict.action is not Action.STOP:
+            return False
+        if self._failsafe_return(now):
+            return verdict.firm_stop
+        return verdict.obstacle_stop if now.near_ground else True
+
+    def _failsafe_return(self, now: GuardInput) -> bool:
+        """Whether a failsafe has commanded the return, as far as the heartbeat shows it."""
+        vehicle = now.vehicle
+        if vehicle is None or vehicle.system_status not in FAILSAFE_STATES:
+            return False
+        return watched_mode(vehicle.autopilot, vehicle.custom_mode, self.guard) is Watched.RETURN
 
     def _doubts(self, doubt: str, now: GuardInput) -> list[Output]:
         """It would not be sure that a command has the right effect: none is sent, and that is announced."""
@@ -207,7 +237,10 @@ class GuardMachine:
     # ---- stop -------------------------------------------------------------------------------------------------------
 
     def _stop(self, vehicle: Vehicle, verdict: Verdict, now: GuardInput) -> list[Output]:
-        self._begin(GuardState.STOPPING, now, blind_stop=not verdict.sees, cause=verdict.cause)
+        self._sees_since_ns = None
+        self._begin(
+            GuardState.STOPPING, now, blind_stop=self.memory.blind_stop or not verdict.sees, cause=verdict.cause
+        )
         return [*self._try_to_stop(vehicle, now), Announcement(f"guard: stop, {verdict.cause}", critical=True)]
 
     def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
@@ -253,7 +286,8 @@ class GuardMachine:
 
     def _still_needed(self, now: GuardInput) -> bool:
         """Whether a stop that had no effect yet is repeated: not where the path is seen and the braking distance fits."""
-        return now.verdict is None or now.verdict.action is Action.STOP or not now.verdict.sees
+        unseen = now.verdict is None or not now.verdict.sees
+        return self._wants_stop(now) or (unseen and not now.near_ground and not self._failsafe_return(now))
 
     def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """Ends a stop without effect that is not needed any more. A command that is under way may still have its effect."""

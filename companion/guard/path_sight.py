@@ -32,6 +32,17 @@ before it, where a few pixels are some square millimetres. A wire across the ima
 LEAST_RANGE_M = 0.3
 RECKONING_ERRORS = (ArithmeticError, AssertionError, LookupError, ValueError)
 
+Frame = tuple[str, int]
+"""Camera and exposure, monotonic ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Nearest:
+    """Distance along the path to an obstacle, inf: none, and the frame that shows it."""
+
+    m: float = math.inf
+    frame: Frame | None = None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathSight:
@@ -39,7 +50,9 @@ class PathSight:
 
     speed_m_s: horizontal, None: not known. course_rad: direction of the path clockwise from north, None: heading not known.
     free_m: seen free from the vehicle's middle. obstacle_m: nearest obstacle in the path, inf: none. weak_obstacle_m: nearest
-    one that few pixels support, which needs a second frame. position_ned_m: None: not known.
+    one that few pixels support, which needs a second frame. obstacle_frame, weak_frame: camera and exposure of the frames that
+    show them, None: not known. remembered_m: nearest obstacle that was seen before, where no camera looks now, inf: none.
+    position_ned_m: None: not known.
     cause: why nothing is seen, in words; empty: something is."""
 
     t_ns: int
@@ -51,6 +64,14 @@ class PathSight:
     weak_obstacle_m: float
     position_ned_m: tuple[float, float, float] | None
     cause: str = ""
+    remembered_m: float = math.inf
+    obstacle_frame: Frame | None = None
+    weak_frame: Frame | None = None
+
+    def frame_of(self, obstacle_m: float) -> Frame:
+        """The frame that shows the obstacle at obstacle_m or weak_obstacle_m."""
+        frame = self.obstacle_frame if obstacle_m == self.obstacle_m else self.weak_frame
+        return frame if frame is not None else ("", self.exposed_ns or 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +86,7 @@ class _Path:
 def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathSight:
     """The path at one decision. Where it cannot be computed nothing is seen free."""
     speed_m_s = None if s.velocity_ned_m_s is None else math.hypot(*s.velocity_ned_m_s[:2])
-    free_m, obstacle_m, weak_m, course_rad = 0.0, math.inf, math.inf, None
+    free_m, firm, weak, kept_m, course_rad = 0.0, _Nearest(), _Nearest(), math.inf, None
     cause = "; ".join(f"{c}: {why}" for c, why in s.blind.items()) if not s.views else ""
     if s.here is None:
         cause = cause or "the attitude is lost"
@@ -74,9 +95,9 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathS
         course_rad = s.here.heading_rad + math.atan2(path.sin, path.cos)
         try:
             free_m = seen_free_m(s, path, avoid, guard)
-            obstacle_m, weak_m = obstacle_distances_m(s, path, avoid, guard)
+            firm, weak = nearest_obstacles(s, path, avoid, guard)
             if free_m == 0.0:  # where a camera looks, what it shows now counts
-                obstacle_m = min(obstacle_m, remembered_m(s, path, avoid, guard))
+                kept_m = remembered_m(s, path, avoid, guard)
         except RECKONING_ERRORS as error:
             free_m, cause = 0.0, f"the path cannot be computed: {type(error).__name__}: {error}"
     return PathSight(
@@ -85,8 +106,11 @@ def path_sight(s: Surroundings, avoid: AvoidParams, guard: GuardParams) -> PathS
         speed_m_s=speed_m_s,
         course_rad=course_rad,
         free_m=free_m,
-        obstacle_m=obstacle_m,
-        weak_obstacle_m=weak_m,
+        obstacle_m=firm.m,
+        weak_obstacle_m=weak.m,
+        obstacle_frame=firm.frame,
+        weak_frame=weak.frame,
+        remembered_m=kept_m,
         position_ned_m=None if s.here is None else s.here.position_ned_m,
         cause=cause,
     )
@@ -153,15 +177,22 @@ def _recalled(
     return out
 
 
-def obstacle_distances_m(s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams) -> tuple[float, float]:
-    """Distances to the nearest obstacle in the corridor, and to the nearest with little support; inf where there is none."""
-    firm_m, weak_m = math.inf, math.inf
-    for view, weak_px in zip(s.views, s.weak_px, strict=True):
+def nearest_obstacles(
+    s: Surroundings, path: _Path, avoid: AvoidParams, guard: GuardParams
+) -> tuple[_Nearest, _Nearest]:
+    """The nearest obstacle in the corridor, and the nearest with little support."""
+    firm, weak = _Nearest(), _Nearest()
+    frames: tuple[Frame | None, ...] = s.frames or (None,) * len(s.views)
+    for view, weak_px, frame in zip(s.views, s.weak_px, frames, strict=True):
         distance = _planes_m(view, path, avoid, guard)
-        weak = view.model.support_px <= np.maximum(weak_px, _small_px(view))
-        firm_m = min(firm_m, float(np.min(distance[~weak], initial=math.inf)))
-        weak_m = min(weak_m, float(np.min(distance[weak], initial=math.inf)))
-    return firm_m, weak_m
+        few = view.model.support_px <= np.maximum(weak_px, _small_px(view))
+        firm = min(firm, _Nearest(float(np.min(distance[~few], initial=math.inf)), frame), key=_distance_m)
+        weak = min(weak, _Nearest(float(np.min(distance[few], initial=math.inf)), frame), key=_distance_m)
+    return firm, weak
+
+
+def _distance_m(nearest: _Nearest) -> float:
+    return nearest.m
 
 
 def _small_px(view: View) -> Floats:

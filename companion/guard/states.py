@@ -54,13 +54,14 @@ class GuardMemory:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardInput:
     """now_ns: monotonic. vehicle: None, none is heard. doubt: why it is not sure that commands reach this vehicle, in words; empty:
-    it is. in_air: it flies. verdict: None, no speed or no sight of the path."""
+    it is. in_air: it flies. near_ground: it takes off or lands. verdict: None, no speed or no sight of the path."""
 
     now_ns: int
     vehicle: Vehicle | None
     doubt: str
     in_air: bool
     verdict: Verdict | None
+    near_ground: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -221,6 +221,7 @@ class MavlinkSession:
             int(m.custom_mode),
             arrival_ns,
             m.get_msgbuf()[0] == MAVLINK1,
+            int(m.system_status),
         )
 
     def _begin_anew(self) -> None:

@@ -38,7 +38,8 @@ class MavlinkParams:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The autopilot we listen to, by its newest heartbeat. heartbeat_ns: 0, none was received since the start."""
+    """The autopilot we listen to, by its newest heartbeat. heartbeat_ns: 0, none was received since the start.
+    system_status: MAV_STATE, 0: not known."""
 
     system_id: int
     autopilot: str
@@ -47,6 +48,7 @@ class Vehicle:
     custom_mode: int
     heartbeat_ns: int
     mavlink_1: bool = False
+    system_status: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

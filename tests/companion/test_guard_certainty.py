@@ -102,6 +102,14 @@ def test_a_configured_vehicle_is_not_in_doubt_for_another() -> None:
     assert "several vehicles" not in session.status(NOW).conflicts
 
 
+def test_the_vehicle_carries_the_state_of_the_system() -> None:
+    session = MavlinkSession()
+    message = dialect.MAVLink_heartbeat_message(2, 3, 128, 6, 5, 3)
+    session.receive([(bytes(message.pack(dialect.MAVLink(None, 1, 1))), NOW)])
+    assert session.vehicle is not None
+    assert session.vehicle.system_status == 5
+
+
 @pytest.mark.parametrize("other", [replace(COPTER, system_id=9), replace(COPTER, autopilot="PX4")])
 def test_another_vehicle_must_answer_for_itself(other: Vehicle) -> None:
     certainty = reached()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from companion.config.guard import GuardParams
 from companion.guard.assessment import Action, Verdict
-from companion.guard.machine import FAILED_AFTER, GAP_NS, MODE_NS, SETTLE_NS, GuardMachine
+from companion.guard.machine import FAILED_AFTER, GAP_NS, MODE_NS, REARM_NS, SETTLE_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
 from companion.guard.states import (
@@ -42,9 +42,12 @@ FREE = Verdict(
     sees=True,
     cause="",
 )
-BLOCKED = replace(FREE, action=Action.STOP, allowed_m_s=0.0, room_m=3.0, obstacle=True, cause="obstacle 3.0 m ahead")
+BLOCKED = replace(
+    FREE, action=Action.STOP, allowed_m_s=0.0, room_m=3.0, obstacle=True, cause="obstacle 3.0 m ahead", obstacle_stop=True, firm_stop=True
+)  # fmt: skip
+WEAK = replace(BLOCKED, firm_stop=False)
 NARROW = replace(FREE, action=Action.SLOW, allowed_m_s=2.2, room_m=8.0, cause="obstacle 8.0 m ahead", obstacle=True)
-BLIND = replace(BLOCKED, room_m=0.0, obstacle=False, sees=False, cause="front: no frame")
+BLIND = replace(WEAK, room_m=0.0, obstacle=False, obstacle_stop=False, sees=False, cause="front: no frame")
 
 
 @dataclass
@@ -62,13 +65,17 @@ class Flight:
     verdict: Verdict | None = FREE
     heard: bool = True
     heartbeat_ns: int | None = None
+    system_status: int = 4
+    near_ground: bool = False
 
     def step(self, times: int = 1) -> list[Output]:
         out: list[Output] = []
         for _ in range(times):
             self.now_ns += STEP_NS
             beat_ns = self.now_ns if self.heartbeat_ns is None else self.heartbeat_ns
-            vehicle = Vehicle(self.system_id, self.kind, 2, self.armed, self.mode, beat_ns)
+            vehicle = Vehicle(
+                self.system_id, self.kind, 2, self.armed, self.mode, beat_ns, system_status=self.system_status
+            )
             out += self.machine.step(
                 GuardInput(
                     now_ns=self.now_ns,
@@ -76,6 +83,7 @@ class Flight:
                     doubt=self.doubt,
                     in_air=self.in_air,
                     verdict=self.verdict,
+                    near_ground=self.near_ground,
                 )
             )
         return out
@@ -353,9 +361,76 @@ def test_blindness_stops_once() -> None:
     assert commands(out) == []
     assert texts(out) == ["guard: released, mode changed", "guard: off, path still not seen"]
     f.verdict = FREE
-    f.step()
+    f.step(REARM_NS // STEP_NS + 1)
     f.verdict = BLIND
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+def test_an_intermittent_camera_stops_the_vehicle_once() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
+    f.step()
+    f.mode = AUTO
+    for _ in range(10):
+        f.verdict = FREE
+        assert commands(f.step(10)) == []
+        f.verdict = BLIND
+        assert commands(f.step(5)) == []
+    f.verdict = BLOCKED
+    assert commands(f.step()) != []
+
+
+def test_a_remembered_obstacle_stops_after_a_stop_for_unseen_space() -> None:
+    f = Flight()
+    f.step()
+    f.verdict = BLIND
+    f.step()
+    f.mode, f.verdict = COPTER_BRAKE, replace(BLIND, speed_m_s=0.0)
+    f.step()
+    f.mode = AUTO
+    assert commands(f.step(20)) == []
+    f.verdict = replace(BLIND, obstacle_stop=True)
+    assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]
+
+
+@pytest.mark.parametrize("system_status", [5, 6])
+@pytest.mark.parametrize(("kind", "mode"), [("PX4", RETURN), ("ArduPilot", RTL), ("ArduPilot", 21)])
+def test_a_return_of_a_failsafe_is_stopped_before_firm_obstacles_only(kind: str, mode: int, system_status: int) -> None:
+    f = Flight(kind, mode, system_status=system_status)
+    f.step()
+    for verdict in (BLIND, WEAK):
+        f.verdict = verdict
+        assert commands(f.step(30)) == []
+    f.verdict = BLOCKED
+    assert len(commands(f.step())) == 1
+
+
+def test_a_blind_stop_is_not_repeated_when_a_failsafe_begins() -> None:
+    f = Flight("ArduPilot", RTL)
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+    f.system_status = 5
+    assert commands(f.step(50)) == []
+
+
+def test_a_failsafe_in_a_mission_changes_nothing() -> None:
+    f = Flight(system_status=5)
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step()) != []
+
+
+def test_no_stop_for_unseen_space_in_take_off_and_landing() -> None:
+    f = Flight(near_ground=True)
+    f.step()
+    f.verdict = BLIND
+    assert commands(f.step(30)) == []
+    f.verdict = WEAK
+    assert commands(f.step()) != []
 
 
 def test_nothing_is_stopped_before_anything_was_seen() -> None:

@@ -131,10 +131,11 @@ def test_a_remembered_obstacle_counts() -> None:
     recalled = Remembered(distance_m, np.full(72, np.inf))
     ten = math.radians(10.0)
     ahead = seen(model(free_to_m=0.0), velocity=(5.0 * math.cos(ten), 5.0 * math.sin(ten), 0.0), recalled=recalled)
-    assert ahead.obstacle_m == pytest.approx(4.4)
-    assert math.isinf(seen(model(free_to_m=0.0), velocity=(0.0, -5.0, 0.0), recalled=recalled).obstacle_m)
+    assert ahead.remembered_m == pytest.approx(4.4)
+    assert math.isinf(ahead.obstacle_m)
+    assert math.isinf(seen(model(free_to_m=0.0), velocity=(0.0, -5.0, 0.0), recalled=recalled).remembered_m)
     # where a camera looks, what it shows now counts
-    assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).obstacle_m)
+    assert math.isinf(seen(model(free_to_m=20.0), velocity=(5.0, 0.9, 0.0), recalled=recalled).remembered_m)
 
 
 @pytest.mark.parametrize(
@@ -251,6 +252,41 @@ def test_the_same_frame_twice_confirms_nothing() -> None:
     first = later(80, weak_obstacle_m=5.0)
     again = replace(first, t_ns=first.t_ns + 60 * MS)
     assert action(SIGHT, first, again) is Action.PASS
+
+
+def test_a_new_frame_of_another_camera_confirms_nothing() -> None:
+    """The exposures of all cameras differ, the obstacle comes from one frame."""
+    frame = ("front", T_NS)
+    first = later(80, weak_obstacle_m=5.0, weak_frame=frame)
+    again = later(140, weak_obstacle_m=4.7, weak_frame=frame)
+    assert action(SIGHT, first, again) is Action.PASS
+    assert action(SIGHT, first, replace(again, weak_frame=("front", T_NS + 60 * MS))) is Action.STOP
+    assert action(SIGHT, first, replace(again, weak_frame=("left", T_NS))) is Action.STOP
+
+
+def test_a_firm_stop_needs_two_frames_and_no_memory() -> None:
+    def firm(*sights: PathSight) -> tuple[bool, bool]:
+        assessor = PathAssessor(GUARD, BRAKING)
+        for sight in sights:
+            assessor.take(sight)
+        verdict = assessor.verdict(sights[-1].t_ns)
+        assert verdict is not None
+        return verdict.obstacle_stop, verdict.firm_stop
+
+    assert firm(SIGHT, later(80, obstacle_m=5.0)) == (True, False)
+    assert firm(SIGHT, later(80, obstacle_m=5.0), later(160, obstacle_m=4.6)) == (True, True)
+    assert firm(SIGHT, later(80, weak_obstacle_m=5.0), later(160, weak_obstacle_m=4.6)) == (True, False)
+    assert firm(SIGHT, later(80, remembered_m=5.0), later(160, remembered_m=4.6)) == (True, False)
+    assert firm(later(80, free_m=0.0)) == (False, False)
+
+
+def test_a_remembered_obstacle_is_no_sight() -> None:
+    assessor = PathAssessor(GUARD, BRAKING)
+    assessor.take(replace(SIGHT, free_m=0.0, remembered_m=5.0))
+    verdict = assessor.verdict(T_NS)
+    assert verdict is not None
+    assert not verdict.sees
+    assert verdict.action is Action.STOP
 
 
 def test_a_sender_that_hangs_is_blindness() -> None:

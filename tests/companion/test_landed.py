@@ -48,6 +48,15 @@ def test_what_the_autopilot_says_counts_and_else_whether_it_is_armed(
     assert landed.on_ground(vehicle(armed), 2 * NS + FRESH_NS) == (not armed)
 
 
+@pytest.mark.parametrize(("state", "near"), [(0, False), (1, False), (2, False), (3, True), (4, True)])
+def test_take_off_and_landing(state: int, near: bool) -> None:
+    landed = LandedState()
+    assert not landed.takes_off_or_lands(NS)
+    landed.take(says(state), NS)
+    assert landed.takes_off_or_lands(2 * NS) == near
+    assert not landed.takes_off_or_lands(2 * NS + FRESH_NS)
+
+
 @pytest.mark.parametrize("kind", ["ArduPilot", "PX4", "ArduPilot or PX4"])
 def test_what_is_near_on_the_ground_is_not_seen_and_not_clear(kind: str) -> None:
     chain = Chain(NEAR)
