@@ -41,7 +41,7 @@ class GuardParams:
         0.0,
         30.0,
         "m/s",
-        "speed of the mission: greatest first limit, and speed to which a limit is raised; 0: the speed that the vehicle reached by itself",
+        "greatest speed that the guard commands, also at the end of a limit; 0: the speed of the vehicle just before the limit alone bounds it",
     )
     blind_speed_m_s: float = critical(
         0.7, 0.3, 3.0, "m/s", "slower than this, space that is only unseen does not stop the vehicle; obstacles do"

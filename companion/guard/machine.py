@@ -220,6 +220,9 @@ class GuardMachine:
             self._change(now, state=GuardState.WATCHING, limit_m_s=0.0)
             return [Announcement("guard: no speed limit in this mode")]
         wanted_m_s = limiter.wanted(verdict, now.now_ns)
+        if limiter.ineffective:
+            self._begin(GuardState.WATCHING, now)
+            return [Announcement("guard: speed limit has no effect")]
         if wanted_m_s is None:
             return []
         out: list[Output] = [SpeedCommand(vehicle.system_id, wanted_m_s)]

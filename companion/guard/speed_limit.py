@@ -11,8 +11,8 @@ from .assessment import LIMIT_STEP_M_S, Action, Verdict
 NS = 1_000_000_000
 APART_NS = NS // 2
 """Least time between two commands."""
-OWN_NS = 2 * NS
-"""So long after the first limit a vehicle that was accelerating may still show a greater speed of its own."""
+EXCESS_M_S, EXCESS_NS = 0.5, 2 * NS
+"""A vehicle that is faster than its limit by EXCESS_M_S and has not slowed down by EXCESS_M_S within EXCESS_NS does not follow it."""
 TRIES = 3
 """A limit that is not acknowledged is sent so often; the stop does not depend on it."""
 ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
@@ -21,19 +21,21 @@ ACCEPTED, TEMPORARILY_REJECTED, IN_PROGRESS = 0, 1, 5
 
 @dataclass(slots=True)
 class SpeedLimiter:
-    """`wanted` gives the limit to send now. speed_m_s: the limit in force, 0: none; fastest_m_s: greatest speed of the vehicle before
-    the first limit. refused: the autopilot does not take a limit in this mode. ended: the limit last sent is that speed again."""
+    """`wanted` gives the limit to send now. speed_m_s: the limit in force, 0: none; fastest_m_s: speed of the
+    vehicle just before the first limit. refused: the autopilot does not take a limit in this mode. ended: the limit last sent is
+    that speed again. ineffective: the vehicle does not follow the limit, which is then not in force."""
 
     guard: GuardParams
     speed_m_s: float = 0.0
     fastest_m_s: float = 0.0
     refused: bool = False
     ended: bool = False
-    _first_ns: int | None = None
+    ineffective: bool = False
     _sent_ns: int | None = None
     _result: int | None = None
     _tries: int = 0
     _free_since_ns: int | None = None
+    _excess: tuple[int, float] | None = None
 
     def acknowledged(self, result: int) -> None:
         """A COMMAND_ACK of MAV_CMD_DO_CHANGE_SPEED for us."""
@@ -45,26 +47,36 @@ class SpeedLimiter:
         """The limit to send now, m/s; None: nothing is to be sent.
 
         MAV_CMD_DO_CHANGE_SPEED sets the speed: a value above that of the mission would make the vehicle faster. The first limit is
-        therefore not above the speed of the vehicle, or cruise_m_s."""
+        therefore not above the speed of the vehicle, and a limit is raised at most to that speed. cruise_m_s, where it is set,
+        bounds both further."""
         speed_m_s = verdict.speed_m_s or 0.0
-        own = self._first_ns is None or now_ns - self._first_ns < OWN_NS
-        if own:
-            self.fastest_m_s = max(self.fastest_m_s, speed_m_s, self.guard.cruise_m_s)
+        self._follow_effect(speed_m_s, now_ns)
+        if self.ineffective:
+            return None
         if self._sent_ns is not None and now_ns - self._sent_ns < APART_NS:
             return None
         allowed_m_s = max(self.guard.least_limit_m_s, _stepped(verdict.allowed_m_s))
         if self.speed_m_s <= 0.0:
-            cap_m_s = max(speed_m_s, self.guard.cruise_m_s)
+            cap_m_s = min(speed_m_s, self.guard.cruise_m_s or speed_m_s)
             first_m_s = max(self.guard.least_limit_m_s, min(allowed_m_s, _stepped(cap_m_s)))
             if verdict.action is not Action.SLOW or first_m_s > cap_m_s:
                 return None
-            self._first_ns = now_ns
+            self.fastest_m_s = cap_m_s
             return self._send(first_m_s, now_ns)
         if verdict.action is Action.SLOW and allowed_m_s < self.speed_m_s:
             return self._send(allowed_m_s, now_ns)
         if self._result in (None, TEMPORARILY_REJECTED) and self._tries < TRIES:
             return self._send(self.speed_m_s, now_ns)
         return self._raised(allowed_m_s, now_ns)
+
+    def _follow_effect(self, speed_m_s: float, now_ns: int) -> None:
+        """Notes a limit that the vehicle does not follow: the mission has set another speed, or the autopilot ignores it."""
+        if self.speed_m_s <= 0.0 or speed_m_s <= self.speed_m_s + EXCESS_M_S:
+            self._excess = None
+        elif self._excess is None or speed_m_s <= self._excess[1] - EXCESS_M_S:
+            self._excess = now_ns, speed_m_s
+        elif now_ns - self._excess[0] >= EXCESS_NS:
+            self.ineffective = True
 
     def _raised(self, allowed_m_s: float, now_ns: int) -> float | None:
         """A higher limit, after raise_after_s in which it was allowed; never above the speed before the limit. By at least two
@@ -84,7 +96,7 @@ class SpeedLimiter:
     def _send(self, speed_m_s: float, now_ns: int) -> float:
         self._tries = self._tries + 1 if speed_m_s == self.speed_m_s else 1
         self.speed_m_s, self._sent_ns, self._result = speed_m_s, now_ns, None
-        self._free_since_ns = None
+        self._free_since_ns, self._excess = None, None
         return speed_m_s
 
 

@@ -32,7 +32,7 @@ class GuardMemory:
     """All that outlives the process. t_ns: instant of the last change, monotonic.
 
     mode: custom_mode in which the state began. stop_modes: those that the guard has asked for. taken: one of them was seen in a
-    heartbeat. attempts: to stop. limit_m_s: asked for, 0: none; fastest_m_s: greatest speed in this mode before the limit.
+    heartbeat. attempts: to stop. limit_m_s: asked for, 0: none; fastest_m_s: speed just before the limit.
     seen: the path was seen since the vehicle is in the air. blind_stop: the vehicle was stopped because nothing was seen; it is
     not stopped for that again before something is seen."""
 

@@ -460,7 +460,9 @@ def test_limits_the_speed_before_it_stops() -> None:
 
 def test_repeats_a_limit_three_times() -> None:
     f = Flight(verdict=NARROW)
-    out = f.step(100)
+    out = f.step()
+    f.verdict = replace(NARROW, speed_m_s=2.0)
+    out += f.step(100)
     assert commands(out) == [SpeedCommand(7, 2.0)] * 3
 
 
@@ -499,10 +501,51 @@ def test_a_limit_is_never_above_the_speed_of_the_vehicle() -> None:
     f = Flight(verdict=replace(accelerating, speed_m_s=0.9))
     assert f.step(20) == []
     f = Flight(machine=GuardMachine(GuardParams(enabled=True, cruise_m_s=6.0)), verdict=accelerating)
-    assert commands(f.step()) == [SpeedCommand(7, 4.5)]
+    assert commands(f.step()) == [SpeedCommand(7, 3.0)]
+    f = Flight(machine=GuardMachine(GuardParams(enabled=True, cruise_m_s=2.0)), verdict=accelerating)
+    assert commands(f.step()) == [SpeedCommand(7, 2.0)]
 
 
-def test_the_speed_that_it_reached_by_itself_is_given_back() -> None:
+@pytest.mark.parametrize("cruise_m_s", [0.0, 10.0])
+def test_the_end_of_a_limit_is_not_faster_than_the_leg(cruise_m_s: float) -> None:
+    """The first leg is flown at 10 m/s, the second at 3 m/s."""
+    f = Flight(
+        machine=GuardMachine(GuardParams(enabled=True, cruise_m_s=cruise_m_s)), verdict=replace(FREE, speed_m_s=10.0)
+    )
+    assert f.step(20) == []
+    f.verdict = FREE
+    f.step(100)
+    f.verdict = replace(NARROW, allowed_m_s=1.5)
+    sent = commands(f.step())
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, speed_m_s=1.5, allowed_m_s=15.0)
+    sent += commands(f.step(200))
+    assert sent == [SpeedCommand(7, 1.5), SpeedCommand(7, 3.0)]
+
+
+def test_a_limit_that_the_vehicle_does_not_follow_is_not_in_force() -> None:
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, speed_m_s=2.6)
+    out = f.step(25)
+    assert commands(out) == []
+    assert texts(out) == ["guard: speed limit has no effect"]
+    assert f.state is GuardState.WATCHING
+    assert f.step(100) == []
+
+
+def test_a_vehicle_that_is_still_braking_follows_its_limit() -> None:
+    f = Flight(verdict=replace(NARROW, speed_m_s=10.0))
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    for k in range(80):
+        f.verdict = replace(NARROW, speed_m_s=10.0 - 0.1 * k)
+        assert f.step() == []
+    assert f.state is GuardState.LIMITED
+
+
+def test_a_limit_is_raised_to_the_speed_just_before_it() -> None:
     accelerating = replace(NARROW, predicted_m_s=5.0, allowed_m_s=4.6)
     f = Flight(verdict=accelerating)
     f.step()
@@ -510,7 +553,12 @@ def test_the_speed_that_it_reached_by_itself_is_given_back() -> None:
     f.verdict = replace(FREE, speed_m_s=4.2)
     f.step(5)
     f.verdict = replace(FREE, speed_m_s=3.0)
-    assert commands(f.step(60)) == [SpeedCommand(7, 4.2)]
+    assert commands(f.step(60)) == []
+    f = Flight(verdict=NARROW)
+    f.step()
+    f.machine.acknowledged(DO_CHANGE_SPEED, 0)
+    f.verdict = replace(FREE, speed_m_s=2.0)
+    assert commands(f.step(60)) == [SpeedCommand(7, 3.0)]
 
 
 def test_a_vehicle_that_stands_is_not_limited() -> None:
