@@ -32,6 +32,7 @@ from .memory_file import GuardMemoryFile
 from .modes import StopMethod
 from .path_sight import PathSight, path_sight
 from .states import Announcement, GuardInput, GuardMemory, GuardState, Output, SpeedCommand, StopCommand
+from .velocity_hold import VelocityHold
 
 log = logging.getLogger("companion")
 
@@ -66,6 +67,7 @@ class Guard:
         self._certainty = Certainty(component_id)
         self._landed = LandedState()
         self._assessor = PathAssessor(guard, braking_of(guard, avoid))
+        self._velocity = VelocityHold()
         self._file = GuardMemoryFile(folder)
         memory = self._file.load(time.monotonic_ns())
         self._machine = GuardMachine(guard, memory or GuardMemory(), self._file.loaded_ns)
@@ -78,12 +80,14 @@ class Guard:
         self._announced: dict[str, int] = {}
         self._stop, self._news = threading.Event(), threading.Event()
         self._thread = WatchedThread(self._run, "guard")
+        self.alive_ns = time.monotonic_ns()
+        """Instant at which the newest step of the thread began."""
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
     def observe(self, surroundings: Surroundings) -> None:
         """What a decision of the obstacle output was made from."""
-        sight = path_sight(surroundings, self._avoid, self._guard)
+        sight = path_sight(self._velocity.held(surroundings), self._avoid, self._guard)
         with self._lock:
             self._sight = sight
             self._assessor.take(sight)
@@ -100,6 +104,7 @@ class Guard:
 
     def open(self) -> None:
         """Starts the thread."""
+        self.alive_ns = time.monotonic_ns()
         self._thread.start()
 
     def close(self) -> None:
@@ -117,8 +122,18 @@ class Guard:
         while not self._stop.is_set():
             self._news.wait(STEP_S)
             self._news.clear()
+            self.alive_ns = time.monotonic_ns()
             if not self._stop.is_set():
                 self.step(time.monotonic_ns())
+
+    @property
+    def failure(self) -> str:
+        """The exception that has ended the thread, as text; empty: none."""
+        return self._thread.failure
+
+    def stalled(self, now_ns: int, limit_ns: int) -> bool:
+        """Whether the thread was started and has ended, or has not begun a step for limit_ns."""
+        return self._thread.ident is not None and (self._thread.ended or now_ns - self.alive_ns > limit_ns)
 
     def step(self, now_ns: int) -> None:
         """One step: reads what has arrived, decides and sends."""
@@ -130,9 +145,9 @@ class Guard:
         with self._lock:
             self._verdict = self._assessor.verdict(now_ns)
         outputs = self._machine.step(self._input(vehicle, now_ns))
-        self._file.keep(self.memory, now_ns)
-        for output in outputs:
+        for output in outputs:  # before the write: a slow disk does not delay a command
             self._send(output, now_ns)
+        self._file.keep(self.memory, now_ns)
 
     def _acknowledgements(self, vehicle: Vehicle) -> None:
         while self._messages:

@@ -16,6 +16,7 @@ from .pipeline_thread import PipelineThread
 
 if TYPE_CHECKING:
     from ..autopilot.manager import Avoidance
+    from ..guard.guard import Guard
     from .prometheus import MetricsServer
 
 NS = 1_000_000_000
@@ -24,7 +25,11 @@ LINK_OPEN_NS = 2 * NS
 
 
 def failures(
-    loop: PipelineThread, link: MavlinkLink | None, avoidance: Avoidance | None, cameras: Mapping[str, CameraSupervisor]
+    loop: PipelineThread,
+    link: MavlinkLink | None,
+    avoidance: Avoidance | None,
+    guard: Guard | None,
+    cameras: Mapping[str, CameraSupervisor],
 ) -> str:
     """The required threads that an exception has ended, as text; empty: none."""
     parts = {"the pipeline": loop.failure}
@@ -32,6 +37,8 @@ def failures(
         parts["the link to the autopilot"] = link.failure
     if avoidance is not None:
         parts["the obstacle sender"] = avoidance.sender.failure
+    if guard is not None:
+        parts["the guard"] = guard.failure
     parts |= {f"the supervision of camera {name}": camera.failure for name, camera in cameras.items()}
     return "; ".join(f"{part} has ended: {failure}" for part, failure in parts.items() if failure)
 
@@ -40,6 +47,7 @@ def stalled_part(
     loop: PipelineThread,
     link: MavlinkLink | None,
     avoidance: Avoidance | None,
+    guard: Guard | None,
     cameras: Mapping[str, CameraSupervisor],
     now_ns: int,
     timeout_ns: int,
@@ -55,6 +63,8 @@ def stalled_part(
         return "the link to the autopilot"
     if avoidance is not None and avoidance.hung(timeout_ns):
         return "the obstacle sender"
+    if guard is not None and guard.stalled(now_ns, timeout_ns):
+        return "the guard"
     for name, camera in cameras.items():
         if camera.status.alive_ns and now_ns - camera.status.alive_ns > timeout_ns + LINK_OPEN_NS:
             return f"the supervision of camera {name}"

@@ -260,7 +260,7 @@ class Service:
     def failures(self) -> str:
         """The required threads that an exception has ended, as text; empty: none. The service then ends and systemd restarts
         it (docs/reference/service.md)."""
-        return failures(self.loop, self.link, self.avoidance, self.cameras)
+        return failures(self.loop, self.link, self.avoidance, self.guard, self.cameras)
 
     @property
     def diagnostic_texts(self) -> list[str]:
@@ -270,7 +270,8 @@ class Service:
     def stalled_part(self) -> str:
         """The first required thread that does not respond within `[service] hang_s`, as text; empty: none."""
         timeout_ns = round(self.config.service.hang_s * NS)
-        return stalled_part(self.loop, self.link, self.avoidance, self.cameras, time.monotonic_ns(), timeout_ns)
+        now_ns = time.monotonic_ns()
+        return stalled_part(self.loop, self.link, self.avoidance, self.guard, self.cameras, now_ns, timeout_ns)
 
     def tick(self) -> None:
         """Publishes blind frames for blind cameras, and the health report once per second and at each change of state."""

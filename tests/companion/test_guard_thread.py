@@ -1,0 +1,149 @@
+"""The guard's thread: what a slow disk delays, what the service sees of a thread that has ended, and a lost velocity."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from companion.autopilot.obstacle_memory import nothing_remembered
+from companion.autopilot.surroundings import Surroundings
+from companion.autopilot.view_free import View
+from companion.config.avoidance import AvoidParams
+from companion.config.guard import GuardParams
+from companion.guard.guard import Guard
+from companion.guard.memory_file import GuardMemoryFile
+from companion.guard.states import GuardMemory, GuardState
+from companion.guard.velocity_hold import HOLD_NS
+from companion.live.part_checks import failures, stalled_part
+from companion.pipeline.transform import LevelTransform
+from drivers.mavlink.dialect import dialect
+from drivers.mavlink.session_types import Vehicle
+
+from .test_guard_certainty import COPTER, LINK
+from .test_guard_path import HERE, plane
+from .test_sectors import model
+
+NS = 1_000_000_000
+START_NS = 100 * NS
+STEP_NS = NS // 20
+LOOP: Any = SimpleNamespace(failure="", running=True, started=False, alive_ns=0)
+
+
+class Flight:
+    """A guard of a copter in AUTO at 3 m/s north, before a wall at a distance."""
+
+    def __init__(self, folder: Any = None) -> None:
+        self.now_ns = START_NS
+        self.sent: list[Any] = []
+        self.wall_m = 19.0
+        self.velocity: tuple[float, float, float] | None = (3.0, 0.0, 0.0)
+        self.guard = Guard(
+            GuardParams(enabled=True, limit_speed=False), AvoidParams(radius_m=0.4), 196, self._vehicle, lambda: LINK,
+            self.sent.append, folder,
+        )  # fmt: skip
+
+    def _vehicle(self) -> Vehicle:
+        return replace(COPTER, heartbeat_ns=self.now_ns)
+
+    def step(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.now_ns += STEP_NS
+            view = View(
+                model(plane(self.wall_m, -2.0, 2.0), free_to_m=self.wall_m), LevelTransform(0.0, (0.0, 0.0, 0.0))
+            )
+            self.guard.observe(
+                Surroundings(
+                    t_ns=self.now_ns, views=(view,), weak_px=(0.0,), exposed_ns=self.now_ns, recall=None,
+                    recalled=nothing_remembered(), blind={}, here=HERE, velocity_ned_m_s=self.velocity,
+                )
+            )  # fmt: skip
+            self.guard.step(self.now_ns)
+            if self.now_ns == START_NS + STEP_NS:
+                self.guard.message(dialect.MAVLink_command_ack_message(511, 0, 0, 0, 7, 196), self.now_ns)
+
+    def stops(self) -> list[Any]:
+        return [m for m in self.sent if m.get_type() == "COMMAND_LONG" and m.command == 176]
+
+
+def test_a_slow_disk_does_not_delay_the_stop(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight(tmp_path)
+    at_write: list[int] = []
+
+    def keep(file: GuardMemoryFile, memory: GuardMemory, now_ns: int) -> None:
+        if memory.state is GuardState.STOPPING:
+            at_write.append(len(flight.stops()))
+
+    monkeypatch.setattr(GuardMemoryFile, "keep", keep)
+    flight.step(5)
+    assert flight.stops() == []
+    flight.wall_m = 5.0
+    flight.step()
+    assert at_write == [1]
+
+
+def test_a_velocity_that_is_lost_just_before_the_stop_is_due_does_not_prevent_it() -> None:
+    flight = Flight()
+    flight.step(5)
+    flight.velocity = None
+    flight.step(NS // 2 // STEP_NS)
+    assert flight.guard.memory.state is GuardState.WATCHING
+    flight.wall_m = 5.0
+    flight.step()
+    assert len(flight.stops()) == 1
+
+
+def test_without_a_velocity_for_long_there_is_doubt() -> None:
+    flight = Flight()
+    flight.step(5)
+    flight.velocity = None
+    flight.step(HOLD_NS // STEP_NS)
+    assert flight.guard.memory.state is GuardState.WATCHING
+    flight.step(2)
+    assert flight.guard.memory.state is GuardState.UNAVAILABLE
+    assert flight.guard.memory.cause == "vehicle's velocity unknown"
+
+
+def guard_with(vehicle: Callable[[], Vehicle | None]) -> Guard:
+    return Guard(GuardParams(enabled=True), AvoidParams(), 196, vehicle, lambda: LINK, lambda _: None, None)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_guard_that_has_ended_ends_the_service() -> None:
+    reached = threading.Event()
+
+    def vehicle() -> Vehicle | None:
+        reached.set()
+        raise ValueError("test")
+
+    guard = guard_with(vehicle)
+    assert stalled_part(LOOP, None, None, guard, {}, START_NS, NS) == "", "not started"
+    guard.open()
+    assert reached.wait(10.0)
+    guard.close()
+    assert failures(LOOP, None, None, guard, {}) == "the guard has ended: ValueError: test"
+    assert stalled_part(LOOP, None, None, guard, {}, guard.alive_ns, NS) == "the guard"
+
+
+def test_a_guard_that_does_not_respond_is_a_stalled_part() -> None:
+    reached, release = threading.Event(), threading.Event()
+
+    def vehicle() -> Vehicle | None:
+        reached.set()
+        release.wait(10.0)
+        return None
+
+    guard = guard_with(vehicle)
+    guard.open()
+    try:
+        assert reached.wait(10.0)
+        assert stalled_part(LOOP, None, None, guard, {}, guard.alive_ns + NS, NS) == ""
+        assert stalled_part(LOOP, None, None, guard, {}, guard.alive_ns + NS + 1, NS) == "the guard"
+        assert failures(LOOP, None, None, guard, {}) == ""
+    finally:
+        release.set()
+        guard.close()
