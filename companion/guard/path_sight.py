@@ -1,7 +1,7 @@
 """How far the path ahead of the vehicle is seen free, and where the nearest obstacle stands in it.
 
 The path is a straight corridor from the vehicle along its velocity, as wide as the hull and `side_m` on each side, over the
-height band of `[avoid]`; with a climb or descent the band follows the slope. Distances are horizontal, from the vehicle's middle.
+height band of `[avoid]`; with a climb or descent the band follows the slope, and obstacles count in the level band too. Distances are horizontal, from the vehicle's middle.
 All is computed in level at the instant of a decision of the obstacle output.
 """
 
@@ -22,6 +22,8 @@ from ..config.guard import GuardParams
 Floats = NDArray[np.float64]
 LEAST_SPEED_M_S = 0.2
 """Slower, the velocity has no direction: the path is straight ahead."""
+SLOPE_SPEED_M_S = 1.0
+"""Slower, the ratio of the vertical to the horizontal velocity is mostly noise: the path counts as level."""
 STEEPEST = 1.0
 PIECE_M = 2.0
 """Along a sloping path the height band is moved once for each piece of this length."""
@@ -122,7 +124,8 @@ def _path(s: Surroundings, speed_m_s: float | None) -> _Path:
         return _Path(1.0, 0.0, 0.0)
     north, east, down = s.velocity_ned_m_s
     angle = math.atan2(east, north) - s.here.heading_rad
-    return _Path(math.cos(angle), math.sin(angle), max(-STEEPEST, min(STEEPEST, down / speed_m_s)))
+    slope = max(-STEEPEST, min(STEEPEST, down / speed_m_s)) if speed_m_s >= SLOPE_SPEED_M_S else 0.0
+    return _Path(math.cos(angle), math.sin(angle), slope)
 
 
 def half_width_m(avoid: AvoidParams, guard: GuardParams) -> float:
@@ -227,10 +230,11 @@ def _planes_m(view: View, path: _Path, avoid: AvoidParams, guard: GuardParams) -
     # a plane that runs past the vehicle counts from the vehicle on
     near_m, far_m = np.maximum(0.0, at.min(axis=1)), at.max(axis=1)
     heights = path.slope * np.stack([near_m, np.maximum(near_m, far_m)], axis=1)
-    reaches = (planes[:, 4] < heights.max(axis=1) + avoid.band_below_m) & (
+    level = (planes[:, 4] < avoid.band_below_m) & (planes[:, 5] > -avoid.band_above_m)
+    sloped = (planes[:, 4] < heights.max(axis=1) + avoid.band_below_m) & (
         planes[:, 5] > heights.min(axis=1) - avoid.band_above_m
     )
-    hit = ~outside & (far_m >= 0.0) & reaches
+    hit = ~outside & (far_m >= 0.0) & (level | sloped)
     out: Floats = np.where(hit, np.maximum(0.0, near_m - view.model.margin_m), np.inf)
     return out
 

@@ -96,6 +96,20 @@ def test_the_height_of_the_path(vertical_m_s: float, top: float, bottom: float, 
     assert math.isfinite(seen(found, velocity=(5.0, 0.0, vertical_m_s)).obstacle_m) is hit
 
 
+@pytest.mark.parametrize("vertical_m_s", [-2.5, -0.5, 0.5, 2.5])
+def test_an_obstacle_at_the_height_of_the_vehicle_counts_in_a_climb_and_descent(vertical_m_s: float) -> None:
+    """Noise of the vertical velocity must not lead the corridor past it."""
+    found = model(plane(8.0, -2.0, 2.0, -0.3, 0.3), free_to_m=20.0)
+    assert seen(found, velocity=(5.0, 0.0, vertical_m_s)).obstacle_m == pytest.approx(8.0)
+    assert seen(found, velocity=(0.6, 0.0, vertical_m_s)).obstacle_m == pytest.approx(8.0)
+
+
+def test_the_slope_of_a_slow_vehicle_is_noise() -> None:
+    found = model(plane(8.0, -2.0, 2.0, 3.0, 5.0), free_to_m=20.0)
+    assert math.isinf(seen(found, velocity=(0.9, 0.0, 0.45)).obstacle_m)
+    assert math.isfinite(seen(found, velocity=(1.1, 0.0, 0.55)).obstacle_m)
+
+
 def test_a_wall_along_the_way_counts_from_where_it_enters() -> None:
     slanted = (2.0, 4.0, 12.0, -1.0, -2.0, 2.0)
     assert seen(model(slanted, free_to_m=20.0)).obstacle_m == pytest.approx(8.6, abs=0.05)
