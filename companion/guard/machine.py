@@ -17,7 +17,9 @@ from drivers.mavlink.session_types import Vehicle
 
 from ..config.guard import GuardParams
 from .assessment import Action, Verdict
-from .modes import ARDUPILOT, STOP_MODES, STOP_ORDER, StopMethod, Watched, takes_speed, watched_mode
+from .attempt import ACK_NS, MODE_NS, Attempt
+from .hold_motion import HoldMotion
+from .modes import ARDUPILOT, PX4, STOP_MODES, STOP_ORDER, StopMethod, Watched, takes_speed, watched_mode
 from .speed_limit import ACCEPTED, IN_PROGRESS, SpeedLimiter
 from .states import (
     INTERVENES,
@@ -31,12 +33,6 @@ from .states import (
 )
 
 NS = 1_000_000_000
-ACK_NS = NS * 4 // 10
-"""An attempt without COMMAND_ACK is repeated after this time."""
-MODE_NS = NS * 15 // 10
-"""An acknowledged attempt whose mode does not appear in a heartbeat is repeated after this time: heartbeats may come once a second."""
-SETTLE_NS = NS // 2
-"""A heartbeat so much later than an acknowledged attempt shows its mode, if it had an effect."""
 REARM_NS = 5 * NS
 """After a stop for unseen space the path must be seen for this time without a gap before unseen space stops the vehicle again."""
 FAILSAFE_STATES = frozenset({5, 6})
@@ -58,25 +54,6 @@ GAP_NS = 5 * NS
 
 
 @dataclass(slots=True)
-class _Attempt:
-    """The newest attempt to stop. result: MAV_RESULT, None: not acknowledged."""
-
-    method: StopMethod
-    command: int
-    t_ns: int
-    result: int | None = None
-
-    @property
-    def refused(self) -> bool:
-        """Whether the autopilot has answered that it does not do it."""
-        return self.result not in (None, ACCEPTED, IN_PROGRESS)
-
-    def shown_without_effect(self, vehicle: Vehicle) -> bool:
-        """Whether a heartbeat is late enough to show the effect. The caller has compared the mode."""
-        return vehicle.heartbeat_ns - self.t_ns >= SETTLE_NS
-
-
-@dataclass(slots=True)
 class GuardMachine:
     """`step` ten times per second or more, `acknowledged` with each COMMAND_ACK for us. memory: what outlives the process.
     received_ns: instant at which the vehicle was last received, also in the run before; None: never."""
@@ -85,11 +62,12 @@ class GuardMachine:
     memory: GuardMemory = field(default_factory=GuardMemory)
     received_ns: int | None = None
     _limiter: SpeedLimiter = field(init=False)
-    _attempt: _Attempt | None = None
+    _attempt: Attempt | None = None
     _brakes_until_ns: int | None = None
     _failure_announced: bool = False
     _free_since_ns: int | None = None
     _sees_since_ns: int | None = None
+    _motion: HoldMotion = field(default_factory=HoldMotion)
     _doubt_since_ns: int = 0
     _doubt_announced: str = ""
 
@@ -249,7 +227,7 @@ class GuardMachine:
     def _try_to_stop(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         method = self._next_method(vehicle)
         command = DO_REPOSITION if method is StopMethod.PX4_REPOSITION else DO_SET_MODE
-        self._attempt = _Attempt(method, command, now.now_ns)
+        self._attempt = Attempt(method, command, now.now_ns)
         modes = tuple(sorted({*self.memory.stop_modes, STOP_MODES[method]}))
         self._change(now, attempts=self.memory.attempts + 1, stop_modes=modes)
         return [StopCommand(vehicle.system_id, method)]
@@ -302,7 +280,7 @@ class GuardMachine:
         self._begin(GuardState.WATCHING, now)
         return [Announcement("guard: stop ended, path free")]
 
-    def _is_over(self, attempt: _Attempt, vehicle: Vehicle, now_ns: int) -> bool:
+    def _is_over(self, attempt: Attempt, vehicle: Vehicle, now_ns: int) -> bool:
         """Whether an attempt had no effect, so that the next one is due."""
         waited_ns = now_ns - attempt.t_ns
         if self.memory.attempts >= FAILED_AFTER:
@@ -316,12 +294,21 @@ class GuardMachine:
     def _in_stop_mode(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
         """The autopilot has taken the stop: the vehicle must come to rest. In LOITER the pilot has the sticks: nothing more is
         commanded."""
-        if self.memory.state is GuardState.HOLDING:
+        speed_m_s = now.verdict.speed_m_s if now.verdict is not None else None
+        sticks = vehicle.autopilot == ARDUPILOT and vehicle.custom_mode == COPTER_LOITER
+        holds = self.memory.state is GuardState.HOLDING
+        if holds and not sticks:
+            self._motion.stands()
+        flies_again = self._motion.flies_again(speed_m_s, now.now_ns)
+        if flies_again and (
+            holds or vehicle.autopilot == PX4
+        ):  # a Go-to of PX4; in BRAKE before it stood it is a failure
+            self._begin(GuardState.INACTIVE, now)
+            return [Announcement("guard: released, vehicle flies in the stop mode", critical=True)]
+        if holds:
             return []
         if not self.memory.taken:
             self._change(now, taken=True)
-        speed_m_s = now.verdict.speed_m_s if now.verdict is not None else None
-        sticks = vehicle.autopilot == ARDUPILOT and vehicle.custom_mode == COPTER_LOITER
         if sticks or (speed_m_s is not None and speed_m_s < STANDS_M_S):
             self._change(now, state=GuardState.HOLDING)
             return [Announcement("guard: stopped, change mode to go on", critical=True)]
@@ -361,4 +348,4 @@ class GuardMachine:
         self.memory = replace(fresh, **changes)
         self._limiter = SpeedLimiter(self.guard)
         self._attempt, self._brakes_until_ns, self._failure_announced = None, None, False
-        self._free_since_ns = None
+        self._free_since_ns, self._motion = None, HoldMotion()

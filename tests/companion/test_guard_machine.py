@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from companion.config.guard import GuardParams
 from companion.guard.assessment import Action, Verdict
-from companion.guard.machine import FAILED_AFTER, GAP_NS, MODE_NS, REARM_NS, SETTLE_NS, GuardMachine
+from companion.guard.attempt import MODE_NS, SETTLE_NS
+from companion.guard.machine import FAILED_AFTER, GAP_NS, REARM_NS, GuardMachine
 from companion.guard.memory_file import LIFE_NS, GuardMemoryFile
 from companion.guard.modes import STOP_MODES, StopMethod, watched_mode
 from companion.guard.states import (
@@ -162,7 +163,7 @@ def test_modes_can_be_switched_off() -> None:
 
 def test_holds_until_the_mode_changes() -> None:
     f = holding()
-    f.verdict = FREE
+    f.verdict = replace(FREE, speed_m_s=0.1)
     assert f.step(100) == []
     f.mode = COPTER_LOITER
     assert texts(f.step()) == ["guard: released, mode changed"]
@@ -270,6 +271,54 @@ def test_next_command_when_the_vehicle_does_not_brake_in_the_stop_mode() -> None
     f.mode = HOLD
     out = f.step(80)
     assert commands(out)[0] == StopCommand(7, StopMethod.PX4_REPOSITION)
+    assert f.state is GuardState.STOPPING
+
+
+def test_a_go_to_before_the_vehicle_stood_ends_the_stop() -> None:
+    """PX4 flies a Go-to in Hold, the mode that the guard has set."""
+    f = stopping("PX4", MISSION)
+    f.mode = HOLD
+    for speed_m_s in (3.0, 2.0, 1.0):
+        f.verdict = replace(BLOCKED, speed_m_s=speed_m_s)
+        assert f.step(3) == []
+    f.verdict = replace(BLOCKED, speed_m_s=2.5)
+    out = f.step(12)
+    assert commands(out) == []
+    assert texts(out) == ["guard: released, vehicle flies in the stop mode"]
+    assert f.state is GuardState.INACTIVE
+    assert f.step(100) == []
+
+
+def test_a_go_to_after_the_stop_ends_it() -> None:
+    f = holding("PX4", MISSION, HOLD)
+    f.verdict = replace(BLOCKED, speed_m_s=1.1)
+    assert f.step(9) == []
+    f.verdict = replace(BLOCKED, speed_m_s=0.9)  # a gust
+    assert f.step(20) == []
+    f.verdict = replace(BLOCKED, speed_m_s=1.1)
+    assert texts(f.step(12)) == ["guard: released, vehicle flies in the stop mode"]
+    assert f.state is GuardState.INACTIVE
+    f.mode = MISSION
+    assert commands(f.step()) == [StopCommand(7, StopMethod.PX4_HOLD)]
+
+
+def test_a_copter_that_gets_faster_in_brake_is_not_released() -> None:
+    """BRAKE is no mode of a Go-to."""
+    f = stopping()
+    f.mode = COPTER_BRAKE
+    for speed_m_s in (3.0, 2.0, 3.5):
+        f.verdict = replace(BLOCKED, speed_m_s=speed_m_s)
+        f.step(12)
+    assert f.state is GuardState.STOPPING
+    assert commands(f.step(60)) != []
+
+
+def test_a_vehicle_that_still_accelerates_in_the_stop_mode_is_not_released() -> None:
+    f = stopping("PX4", MISSION)
+    f.mode = HOLD
+    for tenths in range(30, 70):
+        f.verdict = replace(BLOCKED, speed_m_s=0.1 * tenths)
+        f.step()
     assert f.state is GuardState.STOPPING
 
 
