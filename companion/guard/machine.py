@@ -271,14 +271,14 @@ class GuardMachine:
         return self._wants_stop(now) or (unseen and not now.near_ground and not self._failsafe_return(now))
 
     def _leave_when_free(self, vehicle: Vehicle, now: GuardInput) -> list[Output]:
-        """Ends a stop without effect that is not needed any more. A command that is under way may still have its effect."""
+        """Ends a stop without effect that is not needed now. A command that is under way may still have its effect."""
         if self._free_since_ns is None:
             self._free_since_ns = now.now_ns
         under_way = self._attempt is not None and not self._attempt.shown_without_effect(vehicle)
         if under_way or now.now_ns - self._free_since_ns < FREE_NS:
             return []
         self._begin(GuardState.WATCHING, now)
-        return [Announcement("guard: stop ended, path free")]
+        return [Announcement("guard: stop ended, not needed now")]
 
     def _is_over(self, attempt: Attempt, vehicle: Vehicle, now_ns: int) -> bool:
         """Whether an attempt had no effect, so that the next one is due."""
@@ -299,10 +299,9 @@ class GuardMachine:
         holds = self.memory.state is GuardState.HOLDING
         if holds and not sticks:
             self._motion.stands()
-        flies_again = self._motion.flies_again(speed_m_s, now.now_ns)
-        if flies_again and (
-            holds or vehicle.autopilot == PX4
-        ):  # a Go-to of PX4; in BRAKE before it stood it is a failure
+        # PX4 flies a Go-to in Hold; a copter that gets faster in BRAKE before it stood does not brake
+        may_be_go_to = holds or vehicle.autopilot == PX4
+        if self._motion.flies_again(speed_m_s, now.now_ns) and may_be_go_to:
             self._begin(GuardState.INACTIVE, now)
             return [Announcement("guard: released, vehicle flies in the stop mode", critical=True)]
         if holds:

@@ -93,7 +93,8 @@ def test_two_vehicles_on_a_link_are_a_doubt(systems: tuple[int, int], alternatin
         status = session.status(now_ns)
         doubt = certainty.doubt(vehicle, status.conflicts, status.signing_trouble, now_ns)
         assert doubt == "several vehicles", second
-    assert vehicle.system_id == systems[1]
+    assert session.vehicle is not None
+    assert session.vehicle.system_id == systems[1]
 
 
 def test_a_configured_vehicle_is_not_in_doubt_for_another() -> None:

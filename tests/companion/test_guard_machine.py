@@ -241,7 +241,7 @@ def test_a_stop_without_effect_is_not_repeated_where_the_path_is_free() -> None:
     f.verdict = FREE
     out = f.step(40)
     assert commands(out) == []
-    assert texts(out) == ["guard: stop ended, path free"]
+    assert texts(out) == ["guard: stop ended, not needed now"]
     assert f.state is GuardState.WATCHING
     f.verdict = BLOCKED
     assert commands(f.step()) == [StopCommand(7, StopMethod.COPTER_BRAKE)]

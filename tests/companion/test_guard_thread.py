@@ -66,6 +66,10 @@ class Flight:
             if self.now_ns == START_NS + STEP_NS:
                 self.guard.message(dialect.MAVLink_command_ack_message(511, 0, 0, 0, 7, 196), self.now_ns)
 
+    @property
+    def state(self) -> GuardState:
+        return self.guard.memory.state
+
     def stops(self) -> list[Any]:
         return [m for m in self.sent if m.get_type() == "COMMAND_LONG" and m.command == 176]
 
@@ -91,7 +95,7 @@ def test_a_velocity_that_is_lost_just_before_the_stop_is_due_does_not_prevent_it
     flight.step(5)
     flight.velocity = None
     flight.step(NS // 2 // STEP_NS)
-    assert flight.guard.memory.state is GuardState.WATCHING
+    assert flight.state is GuardState.WATCHING
     flight.wall_m = 5.0
     flight.step()
     assert len(flight.stops()) == 1
@@ -102,9 +106,9 @@ def test_without_a_velocity_for_long_there_is_doubt() -> None:
     flight.step(5)
     flight.velocity = None
     flight.step(HOLD_NS // STEP_NS)
-    assert flight.guard.memory.state is GuardState.WATCHING
+    assert flight.state is GuardState.WATCHING
     flight.step(2)
-    assert flight.guard.memory.state is GuardState.UNAVAILABLE
+    assert flight.state is GuardState.UNAVAILABLE
     assert flight.guard.memory.cause == "vehicle's velocity unknown"
 
 
