@@ -54,8 +54,8 @@ def test_without_rerun_the_remedy_is_named(
 
 
 def test_only_measured_depth_is_a_distance() -> None:
-    depth = np.array([[0, 3, 4, 9_999, FAR_MM, SATURATED_MM]], np.uint16)
-    np.testing.assert_array_equal(measured_mm(depth), [[0, 0, 4, 9_999, 0, 0]])
+    depth = np.array([[0, 4, 5, 9_999, FAR_MM, SATURATED_MM]], np.uint16)
+    np.testing.assert_array_equal(measured_mm(depth), [[0, 0, 5, 9_999, 0, 0]])
 
 
 def test_planes_are_placed_where_the_camera_sees_them() -> None:

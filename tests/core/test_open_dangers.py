@@ -34,7 +34,7 @@ FOCAL = pytest.mark.parametrize("f_px", list(CAMERAS))
 def info_of(f_px: float) -> CameraInfo:
     width, height = CAMERAS[f_px]
     intrinsics = Intrinsics(width, height, f_px, f_px, 0.5 * (width - 1), 0.5 * (height - 1))
-    return CameraInfo("front", intrinsics, max_range_m=16.0, ke_per_m=0.002)
+    return CameraInfo("front", intrinsics, max_range_m=16.0, ke_per_m=0.002, marks_smooth=True)
 
 
 def row_at(f_px: float, elevation_deg: float) -> int:
