@@ -115,6 +115,7 @@ class Guard:
         self._news.set()
         if self._thread.ident is not None:
             self._thread.join(2.0)
+        self._file.close()
         if self.memory.state is not GuardState.INACTIVE:
             self._send(Announcement("guard: off, the service stops", critical=True), time.monotonic_ns())
 

@@ -1,8 +1,8 @@
 """The guard's memory in the state folder: it outlives a kill of the process, not a reboot of the computer.
 
 Written at each change and, while the guard does anything, every REFRESH_NS, so that the age of the file is the time since the
-process ended. It is not synchronised to the disk: what a power failure loses belongs to a boot that is over. The write takes
-place in the guard's thread; it goes to the page cache."""
+process ended. It is not synchronised to the disk: what a power failure loses belongs to a boot that is over. A thread of its own
+writes, so that a slow disk neither delays a command nor counts as a guard that hangs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
+from drivers.watched_thread import WatchedThread
 from osape_client.boot import boot_id
 
 from .states import GuardMemory, GuardState
@@ -36,6 +37,7 @@ class GuardMemoryFile:
         self.loaded_ns: int | None = None
         """Instant at which the loaded memory was written, about the end of the earlier run; None: nothing was loaded."""
         self._warned = False
+        self._writing: WatchedThread | None = None
 
     def load(self, now_ns: int) -> GuardMemory | None:
         """The memory of an earlier run of this boot; None: there is none, it is too old, or this module did not write it."""
@@ -53,22 +55,32 @@ class GuardMemoryFile:
             return None
 
     def keep(self, memory: GuardMemory, now_ns: int) -> None:
-        """Writes the memory where it has changed, or is old."""
+        """Writes the memory where it has changed, or is old. While a write is under way nothing is done: a later step keeps
+        what is new then."""
         active = memory.state is not GuardState.INACTIVE
         if self._file is None or (memory == self._kept and (not active or now_ns - self._written_ns < REFRESH_NS)):
             return
+        if self._writing is not None and self._writing.is_alive():
+            return
         self._kept, self._written_ns = memory, now_ns
         content = {"boot": boot_id(), "written_ns": now_ns, "memory": asdict(memory)}
-        new = self._file.with_name(self._file.name + ".new")
+        self._writing = WatchedThread(self._write, "guard memory", (self._file, json.dumps(content)))
+        self._writing.start()
+
+    def close(self) -> None:
+        """Waits at most 0.5 s for what is being written. May be called twice."""
+        if self._writing is not None:
+            self._writing.join(0.5)
+
+    def _write(self, file: Path, content: str) -> None:
+        new = file.with_name(file.name + ".new")
         try:
-            new.write_text(json.dumps(content), encoding="utf-8")
-            new.replace(self._file)
+            new.write_text(content, encoding="utf-8")
+            new.replace(file)
         except OSError as error:
             if not self._warned:
                 self._warned = True
-                log.warning(
-                    "%s cannot be written (%s): a restart in flight begins without it", self._file, error.strerror
-                )
+                log.warning("%s cannot be written (%s): a restart in flight begins without it", file, error.strerror)
 
 
 def _memory(content: Any) -> GuardMemory:

@@ -699,11 +699,17 @@ def test_never_commands_in_a_manual_mode_nor_another_vehicle(events: list[tuple[
 # ---- memory ---------------------------------------------------------------------------------------------------------
 
 
+def keep(file: GuardMemoryFile, memory: GuardMemory, now_ns: int) -> None:
+    """Keeps the memory, and waits for its write."""
+    file.keep(memory, now_ns)
+    file.close()
+
+
 @pytest.mark.parametrize("begin", [stopping, holding])
 def test_a_kill_changes_nothing(begin: object, tmp_path: Path) -> None:
     assert callable(begin)
     f = begin()
-    GuardMemoryFile(tmp_path).keep(f.machine.memory, f.now_ns)
+    keep(GuardMemoryFile(tmp_path), f.machine.memory, f.now_ns)
     loaded = GuardMemoryFile(tmp_path).load(f.now_ns + 3 * NS)
     assert loaded == f.machine.memory
     f.machine = GuardMachine(GUARD, loaded)
@@ -714,7 +720,7 @@ def test_a_kill_changes_nothing(begin: object, tmp_path: Path) -> None:
 
 def test_after_a_long_restart_an_unconfirmed_stop_is_judged_again(tmp_path: Path) -> None:
     f = stopping()
-    GuardMemoryFile(tmp_path).keep(f.machine.memory, f.now_ns)
+    keep(GuardMemoryFile(tmp_path), f.machine.memory, f.now_ns)
     f.now_ns += 20 * NS
     file = GuardMemoryFile(tmp_path)
     loaded = file.load(f.now_ns)
@@ -728,7 +734,7 @@ def test_a_limit_survives_a_kill(tmp_path: Path) -> None:
     f = Flight(verdict=NARROW)
     f.step()
     file = GuardMemoryFile(tmp_path)
-    file.keep(f.machine.memory, f.now_ns)
+    keep(file, f.machine.memory, f.now_ns)
     f.machine = GuardMachine(GUARD, file.load(f.now_ns) or GuardMemory())
     f.verdict = replace(FREE, speed_m_s=2.0)
     assert f.state is GuardState.LIMITED
@@ -740,7 +746,7 @@ def test_a_limit_survives_a_kill(tmp_path: Path) -> None:
 def test_an_old_or_damaged_memory_is_not_used(tmp_path: Path) -> None:
     file = GuardMemoryFile(tmp_path)
     memory = stopping().machine.memory
-    file.keep(memory, 100 * NS)
+    keep(file, memory, 100 * NS)
     assert GuardMemoryFile(tmp_path).load(100 * NS + LIFE_NS + 1) is None
     assert GuardMemoryFile(tmp_path).load(99 * NS) is None
     path = tmp_path / "guard.json"
@@ -755,5 +761,5 @@ def test_the_memory_stays_young_while_the_guard_holds(tmp_path: Path) -> None:
     file = GuardMemoryFile(tmp_path)
     for _ in range(600):
         f.step()
-        file.keep(f.machine.memory, f.now_ns)
+        keep(file, f.machine.memory, f.now_ns)
     assert GuardMemoryFile(tmp_path).load(f.now_ns + NS) == f.machine.memory

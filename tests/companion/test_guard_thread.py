@@ -90,6 +90,31 @@ def test_a_slow_disk_does_not_delay_the_stop(tmp_path: Any, monkeypatch: pytest.
     assert at_write == [1]
 
 
+def test_a_disk_that_hangs_holds_up_no_step_and_the_newest_state_is_written_after_it(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight, disk, write = Flight(tmp_path), threading.Event(), GuardMemoryFile._write
+
+    def slow(file: GuardMemoryFile, *args: Any) -> None:
+        assert disk.wait(30.0)
+        write(file, *args)
+
+    monkeypatch.setattr(GuardMemoryFile, "_write", slow)
+    flight.step(5)
+    flight.wall_m = 5.0
+    flight.step()
+    assert flight.state is GuardState.STOPPING
+    assert len(flight.stops()) == 1
+    assert not (tmp_path / "guard.json").exists()
+    disk.set()
+    flight.guard._file.close()
+    flight.step()
+    flight.guard._file.close()
+    kept = GuardMemoryFile(tmp_path).load(flight.now_ns)
+    assert kept is not None
+    assert kept.state is GuardState.STOPPING
+
+
 def test_a_velocity_that_is_lost_just_before_the_stop_is_due_does_not_prevent_it() -> None:
     flight = Flight()
     flight.step(5)
