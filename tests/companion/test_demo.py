@@ -68,7 +68,7 @@ def test_a_flight_that_does_not_exist(
     config = tmp_path / "c.toml"
     config.write_text('[[camera]]\nname = "front"\nkind = "simulated"\nflight = "moon"\n')
     assert main(["demo", "-c", str(config), "-o", str(tmp_path / "out")]) == 1
-    assert "no flight 'moon'; there are: demo, street" in capsys.readouterr().err
+    assert "no flight 'moon'; there are: demo, movers, street" in capsys.readouterr().err
 
 
 # ---- its processes ----------------------------------------------------------------------------------------------------

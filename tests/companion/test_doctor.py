@@ -224,8 +224,10 @@ def test_what_was_found_as_text(live: Live, capsys: pytest.CaptureFixture[str]) 
     assert "no fault found" not in said
 
 
-def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["doctor"]) == 2
+def test_wrong_use(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.config.installed.INSTALLED", tmp_path / "none.toml")
+    assert main(["doctor"]) == 1
+    assert "`companion setup` writes one" in capsys.readouterr().err
     assert main(["doctor", "-c", str(tmp_path / "none.toml")]) == 1
     assert "configs/default.toml" in capsys.readouterr().err
 

@@ -142,7 +142,8 @@ def test_a_viewer_receives_the_content_of_a_log_and_blindness(told: Told, server
     assert until(all_heard)
     assert viewer.schemas == {topic: kind.DESCRIPTOR.full_name for topic, kind in wanted.items()}
     scene = viewer.newest("/camera/front/scene", SceneUpdate)
-    assert len(scene.entities[0].triangles[0].points) == 6
+    assert len(scene.entities[0].triangles[0].points) == 4
+    assert len(scene.entities[0].triangles[0].indices) == 6
     assert scene.entities[0].lifetime.seconds == 1
     depth = viewer.newest("/camera/front/depth", RawImage)
     assert (depth.width, depth.height, depth.encoding) == (320, 240, "16UC1")
@@ -174,5 +175,5 @@ def test_a_port_that_is_taken_is_named(told: Told, server: FoxgloveServer) -> No
 
 def test_without_the_extra_the_remedy_is_reported(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(DeviceNotFound, match=r"pip install 'osape-companion\[foxglove\]'"):
+    with pytest.raises(DeviceNotFound, match=r"pip install 'foxglove-sdk>="):
         FoxgloveServer(LiveSubscriber(told.streams), "127.0.0.1", 0).open()
