@@ -88,6 +88,11 @@ class Told:
         told = self.messages()
         return bool(told) and any(v not in (65535, 266, 302) for v in (told[-1][1][i] for i in FRONT))
 
+    def has_read_the_margin(self) -> bool:
+        """Whether the parameter that places the wall was read; it is in the state folder then."""
+        file = self.live.folder / "state" / "autopilot.json"
+        return file.exists() and ("CP_DIST" if self.kind == PX4 else "AVOID_MARGIN") in file.read_text()
+
 
 @pytest.fixture(scope="module", params=[PX4, ARDUPILOT])
 def told(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, renders: Path) -> Iterator[Told]:
