@@ -43,7 +43,7 @@ check: $(STAMP) lint ## lint, types and the tests that a change affects (two min
 # bounds checks have a cache directory of their own (companion/kernels/jit_cache.py). Tests that
 # start processes or wait for the clock come last and apart, so that no compiler and no computing test delays them; four at a time,
 # since they wait for most of their time. A file stays with one worker: its tests share what it renders and compiles.
-test: lint ## all checks, at most 10 minutes on two cores (15 with an empty kernel cache)
+test: lint ## all checks, about 17 minutes on two cores
 	@echo "== kernels without the JIT"
 	@NUMBA_DISABLE_JIT=1 $(BIN)/pytest -n 2 -m "nojit and unit and not compiled" tests/core
 	@echo "== kernels with bounds checks"

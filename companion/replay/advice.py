@@ -1,4 +1,4 @@
-"""What limits the use of a replayed log, told after the replay: nothing free, no ground, attitude too slow, short range."""
+"""What limits the use of a replayed log: nothing free, no ground, attitude too slow. Printed after the replay."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from core.types import FrameModel
 
 MOSTLY: Final = 0.9
-"""Share of the valid frames from which on something is said about all of them."""
+"""Share of the valid frames from which on advice is given."""
 MEASURED: Final = 0.5
 """Share of measured pixels from which on a ground should have been found."""
 HALF: Final = 0.5

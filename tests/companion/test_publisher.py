@@ -218,7 +218,7 @@ def test_the_boot_has_an_id() -> None:
 
 
 def test_no_socket_is_left_behind(tmp_path: Path, context: Context) -> None:
-    """A file that nobody answers on would lead clients to the wrong folder."""
+    """A socket file without a process would lead clients to the wrong folder."""
     stream = Stream("prisms", f"ipc://{tmp_path}/prisms")
     for _ in range(2):
         publisher = Publisher(stream, context)

@@ -1,4 +1,4 @@
-"""Smooth pixels of a stereo pair: sky and blank paint, told from edges, wires, dark and saturated pixels."""
+"""Smooth pixels of a stereo pair: sky and blank paint, distinguished from edges, wires, dark and saturated pixels."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def _accepts(path: Path) -> bool:
             probe.connect(str(path))
         except (ConnectionRefusedError, FileNotFoundError):
             return False
-        except OSError:  # a full queue, or no permission: it cannot be told
+        except OSError:  # a full queue, or no permission: whether a process listens is unknown
             return True
     return True
 

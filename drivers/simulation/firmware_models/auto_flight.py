@@ -12,6 +12,7 @@ a point with the lag of its attitude; horizontal motion only, the height is that
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,7 +57,7 @@ class Limits:
 
 
 @dataclass(slots=True, eq=False)
-class AutoFlight:
+class AutoFlight(ABC):
     """`command` with each COMMAND_LONG, `step` flies. waypoints_m: (N, 2), flown in order; the vehicle stops at each.
 
     yaw_first: the vehicle turns to the next waypoint before it flies there (PX4: MPC_YAW_MODE 4). velocity_target_m_s: (2,) of
@@ -86,23 +87,23 @@ class AutoFlight:
 
     # ---- of one autopilot --------------------------------------------------------------------------------------------
 
-    def _mission_modes(self) -> tuple[int, ...]:
-        raise NotImplementedError
+    @abstractmethod
+    def _mission_modes(self) -> tuple[int, ...]: ...
 
-    def _guided_mode(self) -> int:
-        raise NotImplementedError
+    @abstractmethod
+    def _guided_mode(self) -> int: ...
 
-    def _limits(self) -> Limits:
-        raise NotImplementedError
+    @abstractmethod
+    def _limits(self) -> Limits: ...
 
-    def _set_mode(self, message: Any) -> int:
-        raise NotImplementedError
+    @abstractmethod
+    def _set_mode(self, message: Any) -> int: ...
 
-    def _reposition(self, message: Any) -> int:
-        raise NotImplementedError
+    @abstractmethod
+    def _reposition(self, message: Any) -> int: ...
 
-    def _change_speed(self, speed_m_s: float) -> int:
-        raise NotImplementedError
+    @abstractmethod
+    def _change_speed(self, speed_m_s: float) -> int: ...
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
