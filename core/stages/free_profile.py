@@ -34,7 +34,8 @@ def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_
     layer less its margin, and to where a layer comes behind a plane that stands above or below it.
 
     pixel_t: tangent of a column, row_t: of a row. The edges of a plane are known to a pixel, whose measurement may be
-    missing: each plane stops a pixel more to the left, to the right, above and below."""
+    missing: each plane stops a pixel more to the left, to the right, above and below. Its line is followed through that pixel:
+    of a plane seen edge-on one pixel spans metres."""
     for k in range(count):
         p = planes[k]
         if p.support < 0:
@@ -46,6 +47,9 @@ def stop_at_planes(count, planes, margin, pixel_t, row_t, edges_t, layers, free_
             hi = max(min(edges_t[d + 1], p.t1), p.t0)
             x_lo, x_hi = distance_at(p, lo), distance_at(p, hi)
             x, row_m = min(x_lo, x_hi), row_t * max(x_lo, x_hi)
+            x = min(
+                x, distance_at(p, max(edges_t[d], p.t0 - pixel_t)), distance_at(p, min(edges_t[d + 1], p.t1 + pixel_t))
+            )
             top, bottom = p.top_m - row_m, p.bottom_m + row_m
             for layer in range(layers.shape[0] - 1):
                 if top < layers[layer + 1] and bottom > layers[layer]:

@@ -2,7 +2,9 @@
 
 Planes alone cannot answer "is it free?": the space between a pole and the wall behind it is unknown. For each direction
 and layer of height the profile walks outward in rings; a ring is free when `free_share` of the cells that look at the
-layer there see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen.
+layer there see farther. Unknown pixels, cells outside the source and ground that comes too early never count as seen. No
+whole column of cells may be without sight: pixels that drop out here and there hide nothing, a column of them hides a pole
+or the end of a wall.
 
 The camera's range is an optical depth Z, while rings are forward distances X in the level frame. A ring is free only where
 the whole of its layer lies within the range, so that a tilted camera calls nothing free that it cannot measure.
@@ -62,12 +64,14 @@ direction."""
 
 
 class Sampled(NamedTuple):
-    """The cells of one direction: cells, begin and unknown of `look_at`, and the rows (first, last) of `rows_in_source`."""
+    """The cells of one direction: cells, begin and unknown of `look_at`, the rows (first, last) of `rows_in_source`, and
+    codes, (columns, rows) of its columns."""
 
     cells: Any
     begin: Any
     unknown: Any
     in_source: Any
+    codes: Any
 
 
 class FreeRanges(NamedTuple):
@@ -192,6 +196,18 @@ def rows_in_source(H, u0, u1, src_cols, src_rows, rows):
 
 
 @inner
+def hides_column(codes, v0, v1, least, most):
+    """Whether a column of codes (columns, rows) has more than half of its rows v0..v1 - 1 outside of least..most."""
+    for u in range(codes.shape[0]):
+        unseen = 0
+        for v in range(v0, v1):
+            unseen += not least <= codes[u, v] <= most
+        if 2 * unseen > v1 - v0:
+            return True
+    return False
+
+
+@inner
 def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
     """(first, last, end) of the rings that are free in one direction and layer, walking outward; -1, -1: none.
 
@@ -230,7 +246,11 @@ def walk_rings(sampled, t0, t1, ring_m, behind, rows, top, bottom, w):
             why = _UNKNOWN  # whatever these cells measure, they neither make the ring free nor end the walk
             continue
         seen = count_codes(sampled.cells, from_cell, to_cell, Q_FAR, behind[r] - 1)
-        if total > 0 and seen >= enough:
+        through = total > 0 and seen >= enough
+        if through and 2 * (total - seen) * sampled.codes.shape[0] > total:  # with fewer no column is hidden
+            b_end = min(b1 * block, sampled.codes.shape[1])
+            through = not hides_column(sampled.codes, b0 * block, b_end, Q_FAR, behind[r] - 1)
+        if through:
             if first < 0:
                 first = r
             last = r
@@ -265,7 +285,7 @@ def walk_view(codes, view, image, edges_t, behind, ring_m, layers, w, out):
             u1 += 1
         look_at(codes, u0, u1, block, looked, unknown, cells, begin, dark)
         in_source = rows_in_source(H, u0, u1, image.width_px, image.height_px, rows)
-        sampled = Sampled(cells, begin, dark, in_source)
+        sampled = Sampled(cells, begin, dark, in_source, codes[u0:u1])
         for layer in range(len(layers) - 1):
             first, last, why = walk_rings(
                 sampled,

@@ -439,7 +439,8 @@ def free_walk(
         through = np.sum(w[(cells > 0) & sees_through(cells, x)])
         near = np.sum(w[(cells > 0) & ~sees_through(cells, x)])
         dark = w.sum() - through - near
-        if w.sum() and through >= share * w.sum():
+        hidden = (1.0 - ((columns[:, part] > 0) & sees_through(columns[:, part], x))).mean(axis=1)
+        if w.sum() and through >= share * w.sum() and (hidden <= 0.5).all():
             first, last, end = (r if first < 0 else first), r, "MAX_RANGE"
         elif first >= 0 or near > (1 - share) * w.sum():
             return first, last, ("OBSTACLE" if near >= dark else "UNKNOWN")

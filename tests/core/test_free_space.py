@@ -197,6 +197,24 @@ def test_no_pattern_of_unknown_cells_escapes_the_sampling(across: int, down: int
         assert (profile(codes, g).free_to_m[:-1] == 0).all()
 
 
+@pytest.mark.parametrize("column", [0, 80, 84, 159])
+@pytest.mark.parametrize("hidden", [0, int(code(np.array([3.0]))[0])])
+def test_a_column_without_sight_is_not_free(column: int, hidden: int) -> None:
+    """One column of a direction, not measured or near: a pole or the end of a wall may be in it."""
+    g = view(rows=120, cols=160)
+    codes = np.full((160, 120), 1, np.uint16)
+    codes[column] = hidden
+    free_m = 4.0 if hidden else 0.1
+    own = np.flatnonzero(profile(codes, g).free_to_m[:, 3] < free_m)
+    edges = np.tan(profile(codes, g).azimuth_edges_rad.astype(float))
+    assert len(own) == 1
+    assert edges[own[0]] - 1e-6 <= (column - 79.5) / F <= edges[own[0] + 1] + 1e-6
+    codes[column, ::3] = 1  # a third of it is seen: still hidden; with two thirds of it seen it is not
+    assert (profile(codes, g).free_to_m[:, 3] < free_m).sum() == 1
+    codes[column, 1::3] = 1
+    assert (profile(codes, g).free_to_m[:, 3] > 10.0).all()
+
+
 @pytest.mark.compiled
 def test_a_chequered_pattern_of_unknown_cells_is_not_free() -> None:
     g = view(rows=240, cols=640, f=450.0)
@@ -287,6 +305,22 @@ def test_a_plane_stops_a_pixel_more_on_either_side() -> None:
         stop_at_planes(1, planes, np.array([0.3], np.float32), pixel_t, 0.0, edges_t, layers, to, end)
         assert set(np.flatnonzero(to[:, 0] < 9.0)) == set(directions)
         np.testing.assert_allclose(to[list(directions), 0], 4.7, rtol=1e-6)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_near_end_of_a_plane_seen_edge_on_is_a_pixel_nearer(mirrored: bool) -> None:
+    """One pixel of a plane seen edge-on spans metres; the near end may lie in a pixel that was not measured."""
+    near, far = (10.0, -0.5), (14.0, -0.42)  # tangents -0.05 and -0.03
+    line = (near[0], -near[1], far[0], -far[1]) if mirrored else (*near, *far)
+    planes = plane_table((*line, -0.5, 0.5))
+    planes[0].t0, planes[0].t1 = min(planes[0].t0, planes[0].t1), max(planes[0].t0, planes[0].t1)
+    edges_t, layers = np.linspace(-0.1, 0.1, 3), np.array([-1.0, 1.0], np.float32)
+    to, end = np.full((2, 1), 19.0, np.float32), np.full((2, 1), 4, np.uint8)
+    stop_at_planes(1, planes, np.array([0.3], np.float32), 0.005, 0.0, edges_t, layers, to, end)
+    a, b = planes[0].a, planes[0].b
+    outer = 0.055 if mirrored else -0.055
+    assert to[int(mirrored), 0] == pytest.approx(1.0 / (a + b * outer) - 0.3, rel=1e-6)
+    assert to[int(not mirrored), 0] == 19.0
 
 
 def test_a_plane_stops_a_pixel_more_above_and_below() -> None:
