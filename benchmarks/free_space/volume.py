@@ -2,7 +2,7 @@
 
 `free_truth` asks about visible true points only. Here horizontal rays run through each claimed cell (direction, layer), at
 several azimuths and heights, against the solids of the scene, seen or not. A cell is wrong where a solid reaches farther
-into it than max(0.3 m, 3 sigma) in range and than a pixel of the camera across: what cuts off less is below its resolution.
+into it than max(0.3 m, 3 sigma) in range and than a pixel of the camera in width and height: what cuts off less is below its resolution.
 
 What a profile does not claim is not judged: heights below the ground that the model found (less its tolerance), solids
 lower than the least obstacle height above the true ground, and the true ground itself down to that much below its
@@ -193,7 +193,8 @@ def heading_of(frame: Rendered) -> float:
 class CellRays:
     """Horizontal rays through the claimed cells of a profile. cell: (N,) number of the cell of each ray, of `cells` in all;
     direction, layer: (N,) its indices in the profile; azimuth_rad, z_m: (N,) in level_cam; begins, ends: (N,) horizontal
-    ranges of the claim; origins, directions: (N, 3) in ned; axis: (3,) optical axis in level_cam."""
+    ranges of the claim; inside_to_m: (N,) up to where the ray is a pixel or more inside of its layer; origins, directions: (N, 3) in ned;
+    axis: (3,) optical axis in level_cam."""
 
     cells: int
     cell: NDArray[np.int64]
@@ -203,6 +204,7 @@ class CellRays:
     z_m: Floats
     begins: Floats
     ends: Floats
+    inside_to_m: Floats
     origins: Floats
     directions: Floats
     axis: Floats
@@ -230,12 +232,13 @@ def cell_rays(frame: Rendered, model: FrameModel) -> CellRays | None:
     pixel = np.minimum(1.0 / min(k.fx, k.fy), 0.49 * (edges[d + 1] - edges[d]))
     azimuth = edges[d] + pixel + across * (edges[d + 1] - edges[d] - 2.0 * pixel)
     z = layers[layer] + down * (layers[layer + 1] - layers[layer])
+    inside_to_m = np.minimum(z - layers[layer], layers[layer + 1] - z) * min(k.fx, k.fy)
     heading = heading_of(frame) + azimuth
     origins = np.tile(frame.position_ned_m, (len(z), 1))
     origins[:, 2] += z
     return CellRays(
         cells=len(cells), cell=np.repeat(np.arange(len(cells)), each), direction=d, layer=layer, azimuth_rad=azimuth,
-        z_m=z, begins=f.free_from_m[d, layer].astype(np.float64), ends=f.free_to_m[d, layer].astype(np.float64),
+        z_m=z, begins=f.free_from_m[d, layer].astype(np.float64), ends=f.free_to_m[d, layer].astype(np.float64), inside_to_m=inside_to_m,
         origins=origins, directions=np.stack([np.cos(heading), np.sin(heading), np.zeros(len(z))], axis=1),
         axis=frame.R_level_optical[:, 2],
     )  # fmt: skip
@@ -251,7 +254,7 @@ def wrong_cells(
     rays = cell_rays(frame, model)
     if rays is None:
         return [], 0
-    begins, ends, each = rays.begins, rays.ends, _AZIMUTHS * _HEIGHTS
+    begins, ends, each = rays.begins, np.minimum(rays.ends, rays.inside_to_m), _AZIMUTHS * _HEIGHTS
     if not below_ground:
         begins, ends = above_ground(model.ground, rays.azimuth_rad, rays.z_m, begins, ends, model.ke_per_m, params)
     range_m, which = first_solids(

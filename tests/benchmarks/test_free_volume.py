@@ -30,12 +30,14 @@ EDGES = np.linspace(-0.6, 0.6, 25).astype(np.float32)
 LAYERS = np.array([-3.0, -1.0, 1.0, 3.0], np.float32)
 
 
-def claiming(free_to_m: float, layers: tuple[int, ...] = (1,), ground: Ground = NO_GROUND) -> FrameModel:
+def claiming(
+    free_to_m: float, layers: tuple[int, ...] = (1,), ground: Ground = NO_GROUND, edges_m: np.ndarray = LAYERS
+) -> FrameModel:
     """A model that calls some layers free to a range in all directions, from 1 m on."""
     start, to = np.zeros((24, 3), np.float32), np.zeros((24, 3), np.float32)
     start[:, layers], to[:, layers] = 1.0, free_to_m
     free = FreeProfile(
-        azimuth_edges_rad=EDGES, layer_edges_m=LAYERS, free_from_m=start, free_to_m=to,
+        azimuth_edges_rad=EDGES, layer_edges_m=edges_m, free_from_m=start, free_to_m=to,
         end=np.full((24, 3), int(FreeEnd.MAX_RANGE), np.uint8),
     )  # fmt: skip
     return replace(blind_model(INFO, InvalidCause.NONE, Params()), valid=True, free=free, ground=ground, ke_per_m=KE)
@@ -97,6 +99,15 @@ def test_only_layers_that_a_solid_reaches_into_are_wrong() -> None:
     frame = view(box(3.2, 4.2))  # z = -2.2..-1.2: the layer above the camera's own
     assert wrong_cells(frame, claiming(6.0, (1, 2)), KE, Params())[0] == []
     assert {w.layer for w in wrong_cells(frame, claiming(6.0, (0, 1, 2)), KE, Params())[0]} == {0}
+
+
+def test_less_than_a_pixel_of_a_layer_is_not_judged() -> None:
+    """At 5 m a pixel is 4.4 cm high; two boxes that reach 3.5 and 10 cm into a layer, from below and from above."""
+    edges_m = np.array([-0.75, -0.25, 0.25, 0.75], np.float32)
+    for inside_m, wrong in ((0.035, False), (0.1, True)):
+        for low, high in ((0.0, 1.75 + inside_m), (2.25 - inside_m, 4.0)):
+            found, _ = wrong_cells(view(box(low, high)), claiming(6.0, (1,), edges_m=edges_m), KE, Params())
+            assert bool(found) == wrong
 
 
 @pytest.mark.parametrize("pitch_rad", [0.0, -0.5, 0.4])
