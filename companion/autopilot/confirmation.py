@@ -8,7 +8,9 @@ pixels is used at once.
 
 The same holds for free space: a mismatch ends it in one direction of one frame. A sector that one frame does not see, after
 SEEN_FRAMES frames in a row that saw it, is used as it was before for that frame. It must then be seen in as many frames again; in
-one, if the free space ends elsewhere than at the last loss: two mismatches do that, a thin obstacle is lost at one place.
+one, if the free space ends elsewhere than at the last loss: two mismatches do that, a thin obstacle is lost at one place. A
+second frame in a row that does not see the sector is bridged too where it lacks rays at other heights than the first one: a
+share clear_share of the rays was then seen by one of the two. A third one never is.
 """
 
 from __future__ import annotations
@@ -140,6 +142,8 @@ ELSEWHERE_M = 0.5
 """Two ends of the free space farther apart than this, and the way flown between them, have different causes."""
 KEPT_FRAMES, LONGEST_KEPT_NS = 1.5, 150_000_000
 """A sector is kept for so many intervals of the frames since it was last seen, and never longer than this time."""
+KEPT_TWICE, LONGEST_TWICE_NS = 2.5, 250_000_000
+"""The same for a second frame in a row that does not see it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,6 +175,9 @@ class SeenSectors:
         self._kept_frame_ns = np.zeros(SECTORS, np.int64)
         self._established = np.zeros(SECTORS, np.bool_)
         self._lost_free_m, self._lost_ns = np.full(SECTORS, np.inf), np.zeros(SECTORS, np.int64)
+        self._lost_lacking = np.zeros((SECTORS, avoid.slices, avoid.rays), np.bool_)
+        self._losses = np.zeros(SECTORS, np.int64)
+        self._lost_after_row = np.zeros(SECTORS, np.bool_)
 
     def take(self, found: SectorScan, sight: SectorSight) -> SectorScan:
         """The scan to use. A sector is not kept once the vehicle has turned by half of its width. Its distances are shortened by
@@ -178,11 +185,13 @@ class SeenSectors:
         seen = found.state != SectorState.UNSEEN
         speed_m_s = GREATEST_SPEED_M_S if sight.speed_m_s is None else sight.speed_m_s
         apart_m = np.abs(found.free_m - self._lost_free_m)
-        elsewhere = apart_m > ELSEWHERE_M + speed_m_s * (sight.now_ns - self._lost_ns) / NS
-        first_loss = ~seen & (sight.exposed_ns > self._frame_ns)
-        kept = self._kept(seen, elsewhere, sight)
-        self._lost_free_m = np.where(first_loss, found.free_m, self._lost_free_m)
-        self._lost_ns = np.where(first_loss, sight.now_ns, self._lost_ns)
+        other_heights = self._at_other_heights(found.lacking)
+        elsewhere = other_heights | (apart_m > ELSEWHERE_M + speed_m_s * (sight.now_ns - self._lost_ns) / NS)
+        new_loss = ~seen & (sight.exposed_ns > self._frame_ns)
+        kept = self._kept(seen, elsewhere, other_heights, sight)
+        self._lost_free_m = np.where(new_loss, found.free_m, self._lost_free_m)
+        self._lost_ns = np.where(new_loss, sight.now_ns, self._lost_ns)
+        self._lost_lacking[new_loss] = found.lacking[new_loss]
         way_m = speed_m_s * (sight.now_ns - self._seen_ns) / NS
         before_m = np.maximum(0.0, self._distance_m - way_m)
         distance_m = np.where(kept, np.minimum(found.distance_m, before_m), found.distance_m)
@@ -193,24 +202,51 @@ class SeenSectors:
         self._heading_rad = np.where(seen, sight.heading_rad, self._heading_rad)
         self._seen_exposed_ns = np.where(seen, sight.exposed_ns, self._seen_exposed_ns)
         self._seen_ns = np.where(seen, sight.now_ns, self._seen_ns)
-        return SectorScan(np.where(kept, state, found.state).astype(np.uint8), distance_m, free_m, found.azimuth_rad)
+        state = np.where(kept, state, found.state).astype(np.uint8)
+        return SectorScan(state, distance_m, free_m, found.azimuth_rad, found.lacking)
 
-    def _kept(self, seen: NDArray[np.bool_], elsewhere: NDArray[np.bool_], sight: SectorSight) -> NDArray[np.bool_]:
+    def _at_other_heights(self, lacking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(72,) whether the rays that lack now at the heights of the last loss, or next to them, are too few to lose the sector.
+        Heights alone are compared: a thing that the vehicle passes moves over the rays of a sector from frame to frame."""
+        rows: NDArray[np.bool_] = np.asarray(self._lost_lacking.any(axis=2))
+        near = rows.copy()
+        near[:, 1:] |= rows[:, :-1]
+        near[:, :-1] |= rows[:, 1:]
+        most = lacking[0].size - math.ceil(self._avoid.clear_share * lacking[0].size)
+        common = (lacking & near[:, :, None]).sum(axis=(1, 2))
+        # a loss that the rays do not explain has another cause
+        by_rays = (lacking.sum(axis=(1, 2)) > most) & (self._lost_lacking.sum(axis=(1, 2)) > most)
+        return np.asarray(by_rays & (common <= most))
+
+    def _kept(
+        self,
+        seen: NDArray[np.bool_],
+        elsewhere: NDArray[np.bool_],
+        other_heights: NDArray[np.bool_],
+        sight: SectorSight,
+    ) -> NDArray[np.bool_]:
         """(72,) unseen sectors that are used as they were. Follows the frames; a decision may use a frame a second time.
-        elsewhere: (72,) the free space ends at another place than at the last loss."""
+        elsewhere: (72,) the free space ends at another place than at the last loss; other_heights: of `_at_other_heights`."""
         exposed_ns = sight.exposed_ns
-        limit_ns = np.minimum(LONGEST_KEPT_NS, KEPT_FRAMES * self._interval_ns)
-        lost = ~seen & ((self._in_a_row >= SEEN_FRAMES) | (self._established & elsewhere & (self._in_a_row >= 1)))
-        self._kept_frame_ns = np.where(seen, 0, np.where(lost, exposed_ns, self._kept_frame_ns))
         since_frame_ns = exposed_ns - self._frame_ns
         new = since_frame_ns > 0
         missed = since_frame_ns > LONGEST_KEPT_NS
+        after_row = self._in_a_row >= SEEN_FRAMES
+        first = ~seen & (after_row | (self._established & elsewhere & (self._in_a_row >= 1)))
+        second = ~seen & new & ~missed & (self._losses == 1) & self._lost_after_row & other_heights
+        lost = first | second
+        self._lost_after_row = np.where(~seen & new, after_row, self._lost_after_row)
+        self._losses = np.where(new, np.where(seen, 0, self._losses + 1), self._losses)
+        self._kept_frame_ns = np.where(seen, 0, np.where(lost, exposed_ns, self._kept_frame_ns))
         in_a_row = np.where(missed, 0, self._in_a_row) + 1  # a missing frame did not see it
         self._in_a_row = np.where(seen & ~sight.blind, np.where(new, in_a_row, self._in_a_row), 0)
-        gone = sight.blind | (new & missed) | (~seen & new & ~lost)
+        gone = sight.blind | (new & missed) | (~seen & new & ~first)
         self._established = (self._established & ~gone) | (self._in_a_row >= SEEN_FRAMES)
         self._interval_ns = np.where(seen & new, since_frame_ns, self._interval_ns)
         self._frame_ns = exposed_ns.copy()
+        once_ns = np.minimum(LONGEST_KEPT_NS, KEPT_FRAMES * self._interval_ns)
+        twice_ns = np.minimum(LONGEST_TWICE_NS, KEPT_TWICE * self._interval_ns)
+        limit_ns = np.where(self._losses > 1, twice_ns, once_ns)
         turned = np.abs(np.remainder(sight.heading_rad - self._heading_rad + np.pi, math.tau) - np.pi)
         kept: NDArray[np.bool_] = ~seen & ~sight.blind & (exposed_ns > 0) & (self._kept_frame_ns == exposed_ns)
         kept &= turned < 0.5 * STEP_RAD

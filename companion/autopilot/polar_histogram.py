@@ -43,14 +43,16 @@ class SectorState(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectorScan:
-    """All (72,). state: uint8 SectorState. distance_m: float64 from the vehicle's hull to the nearest obstacle, inf where
-    there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not.
-    azimuth_rad: float64, direction of that nearest obstacle, the middle of the sector where there is none."""
+    """All (72,) but for the last. state: uint8 SectorState. distance_m: float64 from the vehicle's hull to the nearest
+    obstacle, inf where there is none. free_m: float64, how far from the vehicle's middle the sector was seen free, 0 where it was not.
+    azimuth_rad: float64, direction of that nearest obstacle, the middle of the sector where there is none. lacking: (72, slices,
+    rays), the rays at each height that were not seen as far as they must be."""
 
     state: NDArray[np.uint8]
     distance_m: NDArray[np.float64]
     free_m: NDArray[np.float64]
     azimuth_rad: NDArray[np.float64]
+    lacking: NDArray[np.bool_]
 
 
 Recall = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
@@ -76,9 +78,9 @@ def scan(views: Sequence[View], avoid: AvoidParams, recall: Recall | None = None
             plane_m = np.minimum(plane_m, distance)
     distance_m = np.maximum(0.0, plane_m - avoid.radius_m)
     obstacle = distance_m < avoid.max_distance_m
-    free_m, seen = seen_free(views, avoid, np.where(obstacle, plane_m, np.inf), recall)
+    free_m, seen, lacking = seen_free(views, avoid, np.where(obstacle, plane_m, np.inf), recall)
     state = np.where(seen, np.where(obstacle, SectorState.OBSTACLE, SectorState.CLEAR), SectorState.UNSEEN)
-    return SectorScan(state.astype(np.uint8), distance_m, free_m, azimuth_rad)
+    return SectorScan(state.astype(np.uint8), distance_m, free_m, azimuth_rad, lacking)
 
 
 def plane_distances(model: FrameModel, avoid: AvoidParams) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -128,10 +130,10 @@ def segment_distances(
 
 def seen_free(
     views: Sequence[View], avoid: AvoidParams, plane_m: NDArray[np.float64], recall: Recall | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(free_m, seen), each (72,): how far along each sector it was seen free, and whether that reaches as far as it must,
-    for a share `clear_share` of the sector's rays and of the height of the band: to the plane, or to the farthest distance
-    that is sent, where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """(free_m, seen), each (72,), and lacking of SectorScan: how far along each sector it was seen free, and whether that
+    reaches as far as it must, for a share `clear_share` of the sector's rays and of the height of the band: to the plane, or to
+    the farthest distance that is sent, where there is none. plane_m: (72,) from the vehicle's middle, inf: none.
 
     Rays are walked from near_m on: what is nearer no camera looks at over the whole band. A point is free where any
     view calls it free; rays start at the vehicle, views at their cameras. Sectors of which the views themselves see
@@ -176,8 +178,10 @@ def seen_free(
     least = math.ceil(avoid.clear_share * each.shape[1])
     common = each[:, least - 1]
     free_m = np.where(common > 0, ranges[np.maximum(common - 1, 0)], 0.0)
-    enough = _by_sector(seen).sum(axis=1) >= least
-    return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid))
+    by_sector = _by_sector(seen)
+    enough = by_sector.sum(axis=1) >= least
+    lacking = ~by_sector.reshape(SECTORS, len(z), avoid.rays)
+    return free_m, enough & (np.isfinite(plane_m) | ~_ground_in_band(valid, avoid)), lacking
 
 
 def _sector_rays(

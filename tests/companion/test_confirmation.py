@@ -170,7 +170,7 @@ def test_a_sector_lost_at_another_place_is_kept_after_one_frame_that_saw_it() ->
         assert chain.ahead() == CLEAR_CM
 
 
-def test_two_losses_in_a_row_are_never_kept() -> None:
+def test_two_losses_of_all_rays_in_a_row_are_never_kept() -> None:
     chain = seeing()
     one_frame(chain, ends_at(5.0))
     assert chain.ahead() == CLEAR_CM
@@ -217,9 +217,12 @@ def test_confirm_px_0_keeps_nothing() -> None:
     assert chain.ahead() == UNKNOWN
 
 
-def scan_of(state: SectorState, distance_m: float = np.inf) -> SectorScan:
+def scan_of(state: SectorState, distance_m: float = np.inf, heights: range = range(0)) -> SectorScan:
+    """All sectors alike. heights: of AVOID.slices, those at which no ray was seen."""
     whole = np.full(SECTORS, state, np.uint8)
-    return SectorScan(whole, np.full(SECTORS, distance_m), np.full(SECTORS, 12.0), centres_rad())
+    lacking = np.zeros((SECTORS, AVOID.slices, AVOID.rays), np.bool_)
+    lacking[:, list(heights)] = True
+    return SectorScan(whole, np.full(SECTORS, distance_m), np.full(SECTORS, 12.0), centres_rad(), lacking)
 
 
 def taken(
@@ -235,6 +238,61 @@ def taken(
     t_ns = (frames + 1) * NS // 10
     now = SectorSight(np.full(SECTORS, t_ns), nowhere, 0.0, speed_m_s, t_ns)
     return kept.take(scan_of(SectorState.UNSEEN), replace(now, **lost))
+
+
+ALL, UPPER, LOWER = range(10), range(4), range(5, 10)
+
+
+def after(*frames: range | None, interval_ns: int = NS // 12) -> SectorState:
+    """State of the sectors after these frames, in order. Each names the heights that it does not see; None: it sees all, and
+    an empty range is a loss with another cause than its rays."""
+    kept, nowhere, state = SeenSectors(AVOID), np.zeros(SECTORS, np.bool_), SectorState.UNSEEN
+    for n, heights in enumerate(frames, 1):
+        t_ns = n * interval_ns
+        found = scan_of(SectorState.CLEAR) if heights is None else scan_of(SectorState.UNSEEN, heights=heights)
+        now = SectorSight(np.full(SECTORS, t_ns), nowhere, 0.0, 0.0, t_ns)
+        state = SectorState(int(kept.take(found, now).state[0]))
+    return state
+
+
+@pytest.mark.parametrize("interval_ns", [NS // 15, NS // 12, NS // 10])
+def test_two_losses_in_a_row_at_different_heights_are_two_mismatches(interval_ns: int) -> None:
+    """Holes and mismatches are at another place in each frame; a thing is at the same heights in both."""
+    assert after(None, None, None, UPPER, LOWER, interval_ns=interval_ns) == SectorState.CLEAR
+    assert after(None, None, None, LOWER, UPPER, interval_ns=interval_ns) == SectorState.CLEAR
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(UPPER, UPPER), (ALL, UPPER), (UPPER, ALL), (ALL, ALL), (UPPER, range(1, 5)), (range(2, 6), range(4, 8))],
+)
+def test_two_losses_in_a_row_with_heights_in_common_are_an_unseen_sector(first: range, second: range) -> None:
+    assert after(None, None, None, first, second) == SectorState.UNSEEN
+
+
+def test_a_loss_without_rays_that_lack_is_no_mismatch() -> None:
+    """The ground within the band of height ends a sector although its rays were seen."""
+    assert after(None, None, None, UPPER, range(0)) == SectorState.UNSEEN
+    assert after(None, None, None, range(0), UPPER) == SectorState.UNSEEN
+
+
+def test_the_third_loss_in_a_row_is_never_kept() -> None:
+    assert after(None, None, None, UPPER, LOWER, UPPER) == SectorState.UNSEEN
+    assert after(None, None, None, UPPER, LOWER, None, UPPER) == SectorState.UNSEEN, "three frames must see it again"
+
+
+def test_a_second_loss_is_kept_only_after_three_frames_that_saw_the_sector() -> None:
+    assert after(None, None, None, UPPER, None, LOWER) == SectorState.CLEAR
+    assert after(None, None, None, UPPER, None, LOWER, UPPER) == SectorState.UNSEEN
+
+
+def test_a_sector_lost_at_other_heights_is_kept_after_one_frame_that_saw_it() -> None:
+    assert after(None, None, None, UPPER, None, LOWER) == SectorState.CLEAR
+    assert after(None, None, None, UPPER, None, UPPER) == SectorState.UNSEEN
+
+
+def test_a_second_loss_after_a_missing_frame_is_not_kept() -> None:
+    assert after(None, None, None, UPPER, LOWER, interval_ns=NS // 6) == SectorState.UNSEEN
 
 
 def test_a_sector_that_a_blind_camera_covers_is_not_kept() -> None:

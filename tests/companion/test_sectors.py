@@ -420,7 +420,9 @@ def test_golden_vectors() -> None:
     state[4:8] = SectorState.OBSTACLE
     distance = np.full(SECTORS, np.inf)
     distance[4:8] = (0.0, 5.239, 11.9999, 11.0)
-    message = message_of(SectorScan(state, distance, np.zeros(SECTORS), np.zeros(SECTORS)))
+    message = message_of(
+        SectorScan(state, distance, np.zeros(SECTORS), np.zeros(SECTORS), np.zeros((SECTORS, 1, 1), np.bool_))
+    )
     fields = message.to_dict()
     assert fields["distances"][:9] == [UNKNOWN, 1201, 1201, 1201, 21, 523, 523, 1100, 1100]
     assert set(fields["distances"][9:]) == {UNKNOWN}

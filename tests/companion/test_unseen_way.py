@@ -229,7 +229,7 @@ def unseen_behind(distance_m: float) -> SectorScan:
     state = np.full(SECTORS, SectorState.CLEAR, np.uint8)
     distance = np.full(SECTORS, np.inf)
     state[0], distance[0] = SectorState.UNSEEN, distance_m
-    return SectorScan(state, distance, np.zeros(SECTORS), np.zeros(SECTORS))
+    return SectorScan(state, distance, np.zeros(SECTORS), np.zeros(SECTORS), np.zeros((SECTORS, 1, 1), np.bool_))
 
 
 def test_an_unseen_way_survives_in_the_coarse_bins() -> None:
