@@ -49,14 +49,14 @@ def random_mission(number: int) -> Mission:
         along = float(rng.uniform(6.0, max(6.5, math.dist(a, e) - 1.0)))
         aside = float(rng.uniform(-0.3, 0.3))
         kind = str(rng.choice(OBSTACLES))
-        _add(b, kind, a, e, along, aside, height_m, rng)
+        add_obstacle(b, kind, a, e, along, aside, height_m, rng)
         kinds.append(kind)
     for _ in range(int(rng.integers(1, 5))):
         on_second = rng.random() < 0.4
         a, e = (first, second) if on_second else (np.zeros(2), first)
         aside = float(rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 5.0))
         kind = str(rng.choice(OBSTACLES[1:3]))
-        _add(b, kind, a, e, float(rng.uniform(3.0, math.dist(a, e))), aside, height_m, rng)
+        add_obstacle(b, kind, a, e, float(rng.uniform(3.0, math.dist(a, e))), aside, height_m, rng)
         kinds.append(kind)
     return Mission(
         number=number,
@@ -71,7 +71,7 @@ def random_mission(number: int) -> Mission:
     )
 
 
-def _add(
+def add_obstacle(
     b: SceneBuilder, kind: str, a: Vector, e: Vector, along_m: float, aside_m: float, height_m: float,
     rng: np.random.Generator,
 ) -> None:  # fmt: skip

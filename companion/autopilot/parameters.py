@@ -21,8 +21,19 @@ WANTED = {
         "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX", *RC_OPTIONS,
     ),
 }  # fmt: skip
+HEADING = {PX4: ("MPC_YAW_MODE", "RTL_HDG_MD"), ARDUPILOT: ("WP_YAW_BEHAVIOR",)}
+"""Read on request: where the autopilot points the nose in the modes that the guard watches."""
 OPTIONAL = frozenset(
-    {*RC_OPTIONS, "PRX1_MIN", "PRX1_MAX", "PRX1_ORIENT", "PRX1_YAW_CORR", "AVOID_ALT_MIN", "AVOID_ACCEL_MAX"}
+    {
+        "RTL_HDG_MD",
+        *RC_OPTIONS,
+        "PRX1_MIN",
+        "PRX1_MAX",
+        "PRX1_ORIENT",
+        "PRX1_YAW_CORR",
+        "AVOID_ALT_MIN",
+        "AVOID_ACCEL_MAX",
+    }
 )
 """Not in every firmware: that they are not answered is not reported."""
 AT_ONCE = 6
@@ -58,8 +69,10 @@ class Known:
 class ParameterReader:
     """`due` gives the requests to send, `take` receives every message of the autopilot. Safe to use from two threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, heading: bool = False) -> None:
+        """heading: reads HEADING, too."""
         self._lock = threading.Lock()
+        self._heading = heading
         self._kind, self._system_id = "", 0
         self._known: dict[str, Known] = {}
 
@@ -68,7 +81,8 @@ class ParameterReader:
         with self._lock:
             if (kind, system_id) != (self._kind, self._system_id):
                 self._kind, self._system_id = kind, system_id
-                self._known = {name: Known() for name in WANTED.get(kind, ())}
+                names = WANTED.get(kind, ()) + (HEADING.get(kind, ()) if self._heading else ())
+                self._known = {name: Known() for name in names}
 
     def take(self, message: Any, now_ns: int) -> None:
         """PARAM_VALUE of a parameter that was requested; other messages are ignored."""

@@ -22,6 +22,7 @@ from ..autopilot.restart_pending import ProximityPresence
 from ..autopilot.session_factory import params_of, signing_of
 from ..config.loader import Config
 from ..diagnostic import DiagnosticCode
+from ..guard.heading_advice import heading_advice, look_all_around
 from ..live.diagnostics import MIN_ATTITUDE_HZ, attitude_rate_low
 from ..paths import folders
 from .finding import Finding
@@ -46,7 +47,8 @@ def autopilot_findings(config: Config, patience_s: float) -> Iterator[Finding]:
     except DriverError as error:
         yield Finding("signing", False, str(error), DiagnosticCode.SIGNING_FAULT)
         return
-    reader, version, proximity = ParameterReader(), VersionReader(), ProximityPresence()
+    reader = ParameterReader(heading=config.guard.enabled)
+    version, proximity = VersionReader(), ProximityPresence()
 
     def received(message: Any, arrival_ns: int) -> None:
         reader.take(message, arrival_ns)
@@ -89,6 +91,10 @@ def _parameter_findings(
         yield Finding("parameters", False, RESTART_TEXT, DiagnosticCode.PARAMETER_ADVICE)
     for line in advice(facts, config.avoid):
         yield Finding("parameters", not config.avoid.send, line, DiagnosticCode.PARAMETER_ADVICE)
+    if config.guard.enabled:
+        around = look_all_around([c.mount.yaw_rad for c in config.cameras])
+        for line in heading_advice(facts, config.guard):
+            yield Finding("guard", around, line, DiagnosticCode.PARAMETER_ADVICE)
     for line in reader.contradictions(time.monotonic_ns()):
         yield Finding("parameters", False, line, DiagnosticCode.PARAMETER_CONTRADICTION)
 

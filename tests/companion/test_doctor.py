@@ -96,11 +96,16 @@ def test_all_is_well(live: Live, line: AutopilotLink, capsys: pytest.CaptureFixt
 def test_what_keeps_it_from_braking_is_reported(
     live: Live, line: AutopilotLink, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bad = {"CP_DIST": -1.0} if line.autopilot.profile.kind == PX4 else {"PRX1_TYPE": 0}
-    line.change(lambda a: a.parameters.update(bad))
+    px4 = line.autopilot.profile.kind == PX4
+    bad = {"CP_DIST": -1.0} if px4 else {"PRX1_TYPE": 0}
+    heading = {"MPC_YAW_MODE": 1, "RTL_HDG_MD": 0} if px4 else {"WP_YAW_BEHAVIOR": 0}
+    line.change(lambda a: a.parameters.update(bad | heading))
+    live.config.write_text(live.config.read_text() + "[guard]\nenabled = true\n")
     status, said = looked(live, capsys)
     assert status == 1
     assert next(iter(bad)) in said["parameters"]["text"]
+    assert next(iter(heading)) in said["guard"]["text"]
+    assert "set it to" in said["guard"]["text"]
 
 
 def test_a_camera_that_is_not_there_and_kernels_that_are_not_compiled_are_named(

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -56,12 +57,24 @@ class Limits:
     delay_s: float = 0.0
 
 
+class Yaw(StrEnum):
+    """Heading in the modes in which the autopilot flies by itself. FIRST: to the next waypoint before it flies there (PX4
+    MPC_YAW_MODE 4). WAYPOINT: to the next waypoint while it flies (0). PATH: along the velocity (3; ArduCopter WP_YAW_BEHAVIOR 1
+    and 3). FIXED: unchanged (5; 0)."""
+
+    FIRST = "first"
+    WAYPOINT = "waypoint"
+    PATH = "path"
+    FIXED = "fixed"
+
+
 @dataclass(slots=True, eq=False)
 class AutoFlight(ABC):
-    """`command` with each COMMAND_LONG, `step` flies. waypoints_m: (N, 2), flown in order; the vehicle stops at each.
+    """`command` with each COMMAND_LONG, `step` flies. waypoints_m: (N, 2), flown in order.
 
-    yaw_first: the vehicle turns to the next waypoint before it flies there (PX4: MPC_YAW_MODE 4). velocity_target_m_s: (2,) of
-    Offboard or GUIDED. deaf: commands are not received; stubborn: they are acknowledged and have no effect."""
+    acceptance_m: the next waypoint counts from this distance on, and the vehicle flies through the corner; 0: it stops at each.
+    yaw: see Yaw. velocity_target_m_s: (2,) of Offboard or GUIDED. deaf: commands are not received; stubborn: they are
+    acknowledged and have no effect."""
 
     waypoints_m: Vector
     height_m: float
@@ -71,7 +84,8 @@ class AutoFlight(ABC):
     velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
     heading_rad: float = 0.0
     yaw_rate_rad_s: float = math.radians(60.0)
-    yaw_first: bool = True
+    yaw: Yaw = Yaw.FIRST
+    acceptance_m: float = 0.0
     velocity_target_m_s: Vector = field(default_factory=lambda: np.zeros(2))
     deaf: bool = False
     stubborn: bool = False
@@ -119,6 +133,11 @@ class AutoFlight(ABC):
             return ACCEPTED if self.stubborn else self._change_speed(float(message.param2))
         return None
 
+    def mission_speed(self, speed_m_s: float) -> None:
+        """A speed item of the mission (MAV_CMD_DO_CHANGE_SPEED) is reached: its speed replaces the one commanded last."""
+        if self.mode in self._mission_modes():
+            self._speed_m_s = speed_m_s
+
     def enter(self, mode: int) -> None:
         """Changes the mode, as by the pilot."""
         if mode != self.mode:
@@ -157,20 +176,43 @@ class AutoFlight(ABC):
             return None
         to_go = self.waypoints_m[self.next_waypoint] - self.position_m
         distance_m = float(np.hypot(*to_go))
+        corner_m_s = self._corner_speed_m_s()
+        if distance_m < self.acceptance_m and corner_m_s > 0.0:
+            self.next_waypoint += 1
+            return self._velocity_target()
         if distance_m < 0.3 and float(np.hypot(*self.velocity_m_s)) < 0.5:
             self.next_waypoint += 1
             return np.zeros(2)
-        if self.yaw_first and abs(self._yaw_error()) > math.radians(10.0) and distance_m > 1.0:
+        if self.yaw is Yaw.FIRST and abs(self._yaw_error()) > math.radians(10.0) and distance_m > 1.0:
             return np.zeros(2)
         limits = self._limits()
         # margin for the lag of the attitude
         speed = speed_from_distance_m_s(limits.jerk_m_s3, 0.8 * limits.acceleration_m_s2, 0.8 * distance_m)
-        out: Vector = to_go / max(distance_m, 1e-6) * min(self._speed_m_s, speed, 1.5 * distance_m)
+        speed = max(corner_m_s, min(speed, 1.5 * distance_m))
+        out: Vector = to_go / max(distance_m, 1e-6) * min(self._speed_m_s, speed)
         return out
 
+    def _corner_speed_m_s(self) -> float:
+        """Speed at which the vehicle flies through the next waypoint; 0: it stops there. After PX4's computeMaxSpeedInWaypoint:
+        sqrt(a d tan(alpha / 2)) with half of the acceleration (MPC_XY_TRAJ_P), the acceptance radius d and the angle alpha between
+        the legs. ArduCopter's own corners are not modelled; theirs pass within WPNAV_RADIUS, too."""
+        if self.acceptance_m <= 0.0 or self.next_waypoint + 1 >= len(self.waypoints_m):
+            return 0.0
+        before = self.waypoints_m[self.next_waypoint - 1] if self.next_waypoint else np.zeros(2)
+        here, after = self.waypoints_m[self.next_waypoint], self.waypoints_m[self.next_waypoint + 1]
+        back, on = before - here, after - here
+        cos = float(back @ on) / max(float(np.hypot(*back)) * float(np.hypot(*on)), 1e-9)
+        half = 0.5 * math.acos(max(-1.0, min(1.0, cos)))
+        lateral_m_s2 = 0.5 * self._limits().acceleration_m_s2
+        return math.sqrt(lateral_m_s2 * self.acceptance_m * min(math.tan(half), 100.0))
+
     def _yaw_error(self) -> float:
-        """From the heading to the direction of flight, radians."""
-        if self.mode == self._guided_mode():
+        """From the heading to the direction that it should have, radians."""
+        if self.yaw is Yaw.FIXED:
+            return 0.0
+        if self.yaw is Yaw.PATH and self.mode in self._mission_modes():
+            wanted = self.velocity_m_s
+        elif self.mode == self._guided_mode():
             wanted = self.velocity_target_m_s
         elif self.mode in self._mission_modes() and not self.finished:
             wanted = self.waypoints_m[self.next_waypoint] - self.position_m
